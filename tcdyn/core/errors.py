@@ -1,4 +1,8 @@
-"""Error for unusable input: what is wrong, where, what was expected, what to do."""
+"""Error for unusable input: what is wrong, where, what was expected, what to do.
+
+Checks of input raise ``InputError``. The command line prints its message without a traceback
+and spells parameters as options. Guarded by ``tests/cli/test_refused_calls.py``.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +14,24 @@ if TYPE_CHECKING:
 
 from collections.abc import Callable
 
+# Value of a parameter in a message; None where the name alone is meant.
 Value = str | bool | None
+# How a message writes a parameter: function of name and value.
 Spelling = Callable[[str, Value], str]
 
 
 def as_argument(name: str, value: Value = None) -> str:
     """A parameter as a Python argument; without a value its name alone.
 
+    Parameters
+    ----------
+    name
+        Name of the parameter.
+    value
+        Value to give; None for the name alone.
+
+    Examples
+    --------
     >>> as_argument("window_s", "4.2"), as_argument("sensor_check", False), as_argument("learn_s")
     ('window_s=4.2', 'sensor_check=False', 'learn_s')
     """
@@ -76,6 +91,7 @@ class InputError(ValueError):
         parameters: Mapping[str, Value] | None = None,
         column: str = "",
     ) -> None:
+        """Store the parts, and make the message with parameters spelled as Python arguments."""
         self.what = what
         self.where = where
         self.expected = expected
@@ -85,7 +101,13 @@ class InputError(ValueError):
         super().__init__(self.message())
 
     def message(self, spelling: Spelling = as_argument) -> str:
-        """The message, with its parameters in the given spelling."""
+        """The message, with its parameters in the given spelling.
+
+        Parameters
+        ----------
+        spelling
+            Function of name and value that gives the text of a parameter.
+        """
         parts = [self.what]
         if self.expected:
             parts.append(f"expected {self.expected}")
@@ -97,7 +119,7 @@ class InputError(ValueError):
         return f"{self.where}: {text}" if self.where else text
 
     def at(self, where: str) -> InputError:
-        """A copy with a location, unless the error has one."""
+        """A copy with the location ``where``, unless the error has one."""
         return InputError(
             self.what,
             where=self.where or where,
@@ -117,6 +139,11 @@ def first_validation_error(problem: ValidationError, table: str = "common") -> s
         Error of pydantic.
     table
         Table of the file that the key belongs to.
+
+    Notes
+    -----
+    Further errors of the same file are not reported; the user meets them after the first is
+    corrected.
     """
     first = problem.errors()[0]
     keys = [str(key) for key in first["loc"]]

@@ -1,4 +1,9 @@
-"""Numbers with their standard uncertainty: as stored in JSON files, and as text."""
+"""Numbers with their standard uncertainty: as stored in JSON files, and as text.
+
+Results hold ``Estimate``, and texts of numbers with uncertainty come from here, so that
+rounding is the same everywhere: two significant digits of the uncertainty (GUM, 7.2.6). Guarded by
+the doctests and ``tests/core/test_results.py``.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,15 @@ from statistics import NormalDist
 
 from pydantic import BaseModel, ConfigDict
 
-Z95 = 1.959963984540054  # two-sided 95 % point of the normal distribution
+# Two-sided 95 % point of the normal distribution.
+Z95 = 1.959963984540054
 # An interval is printed if one of its ends differs by more than this many u from value -+ 1.96 u;
 # quantiles of 1000 Monte Carlo samples scatter by 0.09 u.
 SKEWED = 0.25
-BISECTIONS = 60  # of the search for a quantile, to rounding error
-MOST_DIGITS = 12  # of a value; a double has fifteen
+# Halvings of the search for a quantile, to rounding error.
+BISECTIONS = 60
+# Most digits of the text of a value; a double has fifteen.
+MOST_DIGITS = 12
 
 
 def rounded_texts(value: float, u: float) -> tuple[str, str]:
@@ -27,6 +35,11 @@ def rounded_texts(value: float, u: float) -> tuple[str, str]:
         The value in any unit; NaN if there is none.
     u
         Its standard uncertainty in the same unit; 0 for an exact value, NaN if it is not known.
+
+    Returns
+    -------
+    value_text, u_text
+        Text of the value and of its standard uncertainty.
 
     Examples
     --------
@@ -56,6 +69,10 @@ def text_with_u(
     low95, high95
         Its 95 % interval in ``unit``; printed only if it differs from value -+ 1.96 u.
 
+    Notes
+    -----
+    An interval is printed if ``_skewed``; a smaller ``SKEWED`` prints more intervals.
+
     Examples
     --------
     >>> text_with_u(0.654321, 0.01234, "s"), text_with_u(-1e-9, 0.02), text_with_u(1.234567e-7, 1.2e-9, "m")
@@ -83,8 +100,19 @@ def text_with_u(
 
 
 class Estimate(BaseModel):
-    """A value, its standard uncertainty ``u`` and its 95 % interval, in the unit of its key.
+    """A value, its standard uncertainty and its 95 % interval, in the unit of its key.
 
+    Parameters
+    ----------
+    value
+        The value.
+    u
+        Standard uncertainty.
+    low95, high95
+        Ends of the 95 % interval.
+
+    Examples
+    --------
     >>> print(Estimate.normal(0.66, 0.01))
     0.660 +- 0.010
     """
@@ -98,7 +126,15 @@ class Estimate(BaseModel):
 
     @classmethod
     def normal(cls, value: float, u: float) -> Estimate:
-        """Estimate of a normally distributed quantity: the interval is value -+ 1.96 u."""
+        """Estimate of a normally distributed quantity: the interval is value -+ 1.96 u.
+
+        Parameters
+        ----------
+        value
+            Mean of the distribution.
+        u
+            Its standard deviation.
+        """
         value = float(value)
         u = float(u)
         return cls(value=value, u=u, low95=value - Z95 * u, high95=value + Z95 * u)
@@ -129,10 +165,11 @@ class Estimate(BaseModel):
         return f"{rounded_texts(self.low95, self.u)[0]} to {rounded_texts(self.high95, self.u)[0]}"
 
     def scaled(self, factor: float) -> Estimate:
-        """Estimate of ``factor`` times the quantity; the factor is positive."""
+        """Estimate of ``factor`` times the quantity; ``factor`` must be positive."""
         return Estimate(**{name: factor * x for name, x in self})
 
     def __str__(self) -> str:
+        """The text without a unit."""
         return self.text()
 
 
@@ -145,6 +182,11 @@ def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> t
         The components; their value and ``u`` are used.
     weights
         Weights of the components, with sum one.
+
+    Returns
+    -------
+    low95, high95
+        The 2.5 and 97.5 % points of the mixture.
 
     Examples
     --------
@@ -159,7 +201,22 @@ def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> t
 def _mixture_quantile(
     components: Sequence[NormalDist], weights: Sequence[float], probability: float
 ) -> float:
-    """Quantile of a mixture of normal distributions, by bisection."""
+    """Quantile of a mixture of normal distributions, by bisection.
+
+    Parameters
+    ----------
+    components
+        The distributions.
+    weights
+        Their weights, with sum one.
+    probability
+        Probability below the quantile.
+
+    Notes
+    -----
+    The quantile lies between the lowest and the highest of the components' quantiles. The halvings
+    (``BISECTIONS``) reach rounding error.
+    """
     quantiles = [component.inv_cdf(probability) for component in components]
     low = min(quantiles)
     high = max(quantiles)
@@ -174,7 +231,26 @@ def _mixture_quantile(
 
 
 def _parts(value: float, u: float) -> tuple[str, str, int]:
-    """Texts of value and u over a common power of ten, which is 0 if plain decimals suffice."""
+    """Texts of value and u over a common power of ten.
+
+    Parameters
+    ----------
+    value
+        The value; NaN if there is none.
+    u
+        Its standard uncertainty; 0 for an exact value, NaN if it is not known.
+
+    Returns
+    -------
+    value_text, u_text
+        Texts without the power.
+    power
+        Exponent of ten; 0 if plain decimals suffice.
+
+    Notes
+    -----
+    Decimals are used for values from 1e-4 up to below 1e7; these limits may be changed freely.
+    """
     if math.isnan(value):
         return "not known", "not known", 0
     if math.isnan(u):
@@ -194,12 +270,28 @@ def _parts(value: float, u: float) -> tuple[str, str, int]:
 
 
 def _fixed(number: float, decimals: int) -> str:
-    """Text of a number with so many decimals; negative ones round to tens, hundreds; never "-0"."""
+    """Text of a number with a fixed number of decimals; never "-0".
+
+    Parameters
+    ----------
+    number
+        The number.
+    decimals
+        Number of decimals; negative ones round to tens, hundreds and so on.
+    """
     return f"{round(number, decimals) + 0.0:.{max(decimals, 0)}f}"
 
 
 def _skewed(value: float, u: float, low95: float, high95: float) -> bool:
-    """Whether the interval differs clearly from value -+ 1.96 u."""
+    """Whether the interval differs clearly from value -+ 1.96 u.
+
+    Parameters
+    ----------
+    value, u
+        The value and its standard uncertainty.
+    low95, high95
+        Its 95 % interval.
+    """
     low_difference = abs(low95 - (value - Z95 * u))
     high_difference = abs(high95 - (value + Z95 * u))
     return max(low_difference, high_difference) > SKEWED * u

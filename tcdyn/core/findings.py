@@ -1,4 +1,10 @@
-"""Findings: observations about data or a fit, as values. Their messages are in ``tcdyn/core/messages``."""
+"""Findings: observations about data or a fit, as values.
+
+Their messages are in ``tcdyn/core/messages``. A computation makes findings with ``info``,
+``warning`` and ``error``; summaries, reports and the command line word them. To add one, make it
+with a new code and add a message for the code. Guarded by ``tests/core/test_findings.py``, which
+fails for a code without a message and for a message that no code uses.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +22,8 @@ from tcdyn.core import Array
 from tcdyn.core.errors import Spelling, as_argument
 from tcdyn.core.messages import MESSAGES, message_text
 
-CHANNEL_NAME = re.compile("[A-Za-z]|[A-Za-z]+[0-9]+")  # of a thermocouple of a disk
-
-
+# Name of a thermocouple of a disk: a letter, or letters with a number.
+CHANNEL_NAME = re.compile("[A-Za-z]|[A-Za-z]+[0-9]+")
 # values of the key "grade" in files of version 0.2
 GRADES_OF_0_2 = {"note": "info", "look": "warning", "refuse": "error"}
 
@@ -67,6 +72,15 @@ class Finding:
     text: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Check the code, and convert severity and numbers to what files store.
+
+        Raises
+        ------
+        ValueError
+            The code has no message, and the finding no text.
+        TypeError
+            A number cannot be stored.
+        """
         if self.code not in MESSAGES and not self.text:
             raise ValueError(f"finding {self.code!r} has no message in tcdyn/core/messages")
         severity = GRADES_OF_0_2.get(self.severity, self.severity)
@@ -74,9 +88,11 @@ class Finding:
         object.__setattr__(self, "numbers", {k: _plain(v) for k, v in self.numbers.items()})
 
     def __hash__(self) -> int:
+        """Hash by all that ``unique`` compares, with the names of the numbers only."""
         return hash((self.code, self.severity, self.where, self.subject, tuple(self.numbers)))
 
     def __str__(self) -> str:
+        """The message."""
         return self.sentence
 
     @property
@@ -92,8 +108,14 @@ class Finding:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels concerned: those in the subject and in the numbers ``other`` and ``channels``.
+        """The channels concerned: of the subject, and of the numbers ``other`` and ``channels``.
 
+        Returns
+        -------
+        Letters or names of the channels, each once.
+
+        Examples
+        --------
         >>> warning("said", subject="fast_e_degC", text="").channels, warning("said", subject="a, b", text="").channels
         (('e',), ('a', 'b'))
         """
@@ -122,7 +144,18 @@ class Finding:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any] | Finding) -> Finding:
-        """The finding stored in a file; its message stays as written. Raises ValueError for other content."""
+        """The finding stored in a file; its message stays as written.
+
+        Parameters
+        ----------
+        stored
+            Content of the file, or a finding, which is returned as it is.
+
+        Raises
+        ------
+        ValueError
+            Other content.
+        """
         if isinstance(stored, Finding):
             return stored
         try:
@@ -141,6 +174,7 @@ class Finding:
     def __get_pydantic_core_schema__(
         cls, _source: Any, _handler: GetCoreSchemaHandler
     ) -> CoreSchema:
+        """Schema for models of pydantic: read by ``from_dict``, stored by ``to_dict``."""
         return core_schema.no_info_plain_validator_function(
             cls.from_dict,
             serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict),
@@ -184,36 +218,93 @@ class SampleLocation:
         return {"row": self.row(index), **time}
 
     def at(self, column: str, index: int) -> str:
-        """Column, row and time of a sample as text for an error message."""
+        """Column, row and time of a sample as text for an error message.
+
+        Parameters
+        ----------
+        column
+            Name of the column.
+        index
+            Index of the sample, from 0.
+        """
         time = "" if self.time_s is None else f" ({self.time_s[index]:.6g} s)"
         return f"column {column}, row {self.row(index)}{time}"
 
 
 def info(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
-    """A finding without need for action: something was corrected without loss."""
+    """A finding without need for action: something was corrected without loss.
+
+    Parameters
+    ----------
+    code
+        Kind of the observation, a key of ``tcdyn.core.messages.MESSAGES``.
+    where
+        File or stage.
+    subject
+        The channel, column, disk or parameter concerned.
+    **numbers
+        Fields of the message, by name with unit.
+    """
     return Finding(code, Severity.INFO, where, subject, numbers)
 
 
 def warning(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
-    """A finding on which the user has to decide."""
+    """A finding on which the user has to decide.
+
+    Parameters
+    ----------
+    code
+        Kind of the observation, a key of ``tcdyn.core.messages.MESSAGES``.
+    where
+        File or stage.
+    subject
+        The channel, column, disk or parameter concerned.
+    **numbers
+        Fields of the message, by name with unit.
+    """
     return Finding(code, Severity.WARNING, where, subject, numbers)
 
 
-FEW_SAMPLES_SHARE = (
-    0.02  # of the samples; up to this share a correction is an info, above it a warning
-)
+# Share of the samples up to which a correction is an info, above it a warning; chosen by judgement.
+FEW_SAMPLES_SHARE = 0.02
 
 
 def info_or_warning(
     share: float, code: str, /, *, where: str = "", subject: str = "", **numbers: Any
 ) -> Finding:
-    """An info where ``share`` of the samples is at most ``FEW_SAMPLES_SHARE``, otherwise a warning."""
+    """An info where few samples are concerned, otherwise a warning.
+
+    Parameters
+    ----------
+    share
+        Share of the samples that is concerned; up to ``FEW_SAMPLES_SHARE`` it is an info.
+    code
+        Kind of the observation, a key of ``tcdyn.core.messages.MESSAGES``.
+    where
+        File or stage.
+    subject
+        The channel, column, disk or parameter concerned.
+    **numbers
+        Fields of the message, by name with unit.
+    """
     severity = Severity.WARNING if share > FEW_SAMPLES_SHARE else Severity.INFO
     return Finding(code, severity, where, subject, numbers)
 
 
 def error(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
-    """A finding about a result or data that must not be used."""
+    """A finding about a result or data that must not be used.
+
+    Parameters
+    ----------
+    code
+        Kind of the observation, a key of ``tcdyn.core.messages.MESSAGES``.
+    where
+        File or stage.
+    subject
+        The channel, column, disk or parameter concerned.
+    **numbers
+        Fields of the message, by name with unit.
+    """
     return Finding(code, Severity.ERROR, where, subject, numbers)
 
 
@@ -232,6 +323,19 @@ def labelled_messages(
 ) -> tuple[str, ...]:
     """The messages of the findings without repetitions, each with its severity in front.
 
+    Parameters
+    ----------
+    findings
+        The findings.
+    spelling
+        Function of name and value that gives the text of a parameter.
+
+    Returns
+    -------
+    Messages such as "info: one spike was removed".
+
+    Examples
+    --------
     >>> labelled_messages([info("said", text="one spike was removed")])
     ('info: one spike was removed',)
     """
@@ -249,8 +353,15 @@ def infos(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def channel_of(subject: str) -> str:
-    """Letter of the channel in a subject (``e``, ``e_degC``, ``fast_e_degC``); empty for other subjects.
+    """Letter of the channel in a subject; empty for other subjects.
 
+    Parameters
+    ----------
+    subject
+        A channel or column such as ``e``, ``e_degC`` or ``fast_e_degC``, or any other text.
+
+    Examples
+    --------
     >>> [channel_of(s) for s in ("e", "e_degC", "fast_e_degC", "slow_e", "switch", "load_on_s", "fast")]
     ['e', 'e', 'e', 'e', '', '', '']
     """
@@ -261,7 +372,13 @@ def channel_of(subject: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A number, text, Boolean, None, or a tuple of them: what JSON can store."""
+    """A number, text, Boolean, None, or a tuple of them: what JSON can store.
+
+    Raises
+    ------
+    TypeError
+        Any other type.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):

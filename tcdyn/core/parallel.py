@@ -1,4 +1,9 @@
-"""Parallel map over independent jobs, in worker processes or on a Dask scheduler."""
+"""Parallel map over independent jobs, in worker processes or on a Dask scheduler.
+
+``tcdyn.workflows.campaign`` analyses logs with it, ``tcdyn.simulate.campaign`` simulates them.
+Guarded by ``tests/core/test_parallel.py``: the results are the same with one process, several, and
+Dask.
+"""
 
 from __future__ import annotations
 
@@ -67,11 +72,37 @@ def parallel_map(
 def _in_processes(
     function: Callable[[Job], Value], jobs: Sequence[Job], workers: int
 ) -> Iterator[tuple[int, Value | Exception]]:
-    """Yield index and result of each job from joblib's worker processes."""
+    """Yield index and result of each job from joblib's worker processes.
+
+    Parameters
+    ----------
+    function
+        Function of one job.
+    jobs
+        Arguments of ``function``.
+    workers
+        Number of worker processes.
+
+    Yields
+    ------
+    index, result
+        Position of the job, and what ``function`` returned.
+
+    Raises
+    ------
+    InputError
+        A worker process was killed.
+
+    Notes
+    -----
+    One job is sent at a time (``batch_size=1``): a job takes seconds, so the cost of sending it
+    does not matter.
+    """
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     def run(index: int, job: Job) -> tuple[int, Value]:
+        """Result of one job with its index, in the worker process."""
         return index, _on_one_blas_thread(function, job)
 
     pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
@@ -87,7 +118,27 @@ def _in_processes(
 def _on_dask(
     function: Callable[[Job], Value], jobs: Sequence[Job], address: str
 ) -> Iterator[tuple[int, Value | Exception]]:
-    """Yield index and result of each job from the workers of the Dask scheduler at ``address``."""
+    """Yield index and result of each job from the workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    function
+        Function of one job.
+    jobs
+        Arguments of ``function``.
+    address
+        Address of the scheduler.
+
+    Yields
+    ------
+    index, result
+        Position of the job, and what ``function`` returned or the exception that it raised.
+
+    Raises
+    ------
+    InputError
+        dask.distributed is not installed, or no scheduler answers.
+    """
     try:
         from dask.distributed import Client, as_completed
     except ImportError:
@@ -119,6 +170,6 @@ def _on_dask(
 
 
 def _on_one_blas_thread(function: Callable[[Job], Value], job: Job) -> Value:
-    """The result of one job, with one BLAS thread in the worker."""
+    """Result of ``function(job)``, with one BLAS thread in the worker."""
     with one_blas_thread:
         return function(job)

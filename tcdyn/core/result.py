@@ -1,4 +1,8 @@
-"""Base class of results: summary, dictionary, table for notebooks; and conversion to JSON."""
+"""Base class of results: summary, dictionary, table for notebooks; and conversion to JSON.
+
+Results that users see derive from ``Result``; ``json_text`` makes the text of JSON files. Guarded by
+``tests/core/test_results.py``.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,8 @@ from pydantic import BaseModel
 
 from tcdyn.core.findings import Finding, messages
 
-MOST_ROWS = 30  # of a table in a notebook; chosen by judgement
+# Most rows of a table in a notebook; chosen by judgement.
+MOST_ROWS = 30
 
 
 class Result(ABC):

@@ -1,4 +1,8 @@
-"""Limit the BLAS libraries to one thread during a call."""
+"""Limit the BLAS libraries to one thread during a call.
+
+Many functions that users call are decorated with ``one_blas_thread``. Guarded by
+``tests/core/test_threads.py``.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +36,7 @@ class _OneBlasThread(ContextDecorator):
     """
 
     def __init__(self) -> None:
+        """Start without a limit; a forked child gets a new lock."""
         self._lock = threading.RLock()  # a signal handler may also call the package
         self._calls = 0
         self._limit: Any = None
@@ -41,6 +46,7 @@ class _OneBlasThread(ContextDecorator):
             os.register_at_fork(after_in_child=self._unlock)
 
     def __enter__(self) -> None:
+        """Set the limit in the first of nested or overlapping calls."""
         with self._lock:
             if self._calls == 0:
                 self._limit = self._libraries().limit(limits=1, user_api="blas")
@@ -53,6 +59,7 @@ class _OneBlasThread(ContextDecorator):
         problem: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """Restore the setting at the end of the last of nested or overlapping calls."""
         with self._lock:
             self._calls -= 1
             if self._calls == 0:
@@ -86,4 +93,5 @@ class _OneBlasThread(ContextDecorator):
         self._lock = threading.RLock()
 
 
+# The one instance: it counts the calls of the whole process.
 one_blas_thread = _OneBlasThread()

@@ -1,9 +1,12 @@
 """Least squares for all fits: from a residual function to optimum, covariance and intervals.
 
 Guarded by ``tests/estimation``: closed forms in ``test_fitting.py``, certified values of NIST in
-``test_nist.py``, noise models in ``test_noise_models.py``. The package contains nothing specific to thermocouples. The caller gives the names of the parameters, and a
-function for the residuals (whitened, or in standard deviations of their noise where that is known)
-and their Jacobian. Priors are normal, with infinite standard deviation where there is none.
+``test_nist.py``, noise models in ``test_noise_models.py``.
+
+The package contains nothing specific to thermocouples. The caller gives the names of the
+parameters, and a function for the residuals (whitened, or in standard deviations of their noise
+where that is known) and their Jacobian. Priors are normal, with infinite standard deviation where
+there is none.
 
 >>> import numpy as np
 >>> from tcdyn.estimation import Problem, minimise, profile

@@ -1,4 +1,11 @@
-"""Messages about campaigns: outlying tests, the speed law, junction depths, model curves."""
+"""Messages about campaigns: outlying tests, the speed law, junction depths, model curves.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +20,17 @@ LEAST_P = 1e-12
 def _cause(cause: str, size: float, u: float) -> str:
     """Condition under which a test would agree with all others: one departure with its size.
 
+    Parameters
+    ----------
+    cause
+        Name of the cause, of ``tcdyn.campaign.outliers.CAUSES`` or "static CHANNEL DISK".
+    size
+        Size of the departure (relative for friction and half-width, else K or s).
+    u
+        Its standard uncertainty.
+
+    Examples
+    --------
     >>> _cause("friction", 0.05, 0.002), _cause("static e slow", -0.6, 0.1)
     ('its friction reads (5.00 +- 0.20) % low', 'slow_e is offset by (-0.60 +- 0.10) K')
     """
@@ -56,6 +74,7 @@ def _outlying_test(
     explained: bool,
     **_: object,
 ) -> str:
+    """Message of ``campaign.stranger``; the arguments are the fields of the finding."""
     effect = "agree" if explained else f"agree better (chi-squared {left:.0f})"
     return (
         f"{subject} does not agree with the other tests of its campaign: chi-squared is "
@@ -75,6 +94,7 @@ def _curve_shape(
     u: float,
     **_: object,
 ) -> str:
+    """Message of ``campaign.curve_shape``; the arguments are the fields of the finding."""
     return (
         f"the shape of the curve in {subject} does not fit the tests: with its level free "
         f"chi-squared is {chi2:.1f} on {count_with_noun(freedom, 'degree')} of freedom "

@@ -1,4 +1,11 @@
-"""Messages about system identification: model choice, residual tests, records, responses."""
+"""Messages about system identification: model choice, residual tests, records, responses.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -62,6 +69,7 @@ def _reason(
     least: bool,
     **more: Any,
 ) -> str:
+    """Message of ``models.why``; the arguments are the fields of the finding."""
     if by == "parameters":
         text = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
     elif by == "held out":
@@ -91,6 +99,7 @@ def _reason(
 def _better_prediction(
     subject: str, other: str, ratio: float, white: bool, freed: bool, **_: Any
 ) -> str:
+    """Message of ``models.foresees``; the arguments are the fields of the finding."""
     text = (
         f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
     )
@@ -109,7 +118,22 @@ def _disturbance(
     p_walk: float | None = None,
     **_: Any,
 ) -> str:
-    """Sentence on the model of the disturbance, with a space in front; empty for white noise."""
+    """Sentence on the model of the disturbance, with a space in front; empty for white noise.
+
+    Parameters
+    ----------
+    order
+        Numbers of AR and MA coefficients.
+    baseline
+        Model of the baseline: "none", "trend" or "walk".
+    memory_s
+        Time constant of the most probable disturbance [s], None for a random walk; only with
+        ``p_walk``.
+    p_walk
+        Probability of a random walk where the result is averaged over noise models; otherwise None.
+    **_
+        Other numbers of the finding, which are not used.
+    """
     if p_walk is not None:
         if memory_s is None:
             most_probable = "a random walk"
@@ -142,7 +166,15 @@ def _disturbance(
 
 
 def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
-    """What to do about each problem of the record, by the codes in ``troubles``."""
+    """What to do about each problem of the record.
+
+    Parameters
+    ----------
+    troubles
+        Codes of the problems.
+    option
+        Spelling of a parameter.
+    """
     remedies = {
         "record.off_equilibrium": "let the runs start off equilibrium "
         f"({option('initial', 'estimated')})",
@@ -159,6 +191,7 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
 
 
 def _but_first(troubles: list[str], option: Spelling) -> str:
+    """Sentence on what to do about the problems first; empty if there are none."""
     return f" But first {', and '.join(_remedies(troubles, option))}." if troubles else ""
 
 
@@ -181,6 +214,7 @@ def _no_model(
     option: Spelling,
     **more: Any,
 ) -> str:
+    """Message of ``models.none``; the arguments are the fields of the finding."""
     objection = OBJECTIONS[against].format(fit_percent=fit_percent)
     steps = _remedies(troubles, option)
     if untried:
@@ -199,6 +233,7 @@ def _no_model(
 def _undetermined(
     subject: str, why: str, remark: str, troubles: list[str], option: Spelling, **_: Any
 ) -> str:
+    """Message of ``models.undetermined``; the arguments are the fields of the finding."""
     return (
         f"Use {subject} with care. {why} But {remark}: use an input that excites the system more, "
         f"or fix what is known ({option('gain', 'K')}).{_but_first(troubles, option)}"
@@ -216,6 +251,7 @@ def _recommendation(
     option: Spelling,
     **more: Any,
 ) -> str:
+    """Message of ``models.provisional`` and ``models.recommended``; arguments as in the finding."""
     if coloured:
         text = (
             "Its residuals are coloured, by disturbances or by dynamics; below their level the "
@@ -242,6 +278,7 @@ def _recommendation(
 def _coloured_residuals(
     subject: str, p_white: float, p_input: float, noise_model: bool, option: Spelling, **_: Any
 ) -> str:
+    """Message of ``residuals.coloured``; the arguments are the fields of the finding."""
     if noise_model:
         remedy = "Try a noise model of higher order, or one more lag."
     else:
@@ -259,6 +296,7 @@ def _coloured_residuals(
 def _residuals_follow_input(
     subject: str, fit_percent: float, p_input: float, lag_s: float, input: str = "", **_: Any
 ) -> str:
+    """Message of ``residuals.follow_input``; the arguments are the fields of the finding."""
     which = f"input {input}" if input else "input"
     return (
         f"{subject} misses dynamics although it explains {fit_percent:.1f} % of the output: its "
@@ -268,6 +306,7 @@ def _residuals_follow_input(
 
 
 def _white_residuals(subject: str, p_white: float, p_input: float, **_: Any) -> str:
+    """Message of ``residuals.white``; the arguments are the fields of the finding."""
     return (
         f"Residuals of {subject} are white (Ljung-Box {_p_value(p_white)}) and not correlated with "
         f"the input ({_p_value(p_input)}): this record does not contradict the model."
@@ -275,6 +314,7 @@ def _white_residuals(subject: str, p_white: float, p_input: float, **_: Any) -> 
 
 
 def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
+    """Message of ``residuals.spikes``; the arguments are the fields of the finding."""
     text = "1 sample is an outlier" if count == 1 else f"{count} samples are outliers"
     if robust:
         return f"{text}, down-weighted by the robust loss."
@@ -282,6 +322,7 @@ def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
 
 
 def _uncertainty_not_given(share: float, floor: float, **_: Any) -> str:
+    """Message of ``response.unstated``; the arguments are the fields of the finding."""
     text = (
         "No uncertainty was given: the residuals correspond to "
         f"{100 * share:.2g} % of the magnitude"
@@ -295,6 +336,7 @@ def _uncertainty_not_given(share: float, floor: float, **_: Any) -> str:
 
 
 def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling, **_: Any) -> str:
+    """Message of ``record.hold``; the arguments are the fields of the finding."""
     return (
         f"Input {subject} moves by its least step of {step:.3g} only: either it was set in equal "
         "steps, or it was measured and rounded to them; the data look the same in both cases. It "
@@ -305,11 +347,13 @@ def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling,
 
 
 def _gaps(count: int, **_: Any) -> str:
+    """Message of ``record.gaps``; the arguments are the fields of the finding."""
     gaps = count_with_noun(count, "gap")
     return f"After {gaps} of the input the state was estimated again."
 
 
 def _off_equilibrium(off: float, times_rms: float, option: Spelling, **_: Any) -> str:
+    """Message of ``record.off_equilibrium``; the arguments are the fields of the finding."""
     return (
         f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
         f"rms: fit with {option('initial', 'estimated')}."
@@ -317,6 +361,7 @@ def _off_equilibrium(off: float, times_rms: float, option: Spelling, **_: Any) -
 
 
 def _drift(correlation: float, option: Spelling, **_: Any) -> str:
+    """Message of ``record.drift``; the arguments are the fields of the finding."""
     return (
         f"The residuals drift (correlation with time {correlation:.2f}): fit with "
         f"{option('baseline', 'trend')}."
@@ -324,6 +369,7 @@ def _drift(correlation: float, option: Spelling, **_: Any) -> str:
 
 
 def _feedback(p: float, **_: Any) -> str:
+    """Message of ``record.feedback``; the arguments are the fields of the finding."""
     return (
         f"The residuals are correlated with the future input ({_p_value(p)}) and not with the past "
         "input: the input depends on the output (feedback, a closed loop, which biases the fit), "

@@ -1,4 +1,11 @@
-"""Messages about log files, clocks, columns, static lines, calibration records and plunge logs."""
+"""Messages about log files, clocks, columns, static lines, calibration records and plunge logs.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +17,13 @@ from tcdyn.core.messages.phrases import Message, count_with_noun
 
 
 def _no_number(place: str, text: str, count: int, **_: Any) -> str:
+    """Message of ``text.no_number``; the arguments are the fields of the finding."""
     others = f" (and {count - 1} more)" if count > 1 else ""
     return f"{place}: {text!r} is no number{others}; taken as missing"
 
 
 def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: Any) -> str:
+    """Message of ``tracks.aligned``; the arguments are the fields of the finding."""
     rates = ", ".join(f"{rate:g}" for rate in rates_Hz)
     return (
         f"channels start up to {spread_s:.6g} s apart ({subject} last), rates {rates} Hz; "
@@ -23,6 +32,7 @@ def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: An
 
 
 def _absent(place: str, longest: int, longest_s: float, count: int, **_: Any) -> str:
+    """Message of ``values.absent``; the arguments are the fields of the finding."""
     run = "1 value is" if longest == 1 else f"{longest} values in a row are"
     text = f"{place}: {run} missing ({longest_s:.2g} s)"
     if count > longest:
@@ -31,6 +41,7 @@ def _absent(place: str, longest: int, longest_s: float, count: int, **_: Any) ->
 
 
 def _unused_columns(names: Sequence[str], **_: Any) -> str:
+    """Message of ``columns.unused``; the arguments are the fields of the finding."""
     columns = count_with_noun(len(names), "column")
     return f"{columns} of the file not used: {', '.join(names)}"
 

@@ -1,4 +1,11 @@
-"""Messages about the heat partition: events, channels, estimates of beta and their cross-check."""
+"""Messages about the heat partition: events, channels, estimates of beta and their cross-check.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +39,7 @@ ESTIMATES_DISAGREE_Z = 3
 def _other_disk(
     subject: str, keys: Sequence[str], record: Sequence[str], rig: Sequence[str], **_: Any
 ) -> str:
+    """Message of ``record.other_disk``; the arguments are the fields of the finding."""
     changes = [f"{key} = {new} (record: {old})" for key, old, new in zip(keys, record, rig)]
     text = (
         f"{subject} disk: rig.toml is used, and is not what the record was made with: "
@@ -45,6 +53,7 @@ def _other_disk(
 def _suspected_fault(
     subject: str, kind: str, channels: Sequence[str], log_odds: float | None = None, **n: Any
 ) -> str:
+    """Message of ``sensors.suspect``; the arguments are the fields of the finding."""
     if subject == "both":
         fast, slow = (channel.rpartition("_")[2] for channel in channels)
         return (
@@ -69,10 +78,12 @@ def _suspected_fault(
 
 
 def _direction(deeper: float) -> str:
+    """Word for the sign of a depth error."""
     return "deeper" if deeper > 0 else "nearer the surface"
 
 
 def _no_fault(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
+    """Message of ``sensors.sound``; the arguments are the fields of the finding."""
     text = (
         f"{subject} disk: no swapped, dead, misplaced, late or offset channel found; the order of "
         f"temperatures is wrong in {illogical} of {pairs} pairs"
@@ -102,6 +113,7 @@ def _angular_harmonic(
     angle_deg: float,
     **_: Any,
 ) -> str:
+    """Message of ``unevenness``; the arguments are the fields of the finding."""
     amplitude = Estimate.normal(amplitude_K, u_K).text("K")
     return (
         f"{subject} disk: its bore contact is uneven: at the depth of the inner row the disk is "
@@ -125,6 +137,7 @@ def _ambient(
     count: int,
     **_: Any,
 ) -> str:
+    """Message of ``ambient.channels``; the arguments are the fields of the finding."""
     text = (
         f"air at the {_AMBIENT_LOCATIONS[at]} of the {subject} disk by "
         f"{count_with_noun(count, 'channel')}: {mean_degC:.1f} degC over the last 150 s under "
@@ -136,6 +149,7 @@ def _ambient(
 
 
 def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
+    """Message of ``power.scale``; the arguments are the fields of the finding."""
     cause = "check load, friction, speeds and their units"
     if units:
         cause = f"most likely: {' or '.join(units)}"
@@ -148,6 +162,7 @@ def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
 def _cables_exchanged(
     exponent: float, u: float, assumed: float, beta: float, at_rest: bool, **_: Any
 ) -> str:
+    """Message of ``cables.exchanged``; the arguments are the fields of the finding."""
     text = "the cables of the two disks look exchanged: "
     if at_rest:
         text += (
@@ -176,6 +191,7 @@ JOINT_PARAMETERS = {  # parameter of the joint fit: text and unit
 def _profile_interval(
     subject: str, parameter: str, u: float, low95: float | None, high95: float | None, **n: Any
 ) -> str:
+    """Message of ``joint.interval``; the arguments are the fields of the finding."""
     fit = "both disks" if subject == "both" else f"{subject} disk"
     name, unit = JOINT_PARAMETERS[parameter]
     unbounded = []
@@ -194,6 +210,7 @@ def _profile_interval(
 
 
 def _stated_depth(subject: str, channel: str, deeper_mm: float, u_mm: float, **_: Any) -> str:
+    """Message of ``stated.depth``; the arguments are the fields of the finding."""
     size = Estimate.normal(abs(deeper_mm), u_mm)
     return (
         f"the depth of junction {channel} of the {subject} disk (by this test {size} mm "
@@ -202,29 +219,39 @@ def _stated_depth(subject: str, channel: str, deeper_mm: float, u_mm: float, **_
 
 
 def _stated_value(subject: str, name: str, **_: Any) -> str:
+    """Message of ``stated.value``; the arguments are the fields of the finding."""
     if name == "parting":
         return "the instant of unloading, or the chain's shape (a dead time, a third lag)"
     return f"{name} of the {subject} disk" if subject else name
 
 
 def _stated_exponent(assumed: float, implied: float, u: float, **_: Any) -> str:
+    """Message of ``stated.exponent``; the arguments are the fields of the finding."""
     estimate = Estimate.normal(implied, u)
     return f"the speed exponent: {assumed:.3f} assumed, {estimate} implied by the two disks"
 
 
 def _stated_sensors(subject: str, kind: str, columns: Sequence[str], **_: Any) -> str:
+    """Message of ``stated.sensors``; the arguments are the fields of the finding."""
     channels = " and ".join(columns) or f"the junctions of the {subject} disk"
     return f"{channels} ({kind})"
 
 
 def _suspects(suspects: Sequence[str], suspects_z: Sequence[float]) -> str:
+    """The suspected stated values with their pulls, as text."""
     return "; ".join(
         f"{suspect} ({z:.1f} standard deviations)" for suspect, z in zip(suspects, suspects_z)
     )
 
 
 def _usual_suspect(first: str, second: str) -> str:
-    """What most often causes a disagreement between two estimates of beta."""
+    """What most often causes a disagreement between two estimates of beta.
+
+    Parameters
+    ----------
+    first, second
+        Names of the estimates, such as "joint fast" or "cooling slow".
+    """
     names = {first, second}
     if names == {"joint fast", "joint slow"}:
         return (
@@ -246,6 +273,7 @@ def _usual_suspect(first: str, second: str) -> str:
 def _estimates_differ(
     one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **n: Any
 ) -> str:
+    """Message of ``ways.apart``; the arguments are the fields of the finding."""
     suspected = _suspects(suspects, suspects_z) or _usual_suspect(one, other)
     return (
         f"The estimates of beta do NOT agree: {one} and {other} differ by {apart:.3f}, {z:.1f} "
@@ -256,6 +284,7 @@ def _estimates_differ(
 def _estimates_contradicted(
     low: float, high: float, suspects: Sequence[str], suspects_z: Sequence[float], **n: Any
 ) -> str:
+    """Message of ``ways.contradicted``; the arguments are the fields of the finding."""
     return (
         f"The estimates of beta agree ({low:.3f} to {high:.3f}), but the data contradict stated "
         f"values: suspect {_suspects(suspects, suspects_z)}. {_usable(**n)}"
@@ -276,6 +305,7 @@ def _usable(holds: bool, **n: Any) -> str:
 def _estimates_agree(
     one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any
 ) -> str:
+    """Message of ``ways.agree``; the arguments are the fields of the finding."""
     steady = Estimate.normal(n["steady"], n["steady_u"])
     text = (
         f"The estimates of beta agree: {low:.3f} to {high:.3f}, speed law {steady}; the most "
@@ -294,6 +324,7 @@ def _estimates_agree(
 def _one_disk_estimates(
     subject: str, z: float, joint: float, joint_u: float, cooling: float, cooling_u: float, **_: Any
 ) -> str:
+    """Message of ``one_disk.ways``; the arguments are the fields of the finding."""
     agreement = "do NOT agree" if z > ESTIMATES_DISAGREE_Z else "agree"
     return (
         f"The two estimates of beta from the {subject} disk {agreement}: "
@@ -305,6 +336,7 @@ def _one_disk_estimates(
 def _recommended(
     beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any
 ) -> str:
+    """Message of ``headline.both``; the arguments are the fields of the finding."""
     implied = Estimate.normal(n["exponent"], n["exponent_u"])
     if abs(z) < EXPONENT_AGREES_Z:
         comparison = "agrees with that of the speed law"
@@ -323,10 +355,12 @@ def _recommended(
 
 
 def _recommended_one_disk(subject: str, beta: float, u: float, **_: Any) -> str:
+    """Message of ``one_disk.headline``; the arguments are the fields of the finding."""
     return f"beta = {text_with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
 
 
 def _withheld(subject: str, **_: Any) -> str:
+    """Message of ``headline.withheld``; the arguments are the fields of the finding."""
     if subject:
         return f"No beta is given: what the joint fit of the {subject} disk finds is impossible."
     return (
@@ -336,6 +370,7 @@ def _withheld(subject: str, **_: Any) -> str:
 
 
 def _impossible(ways: Sequence[str], **_: Any) -> str:
+    """Message of ``answers.impossible``; the arguments are the fields of the finding."""
     return (
         "impossible numbers (beta outside 0 to 1, h not above zero, a power far from the logged "
         f"one): {', '.join(ways)} not reported"
@@ -391,6 +426,7 @@ def model_form_text(name: str) -> str:
 
 
 def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: Any) -> str:
+    """Message of ``structures.other``; the arguments are the fields of the finding."""
     remedy = MODEL_FORMS[name][1] if name in MODEL_FORMS else LAG_REMEDY
     return (
         f"the data support another model form than the assumed one: {model_form_text(name)} "

@@ -1,4 +1,8 @@
-"""Parts of messages: a location in a log, a count with its noun, a rounded number."""
+"""Parts of messages: a location in a log, a count with its noun, a rounded number.
+
+Used by the other modules of ``tcdyn.core.messages``, and ``text_rounded_to_u`` by
+``tcdyn.workflows``. Guarded by the doctests.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+# A template, or a function of the fields of a finding that gives its text.
 Message = str | Callable[..., str]
 
 
@@ -14,6 +19,19 @@ def location_text(
 ) -> str:
     """Location in a log: column, row and time, as far as given.
 
+    Parameters
+    ----------
+    subject
+        Column; empty if there is none.
+    row
+        Row of the file.
+    time_s
+        Time of the sample [s].
+    **_
+        Other numbers of a finding, which are not used.
+
+    Examples
+    --------
     >>> location_text("a_degC", 9, 0.04), location_text("a_degC", 9), location_text(row=9)
     ('column a_degC, row 9 (0.04 s)', 'column a_degC, row 9', 'row 9')
     """
@@ -29,6 +47,15 @@ def location_text(
 def count_with_noun(count: int, noun: str) -> str:
     """A count with its noun, in the plural where needed.
 
+    Parameters
+    ----------
+    count
+        The count.
+    noun
+        The noun in the singular; its plural is with -s.
+
+    Examples
+    --------
     >>> count_with_noun(1, "spike"), count_with_noun(3, "spike")
     ('1 spike', '3 spikes')
     """
@@ -36,10 +63,17 @@ def count_with_noun(count: int, noun: str) -> str:
 
 
 def text_rounded_to_u(x: float | None, u: float) -> str:
-    """Text of ``x`` with as many decimals as two digits of its standard uncertainty ``u`` have.
+    """Text of a number with as many decimals as two digits of its standard uncertainty have.
 
-    None, an open end of an interval, is "open".
+    Parameters
+    ----------
+    x
+        The number; None, an open end of an interval, is "open".
+    u
+        Standard uncertainty, above zero.
 
+    Examples
+    --------
     >>> text_rounded_to_u(0.70151, 0.0042), text_rounded_to_u(None, 1.0)
     ('0.7015', 'open')
     """

@@ -1,4 +1,11 @@
-"""Messages about plunges: the fit of the common lag, the entry burst, the chain structures."""
+"""Messages about plunges: the fit of the common lag, the entry burst, the chain structures.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +53,13 @@ def probability_text(probability: float) -> str:
 
 
 def _far_from_prior(subject: str, kind: str, sds: float, **_: Any) -> str:
+    """Message of ``plunge.pull``; the arguments are the fields of the finding."""
     which = f"channel {subject}: the" if subject else "the"
     return f"{which} {PARAMETERS[kind]} is {sds:.1f} prior standard deviations from its prior mean"
 
 
 def _coloured(common: float, differential: float, apart: bool, **_: Any) -> str:
+    """Message of ``plunge.coloured``; the arguments are the fields of the finding."""
     text = (
         f"residuals are coloured (variance factors {common:.1f} common, {differential:.1f} "
         "differential); the uncertainties were increased accordingly"
@@ -66,6 +75,7 @@ def _coloured(common: float, differential: float, apart: bool, **_: Any) -> str:
 def _lag(
     plunges: int, common_lag_s: float, u_s: float, known_burst_u_s: float, apart: bool, **_: Any
 ) -> str:
+    """Message of ``plunge.lag``; the arguments are the fields of the finding."""
     source = "One plunge gives" if plunges == 1 else f"{plunges} plunges give"
     text = f"{source} a common lag of {text_with_u(common_lag_s, u_s, 's')}"
     u_known = rounded_texts(known_burst_u_s, known_burst_u_s)[1]
@@ -94,6 +104,7 @@ def _chain_structure(
     option: Spelling,
     **_: Any,
 ) -> str:
+    """Message of ``plunge.structure``; the arguments are the fields of the finding."""
     named = [f"{s} ({m})" for s, m in zip(structures, meanings)]
     lags = [text_with_u(lag, u, "s") for lag, u in zip(lag_s, u_s)]
     remedy = ""

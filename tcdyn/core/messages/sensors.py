@@ -1,4 +1,11 @@
-"""Messages about sensor files, the measurement of a lag, and tables compensated with them."""
+"""Messages about sensor files, the measurement of a lag, and tables compensated with them.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +16,20 @@ from tcdyn.core.messages.phrases import Message, count_with_noun
 
 
 def _carried_columns(columns: Sequence[str], **_: Any) -> str:
+    """Message of ``sensor.carried``; the arguments are the fields of the finding."""
     count = count_with_noun(len(columns), "column")
     return f"{count} without a sensor, copied as logged: {', '.join(columns)}"
 
 
 def _unit_assumed(subject: str, count: int = 1, **_: Any) -> str:
+    """Message of ``sensor.unit_assumed``; the arguments are the fields of the finding."""
     if count == 1:
         return f"column {subject} states no unit: read as degrees Celsius"
     return f"columns {subject} state no unit: read as degrees Celsius"
 
 
 def _few_decimals(rate_Hz: float, percent: float = 0.0, **_: Any) -> str:
+    """Message of ``sensor.few_decimals``; the arguments are the fields of the finding."""
     text = f"the clock has few decimals: rows are taken as evenly sampled at {rate_Hz:.5g} Hz"
     if percent > 1:
         text += f". This rate has a standard uncertainty of {percent:.2g} %, and so have the lags"
@@ -27,6 +37,7 @@ def _few_decimals(rate_Hz: float, percent: float = 0.0, **_: Any) -> str:
 
 
 def _noise_driving(subject: str, lags: int, **_: Any) -> str:
+    """Message of ``sensor.noise_driving``; the arguments are the fields of the finding."""
     text = (
         f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower "
         "ones add their time"

@@ -1,4 +1,11 @@
-"""Messages about traces, noise, compensated logs, live compensation and workflows."""
+"""Messages about traces, noise, compensated logs, live compensation and workflows.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``). Wording may be changed freely; codes,
+names of fields and what a message advises must fit the place that makes the finding.
+``tests/core/test_findings.py`` checks that each code is made somewhere and each code that is made
+has a message.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +19,7 @@ from tcdyn.core.messages.phrases import Message
 def _noisy_inverse(
     bandwidth_Hz: float, noise_K: float, limit_K: float, best_Hz: float, **_: Any
 ) -> str:
+    """Message of ``inverse.noisy``; the arguments are the fields of the finding."""
     text = (
         f"a bandwidth of {bandwidth_Hz:.3g} Hz makes {noise_K:.3g} K of noise, more than the "
         f"{limit_K:.3g} K allowed: "
@@ -24,6 +32,7 @@ def _noisy_inverse(
 def _coloured_noise(
     subject: str, before_K: float, after_K: float, lag_s: float = 0.0, **_: Any
 ) -> str:
+    """Message of ``noise.coloured``; the arguments are the fields of the finding."""
     if lag_s:
         return (
             f"{subject}: noise of {before_K:.2g} K is coloured as by a lag of {lag_s:.2g} s, noise "
@@ -36,6 +45,7 @@ def _coloured_noise(
 
 
 def _coarse_logger(subject: str, step_K: float, channels: Sequence[str], **_: Any) -> str:
+    """Message of ``traces.coarse``; the arguments are the fields of the finding."""
     return (
         f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "
         f"{', '.join(channels)}: such rounding is not white noise, and the uncertainties of lags "
@@ -44,6 +54,7 @@ def _coarse_logger(subject: str, step_K: float, channels: Sequence[str], **_: An
 
 
 def _one_disk(subject: str, other: str, option: Spelling, **_: Any) -> str:
+    """Message of ``compensate.one_disk``; the arguments are the fields of the finding."""
     return (
         f"no record of the {subject} disk was given: its columns are copied as logged, and the "
         f"common lag of the {other} disk comes from its record; with both records the unloading "
