@@ -1,5 +1,10 @@
-"""Joint posterior of all tests of one rig. Shared quantities of the rig are estimated once, so
-differences between tests and trends are much better known than levels (design, section 13).
+"""Joint posterior of all tests of one rig.
+
+Shared quantities of the rig are estimated once, so differences between tests and trends are much
+better known than levels. Order of the work: ``compress`` makes the sufficient statistics of a test,
+``posterior`` solves all tests, ``outliers`` removes tests that disagree, and ``exponent``,
+``trends`` and ``result`` evaluate the posterior. ``stages`` splits a log into tests, ``planned``
+predicts a campaign. The tests are in ``tests/campaign``.
 """
 
 from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of

@@ -1,10 +1,14 @@
 """Sufficient statistics of one test: its likelihood, linear about the optimum, compressed by SVD.
 
 Priors are left out. The parameters are the quantities (beta, ln h, lags) and the nuisance
-parameters. Each nuisance parameter has a factor loading: how much of it is common to all tests
-of the rig, and how much is specific to the test. A static line has an error of level and of gain.
-The model error of the mesh and the angular harmonic grow with the heat. The unloading instant is
+parameters. Each nuisance parameter has a factor loading: how much of it is common to all tests of
+the rig, and how much is specific to the test. A static line has an error of level and of gain. The
+model error of the mesh and the angular harmonic grow with the heat. The unloading instant is
 specific to each test.
+
+``tcdyn.workflows`` stores the result in ``beta.json``; ``tcdyn.campaign.planned`` uses it for
+planned tests. Guarded by ``tests/campaign/test_posterior.py`` and
+``tests/partition/test_as_logged.py``.
 """
 
 from __future__ import annotations
@@ -78,17 +82,27 @@ def compress_likelihood(
         Name of the test; fingerprint of the rig.
     test
         The test.
-    sides, best
-        Blocks of both disks, and the optimum of their joint fit.
+    sides
+        Block of each disk in the joint fit, in the order of ``DISKS``.
+    best
+        Optimum of the joint fit.
     uneven
         Angular harmonic of each disk.
-    conditions
+    **conditions
         Further numbers to store with the conditions of the test.
+
+    Returns
+    -------
+    The statistics, without any prior.
 
     Notes
     -----
     Noise of the model's inputs widens the rows that it affects. Slow components of the residuals
     beyond that noise widen all rows alike: see :func:`noise_covariance`.
+
+    The columns of the Jacobian are those of ``tcdyn.partition.joint``: four for each disk, then the
+    nuisance parameters. A further parameter there needs its column here, and a loading in
+    ``loading_of`` unless it is fully common to the rig.
     """
     n_main = 4 * len(sides)
     n_data = len(best.residual) - len(sides)
@@ -162,7 +176,17 @@ def compress_likelihood(
 
 
 def sufficient_statistics_of(name: str, rig: str, partition: Partition) -> dict[str, Any] | None:
-    """Return the block "kept" of ``beta.json``; None for a test whose result is withheld."""
+    """The block "kept" of ``beta.json``; None for a test whose result is withheld.
+
+    Parameters
+    ----------
+    name
+        Name of the test.
+    rig
+        Fingerprint of the rig, from ``tcdyn.campaign.sufficient_statistics.rig_fingerprint``.
+    partition
+        Result of the analysis of the test.
+    """
     if partition.status == "withheld":
         return None
     statistics = compress_likelihood(
@@ -187,9 +211,17 @@ def compress_rows(rows: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    tuple
-        Orthonormal directions of the data (N, M), and the compressed rows (M, P). Directions
-        with a singular value below ``MIN_SINGULAR_VALUE`` are dropped.
+    u
+        Orthonormal directions of the data, (N, M).
+    compressed
+        Compressed rows, (M, P).
+
+    Notes
+    -----
+    Directions with a singular value below ``MIN_SINGULAR_VALUE`` are dropped. The columns of the
+    quantities have the units ``BETA_UNIT``, ``LOG_H_UNIT`` and ``LAG_UNIT_S``, nuisance parameters
+    their standard uncertainty. Smaller units drop more directions. Dropped directions lose
+    information, but cause no bias.
     """
     unit = np.ones(rows.shape[1])
     unit[: len(QUANTITIES)] = BETA_UNIT, LOG_H_UNIT, LOG_H_UNIT, LAG_UNIT_S, LAG_UNIT_S
@@ -208,7 +240,28 @@ def loading_of(
     uneven: Mapping[str, AngularHarmonic],
     power_W: float,
 ) -> Loading | None:
-    """Return the factor loading of a nuisance parameter; None if it is fully common to the rig."""
+    """Factor loading of a nuisance parameter; None if it is fully common to the rig.
+
+    Parameters
+    ----------
+    what
+        The nuisance parameter.
+    disk
+        Disk that it belongs to; empty for both.
+    test
+        The test.
+    uneven
+        Angular harmonic of each disk.
+    power_W
+        Frictional power of the test [W].
+
+    Notes
+    -----
+    Shared and specific parts add in squares to one where the size does not depend on the test. The
+    shares at the top of the module decide how much of an error differs between tests: a larger
+    specific share makes differences between tests less certain. The names of the kinds are those of
+    ``tcdyn.partition.joint.nuisance_parameters``.
+    """
     kind, _, detail = what.name.partition(" ")
     label = f"{what.name} {disk}".strip()
     if what.name.startswith(TEST_SPECIFIC):
@@ -242,9 +295,18 @@ def loading_of(
 
 
 def unit_of(what: NuisanceParameter, disk: str, test: EhlTest) -> float | None:
-    """Return a nuisance parameter's standard uncertainty [K, m, s or relative].
+    """Standard uncertainty of a nuisance parameter [K, m, s or relative].
 
     None where it is not a single number.
+
+    Parameters
+    ----------
+    what
+        The nuisance parameter.
+    disk
+        Disk that it belongs to.
+    test
+        The test.
     """
     traces = test.disks[disk]
     kind, _, detail = what.name.partition(" ")
@@ -265,20 +327,40 @@ def unit_of(what: NuisanceParameter, disk: str, test: EhlTest) -> float | None:
 
 
 def _line_u_K(channel: str, disk: str, test: EhlTest) -> float:
-    """Return u [K] of a channel's static error, with the model error for the outer row."""
+    """Standard uncertainty of a channel's static error [K], with the model error for the outer row.
+
+    Parameters
+    ----------
+    channel
+        The channel.
+    disk
+        Its disk.
+    test
+        The test.
+    """
     traces = test.disks[disk]
     model = RIM_MODEL_U_K if channel in traces.setup.outer else 0.0
     return float(np.hypot(traces.static_u_K[traces.setup.channels.index(channel)], model))
 
 
 def _line_loading(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
-    """Return the factor loading of a static line.
+    """Factor loading of a static line.
+
+    Parameters
+    ----------
+    channel
+        The channel.
+    disk
+        Its disk.
+    test
+        The test.
+    power_W
+        Frictional power of the test [W].
 
     Notes
     -----
-    The errors of gain g and offset o are common to all tests:
-    y dg + do = (do + y0 dg) + (y - y0) dg. The two terms are independent for
-    y0 = -cov(g, o) / var(g).
+    The errors of gain g and offset o are common to all tests: y dg + do = (do + y0 dg) + (y - y0)
+    dg. The two terms are independent for y0 = -cov(g, o) / var(g).
     """
     traces = test.disks[disk]
     index = traces.setup.channels.index(channel)

@@ -3,6 +3,9 @@
 The fits weigh the readings of the outer row by their own noise. Noise of inner row, friction and
 ambient shifts the prediction of all of them, slowly and together. It is small against the
 uncertainty of depths and conductivity, but between the tests of one campaign it dominates.
+
+``tcdyn.campaign.compress`` calls ``noise_covariance``. Guarded by
+``tests/campaign/test_campaign_noise.py``, which compares with the noise of single samples.
 """
 
 from __future__ import annotations
@@ -27,14 +30,31 @@ MAX_FREQUENCY_Hz = 12.0
 PADDING_S = 20.0
 # The residual is summed in so many chunks to measure its slow components. By judgement.
 N_CHUNKS = 25
-# Longest time after unloading from which the zero of the friction is taken.
+# Longest time after unloading from which the zero of the friction is taken; chosen by
+# judgement.
 MAX_ZERO_S = 60.0
 # Standard deviation of a median over that of a mean, for normal noise: sqrt(pi / 2).
 MEDIAN_FACTOR = 1.25
 
 
 def input_noise(test: EhlTest, side: DiskBlock) -> Array:
-    """Return the white-noise sd of power [W], inner row [K] and ambient [K], shape (k + 2,)."""
+    """Standard deviations of the white noise of the inputs of one disk.
+
+    Parameters
+    ----------
+    test
+        The test.
+    side
+        Block of the disk in the joint fit.
+
+    Returns
+    -------
+    Power [W], the k junctions of the inner row [K] and ambient [K], (k + 2,).
+
+    Notes
+    -----
+    The order is that of ``tcdyn.heat.modal.inputs_of``; ``input_noise_covariance`` relies on it.
+    """
     loaded = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], DIFFERENCE_ORDER))
     power = test.friction_noise_N * test.sliding_speed_m_s
@@ -62,8 +82,12 @@ def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Arra
 
     Notes
     -----
-    The filter is a running straight line. Well before unloading it is a running mean; its last
-    half is one straight line through the last samples.
+    The filter is a running straight line. Well before unloading it is a running mean; its last half
+    is one straight line through the last samples.
+
+    It must be the adjoint of the filter that ``tcdyn.rig.contact`` applies to the friction: if that
+    filter changes, this function must change too. ``tests/campaign/test_campaign_noise.py``
+    compares the two.
     """
     settled_s = test.events.unload_s - test.events.fall_time_s - SWITCHING_MARGIN_S
     last = int(np.searchsorted(time_s, settled_s))
@@ -86,9 +110,14 @@ def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Arra
 
 
 def friction_zero_u_N(test: EhlTest) -> float:
-    """Return the standard uncertainty [N] of the friction's zero due to noise.
+    """Standard uncertainty of the friction's zero due to noise [N].
 
-    The zero is the median before loading and after unloading.
+    The zero is the median before loading and after unloading; the longer of the two counts.
+
+    Parameters
+    ----------
+    test
+        The test.
     """
     before = max(test.events.load_on_s - test.time_s[0] - SWITCHING_MARGIN_S, test.dt_s)
     after = max(
@@ -101,12 +130,14 @@ def friction_zero_u_N(test: EhlTest) -> float:
 def input_noise_covariance(
     test: EhlTest, side: DiskBlock, theta: Array, combinations: Array
 ) -> Array:
-    """Return the covariance of combinations of one disk's data due to noise of its inputs.
+    """Covariance of combinations of one disk's data due to noise of its inputs.
 
     Parameters
     ----------
-    test, side
-        The test, and the disk's block of the joint fit.
+    test
+        The test.
+    side
+        Block of the disk in the joint fit.
     theta
         Optimum of the block, shape (4,).
     combinations
@@ -114,13 +145,12 @@ def input_noise_covariance(
 
     Returns
     -------
-    Array
-        Covariance, shape (D, D).
+    Covariance, (D, D).
 
     Notes
     -----
-    A combination is w @ prediction. The prediction is H u for inputs u with white noise of
-    standard deviation sigma, so the variance is sigma^2 |H' w|^2. It is summed over frequencies.
+    A combination is w @ prediction. The prediction is H u for inputs u with white noise of standard
+    deviation sigma, so the variance is sigma^2 |H' w|^2. It is summed over frequencies.
     """
     window = side.window
     dt = test.dt_s
@@ -164,7 +194,7 @@ def input_noise_covariance(
 def noise_covariance(
     test: EhlTest, sides: Sequence[DiskBlock], theta: Array, combinations: Array, residual: Array
 ) -> Array:
-    """Return the covariance (D, D) of combinations of both disks' data: own noise and inputs'.
+    """Covariance of combinations of both disks' data: noise of the readings and of the inputs.
 
     Parameters
     ----------
@@ -176,6 +206,10 @@ def noise_covariance(
         D orthonormal combinations of the data, shape (m, D).
     residual
         Residuals of the data, shape (m,).
+
+    Returns
+    -------
+    Covariance, (D, D).
 
     Notes
     -----
@@ -194,9 +228,25 @@ def noise_covariance(
 
 
 def residual_inflation(test: EhlTest, side: DiskBlock, theta: Array, residual: Array) -> float:
-    """Return the variance of slow components of a disk's residual (m,) over the expected one.
+    """Variance of slow components of a disk's residual over the expected one; at least one.
 
-    The expected variance is that of the readings' noise and the input noise. At least one.
+    The expected variance is that of the readings' noise and the input noise.
+
+    Parameters
+    ----------
+    test
+        The test.
+    side
+        Block of the disk in the joint fit.
+    theta
+        Optimum of the block, (4,).
+    residual
+        Residual of the block, (m,).
+
+    Notes
+    -----
+    The number of chunks must be the same in the expected and in the observed variance
+    (``tcdyn.estimation.slow_variance_factor``).
     """
     rows = residual.reshape(side.window.y.shape)
     m = max(len(rows) // N_CHUNKS, 1)

@@ -1,4 +1,9 @@
-"""Generalised least squares with a known covariance and an additional independent scatter."""
+"""Generalised least squares with a known covariance and an additional independent scatter.
+
+``tcdyn.campaign.exponent`` and ``tcdyn.campaign.trends`` use it. For calibration points with
+independent errors there is ``tcdyn.estimation.line_fit``. Guarded by
+``tests/campaign/test_lines.py`` and ``tests/campaign/test_curve_offset.py``.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +20,25 @@ from tcdyn.core.estimate import Estimate
 
 @dataclass(frozen=True)
 class Line:
-    """y = columns @ ``coefficients`` (P,) + error of the covariance given + independent scatter.
+    """Result of a fit y = columns @ coefficients + error of known covariance + independent scatter.
 
-    ``covariance`` (P, P); ``scatter``: standard deviation, beyond what is stated, of the points
-    about the line, the least that makes chi-squared what it should be; ``chi2`` without it, on
-    ``freedom`` degrees; ``operator`` (P, N): coefficients = operator @ y; ``total_covariance`` (N, N): the
-    covariance with the scatter in it.
+    Parameters
+    ----------
+    coefficients
+        Estimates, (P,).
+    covariance
+        Their covariance, (P, P).
+    scatter
+        Standard deviation of the points about the line beyond their stated covariance: the least
+        that brings chi-squared to its degrees of freedom.
+    chi2
+        Chi-squared without the scatter.
+    freedom
+        Degrees of freedom.
+    operator
+        (P, N): coefficients = operator @ y.
+    total_covariance
+        Covariance of the points with the scatter in it, (N, N).
     """
 
     coefficients: Array
@@ -33,11 +51,17 @@ class Line:
 
     @property
     def p_value(self) -> float:
-        """Chance of a chi-squared as large as this if there were no scatter: is the line enough?"""
+        """Probability of a chi-squared as large as this if there were no scatter.
+
+        A small value means that the line is not enough.
+        """
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom > 0 else 1.0
 
     def estimate(self, k: int) -> Estimate:
-        """A coefficient; Student's interval where the scatter was found from the points."""
+        """Coefficient ``k`` with its 95 % interval.
+
+        It is Student's interval where the scatter was estimated from the points.
+        """
         value = float(self.coefficients[k])
         u = float(np.sqrt(self.covariance[k, k]))
         reach = u * float(
@@ -46,25 +70,40 @@ class Line:
         return Estimate(value=value, u=u, low95=value - reach, high95=value + reach)
 
     def p_value_of_zero(self, k: int) -> float:
-        """Chance of a coefficient as far from zero if it were zero."""
+        """Probability of a coefficient ``k`` as far from zero if it were zero."""
         z = abs(float(self.coefficients[k])) / float(np.sqrt(self.covariance[k, k]))
         return float(2 * (ndtr(-z) if self.scatter == 0 else stdtr(max(self.freedom, 1), -z)))
 
 
-def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
-    """The line through ``y`` (N,) with errors of ``covariance`` (N, N), by ``columns`` (N, P).
+def fit_generalised_line(columns: Array, y: Array, covariance: Array) -> Line:
+    """Generalised least squares with a known covariance, and a scatter where the residuals need it.
 
+    Parameters
+    ----------
+    columns
+        Columns of the model, (N, P).
+    y
+        Values, (N,).
+    covariance
+        Covariance of the errors of ``y``, (N, N).
+
+    Notes
+    -----
     c = (X' V^-1 X)^-1 X' V^-1 y, V the covariance and, where the residuals ask for more than it,
-    the scatter that brings r' V^-1 r to N - P (Mandel and Paule 1970).
+    the scatter that brings r' V^-1 r to N - P (Mandel and Paule 1970). Without the scatter the
+    slopes of a line that does not describe the tests would have uncertainties that are too small.
 
+    Examples
+    --------
     >>> x = np.column_stack([np.ones(4), np.arange(4.0)])
-    >>> line = fit_line(x, np.array([1.0, 3.0, 5.0, 7.0]), 0.01 * (np.ones((4, 4)) + 0.01 * np.eye(4)))
+    >>> line = fit_generalised_line(x, np.array([1.0, 3.0, 5.0, 7.0]), 0.01 * (np.ones((4, 4)) + 0.01 * np.eye(4)))
     >>> line.coefficients.round(6).tolist(), np.sqrt(np.diag(line.covariance)).round(4).tolist(), line.scatter
     ([1.0, 2.0], [0.1003, 0.0045], 0.0)
     """
     freedom = len(y) - columns.shape[1]
 
     def solve(scatter: float) -> Line:
+        """The line with an independent scatter of this standard deviation in the covariance."""
         used = covariance + scatter**2 * np.eye(len(y))
         size = np.sqrt(np.diag(used))
         weight = np.linalg.inv(used / np.outer(size, size)) / np.outer(size, size)
@@ -89,8 +128,9 @@ def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
 
 
 def level_inside_points(y: Array, covariance: Array) -> Line:
-    """The common level of points whose covariance cannot be trusted in full, always inside the
-    range of the points.
+    """The common level of points whose covariance cannot be trusted in full.
+
+    The level is always inside the range of the points.
 
     Parameters
     ----------
@@ -102,15 +142,15 @@ def level_inside_points(y: Array, covariance: Array) -> Line:
     Returns
     -------
     Line
-        One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an independent scatter
-        is added until chi-squared equals N - 1 (none where it is smaller already). ``chi2`` is the
-        value without the scatter.
+        One coefficient, the level. ``scatter`` is that of :func:`fit_generalised_line`: an
+        independent scatter is added until chi-squared equals N - 1 (none where it is smaller
+        already). ``chi2`` is the value without the scatter.
 
     Notes
     -----
-    With V the covariance and the scatter in it, the level is w' y, where w minimises w'
-    V w subject to sum(w) = 1 and w >= 0; its variance is w' V w. Where the weights of generalised
-    least squares are positive, w is equal to them.
+    With V the covariance and the scatter in it, the level is w' y, where w minimises w' V w subject
+    to sum(w) = 1 and w >= 0; its variance is w' V w. Where the weights of generalised least squares
+    are positive, w is equal to them.
 
     Strongly correlated errors of different size give negative weights (Peelle's pertinent puzzle;
     Burr et al. 2011, Algorithms 4, 28-39). Such weights are correct as long as the covariance
@@ -121,7 +161,7 @@ def level_inside_points(y: Array, covariance: Array) -> Line:
     chapter 23).
     """
     ones = np.ones(len(y))
-    line = fit_line(ones[:, None], y, covariance)
+    line = fit_generalised_line(ones[:, None], y, covariance)
     lower = cholesky(line.total_covariance, lower=True)
     weights, _ = optimize.nnls(lower.T, solve_triangular(lower, ones, lower=True))
     weights = weights / weights.sum()

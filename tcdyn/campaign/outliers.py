@@ -1,4 +1,8 @@
-"""Outlying tests of a campaign: leave-one-out comparison of each test with all others."""
+"""Outlying tests of a campaign: leave-one-out comparison of each test with all others.
+
+``tcdyn.campaign.result`` leaves the outlying tests out. Guarded by
+``tests/campaign/test_posterior.py``.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from tcdyn.rig.disk import DISKS
 
 # Probability that a campaign without errors reports an outlying test at all. Chosen by judgement.
 FALSE_ALARM_PROBABILITY = 0.02
-# Fewer tests do not show which of them is the outlier.
+# Fewer tests do not show which of them is the outlier; chosen by judgement.
 MIN_TESTS = 4
 # Possible causes of a departure, in addition to the static line of every channel.
 CAUSES = ("friction", "half-width", "ambient", "parting", *(f"lag {d}" for d in DISKS))
@@ -66,17 +70,30 @@ class OutlyingTest:
 
 
 def outlying_tests(posterior: Posterior) -> tuple[OutlyingTest, ...]:
-    """Return the outlying tests, the worst first.
+    """Outlying tests of a campaign, the worst first.
 
     Each outlier is removed before the next is searched. At most a quarter of the tests can be
     outliers, and none with fewer than ``MIN_TESTS`` tests.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of all tests.
+
+    Returns
+    -------
+    The outlying tests; empty if all agree.
+
+    Notes
+    -----
+    The quarter was chosen by judgement: with more outliers it is not clear which tests are right.
     """
     outliers: list[OutlyingTest] = []
     remaining = list(posterior.tests)
     reduced_tests = list(posterior.reduced_tests)
     most = len(posterior.tests) // 4
     while len(remaining) >= MIN_TESTS and len(outliers) < most:
-        worst = _worst(solve_campaign(remaining, reduced_tests))
+        worst = _worst_test(solve_campaign(remaining, reduced_tests))
         if worst is None:
             break
         outliers.append(worst)
@@ -86,8 +103,14 @@ def outlying_tests(posterior: Posterior) -> tuple[OutlyingTest, ...]:
     return tuple(outliers)
 
 
-def _worst(posterior: Posterior) -> OutlyingTest | None:
-    """Return the test with the largest departure if it is significant (Bonferroni)."""
+def _worst_test(posterior: Posterior) -> OutlyingTest | None:
+    """The test with the largest departure if it is significant (Bonferroni); else None.
+
+    Notes
+    -----
+    The number of trials is that of tests times causes, static lines included. A larger
+    ``FALSE_ALARM_PROBABILITY`` names more tests.
+    """
     tests = [leave_one_out(posterior, i) for i in range(len(posterior.tests))]
     worst = max(tests, key=lambda s: abs(s.z))
     lines = {name for t in posterior.tests for name in t.names if name.startswith("static ")}
@@ -97,13 +120,20 @@ def _worst(posterior: Posterior) -> OutlyingTest | None:
 
 
 def leave_one_out(posterior: Posterior, i: int) -> OutlyingTest:
-    """Compare test ``i`` with the prediction of all others, by the cause that explains most.
+    """Compare one test with the prediction of all others, by the cause that explains most.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of all tests.
+    i
+        Index of the test.
 
     Notes
     -----
     The rows G of the test for the shared quantities, minus the prediction of the others, are the
-    residual d with covariance V = 1 + G C G'. A cause with the column x, present in this test
-    only, has the size x'V^-1 d / x'V^-1 x.
+    residual d with covariance V = 1 + G C G'. A cause with the column x, present in this test only,
+    has the size x'V^-1 d / x'V^-1 x.
     """
     test = posterior.tests[i]
     lines = [n for n in test.names if n.startswith("static ")]
@@ -138,7 +168,24 @@ def leave_one_out(posterior: Posterior, i: int) -> OutlyingTest:
 
 
 def posterior_without(posterior: Posterior, left_out: ReducedTest) -> tuple[Array, Array]:
-    """Return mean (S,) and covariance (S, S) of the shared quantities without one test."""
+    """Mean and covariance of the shared quantities without one test.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of all tests.
+    left_out
+        The test, reduced.
+
+    Returns
+    -------
+    mean, covariance
+        (S,) and (S, S), in prior standard uncertainties.
+
+    Notes
+    -----
+    The rows of the test are subtracted from the information. Birge's factor is not applied.
+    """
     rows = np.zeros((len(left_out.rows), len(posterior.shared)))
     rows[:, indices_of(left_out.shared, posterior.shared)] = left_out.rows
     information = np.linalg.inv(posterior.shared_covariance)

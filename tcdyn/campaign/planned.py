@@ -1,8 +1,11 @@
 """Expected uncertainty of beta, n and trends of a planned campaign, before any test is run.
 
-Each planned test is the response of the rim model to the planned conditions, without noise. Its
-fit is linear there, and its sufficient statistics are solved as a campaign. The whole disk is not
+Each planned test is the response of the rim model to the planned conditions, without noise. Its fit
+is linear there, and its sufficient statistics are solved as a campaign. The whole disk is not
 simulated: the temperature of the disk, its cooling and the noise are specified.
+
+``tcdyn design`` calls it. The shape of the cooling and the constants below are approximations; only
+expected uncertainties depend on them. Guarded by ``tests/campaign/test_planned.py``.
 """
 
 from __future__ import annotations
@@ -46,26 +49,27 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, static_u
 from tcdyn.smoothing.traces import DiskTraces
 
+# Columns of a plan that are needed, and those with defaults in ``PlannedTest``.
 COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
 OPTIONAL_COLUMNS = ("beta", "h_fast_W_m2K")
 # Heat loss [W/K] from the row d, b, f through bore and faces to the surroundings, in steady state.
 # Chosen by judgement.
-BODY_LOSS_W_K = (
-    1.8  # from the row d, b, f through bore and faces to the surroundings, at steady running
-)
-# Excess temperature at d and f over that at b.
+BODY_LOSS_W_K = 1.8
+# Excess temperature at d and f over that at b; chosen by judgement.
 EDGE_EXCESS_RATIO = 0.995
-# Delay [s] with which the inner row responds to the unloading.
+# Delay [s] with which the inner row responds to the unloading; chosen by judgement.
 INNER_ROW_DELAY_S = 0.3
-# Share of the disk's heat capacity that cools with the row d, b, f.
+# Share of the disk's heat capacity that cools with the row d, b, f; chosen by judgement.
 COOLING_MASS_SHARE = 0.86
+# Static line that every planned channel has; chosen by judgement.
 STATIC_LINE = StaticLine(
     gain=1.0,
     offset=0.0,
     covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)),
     range_degC=(20.0, 160.0),
 )
-# of a plunge-tested chain: two lags, u of the mean, u of each
+# Chain of a planned channel after a plunge test [s]: its two lags, the standard uncertainty of the
+# common lag, and that of each channel about it. Chosen by judgement.
 LAGS_S = (0.54, 0.12)
 COMMON_LAG_U_S = 0.05
 CHANNEL_LAG_U_S = 0.008
@@ -73,7 +77,19 @@ CHANNEL_LAG_U_S = 0.008
 
 @dataclass(frozen=True)
 class PlannedTest:
-    """Conditions of one planned EHL test; beta and h are what is expected of it."""
+    """Conditions of one planned EHL test.
+
+    Parameters
+    ----------
+    name
+        Name of the test.
+    load_N, friction_N
+        Load and friction under load.
+    speed_fast_rpm, speed_slow_rpm
+        Speeds of the shafts.
+    beta, h_fast_W_m2K
+        Expected share of the heat, and expected coefficient of the fast disk.
+    """
 
     name: str
     load_N: float
@@ -86,8 +102,18 @@ class PlannedTest:
 
 @dataclass(frozen=True)
 class Logging:
-    """How planned tests are logged; noise of one sample [K, N], duration of the load, of the
-    cooling and before [s].
+    """How planned tests are logged.
+
+    Parameters
+    ----------
+    rate_Hz
+        Sampling rate.
+    noise_K, friction_noise_N
+        Noise of one sample.
+    loaded_s, cooling_s, before_s
+        Duration of the load, of the cooling, and before the load.
+    ambient_degC
+        Temperature of the air.
     """
 
     rate_Hz: float = 75.0
@@ -101,13 +127,25 @@ class Logging:
 
 @dataclass(frozen=True)
 class PlannedCampaign:
-    """Expected result of planned tests: the posterior, and u of beta of each test alone."""
+    """Expected result of planned tests.
+
+    Parameters
+    ----------
+    posterior
+        Their joint posterior.
+    u_beta_single
+        Standard uncertainty of beta of each test solved by itself.
+    """
 
     posterior: Posterior = field(repr=False)
     u_beta_single: tuple[float, ...]
 
     def table(self) -> pd.DataFrame:
-        """One row a test: u of beta alone, in the campaign, and within it; u of h relative."""
+        """Expected uncertainties, one row a test.
+
+        Standard uncertainty of beta of the test by itself, in the campaign, and within it; that of
+        h relative.
+        """
         rows = []
         for name, estimate, u_single in zip(
             self.posterior.test_names, self.posterior.estimates, self.u_beta_single
@@ -131,7 +169,12 @@ class PlannedCampaign:
 
     @property
     def slopes(self) -> list[tuple[str, tuple[str, ...], float]]:
-        """Of every line of beta: over what, beside what, u of its slope."""
+        """Standard uncertainty of the slope of every line of beta.
+
+        Returns
+        -------
+        (variable, further variables of the same line, standard uncertainty) of each slope.
+        """
         return [
             (name, tuple(a for a in t.against if a != name), slope.u)
             for t in trends(_with_equal_beta(self.posterior))
@@ -154,7 +197,7 @@ class PlannedCampaign:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as data."""
+        """The expected uncertainties as data."""
         return {
             "tests": self.table().to_dict("records"),
             "u_exponent": self.u_exponent,
@@ -163,16 +206,29 @@ class PlannedCampaign:
 
 
 def _with_equal_beta(posterior: Posterior) -> Posterior:
-    """Return the posterior with every beta equal: only u of the slopes is of interest."""
+    """The posterior with every beta equal: only the uncertainty of the slopes is of interest."""
     answers = posterior.values.copy()
     answers[:, 0] = answers[:, 0].mean()
     return replace(posterior, values=answers)
 
 
 def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
-    """Planned tests from a table, a row each: load_N, friction_N, speed_fast_rpm, speed_slow_rpm,
-    and beta and h_fast_W_m2K if they are expected to be other than 0.7 and 700. Raises InputError
-    for a table without them.
+    """Read planned tests from a table.
+
+    Parameters
+    ----------
+    path
+        Table with a row for each test: load_N, friction_N, speed_fast_rpm, speed_slow_rpm, and beta
+        and h_fast_W_m2K if they are expected to be other than 0.7 and 700.
+
+    Returns
+    -------
+    The tests, named "test 1" and so on.
+
+    Raises
+    ------
+    InputError
+        A missing column, no row, or a row that is no possible test.
     """
     values = read_numbers(path, COLUMNS, OPTIONAL_COLUMNS)
     rows = [{k: float(v[i]) for k, v in values.items()} for i in range(len(values["load_N"]))]
@@ -196,10 +252,18 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
 def predict_campaign(
     plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None
 ) -> PlannedCampaign:
-    """Expected uncertainties of all planned tests together on the rig with the junctions of
-    rig.toml.
+    """Expected uncertainties of all planned tests together.
+
+    Parameters
+    ----------
+    plan
+        The planned tests.
+    rig
+        The rig, with its junctions and uncertainties.
+    logging
+        How the tests are logged; the defaults if None.
     """
-    tests = [planned_test(planned, rig, logging or Logging()) for planned in plan]
+    tests = [planned_statistics(planned, rig, logging or Logging()) for planned in plan]
     u_single = tuple(expected_widening(solve_campaign([k])).estimates[0]["beta"].u for k in tests)
     return PlannedCampaign(expected_widening(solve_campaign(tests)), u_single)
 
@@ -209,6 +273,12 @@ def expected_widening(posterior: Posterior) -> Posterior:
 
     E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, as many as the
     data determine of the shared quantities; Y has v + 2.
+
+    Notes
+    -----
+    E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, as many as the
+    data determine of the shared quantities; Y has v + 2. The ratio is
+    ``tcdyn.campaign.posterior.birge_ratio_squared``.
     """
     dof = max(len(posterior.shared_mean) - float(np.trace(posterior.shared_covariance)), 1.0)
     widened = float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
@@ -219,8 +289,24 @@ def expected_widening(posterior: Posterior) -> Posterior:
     return replace(posterior, covariance=posterior.covariance + added, inflation=widened)
 
 
-def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientStatistics:
-    """Return the sufficient statistics of a planned test whose fit is at the truth."""
+def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientStatistics:
+    """Sufficient statistics of a planned test whose fit is at the truth.
+
+    Parameters
+    ----------
+    plan
+        The planned test.
+    rig
+        The rig.
+    logging
+        How the test is logged.
+
+    Notes
+    -----
+    The data of each disk are the model's response to the planned readings of the inner row, so that
+    the residual is zero. The optimum is evaluated there without a step (``limit=0``).
+    ``tests/campaign/test_planned.py`` compares with the uncertainty of a fit to simulated logs.
+    """
     radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
     u_fast, u_slow = (
         surface_speed_m_s(rpm, r)
@@ -292,7 +378,19 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientSta
 
 
 def _noise(count: int, seed: int) -> Array:
-    """White noise of unit variance, always the same: fits measure the level of noise."""
+    """White noise of unit variance, the same for each call: fits measure the level of noise.
+
+    Parameters
+    ----------
+    count
+        Number of samples.
+    seed
+        Seed of the generator.
+
+    Returns
+    -------
+    Noise, (count,).
+    """
     return np.random.default_rng(seed).standard_normal(count)
 
 
@@ -306,8 +404,28 @@ def _traces(
     h_W_m2K: float,
     logging: Logging,
 ) -> DiskTraces:
-    """Readings of a planned disk: the inner row at its steady excess until the parting, then
-    cooling with the disk.
+    """Readings of a planned disk.
+
+    The inner row is at its steady excess until the unloading, then it cools with the disk.
+
+    Parameters
+    ----------
+    disk
+        The disk.
+    rig
+        The rig.
+    load_N
+        Load.
+    t
+        Time, (N,) [s].
+    unload_s
+        Instant of the unloading [s].
+    power_W
+        Heat into this disk [W].
+    h_W_m2K
+        Heat-transfer coefficient of the running surface.
+    logging
+        How the test is logged.
     """
     setup = rig.disk_setup(disk)
     u = rig.tables(disk).uncertainty

@@ -1,10 +1,13 @@
 """Campaign posterior: shared quantities of the rig and the quantities of every test, jointly.
 
-A test has the rows R_a (a - a0) + R_q (q - q0) = z + noise with its nuisance parameters
-q = M s + D e. s is common to the rig, e is specific to the test, both are standard normal.
-With e integrated out, the rows have the covariance 1 + R_q D^2 R_q'. A QR factorisation then gives
-a as a linear function of s, and rows for s alone. Only the sum of their G'G over the tests plus
-the prior of s, which counts once, is inverted. Its size does not grow with the number of tests.
+A test has the rows R_a (a - a0) + R_q (q - q0) = z + noise with its nuisance parameters q = M s + D
+e. s is common to the rig, e is specific to the test, both are standard normal. With e integrated
+out, the rows have the covariance 1 + R_q D^2 R_q'. A QR factorisation then gives a as a linear
+function of s, and rows for s alone. Only the sum of their G'G over the tests plus the prior of s,
+which counts once, is inverted. Its size does not grow with the number of tests.
+
+All modules of ``tcdyn.campaign`` that evaluate results use ``Posterior``. Guarded by
+``tests/campaign/test_posterior.py``, which compares with a solution for all unknowns at once.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.rig.disk import DISKS
 
+# Number of the quantities of a test, and the index of each in ``QUANTITIES``.
 N_QUANTITIES = len(QUANTITIES)
 BETA, LN_H_FAST, LN_H_SLOW, LAG_FAST, LAG_SLOW = range(N_QUANTITIES)
 
@@ -32,8 +36,19 @@ BETA, LN_H_FAST, LN_H_SLOW, LAG_FAST, LAG_SLOW = range(N_QUANTITIES)
 class ReducedTest:
     """A test after its specific nuisance parameters have been integrated out.
 
-    a = ``offset`` (5,) - ``sensitivity`` (5, S) s + ``root`` (5, 5) @ standard normal, with the shared
-    quantities s; and ``rows`` (M, S) @ s = ``rhs`` (M,) with errors of unit variance.
+    a = ``offset`` (5,) - ``sensitivity`` (5, S) s + ``root`` (5, 5) @ standard normal, with the
+    shared quantities s; and ``rows`` (M, S) @ s = ``rhs`` (M,) with errors of unit variance.
+
+    Parameters
+    ----------
+    name
+        Name of the test.
+    shared
+        Names of the S shared quantities s.
+    offset, sensitivity, root
+        a = offset (5,) - sensitivity (5, S) s + root (5, 5) @ standard normal.
+    rows, rhs
+        rows (M, S) @ s = rhs (M,), with errors of unit variance.
     """
 
     name: str
@@ -54,13 +69,23 @@ def reduce_test(test: SufficientStatistics, departures: Sequence[str] = ()) -> R
         Sufficient statistics of the test.
     departures
         Quantities that may differ in this test from all others. Each gets a column behind the
-        shared ones: a name of ``test.names`` (in standard uncertainties), "lag fast" or
-        "lag slow" (in s).
+        shared ones: a name of ``test.names`` (in standard uncertainties), "lag fast" or "lag slow"
+        (in s).
+
+    Returns
+    -------
+    The test, with ``departures`` after its shared quantities.
 
     Raises
     ------
     InputError
         If the rows do not separate beta from the heat transfer coefficients.
+
+    Notes
+    -----
+    The error of a record's lag is common to the rig except for ``LAG_TEST_SD_S``; a larger value
+    makes the lags of the tests less common. ``tests/campaign/test_posterior.py`` compares with the
+    elimination of all unknowns at once.
     """
     q = test.names[N_QUANTITIES:]
     loading = [test.loading.get(name, Loading({name: 1.0})) for name in q]
@@ -152,24 +177,45 @@ class Posterior:
 
     @property
     def test_names(self) -> tuple[str, ...]:
-        """Names of the tests."""
+        """Names of the tests, in order."""
         return tuple(t.name for t in self.tests)
 
     def quantity(self, which: int) -> tuple[Array, Array]:
-        """Return one of ``QUANTITIES`` of every test (N,) and its covariance (N, N)."""
+        """One of ``QUANTITIES`` of every test.
+
+        Parameters
+        ----------
+        which
+            Index of the quantity.
+
+        Returns
+        -------
+        values, covariance
+            (N,) and (N, N).
+        """
         covariance = self.covariance[which::N_QUANTITIES, which::N_QUANTITIES]
         return self.values[:, which], covariance
 
     @property
     def beta(self) -> tuple[Array, Array]:
-        """beta (N,) and its covariance (N, N)."""
+        """beta of every test.
+
+        Returns
+        -------
+        values, covariance
+            (N,) and (N, N).
+        """
         return self.quantity(BETA)
 
     @cached_property
     def estimates(self) -> list[dict[str, Estimate]]:
-        """Of each test: beta, beta_within, h_fast, h_slow [W/m2K], lag_fast_s, lag_slow_s."""
+        """Estimates of each test, by name.
+
+        The names are beta, beta_within, h_fast, h_slow [W/m2K], lag_fast_s and lag_slow_s;
+        ``beta_within`` is beta with its uncertainty against the other tests.
+        """
         u = np.sqrt(np.diag(self.covariance)).reshape(-1, N_QUANTITIES)
-        u_within = within(self.beta[1])
+        u_within = within_campaign_u(self.beta[1])
         out = []
         for a, s, w in zip(self.values, u, u_within):
             h = np.exp(a[[LN_H_FAST, LN_H_SLOW]])
@@ -183,7 +229,7 @@ class Posterior:
 
 
 def u_if_known(posterior: Posterior, gradient: Array) -> dict[str, float]:
-    """Return the standard uncertainty of a combination if one kind of shared quantity were known.
+    """Standard uncertainty of a combination if one kind of shared quantity were known.
 
     Parameters
     ----------
@@ -195,13 +241,13 @@ def u_if_known(posterior: Posterior, gradient: Array) -> dict[str, float]:
     Returns
     -------
     dict
-        Standard uncertainty by kind, smallest first. A kind is the first word of the names, of
-        both disks and all channels.
+        Standard uncertainty by kind, smallest first. A kind is the first word of the names, of both
+        disks and all channels.
 
     Notes
     -----
-    With C the covariance of the shared quantities, g the gradient and K a kind:
-    var - (C g)_K' C_KK^-1 (C g)_K.
+    With C the covariance of the shared quantities, g the gradient and K a kind: var - (C g)_K'
+    C_KK^-1 (C g)_K.
     """
     covariance = posterior.inflation * posterior.shared_covariance
     sensitivity = shared_sensitivity(posterior.reduced_tests, posterior.shared)
@@ -219,23 +265,27 @@ def u_if_known(posterior: Posterior, gradient: Array) -> dict[str, float]:
     return dict(sorted(u_by_kind.items(), key=lambda item: item[1]))
 
 
-def within(covariance: Array) -> Array:
-    """Return the standard uncertainty (N,) of each of N numbers within their campaign.
+def within_campaign_u(covariance: Array) -> Array:
+    """Standard uncertainty of each of several numbers within their campaign.
 
     Parameters
     ----------
     covariance
-        Covariance of the numbers, shape (N, N).
+        Covariance of the N numbers, (N, N).
+
+    Returns
+    -------
+    Standard uncertainties, (N,).
 
     Notes
     -----
-    Errors common to all numbers cancel: by deviations from the mean,
-    u_i^2 = N/(N-1) (H C H)_ii with H = 1 - 1/N. The difference of two independent numbers then
-    has u_i and u_j added in squares. A single number has its own u.
+    Errors common to all numbers cancel: by deviations from the mean, u_i^2 = N/(N-1) (H C H)_ii
+    with H = 1 - 1/N. The difference of two independent numbers then has u_i and u_j added in
+    squares. A single number has its own u.
 
     Examples
     --------
-    >>> within(np.array([[1.01, 1.0], [1.0, 1.01]])).round(3)
+    >>> within_campaign_u(np.array([[1.01, 1.0], [1.0, 1.01]])).round(3)
     array([0.1, 0.1])
     """
     n = len(covariance)
@@ -249,7 +299,7 @@ def within(covariance: Array) -> Array:
 def solve_campaign(
     tests: Sequence[SufficientStatistics], reduced_tests: Sequence[ReducedTest] | None = None
 ) -> Posterior:
-    """Return the joint posterior of tests of one rig.
+    """Joint posterior of tests of one rig.
 
     Parameters
     ----------
@@ -297,7 +347,19 @@ def solve_campaign(
 
 
 def shared_sensitivity(reductions: Sequence[ReducedTest], shared: Sequence[str]) -> Array:
-    """Return minus the derivative (5 N, S) of the quantities by the ``shared`` quantities."""
+    """Minus the derivative of the quantities of all tests with respect to the shared quantities.
+
+    Parameters
+    ----------
+    reductions
+        The N tests, reduced.
+    shared
+        Names of the S shared quantities.
+
+    Returns
+    -------
+    Sensitivity, (5 N, S).
+    """
     sensitivity = np.zeros((N_QUANTITIES * len(reductions), len(shared)))
     for i, r in enumerate(reductions):
         block = slice(N_QUANTITIES * i, N_QUANTITIES * (i + 1))
@@ -306,13 +368,25 @@ def shared_sensitivity(reductions: Sequence[ReducedTest], shared: Sequence[str])
 
 
 def indices_of(names: Sequence[str], shared: Sequence[str]) -> NDArray[np.int64]:
-    """Return the index of each of ``names`` in ``shared``, shape (N,)."""
+    """Index of each of ``names`` in ``shared``.
+
+    Parameters
+    ----------
+    names
+        Names to find.
+    shared
+        Names of the shared quantities.
+
+    Returns
+    -------
+    Indices, one for each name.
+    """
     index = {name: k for k, name in enumerate(shared)}
     return np.array([index[name] for name in names], dtype=np.int64)
 
 
 def birge_ratio_squared(shared_mean: Array, covariance: Array) -> float:
-    """Return the square of Birge's ratio of the shared quantities, at least one.
+    """Square of Birge's ratio of the shared quantities, at least one.
 
     Parameters
     ----------
@@ -321,16 +395,27 @@ def birge_ratio_squared(shared_mean: Array, covariance: Array) -> float:
 
     Notes
     -----
-    The sum of squares of the mean over S - trace(covariance), the degrees of freedom that the
-    data determine, is one on average if the statements of rig.toml and the model hold
-    (Birge 1932). A campaign determines enough of them to show where they do not hold.
+    The sum of squares of the mean over S - trace(covariance), the degrees of freedom that the data
+    determine, is one on average if the statements of rig.toml and the model hold (Birge 1932). A
+    campaign determines enough of them to show where they do not hold.
     """
     dof = len(shared_mean) - float(np.trace(covariance))
     return max(1.0, float(shared_mean @ shared_mean) / max(dof, 1.0))
 
 
 def check_same_rig(tests: Sequence[SufficientStatistics]) -> None:
-    """Raise InputError, with its name, for a test of another rig or other records than the first."""
+    """Check that all tests have the rig and the records of the first.
+
+    Parameters
+    ----------
+    tests
+        Sufficient statistics of the tests.
+
+    Raises
+    ------
+    InputError
+        Another rig; the message names the test.
+    """
     first = tests[0]
     for other in tests[1:]:
         if other.rig != first.rig:

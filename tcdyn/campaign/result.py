@@ -1,4 +1,9 @@
-"""Result of a campaign: posterior, exponent n, trends, junction depths, outlying tests, findings."""
+"""Result of a campaign: posterior, exponent n, trends, junction depths, outlying tests, findings.
+
+``tcdyn.workflows.campaign`` calls ``joined``; ``tcdyn.plots``, ``tcdyn.report`` and
+``tcdyn.campaign.tables`` show the result. Guarded by ``tests/campaign/test_posterior.py`` and
+``tests/campaign/test_lines.py``.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +25,7 @@ from tcdyn.core.result import jsonable
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.disk import DISKS
 
+# Schema of ``campaign.json``; change it with the content.
 SCHEMA = "tcdyn.campaign/1"
 # A finding reports n if it differs from rig.toml's by more standard uncertainties. By judgement.
 EXPONENT_DEVIATION_Z = 2.0
@@ -27,9 +33,7 @@ EXPONENT_DEVIATION_Z = 2.0
 POWER_LAW_REJECTED_P = 0.01
 # Pull of a junction depth above which it is reported: the largest in 17 simulated campaigns
 # without errors was 3.7.
-DEPTH_PULL_Z = (
-    4.0  # a junction's pull that is reported: the largest in 17 sound drawn campaigns was 3.7
-)
+DEPTH_PULL_Z = 4.0
 # Least reduction of the variance of a depth by the data: below it a pull has no meaning.
 # Chosen by judgement.
 MIN_VARIANCE_REDUCTION = 0.02
@@ -75,12 +79,23 @@ class JoinedCampaign:
 
     @property
     def trend(self) -> BetaTrend | None:
-        """The trend that the thesis draws: over delta T u_s; else the first that the tests tell."""
+        """The trend over delta T u_s, which the thesis has; else the first that there is."""
         return self.trends[0] if self.trends else None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the campaign shows that no test alone does."""
+        """What the campaign shows that no single test does.
+
+        Returns
+        -------
+        Findings on outlying tests, exponent, power law, junction depths, curves and excluded tests.
+
+        Notes
+        -----
+        The thresholds are the constants of this module and
+        ``tcdyn.campaign.trends.SHAPE_REJECTED_P``; they decide what is reported, not the results. A
+        new code needs a message in ``tcdyn/core/messages/campaign.py``.
+        """
         findings = [
             warning(
                 "campaign.stranger",
@@ -146,7 +161,7 @@ class JoinedCampaign:
         return tuple(findings)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of ``campaign.json`` (design, section 8)."""
+        """The content of ``campaign.json``."""
         posterior = self.posterior
         trends = [t.to_dict() for t in self.trends]
         data = {
@@ -181,8 +196,19 @@ class JoinedCampaign:
 
 
 def read_statistics(name: str, data: Mapping[str, Any]) -> SufficientStatistics:
-    """What the content of a beta.json keeps for its campaign. Raises InputError where that is
-    nothing.
+    """Sufficient statistics from the content of a ``beta.json``.
+
+    Parameters
+    ----------
+    name
+        Name of the test.
+    data
+        Content of the file.
+
+    Raises
+    ------
+    InputError
+        It has none, or of another schema.
     """
     if not data.get("kept"):
         raise InputError(
@@ -194,11 +220,27 @@ def read_statistics(name: str, data: Mapping[str, Any]) -> SufficientStatistics:
 def joined(
     answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()
 ) -> JoinedCampaign | None:
-    """One posterior of the contents of beta.json by test; None where none can be joined.
+    """Solve all tests of a campaign together; None where no test can be used.
 
-    A test whose answer is withheld stands apart, and so does one that does not belong. Raises
-    InputError for tests of different rigs, by name, for a kept block of another schema, and for a
-    curve that the tests do not reach.
+    A test whose result is withheld is left out, and so is an outlying test.
+
+    Parameters
+    ----------
+    answers
+        Content of ``beta.json`` of each test, by name.
+    curves
+        Curves of a model that are compared with the tests.
+
+    Raises
+    ------
+    InputError
+        Tests of different rigs, by name; a block "kept" of another schema; or a curve that the
+        tests do not reach.
+
+    Notes
+    -----
+    The order matters: outliers are searched first, and exponent, trends, depths and curves are
+    those of the remaining tests.
     """
     excluded = {
         name: "its answer is withheld"
@@ -233,7 +275,8 @@ def joined(
             name: Estimate(**data["joint"]["both"]["beta"]) for name, data in included.items()
         },
         speed_law_beta={
-            t.name: _by_law(included[t.name], t, law.exponent.value) for t in posterior.tests
+            t.name: _speed_law_beta(included[t.name], t, law.exponent.value)
+            for t in posterior.tests
         },
         status={
             name: GRADES_OF_0_2.get(data["status"], data["status"])
@@ -246,7 +289,20 @@ def joined(
     )
 
 
-def _by_law(data: Mapping[str, Any], test: SufficientStatistics, exponent: float) -> float | None:
+def _speed_law_beta(
+    data: Mapping[str, Any], test: SufficientStatistics, exponent: float
+) -> float | None:
+    """beta of a test by its steady lines and an exponent; None where a line is missing.
+
+    Parameters
+    ----------
+    data
+        Content of ``beta.json``.
+    test
+        Its sufficient statistics, which have the speed ratio.
+    exponent
+        Exponent n of the speed law.
+    """
     lines = [
         data["steady"][f"{d}_line"][key]["value"] for d in DISKS for key in ("intercept", "slope")
     ]
@@ -260,8 +316,24 @@ def _by_law(data: Mapping[str, Any], test: SufficientStatistics, exponent: float
 def junction_depths(
     posterior: Posterior,
 ) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
-    """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the
-    statement.
+    """Difference of each junction's depth from the stated one, and its pull on the statement.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of the campaign.
+
+    Returns
+    -------
+    deeper
+        Estimated minus stated depth [mm], by disk and channel.
+    pulls
+        The same in the standard deviations that the data alone would cause.
+
+    Notes
+    -----
+    Birge's ratio widens the uncertainties and divides the pulls.
+    ``tests/campaign/test_posterior.py`` checks that pulls are standard normal.
     """
     deeper: dict[str, dict[str, Estimate]] = {d: {} for d in DISKS}
     pulls: dict[str, dict[str, float]] = {d: {} for d in DISKS}

@@ -1,4 +1,8 @@
-"""Sufficient statistics of one test for the campaign posterior, and the checksum that seals them."""
+"""Sufficient statistics of one test for the campaign posterior, and their checksum.
+
+``tcdyn.campaign.compress`` makes them, ``beta.json`` stores them, ``tcdyn.campaign.posterior``
+solves them. Guarded by ``tests/campaign/test_posterior.py``.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +20,11 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 
+# Schema of the block "kept" of ``beta.json``; change it with the content.
 SCHEMA = "tcdyn.kept/1"
+# Remedy of every error about such a block.
 ANALYSE_AGAIN = "analyse its log again: tcdyn beta LOG --out FILE"
+# Parameters of every test, first in ``SufficientStatistics.names``; the lags in s.
 QUANTITIES = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
 
 
@@ -25,8 +32,15 @@ QUANTITIES = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
 class Loading:
     """Factor loading of one nuisance parameter of a test, in standard uncertainties.
 
-    The parameter is ``shared`` @ (quantities common to all tests of the rig, each standard
-    normal) + ``specific`` x a standard normal of this test.
+    The parameter is ``shared`` @ (quantities common to all tests of the rig, each standard normal)
+    + ``specific`` x a standard normal of this test.
+
+    Parameters
+    ----------
+    shared
+        Loading of each quantity that is common to all tests, by name.
+    specific
+        Loading of the part that is specific to the test.
     """
 
     shared: Mapping[str, float]
@@ -73,7 +87,7 @@ class SufficientStatistics:
     conditions: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the block "kept" of ``beta.json``, numbers with eight digits."""
+        """The block "kept" of ``beta.json``, numbers with eight digits."""
         return {
             "schema": SCHEMA,
             "rig_sha256": self.rig,
@@ -103,8 +117,23 @@ class SufficientStatistics:
 
     @classmethod
     def from_dict(cls, name: str, data: Mapping[str, Any]) -> SufficientStatistics:
-        """Read back; raises InputError for another schema or numbers that do not belong
-        together.
+        """Read the block "kept" of ``beta.json``.
+
+        Parameters
+        ----------
+        name
+            Name of the test.
+        data
+            The block.
+
+        Raises
+        ------
+        InputError
+            Another schema, or numbers that do not belong together.
+
+        Notes
+        -----
+        The keys are those of ``to_dict``; change both and ``SCHEMA`` together.
         """
         if data.get("schema") != SCHEMA:
             raise InputError(
@@ -153,15 +182,24 @@ class SufficientStatistics:
 
 
 def _eight_digits(x: float) -> float:
+    """The number rounded to eight significant digits."""
     return float(f"{float(x):.8g}")
 
 
 def _eight_digits_each(numbers: Iterable[float]) -> list[float]:
+    """Each number rounded to eight significant digits."""
     return [_eight_digits(x) for x in numbers]
 
 
 def verify_checksum(data: Any, where: str) -> dict[str, Any]:
-    """Return the content of a ``beta.json`` after its checksum has been verified.
+    """The content of a ``beta.json`` after its checksum has been verified.
+
+    Parameters
+    ----------
+    data
+        Content of the file.
+    where
+        Name of the file, for messages.
 
     Raises
     ------
@@ -194,10 +232,29 @@ def verify_checksum(data: Any, where: str) -> dict[str, Any]:
 def rig_fingerprint(
     rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence[str] = DISKS
 ) -> str:
-    """Return a checksum of everything that all tests of one rig have in common.
+    """Checksum of everything that all tests of one rig have in common.
 
-    It covers rig.toml without the keys that belong to a log, the static lines and the chains.
-    Raises InputError for a missing record.
+    It covers rig.toml without the keys that belong to a log, the static lines, the chains and the
+    conditioning filters.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    records
+        Record of each disk.
+    disks
+        Disks whose records are needed.
+
+    Raises
+    ------
+    InputError
+        A record is missing.
+
+    Notes
+    -----
+    Anything that is added to it makes all stored results belong to another rig.
+    ``tests/campaign/test_posterior.py`` checks that only the physics changes it.
     """
     tables = {d: rig.tables(d).model_dump(mode="json", exclude=LOG_TABLES) for d in ("", *DISKS)}
     if missing := [d for d in disks if d not in records]:

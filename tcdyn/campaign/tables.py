@@ -1,4 +1,8 @@
-"""Tables of a campaign for a paper, as data, CSV and LaTeX: beta with both uncertainties, h, lags."""
+"""Tables of a campaign for a paper, as data, CSV and LaTeX: beta with both uncertainties, h, lags.
+
+``tcdyn.workflows.campaign`` writes the files, ``tcdyn.report.campaign_joint`` shows the rows.
+Guarded by ``tests/campaign/test_posterior.py``.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from tcdyn.core.errors import printable
 from tcdyn.core.estimate import rounded_texts
 from tcdyn.rig.disk import DISKS
 
+# Headings of the LaTeX table, by column.
 LATEX_HEADINGS = {
     "test": "test",
     "load_N": r"load [N]",
@@ -23,6 +28,7 @@ LATEX_HEADINGS = {
     "exponent": r"$n$",
 }
 
+# Characters that LaTeX writes as a text symbol, and all that need escaping.
 LATEX_SYMBOLS = {
     "\\": "backslash",
     "^": "asciicircum",
@@ -36,8 +42,14 @@ TEX = {ord(c): rf"\{c}" for c in "&%$#_{}"} | {
 
 
 def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
-    """One row a test: conditions, beta with its standard uncertainty within the campaign and
-    absolute, h, lags, n.
+    """Table of a campaign for a paper, one row a test.
+
+    Conditions, beta with its standard uncertainty within the campaign and absolute, h, lags and n.
+
+    Parameters
+    ----------
+    joined
+        Result of the campaign.
     """
     rows = []
     p = joined.posterior
@@ -76,13 +88,24 @@ def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
 
 
 def paper_csv(joined: JoinedCampaign) -> str:
-    """The table as CSV text, eight digits."""
+    """The table ``paper_table`` as CSV text, numbers with eight digits."""
     return str(paper_table(joined).to_csv(index=False, float_format="%.8g", lineterminator="\n"))
 
 
 def paper_latex(joined: JoinedCampaign) -> str:
-    """The table as LaTeX (booktabs), each number rounded by its uncertainty, n of all tests in the
-    last row.
+    """The table as LaTeX (booktabs).
+
+    Each number is rounded by its uncertainty; beta by that within the campaign. The last row has n
+    of all tests.
+
+    Parameters
+    ----------
+    joined
+        Result of the campaign.
+
+    Notes
+    -----
+    The cells must be in the order of ``LATEX_HEADINGS``.
     """
     rows = []
     for r in paper_table(joined).to_dict("records"):
@@ -117,13 +140,21 @@ def paper_latex(joined: JoinedCampaign) -> str:
 
 
 def _pm(value: float, u: float) -> str:
+    """Value and standard uncertainty as LaTeX, rounded by the uncertainty."""
     text, spread = rounded_texts(value, u)
     return rf"${text} \pm {spread}$"
 
 
 def trend_rows(joined: JoinedCampaign) -> pd.DataFrame:
-    """One row a slope: over what, the slope with its interval, its chance if it were zero, the
-    tests' scatter.
+    """Table of the trends, one row a slope.
+
+    Over what, with what else, the slope with its interval, its p value, the scatter of the tests,
+    and the p value of the line.
+
+    Parameters
+    ----------
+    joined
+        Result of the campaign.
     """
     rows = []
     for t in joined.trends:

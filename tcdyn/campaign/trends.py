@@ -1,4 +1,8 @@
-"""Trends of beta over the test conditions by generalised least squares; comparison with a curve."""
+"""Trends of beta over the test conditions by generalised least squares; comparison with a curve.
+
+``tcdyn.campaign.result`` uses it. Guarded by ``tests/campaign/test_lines.py``,
+``tests/campaign/test_posterior.py`` and ``tests/campaign/test_curve_offset.py``.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from tcdyn.campaign.line_fit import Line, fit_line, level_inside_points
+from tcdyn.campaign.line_fit import Line, fit_generalised_line, level_inside_points
 from tcdyn.campaign.posterior import Posterior
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -17,17 +21,18 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
 from tcdyn.io.read import read_numbers
 
+# Conditions of a test over which beta may have a line, or a curve its x.
 TREND_VARIABLES = ("delta_T_us_K_m_s", "load_N", "sliding_speed_m_s", "entraining_speed_m_s")
-JOINT_TREND_VARIABLES = (
-    "load_N",
-    "sliding_speed_m_s",
-)  # entraining speed goes with sliding speed at one gear ratio
+# Conditions of the line over two of them. Entraining speed is proportional to sliding speed at one
+# gear ratio, so that it adds nothing.
+JOINT_TREND_VARIABLES = ("load_N", "sliding_speed_m_s")
 # Set points closer than this share of the largest value are one. Chosen by judgement.
 SET_POINT_SEPARATION_REL = 0.01
-# Fewest tests, and fewest set points, for a trend.
+# Fewest tests, and fewest set points, for a trend; chosen by judgement.
 MIN_TESTS = 3
-# Chance of the tests' departures below which a curve's shape is rejected. The usual level of 5 %: of 2000 drawn
-# campaigns with a curve of the correct shape, 4.7 % were rejected (tests/campaign/curve_study.py).
+# p-value of the tests' departures below which a curve's shape is rejected. The usual level of 5 %:
+# of 2000 simulated campaigns with a curve of the correct shape, 4.7 % were rejected
+# (tests/campaign/curve_study.py).
 SHAPE_REJECTED_P = 0.05
 
 
@@ -36,8 +41,25 @@ class BetaTrend:
     """beta = level + sum slope_k (x_k - mean of x_k); slopes per unit of x.
 
     ``against``: names of the x; ``slopes`` in that order; ``p_value`` of each being zero;
-    ``scatter`` of the tests about the line beyond their uncertainties; ``line_p_value``: chance of their
-    departures if there were none.
+    ``scatter`` of the tests about the line beyond their uncertainties; ``line_p_value``: chance of
+    their departures if there were none.
+
+    Parameters
+    ----------
+    against
+        Names of the x.
+    slopes
+        Slope over each.
+    p_value
+        Probability of each slope if it were zero.
+    scatter
+        Standard deviation of the tests about the line beyond their uncertainties.
+    line_p_value
+        Probability of their departures if there were no scatter.
+    mean
+        Mean of each x over the tests.
+    line
+        The fit.
     """
 
     against: tuple[str, ...]
@@ -49,8 +71,17 @@ class BetaTrend:
     line: Line = field(repr=False)
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """beta on a trend over one x (M,), and its standard uncertainty within the campaign (M,):
-        against the mean of its tests.
+        """beta on a trend over one x, and its standard uncertainty within the campaign.
+
+        Parameters
+        ----------
+        x
+            Values of x, (M,).
+
+        Returns
+        -------
+        beta, u
+            (M,) each; ``u`` is against the mean of beta of the tests.
         """
         n = self.line.operator.shape[1]
         columns = np.column_stack([np.ones(len(x)), x - self.mean[0]])
@@ -60,7 +91,7 @@ class BetaTrend:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``campaign.json`` keeps it; of a trend over several x a list of each."""
+        """The entry of ``campaign.json``; a trend over several x has lists."""
         data: dict[str, Any] = {
             "against": self.against,
             "slope": self.slopes,
@@ -72,7 +103,7 @@ class BetaTrend:
 
 
 def set_points(x: Array) -> int:
-    """How many values stand apart by more than 1 % of the largest.
+    """Number of values that differ by more than 1 % of the largest (``SET_POINT_SEPARATION_REL``).
 
     >>> set_points(np.array([850.2, 1459.0, 849.7, 1461.0]))
     2
@@ -82,8 +113,19 @@ def set_points(x: Array) -> int:
 
 
 def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
-    """The line of beta over one or more of ``TREND_VARIABLES``; None where a test does not tell it,
-    or set points are few.
+    """The line of beta over one or more conditions; None where the tests do not determine it.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of the campaign.
+    *against
+        One or more of ``TREND_VARIABLES``.
+
+    Notes
+    -----
+    It needs ``MIN_TESTS`` tests, one more for each further condition, and ``MIN_TESTS`` set points
+    of each.
     """
     conditions = [t.conditions for t in posterior.tests]
     if len(conditions) < MIN_TESTS + len(against) - 1 or any(
@@ -94,7 +136,7 @@ def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
     if not np.isfinite(x).all() or min(set_points(column) for column in x.T) < MIN_TESTS:
         return None
     mean = x.mean(axis=0)
-    line = fit_line(np.column_stack([np.ones(len(x)), x - mean]), *posterior.beta)
+    line = fit_generalised_line(np.column_stack([np.ones(len(x)), x - mean]), *posterior.beta)
     ks = range(1, 1 + len(against))
     return BetaTrend(
         against,
@@ -108,8 +150,16 @@ def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
 
 
 def trends(posterior: Posterior) -> tuple[BetaTrend, ...]:
-    """Lines over each of ``TREND_VARIABLES`` alone, then over load and sliding speed together;
-    those that can be told.
+    """Lines over each of ``TREND_VARIABLES``, then over ``JOINT_TREND_VARIABLES`` together.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of the campaign.
+
+    Returns
+    -------
+    Those lines that the tests determine.
     """
     variable_sets = [*((a,) for a in TREND_VARIABLES), JOINT_TREND_VARIABLES]
     return tuple(t for names in variable_sets if (t := trend(posterior, *names)) is not None)
@@ -117,8 +167,20 @@ def trends(posterior: Posterior) -> tuple[BetaTrend, ...]:
 
 @dataclass(frozen=True)
 class Curve:
-    """beta (M,) of a user's model over one x (M,) of ``TREND_VARIABLES``, rising; ``u`` (M,) of
-    it.
+    """beta of a user's model over one condition.
+
+    Parameters
+    ----------
+    file
+        Name of the file.
+    against
+        One of ``TREND_VARIABLES``.
+    x
+        Its values, rising, (M,).
+    beta
+        beta at each, (M,).
+    u
+        Standard uncertainty of beta, (M,); zero where it is not given.
     """
 
     file: str
@@ -136,6 +198,23 @@ class CurveTest:
     ``shape_p_value`` with the curve's level free; ``offset``: tests less curve. ``inside``: names
     of those tests. ``scatter``: standard deviation of the independent scatter added to every test
     for ``offset`` where the shape is rejected, else zero.
+
+    Parameters
+    ----------
+    curve
+        The curve.
+    inside
+        Names of the tests in its range.
+    chi2, p_value
+        Chi-squared with the full covariance and one degree of freedom for each test, and its p
+        value.
+    shape_chi2, shape_p_value
+        The same with the level of the curve free.
+    offset
+        Tests minus curve.
+    scatter
+        Standard deviation of the independent scatter added to every test for ``offset`` where the
+        shape is rejected, else zero.
     """
 
     curve: Curve
@@ -149,13 +228,11 @@ class CurveTest:
 
     @property
     def shape_rejected(self) -> bool:
-        """Whether the tests depart from the curve by more than a level and their uncertainties
-        explain.
-        """
+        """Whether the tests depart from the curve by more than a level and their uncertainties."""
         return self.shape_p_value < SHAPE_REJECTED_P
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``campaign.json`` keeps it."""
+        """The entry of ``campaign.json``."""
         return {
             "file": self.curve.file,
             "against": self.curve.against,
@@ -171,11 +248,18 @@ class CurveTest:
 
 
 def read_curve(path: str | Path) -> Curve:
-    """Read a model's curve: one column of ``TREND_VARIABLES``, the column beta, and u_beta if it is
-    known.
+    """Read a model's curve.
 
-    Raises InputError for a file without them, fewer than two points, or values of x that do not
-    rise.
+    Parameters
+    ----------
+    path
+        Table with one column of ``TREND_VARIABLES``, the column beta, and u_beta if it is known.
+
+    Raises
+    ------
+    InputError
+        A missing column, fewer than two points, values of x that do not rise, or beta that is no
+        share.
     """
     values = read_numbers(path, ("beta",), (*TREND_VARIABLES, "u_beta"))
     x_names = [a for a in TREND_VARIABLES if a in values]
@@ -204,11 +288,25 @@ def read_curve(path: str | Path) -> Curve:
 
 
 def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
-    """Chi-squared of the tests about the curve, straight lines between its points.
+    """Chi-squared of the tests about a curve, with straight lines between its points.
 
-    What the curve itself is uncertain by is taken as common to all of it. Where the shape is
-    rejected, the offset is that of :func:`~tcdyn.campaign.line_fit.level_inside_points`. Raises
-    InputError where fewer than two tests lie within its range, or they do not tell its x.
+    Parameters
+    ----------
+    posterior
+        Posterior of the campaign.
+    curve
+        The curve.
+
+    Raises
+    ------
+    InputError
+        Fewer than two tests lie within its range.
+
+    Notes
+    -----
+    The uncertainty of the curve is taken as one error common to all of it. Where the shape is
+    rejected, the offset is that of :func:`~tcdyn.campaign.line_fit.level_inside_points`.
+    ``tests/campaign/test_curve_offset.py`` guards both cases.
     """
     x = np.array([t.conditions.get(curve.against, np.nan) for t in posterior.tests])
     inside = np.flatnonzero((x >= curve.x[0]) & (x <= curve.x[-1]))

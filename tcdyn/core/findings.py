@@ -101,7 +101,15 @@ class Finding:
         return self.message()
 
     def message(self, spelling: Spelling = as_argument) -> str:
-        """The message, with parameters in the given spelling. The text of a finding from a file is not changed."""
+        """The message, with parameters in the given spelling.
+
+        The text of a finding from a file is not changed.
+
+        Parameters
+        ----------
+        spelling
+            Function of name and value that gives the text of a parameter.
+        """
         return self.text or message_text(
             self.code, self.where, self.subject, dict(self.numbers), spelling
         )

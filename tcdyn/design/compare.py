@@ -1,4 +1,8 @@
-"""Comparison of planned tests (plunges, touches, loading, unloading), with a recommendation."""
+"""Comparison of planned tests (plunges, touches, loading, unloading), with a recommendation.
+
+``tcdyn design`` calls ``compare_tests``. Grades and effort are conventions; they decide the
+wording, not the numbers. Guarded by ``tests/immersion/test_design_predictions.py``.
+"""
 
 from __future__ import annotations
 
@@ -24,30 +28,37 @@ from tcdyn.design.prediction import PredictedTest, combine_tests
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable
 
+# Least lag of the chain without conditioning [s]; chosen by judgement.
 MIN_CHAIN_LAG_S = 0.01
-COMMON_LAG_LIMITS = (
-    0.05,
-    0.15,
-)  # u of the common lag over the lag: below the first it is determined well, below the second roughly
-DIFFERENCE_LIMITS = (0.03, 0.10)  # the same of the differences between channels
+# Standard uncertainty of the common lag over the lag: below the first limit the lag is determined
+# well, below the second roughly; chosen by judgement.
+COMMON_LAG_LIMITS = (0.05, 0.15)
+# The same of the differences between channels; chosen by judgement.
+DIFFERENCE_LIMITS = (0.03, 0.10)
 GRADES = ("well", "roughly", "poorly")
 GRADE_DEFINITIONS = (
     f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag for the common lag, "
     f"{100 * DIFFERENCE_LIMITS[0]:.0f} % for the differences; roughly: below {100 * COMMON_LAG_LIMITS[1]:.0f} % and "
     f"{100 * DIFFERENCE_LIMITS[1]:.0f} %; poorly: more."
 )
-EFFORT = {
-    "unloading": 0,
-    "loading": 0,
-    "plunge": 1,
-    "touch": 2,
-    "together": 3,
-}  # an EHL test has both steps anyway
+# Effort of each kind of test, as a rank; an EHL test has both steps of load without any effort.
+EFFORT = {"unloading": 0, "loading": 0, "plunge": 1, "touch": 2, "together": 3}
 
 
 def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
     """Grade a standard uncertainty relative to the lag.
 
+    Parameters
+    ----------
+    u_s
+        Standard uncertainty [s].
+    lag_s
+        The lag [s].
+    limits
+        Relative limits of "well" and "roughly".
+
+    Examples
+    --------
     >>> grade(0.03, 0.73, COMMON_LAG_LIMITS), grade(0.03, 0.73, DIFFERENCE_LIMITS), grade(0.2, 0.73, COMMON_LAG_LIMITS)
     ('well', 'roughly', 'poorly')
     """
@@ -55,17 +66,25 @@ def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
 
 
 def common_lag_grade(p: PredictedTest, lag_s: float) -> str:
-    """Grade of the lag that all channels share."""
+    """Grade of the lag that all channels share, relative to ``lag_s`` [s]."""
     return grade(p.u_common_s, lag_s, COMMON_LAG_LIMITS)
 
 
 def differences_grade(p: PredictedTest, lag_s: float) -> str:
-    """Grade of the differences between the channels' lags."""
+    """Grade of the differences between the channels' lags, relative to ``lag_s`` [s]."""
     return grade(p.u_differential_s, lag_s, DIFFERENCE_LIMITS)
 
 
 def sentence(p: PredictedTest, lag_s: float) -> str:
-    """One sentence: how well the test determines the common lag and the differences."""
+    """One sentence: how well the test determines the common lag and the differences.
+
+    Parameters
+    ----------
+    p
+        The prediction.
+    lag_s
+        Expected lag [s].
+    """
     return (
         f"{p.name}: tells the common lag {common_lag_grade(p, lag_s)}, to "
         f"{_u_text(p.u_common_s, lag_s)}, and the differences "
@@ -74,7 +93,22 @@ def sentence(p: PredictedTest, lag_s: float) -> str:
 
 
 def recommendation(predictions: Sequence[PredictedTest], lag_s: float) -> str:
-    """Recommend the least laborious test that determines both well; else the best and what it lacks."""
+    """Recommend the least laborious test that determines common lag and differences well.
+
+    If there is none, the text names the best test and what it lacks.
+
+    Parameters
+    ----------
+    predictions
+        The predictions.
+    lag_s
+        Expected lag [s].
+
+    Notes
+    -----
+    Tests are ordered by ``EFFORT``, then by the number of plunges, then by the uncertainty of the
+    common lag.
+    """
     sufficient = [
         p
         for p in predictions
@@ -105,7 +139,15 @@ def recommendation(predictions: Sequence[PredictedTest], lag_s: float) -> str:
 
 
 def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
-    """Why both tests are needed: what the best test of each kind leaves uncertain."""
+    """Why both tests are needed: what the best test of each kind leaves uncertain.
+
+    Parameters
+    ----------
+    predictions
+        The predictions.
+    lag_s
+        Expected lag [s].
+    """
     reasons = []
     for kind, word in (("plunge", "plunges"), ("unloading", "an unloading")):
         candidates = [p for p in predictions if p.kind == kind]
@@ -122,6 +164,15 @@ def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
 def _u_text(u_s: float, lag_s: float) -> str:
     """A standard uncertainty in seconds and in percent of the lag.
 
+    Parameters
+    ----------
+    u_s
+        Standard uncertainty [s].
+    lag_s
+        Lag [s].
+
+    Examples
+    --------
     >>> _u_text(0.0181, 0.73)
     '+- 0.018 s (2.5 % of the lag)'
     """
@@ -130,7 +181,15 @@ def _u_text(u_s: float, lag_s: float) -> str:
 
 @dataclass(frozen=True)
 class Design(Result):
-    """Predictions of several planned tests, and one sentence each."""
+    """Predictions of several planned tests.
+
+    Parameters
+    ----------
+    predictions
+        The predictions.
+    lag_s
+        Expected lag, conditioning included [s].
+    """
 
     predictions: tuple[PredictedTest, ...]
     lag_s: float
@@ -140,16 +199,19 @@ class Design(Result):
         return pd.DataFrame([p.row() for p in self.predictions])
 
     def sentences(self) -> tuple[str, ...]:
-        """One sentence a test, then what to do."""
+        """One sentence a test, then the recommendation.
+
+        Returns
+        -------
+        The sentences.
+        """
         return (
             *(sentence(p, self.lag_s) for p in self.predictions),
             recommendation(self.predictions, self.lag_s),
         )
 
     def summary(self) -> str:
-        """What to do, every test with the standard uncertainties to expect, and what the grades
-        mean.
-        """
+        """The recommendation, the expected standard uncertainties, and the definition of the grades."""
         table = (
             self.grade_table()
             .drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "])
@@ -160,8 +222,9 @@ class Design(Result):
         )
 
     def grade_table(self) -> pd.DataFrame:
-        """One row a test: standard uncertainties to expect, in seconds and percent of the lag, and
-        how good that is.
+        """Table with one row a test, as text.
+
+        Expected standard uncertainties in seconds and percent of the lag, and their grades.
         """
         lag = self.lag_s
         return pd.DataFrame(
@@ -181,12 +244,12 @@ class Design(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The table, numbers that a test does not have left out, and the sentences."""
+        """The table and the sentences; numbers that a test does not have are left out."""
         rows = [{k: v for k, v in row.items() if v is not None} for row in jsonable(self.table())]
         return {"tests": rows, "sentences": list(self.sentences())}
 
     def card(self) -> pd.DataFrame:
-        """Test, and what it will tell of the common lag and of the differences [s]."""
+        """Table of the standard uncertainties of the common lag and of the differences [s]."""
         return self.table()[["test", "u_common_s", "u_differential_s"]]
 
 
@@ -201,7 +264,7 @@ def compare_tests(
     lag_s: float = 0.73,
     draws: int = 24,
 ) -> Design:
-    """Predict plunges singly and together, a touch, a loading, an unloading, plunges with unloading.
+    """Predict plunges singly and together, a touch, both load steps, and plunges with an unloading.
 
     Parameters
     ----------
@@ -222,6 +285,11 @@ def compare_tests(
     ------
     InputError
         For a lag below that of the conditioning.
+
+    Notes
+    -----
+    Priors of depths and conductivity are the same in all tests, those of the rig. They replace the
+    values in ``step`` and ``touch``.
     """
     conditioning_lag_s = setup.conditioning.lag_s
     chain_lag_s = lag_s - conditioning_lag_s

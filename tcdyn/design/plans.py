@@ -2,6 +2,9 @@
 
 Plunges use the Fisher information of the model that the fit uses. Load steps of an EHL test and
 touches with a soldering iron end within seconds and have models of their own.
+
+``tcdyn.design.compare`` uses it. Guarded by ``tests/immersion/test_design_predictions.py``, which
+compares plunges with simulated fits.
 """
 
 from __future__ import annotations
@@ -32,20 +35,36 @@ from tcdyn.heat.modal import rim_gains
 from tcdyn.heat.rim import InputJump, Mesh, Rim, basis_rates, junction_points, lag_basis
 from tcdyn.rig.disk import DiskSetup
 
-# Prior standard deviation of the logit by which a lag is split into two.
+# Prior standard deviation of the logit by which a lag is split into two; chosen by judgement.
 LAG_SPLIT_PRIOR_SD = 1.5
 # Relative standard deviation of the expected lag. Chosen by judgement.
 EXPECTED_LAG_SD_REL = 0.2
-# Samples and the end points of their fits are clipped to so many prior standard deviations.
+# Samples and the end points of their fits are clipped to so many prior standard deviations;
+# chosen by judgement.
 MAX_PRIOR_SDS = 2.5
-# The lag at which such a fit ends is at least this share of the true lag.
+# The lag at which such a fit ends is at least this share of the true lag; chosen by
+# judgement.
 MIN_LAG_SHARE = 0.2
 
 
 @dataclass(frozen=True)
 class PlungePlan:
-    """One planned plunge: bath, duration after entry, logging rate, noise of one sample, u of the
-    entry time.
+    """One planned plunge.
+
+    Parameters
+    ----------
+    fluid
+        Name of the fluid, or a fluid.
+    bath_degC, initial_degC
+        Temperature of the bath, and of the disk before it.
+    duration_s, before_s
+        Time after the entry, and before it.
+    rate_Hz
+        Sampling rate.
+    noise_K
+        Noise of one sample.
+    entry_u_s
+        Standard uncertainty of the entry time.
     """
 
     fluid: str | Fluid = "mobil-jet-ii"
@@ -72,22 +91,33 @@ def predict_plunges(
 
     Parameters
     ----------
-    plans, setup
-        The planned plunges and the disk.
+    plans
+        The planned plunges.
+    setup
+        The disk.
     lag_s
         Expected lag of the chain, without conditioning [s].
-    structure, correlation, priors
-        Chain structure, heat transfer correlation and priors of the fit.
+    structure
+        Chain structure of the fit.
+    correlation
+        Heat transfer correlation of the fit.
+    priors
+        Priors of the fit; the defaults if None.
     draws
-        Number of Monte Carlo samples of the conditions that cannot be planned.
+        Number of Monte Carlo samples of the conditions that cannot be planned; with 1 the nominal
+        conditions are used.
 
     Notes
     -----
-    For each sample of h and its form, the burst, the split of the lag and the other parameters (from
-    the priors; the lag within 20 %) the covariance is the inverse of Fisher information plus prior,
-    evaluated where the fit would end: one linear step, theta + C (J' noise - (theta - mean)/sd^2).
-    The fit reports the covariance at that point. In the valley of lag against burst it is on average
-    larger than at the truth. Nothing is simulated or fitted.
+    For each sample of h and its form, the burst, the split of the lag and the other parameters
+    (from the priors; the lag within 20 %) the covariance is the inverse of Fisher information plus
+    prior, evaluated where the fit would end: one linear step, theta + C (J' noise - (theta -
+    mean)/sd^2). The fit reports the covariance at that point. In the valley of lag against burst it
+    is on average larger than at the truth. Nothing is simulated or fitted.
+
+    The seed is fixed, so that equal plans have equal predictions. The priors must be those of
+    ``immersion.plunge_fit``: ``tests/immersion/test_design_predictions.py`` compares with the
+    uncertainties that simulated fits state.
     """
     layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
@@ -130,6 +160,20 @@ def predict_plunges(
 
 
 def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
+    """A planned plunge as a run without noise, and its averages in blocks.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    channels
+        Channels of the disk.
+
+    Returns
+    -------
+    run, blocks
+        The readings stay at the initial temperature; only their Jacobian is used.
+    """
     substance = fluid(plan.fluid) if isinstance(plan.fluid, str) else plan.fluid
     dt = 1 / plan.rate_Hz
     t = np.asarray(np.arange(-plan.before_s, plan.duration_s, dt), dtype=float)
@@ -146,8 +190,34 @@ def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, Pl
 
 @dataclass(frozen=True)
 class StepPlan:
-    """One planned step of load: heat into this disk [W], window after the step, u of its instant,
-    and so on.
+    """One planned step of load.
+
+    Parameters
+    ----------
+    kind
+        Unloading or loading.
+    power_W
+        Heat into this disk under load.
+    h_W_m2K
+        Heat-transfer coefficient of the running surface.
+    half_width_m
+        Half-width of the contact.
+    window_s
+        Time after the step.
+    rate_Hz
+        Sampling rate.
+    noise_K
+        Noise of one sample.
+    instant_u_s
+        Standard uncertainty of the instant of the step.
+    power_log_u, h_log_u, conductivity_log_u
+        Prior standard deviations of the logarithms; the heat partition is all but unknown.
+    offset_K
+        Prior standard deviation of each outer channel against the inner row.
+    depth_u_m
+        Prior standard deviation of a depth.
+    channel_lag_sd_s
+        Prior standard deviation of a channel's lag about the common one.
     """
 
     kind: Literal["unloading", "loading"] = "unloading"
@@ -167,14 +237,28 @@ class StepPlan:
 
 
 def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
-    """Expected uncertainty of the lags from one step of load, by Fisher information of the rim
-    model.
+    """Expected uncertainty of the lags from one step of load, by Fisher information.
 
+    Parameters
+    ----------
+    plan
+        The planned step.
+    setup
+        The disk.
+    lag_s
+        Expected lag of the chain, without conditioning [s].
+
+    Notes
+    -----
     In the commuted form the inner row's lagged readings drive the rim, so a lag common to all
-    channels acts on the friction's share alone, whose instant the contact switch tells. Free: lags,
-    their split, power into the disk, h, conductivity, outer depths, offsets, and the step's
-    instant. Before the step the disk is steady at ``power_W`` (or cold); its inner row follows by
-    radial conduction.
+    channels acts on the response to the friction only, whose instant the contact switch shows.
+    Free: lags, their split, power into the disk, h, conductivity, outer depths, offsets, and the
+    step's instant. Before the step the disk is steady at ``power_W`` (or cold); its inner row
+    follows by radial conduction.
+
+    The order of ``table`` must be that of the parameters of ``readings``. The steps of the
+    differences may be changed within reason; ``tests/immersion/test_design_predictions.py`` tests
+    the predictions.
     """
     dt, before = 1 / plan.rate_Hz, int(round(2.0 * plan.rate_Hz))
     t: Array = dt * np.arange(-before, int(plan.window_s * plan.rate_Hz), dtype=float)
@@ -189,9 +273,20 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
     inner, outer = setup.channel_indices(setup.inner), setup.channel_indices(setup.outer)
 
     @cache
-    def parts(ln_h: float, ln_k: float, *deeper_m: float) -> tuple[Array, Array]:
-        """True outer traces (N, P): the share of the power, and that of every boundary reading (k,
-        N, P).
+    def outer_traces(ln_h: float, ln_k: float, *deeper_m: float) -> tuple[Array, Array]:
+        """True temperatures of the outer row; cached.
+
+        Parameters
+        ----------
+        ln_h, ln_k
+            Logarithms of factors of h and of the conductivity.
+        *deeper_m
+            Additions to the depths of the outer junctions [m].
+
+        Returns
+        -------
+        power, rows
+            Response to the power, (N, P), and to each reading of the inner row, (k, N, P) [K].
         """
         rim = Rim.from_setup(setup, conductivity_W_mK=setup.conductivity_W_mK * float(np.exp(ln_k)))
         points = [(depth + more, z) for (depth, z), more in zip(nominal, deeper_m)]
@@ -211,26 +306,29 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
         )
         return plan.power_W * each[0], each[1:]
 
-    def chained(x: Array, lag: float = lag_s, split: float = 0.0) -> Array:
+    def through_chain(x: Array, lag: float = lag_s, split: float = 0.0) -> Array:
+        """A trace as the logger shows it, with this lag and split."""
         taus, delay, _ = stages("P2", lag, split)
         return Chain(taus, delay_s=delay, conditioning=setup.conditioning).response(x, dt)
 
     def readings(theta: Array) -> Array:
-        """Readings of the outer row, one after the other (P N,)."""
+        """Readings (P N,) [K] of the outer row at ``theta``, one channel after the other."""
         lags, (split, ln_power, ln_h, ln_k, instant), depths, offsets = np.split(
             theta, [n, n + 5, n + 5 + p]
         )
-        power, rows = parts(float(ln_h), float(ln_k), *map(float, depths))
+        power, rows = outer_traces(float(ln_h), float(ln_k), *map(float, depths))
         power = power * (1 + ln_power)
         row = rows.sum(axis=0)
         # a step that comes late, or an inner reading taken for less lagged than it is, is a shift in time
         shift = -instant * power + np.tensordot(lags[inner] - lag_s, rows, axes=1)
-        out = np.gradient(chained(shift), dt, axis=0) + offsets
+        out = np.gradient(through_chain(shift), dt, axis=0) + offsets
         for k, at in enumerate(
             outer
         ):  # a split common to all channels acts on the power's share alone
             lag = float(lags[at])
-            out[:, k] += chained(power[:, k], lag, float(split)) + chained(row[:, k], lag)
+            out[:, k] += through_chain(power[:, k], lag, float(split)) + through_chain(
+                row[:, k], lag
+            )
         return out.T.ravel()
 
     # nominal value, step of the difference, prior standard deviation, in the order of the readings' parameters
@@ -245,22 +343,47 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
         (0.0, 1e-3, plan.offset_K),
     ]
     start, steps, prior = np.repeat(table, [n, 1, 1, 1, 1, 1, p, p], axis=0).T
-    alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
-    alike[:, :n] -= 1 / n
+    similarity_rows = np.eye(
+        n, len(start)
+    )  # rows added to the data: channels of one disk are much similarity_rows
+    similarity_rows[:, :n] -= 1 / n
     c = posterior_covariance(
-        np.vstack([jacobian(readings, start, steps) / plan.noise_K, alike / plan.channel_lag_sd_s]),
+        np.vstack(
+            [
+                jacobian(readings, start, steps) / plan.noise_K,
+                similarity_rows / plan.channel_lag_sd_s,
+            ]
+        ),
         prior,
     )
-    others = {
+    other_u = {
         "u_power_rel": float(np.sqrt(c[n + 1, n + 1])),
         "u_h_rel": float(np.sqrt(c[n + 2, n + 2])),
     }
     label = f"{plan.kind}, {plan.power_W:g} W, {plan.window_s:g} s"
-    return from_covariances(label, plan.kind, [c[:n, :n]], others)
+    return from_covariances(label, plan.kind, [c[:n, :n]], other_u)
 
 
 def _inner_row(plan: StepPlan, setup: DiskSetup, t: Array) -> Array:
-    """Inner row (N, k) about the surroundings: steady then cooling, or cold then warming [K]."""
+    """Temperature of the inner row above the surroundings [K].
+
+    Parameters
+    ----------
+    plan
+        The planned step.
+    setup
+        The disk.
+    t
+        Time from the step, (N,) [s].
+
+    Returns
+    -------
+    Temperatures, (N, k): steady then cooling, or cold then warming.
+
+    Notes
+    -----
+    Radial conduction only; the heat enters over the whole width.
+    """
     flux = plan.power_W / (2 * np.pi * setup.outer_radius_m * setup.width_m)
     depths = [setup.junctions[c].depth_m for c in setup.inner]
     rise = simulate_plunge_model(
@@ -276,7 +399,33 @@ def _inner_row(plan: StepPlan, setup: DiskSetup, t: Array) -> Array:
 
 @dataclass(frozen=True)
 class TouchPlan:
-    """A touch of about two seconds on a small patch; its instant is known from the reading only."""
+    """A planned touch of a small patch with a soldering iron.
+
+    Its instant is known from the reading only.
+
+    Parameters
+    ----------
+    flux_W_m2
+        Heat flux; 1e6 W/m2 are 7 W through 3 mm.
+    radius_m
+        Radius of the patch.
+    duration_s
+        Duration of the touch.
+    onset_s
+        Time constant with which contact is made.
+    window_s
+        Time after the start of the touch.
+    rate_Hz
+        Sampling rate.
+    noise_K
+        Noise of one sample.
+    flux_log_u, radius_log_u, duration_log_u, onset_log_u, conductivity_log_u
+        Prior standard deviations of the logarithms.
+    start_u_s
+        Prior standard deviation of the start.
+    depth_u_m
+        Prior standard deviation of a depth.
+    """
 
     flux_W_m2: float = 1e6  # 7 W through 3 mm
     radius_m: float = 1.5e-3
@@ -297,18 +446,37 @@ class TouchPlan:
 def patch_response(
     t_s: Array, depth_m: float, radius_m: float, k_W_mK: float, alpha_m2_s: float
 ) -> Array:
-    """Rise under the middle of a patch of radius a heated by a unit flux from t = 0 on a half space
-    [K m2/W].
+    """Rise under the middle of a patch heated by a unit flux from t = 0 on a half space [K m2/W].
 
+    Parameters
+    ----------
+    t_s
+        Time, (N,) [s].
+    depth_m
+        Depth z below the surface [m].
+    radius_m
+        Radius a of the patch [m].
+    k_W_mK
+        Conductivity.
+    alpha_m2_s
+        Diffusivity.
+
+    Returns
+    -------
+    Rise, (N,); zero up to t = 0.
+
+    Notes
+    -----
     T(z, t) = (2 sqrt(alpha t)/K) [ierfc(z / (2 sqrt(alpha t))) - ierfc(sqrt(z^2 + a^2) / (2
     sqrt(alpha t)))]
 
-    Source: Carslaw and Jaeger (1959), section 10.5 (III). Good while the heat has not met the
+    Source: Carslaw and Jaeger (1959), section 10.5 (III). Valid while the heat has not reached the
     disk's faces.
     """
     root = 2 * np.sqrt(alpha_m2_s * np.maximum(t_s, 1e-12))
 
     def ierfc(x: Array) -> Array:
+        """Integral of the complementary error function, in the shape of ``x``."""
         return np.exp(-(x**2)) / np.sqrt(np.pi) - x * erfc(x)
 
     rise = root / k_W_mK * (ierfc(depth_m / root) - ierfc(np.hypot(depth_m, radius_m) / root))
@@ -316,11 +484,22 @@ def patch_response(
 
 
 def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
-    """Expected uncertainty of the lags from one touch above each thermocouple, by Fisher
-    information.
+    """Expected uncertainty of the lags from one touch above each thermocouple.
 
-    Each touch has its own flux, patch, start, duration and onset (section 6.4.2.1); conductivity
-    and the lag's split are shared.
+    Parameters
+    ----------
+    plan
+        The planned touch.
+    setup
+        The disk.
+    lag_s
+        Expected lag of the chain, without conditioning [s].
+
+    Notes
+    -----
+    By Fisher information. Each touch has its own flux, patch, start, duration and onset (section
+    6.4.2.1); conductivity and the lag's split are shared. The last two rows of ``table`` must be
+    the shared ones.
     """
     dt = 1 / plan.rate_Hz
     t = np.arange(-1.0, plan.window_s, dt)
@@ -340,6 +519,7 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
     nominal, steps, prior = np.array(list(table.values())).T
 
     def reading(depth_m: float, theta: Array) -> Array:
+        """Reading of one channel at a depth, for parameters in the order of ``table``, (N,) [K]."""
         lag, ln_flux, ln_radius, start, ln_duration, ln_onset, depth, offset, ln_k, split = map(
             float, theta
         )

@@ -1,7 +1,10 @@
 """Predicted covariance of the lags from a planned test: inverse of Fisher information plus prior.
 
-The information comes from the Jacobian of the readings by all parameters (``jacobian``). Nothing
-is simulated or fitted.
+The information comes from the Jacobian of the readings by all parameters (``jacobian``). Nothing is
+simulated or fitted.
+
+Used by ``tcdyn.design.plans`` and ``tcdyn.design.compare``. Guarded by
+``tests/immersion/test_design_predictions.py``.
 """
 
 from __future__ import annotations
@@ -18,11 +21,25 @@ from tcdyn.estimation import inverse
 
 @dataclass(frozen=True)
 class PredictedTest:
-    """Expected standard uncertainties of one planned test; ``covariance`` (C, C) is of the
-    channels' lags [s2].
+    """Expected standard uncertainties of one planned test.
 
-    ``low_s`` and ``high_s`` are the 10 and 90 % points of u of the common lag over what cannot be
-    planned (the burst of the entry, the scale of h), equal to ``u_common_s`` where nothing varies.
+    Parameters
+    ----------
+    name
+        Description of the test.
+    kind
+        "plunge", "unloading", "loading", "touch" or "together".
+    u_common_s
+        Standard uncertainty of the lag that the channels share.
+    u_differential_s
+        Standard uncertainty of the differences between channels.
+    covariance
+        Covariance of the channels' lags, (C, C) [s2].
+    low_s, high_s
+        10 and 90 % points of ``u_common_s`` over what cannot be planned (the burst of the entry,
+        the scale of h); equal to it where nothing varies.
+    other_u
+        Standard uncertainties of other parameters, by name.
     """
 
     name: str
@@ -35,7 +52,7 @@ class PredictedTest:
     other_u: dict[str, float] = field(default_factory=dict)
 
     def row(self) -> dict[str, float | str]:
-        """As a row of the table."""
+        """The prediction as a row of a table."""
         return {
             "test": self.name,
             "kind": self.kind,
@@ -48,27 +65,63 @@ class PredictedTest:
 
 
 def from_covariances(
-    name: str, kind: str, covariances: Sequence[Array], others: dict[str, float] | None = None
+    name: str, kind: str, covariances: Sequence[Array], other_u: dict[str, float] | None = None
 ) -> PredictedTest:
-    """A prediction from lag covariances under several draws of what cannot be planned: their mean
-    is what counts.
+    """A prediction from lag covariances under several samples of what cannot be planned.
+
+    Parameters
+    ----------
+    name, kind
+        As in ``PredictedTest``.
+    covariances
+        Covariance of the lags for each sample, (C, C) each [s2]. Their mean gives the
+        uncertainties.
+    other_u
+        Standard uncertainties of other parameters, by name.
+
+    Notes
+    -----
+    Common and differential parts are those of ``immersion.plunge_parameters.lag_u_s``.
     """
     mean = np.mean(np.array(covariances), axis=0)
     low, high = np.quantile([lag_u_s(c)[0] for c in covariances], [0.1, 0.9])
-    return PredictedTest(name, kind, *lag_u_s(mean), mean, float(low), float(high), others or {})
+    return PredictedTest(name, kind, *lag_u_s(mean), mean, float(low), float(high), other_u or {})
 
 
 def combine_tests(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
-    """Several tests of the same channels taken together: their lag information (inverse
-    covariances) adds up.
+    """Several tests of the same channels taken together.
+
+    Parameters
+    ----------
+    name
+        Description of the combination.
+    parts
+        Predictions of the tests.
+
+    Notes
+    -----
+    The inverse covariances of the lags add up. The tests are taken as independent; a shared error,
+    such as that of a depth, is counted as if it were another one in each test.
     """
     total = np.sum([np.linalg.inv(p.covariance) for p in parts], axis=0)
     return from_covariances(name, "together", [np.linalg.inv(total)])
 
 
 def jacobian(readings: Callable[[Array], Array], at: Array, steps: Array) -> Array:
-    """Jacobian (N, P) of ``readings(parameters (P,)) -> (N,)`` by central differences of ``steps``
-    (P,).
+    """Jacobian by central differences.
+
+    Parameters
+    ----------
+    readings
+        Function of the parameters (P,) that gives the readings (N,).
+    at
+        Parameters, (P,).
+    steps
+        Step of each parameter, (P,).
+
+    Returns
+    -------
+    Jacobian, (N, P).
     """
     return np.column_stack(
         [(readings(at + e) - readings(at - e)) / (2 * e.sum()) for e in np.diag(steps)]
@@ -76,7 +129,17 @@ def jacobian(readings: Callable[[Array], Array], at: Array, steps: Array) -> Arr
 
 
 def posterior_covariance(rows: Array, prior_sd: Array) -> Array:
-    """Posterior covariance (P, P): ``rows`` (N, P) are slopes over noise, prior standard deviations
-    may be inf.
+    """Covariance of the parameters from Fisher information and priors.
+
+    Parameters
+    ----------
+    rows
+        Jacobian over the noise, (N, P).
+    prior_sd
+        Prior standard deviations, (P,); infinite where there is no prior.
+
+    Returns
+    -------
+    Covariance, (P, P).
     """
     return inverse(rows.T @ rows + np.diag(1 / np.asarray(prior_sd) ** 2))

@@ -14,7 +14,7 @@ import pandas as pd
 
 from tcdyn.campaign import SufficientStatistics, solve_campaign
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.planned import Logging, planned_test
+from tcdyn.campaign.planned import Logging, planned_statistics
 from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.rig.rigfile import parse_rig
 from tests.campaign.test_planned import plan_of
@@ -77,7 +77,7 @@ def table() -> pd.DataFrame:
     rows = []
     for name, junctions in LAYOUTS.items():
         rig = parse_rig({"thermocouples": junctions}, "rig.toml")
-        kept = [planned_test(p, rig, Logging()) for p in plan_of(CORNERS)]
+        kept = [planned_statistics(p, rig, Logging()) for p in plan_of(CORNERS)]
         rows.append(row_of(name, kept))
         if len(rows) == 1:
             rows.append(

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.campaign import SufficientStatistics, solve_campaign
-from tcdyn.campaign.planned import CHANNEL_LAG_U_S, COMMON_LAG_U_S, Logging, planned_test
+from tcdyn.campaign.planned import CHANNEL_LAG_U_S, COMMON_LAG_U_S, Logging, planned_statistics
 from tcdyn.rig.rigfile import load_rig
 from tests.campaign.test_planned import plan_of
 
@@ -40,7 +40,9 @@ def table() -> pd.DataFrame:
         "other conditions": plan_of(("D4", "A4", "D2", "B3")),
     }
     for how, plan in plans.items():
-        kept = [planned_test(p, rig, Logging()) for p in (plan if how != "repeated" else plan[:1])]
+        kept = [
+            planned_statistics(p, rig, Logging()) for p in (plan if how != "repeated" else plan[:1])
+        ]
         kept = kept * 4 if how == "repeated" else kept
         for name in ("lag e fast", "lag c fast", "lag b fast"):
             for u_s in (COMMON_LAG_U_S, 0.5):

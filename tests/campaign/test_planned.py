@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from tcdyn.campaign import solve_campaign
-from tcdyn.campaign.planned import Logging, PlannedTest, planned_test, predict_campaign, read_plan
+from tcdyn.campaign.planned import (
+    Logging,
+    PlannedTest,
+    planned_statistics,
+    predict_campaign,
+    read_plan,
+)
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
@@ -83,7 +89,7 @@ def test_more_tests_tell_the_exponent_no_worse() -> None:
 def test_a_planned_test_keeps_the_conditions_that_trends_are_sought_over(name: str) -> None:
     """Its ΔT u_s by 0.35 K/W is rough: within a half of the thesis's (table 7.3), which tells its slopes' u as well."""
     at, (one,) = ehl_test(name), plan_of((name,))
-    kept = planned_test(one, load_rig(), Logging(rate_Hz=25.0, loaded_s=100.0, cooling_s=3.0))
+    kept = planned_statistics(one, load_rig(), Logging(rate_Hz=25.0, loaded_s=100.0, cooling_s=3.0))
     told = kept.conditions
     assert told["sliding_speed_m_s"] == pytest.approx(at.sliding_speed_m_s, rel=1e-9)
     assert told["entraining_speed_m_s"] == pytest.approx(at.entraining_speed_m_s, rel=1e-9)

@@ -20,7 +20,7 @@ from tcdyn.campaign import (
     verify_checksum,
 )
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.line_fit import fit_line
+from tcdyn.campaign.line_fit import fit_generalised_line
 from tcdyn.campaign.outliers import outlying_tests
 from tcdyn.campaign.posterior import LAG_TEST_SD_S, N_QUANTITIES, Posterior, u_if_known
 from tcdyn.campaign.result import junction_depths
@@ -270,7 +270,9 @@ def test_a_line_that_leaves_something_out_says_so() -> None:
 def test_a_known_covariance_beats_equal_weights_where_errors_are_common() -> None:
     """A level error of 0.1 common to all leaves the slope as it is; with it unknown the slope's u is that of noise."""
     x = np.column_stack([np.ones(5), np.arange(5.0) - 2.0])
-    line = fit_line(x, 0.5 + 0.02 * x[:, 1], 0.1**2 * np.ones((5, 5)) + 0.001**2 * np.eye(5))
+    line = fit_generalised_line(
+        x, 0.5 + 0.02 * x[:, 1], 0.1**2 * np.ones((5, 5)) + 0.001**2 * np.eye(5)
+    )
     assert line.estimate(1).u == pytest.approx(0.001 / np.sqrt(10), rel=1e-4)
     assert line.estimate(0).u == pytest.approx(0.1, rel=0.01)
     assert line.scatter == 0
