@@ -92,9 +92,9 @@ class JoinedCampaign:
 
         Notes
         -----
-        The thresholds are the constants of this module and
-        ``tcdyn.campaign.trends.SHAPE_REJECTED_P``; they decide what is reported, not the results. A
-        new code needs a message in ``tcdyn/core/messages/campaign.py``.
+        The thresholds of this module decide only what is reported.
+        ``tcdyn.campaign.trends.SHAPE_REJECTED_P`` also decides how the offset from a curve is
+        computed. A new code needs a message in ``tcdyn/core/messages/campaign.py``.
         """
         findings = [
             warning(

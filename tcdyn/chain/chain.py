@@ -1,9 +1,10 @@
 """The measurement chain from the junction to the log file: transfer function and state space.
 
 The calibration fits chains (``immersion``), ``tcdyn.smoothing`` compensates for them, and
-``tcdyn.partition`` equalises channels with them. A chain is a product of lags; each function here
-is exact for the stated hold of the input. Guarded by ``tests/chain/test_chain.py`` and, for the
-state space, ``tests/smoothing/test_states.py``.
+``tcdyn.partition`` equalises channels with them. A chain is a product of lags.
+Responses are exact for the stated hold of the input, except that cement is a product of seven
+lags (``cement_lags``). Guarded by ``tests/chain/test_chain.py`` and, for the state space,
+``tests/smoothing/test_states.py``.
 """
 
 from __future__ import annotations

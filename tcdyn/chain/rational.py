@@ -29,6 +29,7 @@ from tcdyn.core import Array
 if TYPE_CHECKING:
     import control
 
+# Array of complex numbers.
 Complex = NDArray[np.complex128]
 # input between samples: a straight line (first-order hold) or constant (zero-order hold)
 Hold = Literal["foh", "zoh"]

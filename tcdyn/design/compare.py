@@ -35,6 +35,7 @@ MIN_CHAIN_LAG_S = 0.01
 COMMON_LAG_LIMITS = (0.05, 0.15)
 # The same of the differences between channels; chosen by judgement.
 DIFFERENCE_LIMITS = (0.03, 0.10)
+# Grades below the first limit, below the second, and above; and their definition for readers.
 GRADES = ("well", "roughly", "poorly")
 GRADE_DEFINITIONS = (
     f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag for the common lag, "
@@ -211,7 +212,7 @@ class Design(Result):
         )
 
     def summary(self) -> str:
-        """The recommendation, the expected standard uncertainties, and the definition of the grades."""
+        """The recommendation, the standard uncertainties to expect, and what the grades mean."""
         table = (
             self.grade_table()
             .drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "])

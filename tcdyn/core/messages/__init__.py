@@ -25,6 +25,7 @@ from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
 # a message read from a file that has no codes
 FROM_FILES: dict[str, Message] = {"said": "{text}"}
 
+# All messages by code; each code stands in one of these dictionaries.
 MESSAGES: dict[str, Message] = {
     **FROM_FILES,
     **READER,

@@ -104,6 +104,7 @@ def _curve_shape(
     )
 
 
+# tcdyn/campaign
 CAMPAIGN: dict[str, Message] = {
     "campaign.stranger": _outlying_test,
     "campaign.exponent": "{tests} tests together give the exponent of the speed law n = {n:.3f} +- "

@@ -43,6 +43,7 @@ _NOT_SUPPORTED = (
     "confirmed by the held-out part"
 )
 _NO_PAIR = "left out, because the pair of poles does not oscillate and is two lags"
+# Reasons for which models were rejected: field of the finding, and predicate for one and for several.
 REJECTED = (
     (
         "undetermined",
@@ -195,6 +196,7 @@ def _but_first(troubles: list[str], option: Spelling) -> str:
     return f" But first {', and '.join(_remedies(troubles, option))}." if troubles else ""
 
 
+# Why no model is good enough, by the field ``against``.
 OBJECTIONS = {
     "dynamics": "the residuals of every model that the data determine are still correlated with "
     "the input",
@@ -377,6 +379,7 @@ def _feedback(p: float, **_: Any) -> str:
     )
 
 
+# tcdyn/identify
 IDENTIFY: dict[str, Message] = {
     "models.why": _reason,
     "models.foresees": _better_prediction,

@@ -17,6 +17,7 @@ from tcdyn.core.messages.phrases import Message, count_with_noun, text_rounded_t
 
 # ---- channels, junctions and the rig file
 
+# Text of each kind of wiring or sensor fault, of ``tcdyn.partition.sensor_check``.
 SENSOR_FAULTS = {
     "dead": "channel {names} is dead: it rises by {rise_K:.1f} K under load and falls by "
     "{fall_K:.1f} K after unloading, the others by {usual_rise_K:.1f} K and {usual_fall_K:.1f} K",
@@ -125,6 +126,7 @@ def _angular_harmonic(
 
 # ---- conditions of the test
 
+# Where the air is measured, by the field ``at``.
 _AMBIENT_LOCATIONS = {"surface": "running surface", "faces": "side faces"}
 
 
@@ -409,6 +411,7 @@ MODEL_FORMS = {  # of `tcdyn.partition.model_forms`: description, and what to do
         "log the oil at the disks",
     ),
 }
+# What to do about a lag that is not that of its record.
 LAG_REMEDY = "there may be a bubble in its cement, or its column may be that of another junction"
 
 
@@ -435,6 +438,7 @@ def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: An
     )
 
 
+# tcdyn/partition
 PARTITION: dict[str, Message] = {
     "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} "
     "time(s)): taken as a fault of the switch, not as an unloading",

@@ -149,6 +149,7 @@ def _odds(probability: Sequence[float]) -> str:
     return f"{float(f'{ratio:.2g}'):.0f}"
 
 
+# immersion
 PLUNGE: dict[str, Message] = {
     "plunge.lag": _lag,
     "plunge.structure": _chain_structure,
