@@ -23,7 +23,7 @@ from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading, Sufficient
 from tcdyn.core import Array
 from tcdyn.estimation import Optimum
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.angular_harmonic import HARMONIC_PRIOR_K, AngularHarmonic, NuisanceParameter
+from tcdyn.partition.angular_harmonic import HARMONIC_PRIOR_K, AngularHarmonic
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import (
     LOG_H,
@@ -36,6 +36,7 @@ from tcdyn.partition.joint import (
     nuisance_parameters,
 )
 from tcdyn.partition.nuisance import RIM_MODEL_U_K
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.window import rows_between, steady_start_s
 from tcdyn.rig.disk import DISKS
 
@@ -62,7 +63,7 @@ CONSTANT_KEYS = {
     "ambient": "ambient_K",
 }
 # Nuisance parameters that are fully specific to the test.
-TEST_SPECIFIC = ("parting", "uneven drift", "uneven bend", "air")
+TEST_SPECIFIC = ("parting", "uneven drift", "uneven curvature", "air")
 
 
 def compress_likelihood(

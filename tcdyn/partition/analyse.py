@@ -266,12 +266,12 @@ def analyse(
     )
     samples = {**budget.samples, **surface_samples}
     values = _values(main, cooling.fits) | surface
-    answers = {
+    estimates = {
         key: Estimate.normal(value, float(np.std(samples[key]))) for key, value in values.items()
     }
-    impossible = "both beta" in impossible_keys(answers, both.estimates)
+    impossible = "both beta" in impossible_keys(estimates, both.estimates)
     possible_forms = None if impossible else forms
-    causes = impossibility_findings(answers, both.estimates, samples)
+    causes = impossibility_findings(estimates, both.estimates, samples)
     wrong_units = [f for f in causes if f.numbers.get("units")]  # they explain all other findings
     findings = [
         *_exchanged_cables(prepared, both),
@@ -282,7 +282,7 @@ def analyse(
     if possible_forms is not None:
         findings += possible_forms.findings
     checked = cross_check(
-        {way: answers[way] for way in ESTIMATORS},
+        {way: estimates[way] for way in ESTIMATORS},
         samples,
         tensions(test, joint, both, sensors),
         possible_forms,
@@ -297,7 +297,7 @@ def analyse(
         both=both,
         budget=replace(budget, samples=samples),
         crosscheck=checked,
-        estimates=answers,
+        estimates=estimates,
         chains=chains,
         compensated=cooling.compensated,
         windows=cooling.windows,
@@ -343,22 +343,24 @@ def _main_fits(
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted = test
     expected = expected_harmonics(both.harmonics)
-    even = without_harmonics(fitted, both.harmonics, expected)
-    lines, speed = steady_lines(even, rows, profile, weights)
-    stated, findings = press_fit_priors(even, both.estimates, both.harmonics)
+    corrected = without_harmonics(fitted, both.harmonics, expected)
+    lines, speed = steady_lines(corrected, rows, profile, weights)
+    stated, findings = press_fit_priors(corrected, both.estimates, both.harmonics)
     if stated:
         expected = expected_harmonics(both.harmonics, stated)
     if stated or any_significant(expected):
         again = replace(fitted, harmonics=expected)
         fitted = remove_harmonics(again, expected) if stated else again
         joint, both = joint_fits(fitted, speed.starts, joint_s, profile)
-        even = without_harmonics(again, both.harmonics, expected_harmonics(both.harmonics, stated))
-        lines, speed = steady_lines(even, rows, profile, weights)
+        corrected = without_harmonics(
+            again, both.harmonics, expected_harmonics(both.harmonics, stated)
+        )
+        lines, speed = steady_lines(corrected, rows, profile, weights)
     for d in DISKS:
         finding = both.harmonics[d].finding(d)
         if finding is not None:
             findings.append(finding)
-    return _MainFits(even, fitted, lines, speed, joint, both, findings)
+    return _MainFits(corrected, fitted, lines, speed, joint, both, findings)
 
 
 def _cooling_fits(
@@ -397,7 +399,7 @@ def _cooling_fits(
 
 
 def _values(main: _MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
-    """Values of all quantities but the surface temperatures, by key of ``Partition.answers``."""
+    """Values of all quantities but the surface temperatures, by key of ``Partition.estimates``."""
     values = {
         "speed law": main.speed.beta,
         "h_fast": main.speed.h_fast,
@@ -528,8 +530,8 @@ def remove_harmonics(test: EhlTest, harmonics: Mapping[str, AngularHarmonic]) ->
     disks = {}
     for d, disk in test.disks.items():
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s
-        even = disk.readings_degC - harmonic_K(harmonics[d], disk.setup, since_s)
-        disks[d] = replace(disk, readings_degC=even)
+        corrected = disk.readings_degC - harmonic_K(harmonics[d], disk.setup, since_s)
+        disks[d] = replace(disk, readings_degC=corrected)
     return replace(test, disks=disks, harmonics=harmonics)
 
 

@@ -1,12 +1,17 @@
 """Angular harmonic: first circumferential harmonic of a disk by uneven contact round its bore.
 
 Disk, shaft and junctions turn together, so a press fit that conducts better on one side makes a
-pattern that is constant in the disk's frame, cos and sin of the angle. In the rim T1(r) obeys
-T1'' + T1'/r - (1/r^2 + kappa^2) T1 = 0, heat leaving through the washers by
-kappa^2 = 2 h_washer/(K w), with K T1' = -h T1 at the running surface. The pattern is slow, because
-it is made at the bore. For each of cos and sin, its level, its drift and bend over the steady
-window, and its fall after the unloading are nuisance parameters. The second harmonic, which the
-junctions do not determine, is nearly the same for two groups of junctions that lie opposite.
+pattern that is constant in the disk's frame, cos and sin of the angle (section 6.4.3). In the rim
+T1(r) obeys T1'' + T1'/r - (1/r^2 + kappa^2) T1 = 0, heat leaving through the washers by kappa^2 = 2
+h_washer/(K w), with K T1' = -h T1 at the running surface. The pattern is slow, because it is made
+at the bore. For each of cos and sin there are four nuisance parameters: level, linear change
+(drift) and quadratic change (curvature) over the steady window, and fall after the unloading. The
+junctions do not determine the second harmonic: for two groups of junctions that lie opposite it is
+nearly the same in both.
+
+The joint fits estimate the harmonic, :mod:`tcdyn.partition.analyse` subtracts it, and
+:mod:`tcdyn.workflows.circumferential` draws it. Guarded by ``tests/partition/test_uneven.py`` and
+``tests/partition/test_stated_fit.py``.
 """
 
 from __future__ import annotations
@@ -21,12 +26,15 @@ from scipy import special
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import Finding, info
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.rig.disk import DiskSetup
 
-# Shapes in time, and prior standard deviations [K] at the rim's edge, the depth of b.
-HARMONIC_PRIOR_K = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}
-# Least prior standard deviations relative to the level, once that is significant [1].
-HARMONIC_PRIOR_REL = {"level": 1.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}
+# Shapes in time, and prior standard deviations [K] at the rim's edge, the depth of b. Chosen by
+# judgement. The order is that of ``harmonic_time_shapes``.
+HARMONIC_PRIOR_K = {"level": 4.0, "drift": 0.3, "curvature": 0.15, "fall": 0.5}
+# Least prior standard deviations relative to the level, once that is significant [1]. Chosen by
+# judgement.
+HARMONIC_PRIOR_REL = {"level": 1.0, "drift": 0.3, "curvature": 0.15, "fall": 0.5}
 # Drift and bend continue this long after the unloading [s]: the bore does not feel it yet.
 DRIFT_LASTS_S = 10.0
 # Half of what falls has fallen by then [s]; a fiftieth after ten seconds. By whole-disk solutions.
@@ -36,30 +44,12 @@ SECOND_HARMONIC_REL = 0.07
 # Standard uncertainty of each junction's angle [deg]: that of the rig file is assumed
 # (design, section 12).
 ANGLE_U_DEG = 3.0
-SIGNIFICANT_Z = 3.0  # the harmonic is significant beyond this many standard uncertainties
+# The harmonic is significant beyond this many standard uncertainties: one even disk in 90.
+SIGNIFICANT_Z = 3.0
 LEAST_KAPPA_R = 1e-2  # least kappa times the outer radius, for the Bessel functions
 UNKNOWN_ANGLE_U_DEG = 180.0 / 3**0.5  # standard uncertainty of a completely unknown angle [deg]
 
-
-@dataclass(frozen=True)
-class NuisanceParameter:
-    """A nuisance parameter: a type B input quantity that the test does not measure.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    source
-        Its line of the uncertainty budget.
-    shared
-        Whether both disks have it in common.
-    """
-
-    name: str
-    source: str
-    shared: bool = False
-
-
+# Components of a harmonic. The parameters are ordered by shape, then by component.
 COMPONENTS = ("cos", "sin")
 FIRST_HARMONIC = tuple(
     NuisanceParameter(f"uneven {shape}, {component}", "uneven bore contact")
@@ -85,26 +75,33 @@ class AngularHarmonic:
     Parameters
     ----------
     prior_K
-        Prior standard deviations of ``HARMONIC_PRIOR_K``, (4,).
+        Prior standard deviations of level, drift, curvature and fall at the depth of b, (4,) [K].
     estimate
-        Estimate of ``FIRST_HARMONIC`` in prior standard deviations, (8,).
+        Estimate of ``FIRST_HARMONIC`` in prior standard deviations, (8,): cos and sin of each
+        shape.
     covariance
-        Total covariance of the estimate, (8, 8).
+        Total covariance of the estimate, (8, 8), in the same unit.
     sensitivities
-        Change of the estimate by one standard uncertainty of each other nuisance parameter,
-        (8,) each.
+        Change of the estimate by one standard uncertainty of each other nuisance parameter, (8,)
+        each.
     h_W_m2K
         Heat transfer coefficient of the fit.
     second_harmonic_u_K
-        Standard uncertainty of the second harmonic at the depth of b.
+        Standard uncertainty of the second harmonic at the depth of b [K]; positive only where the
+        first is significant or a press fit is stated.
     angle_level_K
-        Level, cos and sin, by which errors of the junctions' angles count, (2,).
+        Level, cos and sin, by which errors of the junctions' angles count, (2,) [K].
     steady_window_s
-        Length of the steady window, over which drift and bend are defined.
+        Length of the steady window [s], over which drift and curvature are defined.
     nominal_K
-        Level that a press fit stated in rig.toml makes, about which the prior is, (2,).
+        Level that a press fit stated in rig.toml makes, about which the prior is, (2,) [K].
     nominal_second_K
-        Second harmonic of that press fit, (2,).
+        Second harmonic of that press fit, (2,) [K].
+
+    Notes
+    -----
+    Without arguments it is the prior of a disk about which nothing is known: no estimate, unit
+    covariance in prior standard deviations.
     """
 
     prior_K: Array = field(default_factory=lambda: np.array(list(HARMONIC_PRIOR_K.values())))
@@ -129,17 +126,28 @@ class AngularHarmonic:
         return np.asarray(self.prior_K[0] ** 2 * self.covariance[:2, :2])
 
     def level_z(self, departure_K: Array) -> float:
-        """Length of a departure (2,) of the level, cos and sin [K], in standard uncertainties."""
+        """Length of a departure of the level in standard uncertainties.
+
+        Parameters
+        ----------
+        departure_K
+            The departure, cos and sin, (2,) [K].
+        """
         return float(np.sqrt(departure_K @ np.linalg.solve(self.level_covariance_K2, departure_K)))
 
     @property
     def significance(self) -> float:
-        """Level in standard uncertainties: below 3 in 99 of 100 even disks."""
+        """Level in standard uncertainties; below ``SIGNIFICANT_Z`` = 3 in 99 of 100 even disks.
+
+        Notes
+        -----
+        For a level of zero its square is chi-squared with two degrees of freedom: P(> 9) = 0.011.
+        """
         return self.level_z(self.level_K)
 
     @property
     def amplitude_K(self) -> Estimate:
-        """Half the difference of hottest and coldest side at the depth of b, at unloading [K]."""
+        """Half the difference of hottest and coldest side at the unloading, depth of b [K]."""
         level = self.level_K
         size = float(np.hypot(*level))
         direction = level / size if size else np.array([1.0, 0.0])
@@ -150,7 +158,8 @@ class AngularHarmonic:
     def angle_deg(self) -> Estimate:
         """Angle of the hottest side in the frame of the junctions' ``angle_deg`` [deg].
 
-        Where the harmonic is not significant, the interval is the full circle.
+        Where the harmonic is not significant, or its angle is as uncertain as an unknown one, the
+        interval is the full circle.
         """
         level = self.level_K
         size = float(np.hypot(*level))
@@ -165,7 +174,13 @@ class AngularHarmonic:
         )
 
     def finding(self, disk: str) -> Finding | None:
-        """An info where the harmonic is significant."""
+        """An info where the harmonic is significant, else None.
+
+        Parameters
+        ----------
+        disk
+            Name of the disk, the subject of the finding.
+        """
         if self.significance < SIGNIFICANT_Z:
             return None
         size = self.amplitude_K
@@ -190,8 +205,8 @@ class AngularHarmonic:
     def expected(self) -> AngularHarmonic:
         """The prior for a second fit of this disk.
 
-        Where the harmonic is significant, its change and its second harmonic may be proportional to
-        it, and errors of the junctions' angles count.
+        Where the harmonic is significant, its changes and its second harmonic may be proportional
+        to it, and errors of the junctions' angles count. Otherwise it is the default prior.
         """
         if self.significance < SIGNIFICANT_Z:
             return AngularHarmonic(steady_window_s=self.steady_window_s)
@@ -204,17 +219,35 @@ class AngularHarmonic:
         )
 
 
+# The default prior, with the default length of the steady window.
 UNKNOWN_HARMONIC = AngularHarmonic()
 
 
 def harmonic_prior_K(size_K: float) -> Array:
-    """Prior standard deviations (4,) of ``HARMONIC_PRIOR_K`` [K] in a disk whose level is ``size_K``."""
+    """Prior standard deviations of level, drift, curvature and fall, (4,) [K].
+
+    Parameters
+    ----------
+    size_K
+        Amplitude of the level of the disk [K].
+
+    Notes
+    -----
+    The larger of ``HARMONIC_PRIOR_K`` and ``HARMONIC_PRIOR_REL`` times the level. Both may change;
+    their keys and their order must stay those of ``harmonic_time_shapes``.
+    """
     relative = np.array(list(HARMONIC_PRIOR_REL.values()))
     return np.maximum(list(HARMONIC_PRIOR_K.values()), size_K * relative)
 
 
 def washer_kappa(setup: DiskSetup) -> float:
-    """kappa of the heat that leaves through the washers [1/m]."""
+    """kappa of the heat that leaves through the washers [1/m].
+
+    Notes
+    -----
+    kappa^2 = 2 h_washer/(K w): two faces, on a disk of width w. ``LEAST_KAPPA_R`` keeps the Bessel
+    functions finite; ``tests/partition/test_uneven.py`` uses the same least value.
+    """
     washer = setup.washer_conductivity_W_mK / setup.washer_thickness_m
     kappa = np.sqrt(2 * washer / (setup.conductivity_W_mK * setup.width_m))
     return float(max(kappa, LEAST_KAPPA_R / setup.outer_radius_m))
@@ -230,13 +263,15 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
     h_W_m2K
         Heat transfer coefficient of the running surface.
     depth_m
-        Depths below the running surface.
+        Depths below the running surface [m].
     n
         Number of the harmonic.
 
     Notes
     -----
-    T_n = I_n(kappa r) + C K_n(kappa r), with C from K dT_n/dr = -h T_n at the running surface.
+    T_n = I_n(kappa r) + C K_n(kappa r), with C from K dT_n/dr = -h T_n at the running surface. The
+    rim is taken as thin across its width, and steady. ``tests/partition/test_uneven.py`` checks the
+    equation and the boundary condition by differences, and (study) the shape by a whole disk.
 
     Examples
     --------
@@ -259,7 +294,19 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
 def harmonic_at_junctions(
     setup: DiskSetup, h_W_m2K: float, channels: Sequence[str], n: int = 1
 ) -> Array:
-    """Reading of each of ``channels`` by a kelvin of harmonic ``n`` at the depth of b, (2, C)."""
+    """Reading of channels by a kelvin of a harmonic at the depth of b, (2, C) for cos and sin.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    channels
+        The C channels.
+    n
+        Number of the harmonic.
+    """
     junctions = [setup.junctions[c] for c in channels]
     angle = n * np.deg2rad([j.angle_deg for j in junctions])
     shape = radial_shape(setup, h_W_m2K, np.array([j.depth_m for j in junctions]), n)
@@ -269,16 +316,21 @@ def harmonic_at_junctions(
 def harmonic_time_shapes(since_s: Array, steady_window_s: float) -> Array:
     """Time courses (4, N) of the angular harmonic for unit amplitude.
 
-    Rows in the order of ``HARMONIC_PRIOR_K``: level 1, drift t/window, bend (t/window)^2, and the
-    fall after the unloading. The parameters of the harmonic in the fits have the same order.
+    Rows in the order of ``HARMONIC_PRIOR_K``: level 1, drift t/window, curvature (t/window)^2, and
+    the fall after the unloading. The parameters of the harmonic in the fits have the same order.
 
     Parameters
     ----------
     since_s
-        Times since the unloading, (N,).
+        Times since the unloading, (N,) [s].
     steady_window_s
-        Length of the steady window. Before it the shapes are as at its start; drift and bend
-        continue for ``DRIFT_LASTS_S`` after the unloading.
+        Length of the steady window [s]. Before it the shapes are as at its start; drift and
+        curvature continue for ``DRIFT_LASTS_S`` after the unloading.
+
+    Notes
+    -----
+    The form of the shapes may change; ``FIRST_HARMONIC``, ``HARMONIC_PRIOR_K`` and
+    ``HARMONIC_PRIOR_REL`` must keep the same order and number. The doctest fails on a change.
 
     Examples
     --------
@@ -295,17 +347,41 @@ def harmonic_time_shapes(since_s: Array, steady_window_s: float) -> Array:
 def fall_fraction(since_s: Array) -> Array:
     """Fraction of the whole fall that has happened within a time since the unloading.
 
-    It begins with the third power of time, because the bore is far.
+    Parameters
+    ----------
+    since_s
+        Times since the unloading, any shape [s]; before it the fraction is zero.
+
+    Notes
+    -----
+    x/(1 + x) with x = (t / HALF_FALL_S)^3. It begins with the third power of time, because the bore
+    is far. The form approximates whole-disk solutions.
     """
     cube = (np.clip(np.asarray(since_s, dtype=float), 0.0, None) / HALF_FALL_S) ** 3
     return np.asarray(cube / (1 + cube))
 
 
 def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
-    """Outer row less prediction by a kelvin of harmonic ``n`` at the edge, (2, P) for cos and sin.
+    """Outer row less prediction by a kelvin of a harmonic at the depth of b, (2, P).
 
-    ``static`` (k, P) is the response of the outer row to a constant kelvin at each of the inner
-    row, whose own part of the harmonic drives the rim."""
+    The two rows are cos and sin.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    static
+        Response of the outer row to a constant kelvin at each of the inner row, (k, P).
+    n
+        Number of the harmonic.
+
+    Notes
+    -----
+    The inner row reads the harmonic too, and drives the rim model with it; that part is subtracted.
+    So only a difference between the rows is seen.
+    """
     outer = harmonic_at_junctions(setup, h_W_m2K, setup.outer, n)
     inner = harmonic_at_junctions(setup, h_W_m2K, setup.inner, n)
     return np.asarray(outer - inner @ static)
@@ -333,12 +409,23 @@ def add_harmonic_effects(
     static
         Response of the outer row to a constant kelvin at each of the inner row, (k, P).
     since_s
-        Times of the R blocks since the unloading.
+        Times of the R blocks since the unloading, (R,) [s].
+
+    Returns
+    -------
+    parameters, change
+        The given parameters, then second harmonic (2), angle of each junction, first harmonic (8);
+        and the effects of all, (Q + 10 + C, R, P) [K].
 
     Notes
     -----
     Where a harmonic was estimated and removed, its remainder changes with the other nuisance
-    parameters, and the part of it that is independent of them has the remaining covariance.
+    parameters; these effects are added to theirs. The part of the remainder that is independent of
+    them has the remaining covariance, ``harmonic.covariance`` less the sum of s s' over the
+    sensitivities s. For the prior that is the identity.
+
+    The first harmonic must stay last, in the order of ``FIRST_HARMONIC``.
+    ``tests/partition/test_uneven.py`` fails if the remaining covariance has another effect.
     """
     blocks = change.shape[1:]
     in_time = harmonic.prior_K[:, None] * harmonic_time_shapes(since_s, harmonic.steady_window_s)
@@ -366,7 +453,16 @@ def add_harmonic_effects(
 def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, level_K: Array) -> Array:
     """Outer row less prediction if one junction lies ``ANGLE_U_DEG`` further round, (P + k, P) [K].
 
-    ``level_K`` (2,) is the level of the harmonic, cos and sin.
+    Parameters
+    ----------
+    setup
+        The disk.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    static
+        Response of the outer row to a constant kelvin at each of the inner row, (k, P).
+    level_K
+        Level of the harmonic, cos and sin, (2,) [K].
     """
     cos, sin = harmonic_at_junctions(setup, h_W_m2K, setup.rows)
     p = len(setup.outer)
@@ -389,7 +485,13 @@ def window_harmonic_effects(
     event
         The event before each window, (W,): "steady", "unloading" or "loading".
     after_s
-        Time of each window since its event, (W,).
+        Time of each window since its event, (W,) [s].
+
+    Notes
+    -----
+    Used by the sensor check (:mod:`tcdyn.partition.disk_features`). The rise after loading may be
+    twice the prior of the level. ``tests/partition/test_sensors.py`` fails if an uneven press fit
+    is taken for a fault.
     """
     outer = outer_row_effect(setup, h_W_m2K, static)
     inner = harmonic_at_junctions(setup, h_W_m2K, setup.inner)
@@ -411,18 +513,18 @@ def harmonic_from_fit(
     h_W_m2K: float,
     prior: AngularHarmonic,
 ) -> AngularHarmonic:
-    """The harmonic of ``disk`` by a joint fit.
+    """The harmonic of one disk by a joint fit.
 
     Parameters
     ----------
     estimate, covariance
-        Estimate (Q,) and covariance (Q, Q) of the nuisance parameters.
+        Estimate (Q,) and covariance (Q, Q) of the nuisance parameters, in standard uncertainties.
     parameters
         The Q nuisance parameters, each with its disk, or "" if common to both.
     disk, h_W_m2K
-        The disk, and its fitted heat transfer coefficient.
+        Name of the disk, and its fitted heat transfer coefficient.
     prior
-        Prior of the harmonic.
+        Prior of the harmonic that the fit used.
 
     Notes
     -----
@@ -445,7 +547,24 @@ def harmonic_from_fit(
 
 
 def harmonic_K(harmonic: AngularHarmonic, setup: DiskSetup, since_s: Array) -> Array:
-    """The part of the readings by the estimated harmonic, (N, C), at times since the unloading."""
+    """The part of the readings by the estimated harmonic, (N, C) [K].
+
+    Parameters
+    ----------
+    harmonic
+        The harmonic of the disk.
+    setup
+        The disk, with C channels.
+    since_s
+        Times since the unloading, (N,) [s].
+
+    Notes
+    -----
+    The first harmonic, and the second of a stated press fit, which is constant in time.
+    ``tcdyn.partition.analyse.remove_harmonics`` subtracts it;
+    ``tests/partition/test_stated_fit.py`` and ``tests/partition/test_uneven.py`` check that
+    readings and harmonic add up.
+    """
     size_K = harmonic.prior_K[:, None] * harmonic.estimate.reshape(
         len(HARMONIC_PRIOR_K), len(COMPONENTS)
     )

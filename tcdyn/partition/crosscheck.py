@@ -292,8 +292,8 @@ class CrossCheck:
 
 
 def cross_check(
-    ways: Mapping[str, Estimate],
-    samples_by_way: Mapping[str, Array],
+    estimates: Mapping[str, Estimate],
+    samples_by_estimator: Mapping[str, Array],
     tensions: Sequence[Tension] = (),
     both: ModelForms | None = None,
 ) -> CrossCheck:
@@ -301,9 +301,9 @@ def cross_check(
 
     Parameters
     ----------
-    ways
+    estimates
         beta by each estimator, the speed law's first.
-    samples_by_way
+    samples_by_estimator
         Monte Carlo samples of each, which share their common errors.
     tensions
         Nominal values and how far the data pull them.
@@ -319,9 +319,9 @@ def cross_check(
     """
     pairs = []
     sampled_z = []
-    for first, second in combinations(ways, 2):
-        difference = ways[first].value - ways[second].value
-        samples = samples_by_way[first] - samples_by_way[second]
+    for first, second in combinations(estimates, 2):
+        difference = estimates[first].value - estimates[second].value
+        samples = samples_by_estimator[first] - samples_by_estimator[second]
         spread = max(float(np.std(samples)), 1e-12)
         pairs.append((first, second, difference, abs(difference) / spread))
         sampled_z.append(np.abs(samples - samples.mean()) / spread)
@@ -336,12 +336,12 @@ def cross_check(
     largest_tension = min(tensions, key=lambda t: t.probability, default=None)
     if largest_tension is not None and largest_tension.probability >= REPORT_PROBABILITY:
         largest_tension = None
-    finding = _conclusion(ways, worst, suspects, largest_tension, both)
+    finding = _conclusion(estimates, worst, suspects, largest_tension, both)
     return CrossCheck(z, finding, p, tuple(pairs), suspects, largest_tension)
 
 
 def _conclusion(
-    ways: Mapping[str, Estimate],
+    estimates: Mapping[str, Estimate],
     worst: tuple[str, str, float, float],
     suspects: Sequence[Tension],
     largest_tension: Tension | None,
@@ -349,8 +349,8 @@ def _conclusion(
 ) -> Finding:
     """The finding of :func:`cross_check` by the pair that disagrees most."""
     first, second, difference, z = worst
-    values = [estimate.value for estimate in ways.values()]
-    steady = next(iter(ways.values()))
+    values = [estimate.value for estimate in estimates.values()]
+    steady = next(iter(estimates.values()))
     numbers: dict[str, Any] = {
         "one": first,
         "other": second,

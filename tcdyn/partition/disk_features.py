@@ -84,7 +84,7 @@ class _OrderFree:
         ``steady_input_response`` of the rim, (3 k + 1, P).
     harmonic
         Effects of the circumferential harmonic and of an unresolved edge, (.., W, C).
-    late
+    common_lag
         Effect of a second of common lag for a share of one, (W, C).
     speed_exponent
         Effect of the speed exponent, (W, C).
@@ -92,7 +92,7 @@ class _OrderFree:
 
     steady: Array
     harmonic: Array
-    late: Array
+    common_lag: Array
     speed_exponent: Array
 
 
@@ -129,7 +129,7 @@ class DiskFeatures:
         How far a trend before the event may have curved since, (W, C).
     observed
         Which data are used, (W, C), in the order of the disk's rows.
-    drives
+    inner_row_weights
         As of ``DiskTraces``.
     shift_u_m
         Standard uncertainty of the position of the flux.
@@ -147,7 +147,7 @@ class DiskFeatures:
     noise: Array
     trend_u_K: Array
     observed: NDArray[np.bool_]
-    drives: Array
+    inner_row_weights: Array
     shift_u_m: float = 0.0
     _responses: dict[tuple[tuple[Case, ...], Target], Array] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -162,7 +162,14 @@ class DiskFeatures:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the inputs; the last two only where speeds change."""
-        return ("power", *self.setup.channels, "ambient", "slower power", "film", "film by n")
+        return (
+            "power",
+            *self.setup.channels,
+            "ambient",
+            "slower power",
+            "surface air",
+            "surface air by exponent",
+        )
 
     @property
     def as_wired(self) -> Order:
@@ -240,7 +247,7 @@ class DiskFeatures:
         columns = [1 + order[i] for i in self._inner_row]
         boundary = responses[:, columns, range(1, ambient)].sum(axis=1)
         boundary += self.column_response("ambient", ambient, cases, target) + self.column_response(
-            "film", ambient + 1, cases, target
+            "surface air", ambient + 1, cases, target
         )
         return boundary, responses[:, 0, 0]
 
@@ -272,7 +279,7 @@ class DiskFeatures:
             boundary = boundary + boundary_gradient @ static
             power = power + power_gradient @ static
         surface_air = self.rim.ambient_index + 1
-        inner_boundary = self.column_response("film", surface_air, cases, "inner row")
+        inner_boundary = self.column_response("surface air", surface_air, cases, "inner row")
         inner_power = self.column_response("power", 0, cases, "inner row")
         return (
             np.concatenate([boundary, inner_boundary], axis=2),
@@ -302,7 +309,7 @@ class DiskFeatures:
         steady = (self.event == "steady").astype(float)
         loading = (self.event == "loading")[:, None]
         rates = self.slope[:, [order[i] for i in (*self._outer_row, *self._inner_row)]]
-        zero = np.zeros_like(fixed.late)
+        zero = np.zeros_like(fixed.common_lag)
 
         def assemble(
             response: Array,
@@ -330,7 +337,7 @@ class DiskFeatures:
             zero[:, 0],
             zero,
             np.zeros_like(fixed.harmonic),
-            [power_shift, zero, fixed.late, fixed.late * loading, zero],
+            [power_shift, zero, fixed.common_lag, fixed.common_lag * loading, zero],
         )
         return without_heat, per_share
 
@@ -342,7 +349,7 @@ class DiskFeatures:
         inner_rates = rates.T[len(self.setup.outer) :]
         errors = np.array([*[constant] * n_inner, *gradient.T, *inner_rates, constant])
         input_responses = errors[:, :, None] * steady[:, None]
-        return nominal_effects(perturbed, input_responses, constant, rates, self.drives)
+        return nominal_effects(perturbed, input_responses, constant, rates, self.inner_row_weights)
 
     def _flux_shift_effects(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
         """Effect of a standard uncertainty of the flux's position, without heat and per share."""
@@ -372,7 +379,7 @@ class DiskFeatures:
 
         slower = both_rows("slower power", 0)
         power = both_rows("power", 0)
-        speed_exponent = both_rows("film by n", self.rim.ambient_index + 2)
+        speed_exponent = both_rows("surface air by exponent", self.rim.ambient_index + 2)
         inner_static = static[self.rim.inner_inputs]
         harmonic = window_harmonic_effects(
             self.setup, h_W_m2K, inner_static, self.event, self.after_s
@@ -383,8 +390,10 @@ class DiskFeatures:
             steady = (self.event == "steady")[:, None]
             edge_effect[:, : len(edge)] = SURROGATE_U_K * steady * edge
             harmonic = np.concatenate([harmonic, edge_effect[None]])
-        late = (slower - power) / LAG_STEP_S
-        return _OrderFree(steady_input_response(self.setup, static), harmonic, late, speed_exponent)
+        common_lag = (slower - power) / LAG_STEP_S
+        return _OrderFree(
+            steady_input_response(self.setup, static), harmonic, common_lag, speed_exponent
+        )
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
@@ -429,7 +438,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         noise=np.concatenate([s.noise for s in segments]),
         trend_u_K=np.concatenate([s.trend_u_K for s in segments]),
         observed=observed & ~disk.excluded_mask[setup.channel_indices(setup.rows)],
-        drives=disk.inner_row_weights,
+        inner_row_weights=disk.inner_row_weights,
         shift_u_m=1e-3 * disk.uncertainty.flux_shift_mm,
     )
 

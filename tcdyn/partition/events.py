@@ -174,9 +174,11 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     with switch and load cell where they agree.
     """
     t = frame["time_s"].to_numpy(dtype=float)
-    switch = _switch(frame)
+    switch = _switch_state(frame)
     levels = {
-        c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N") if c in frame
+        c: _scaled_force(frame[c].to_numpy(dtype=float))
+        for c in ("load_N", "friction_N")
+        if c in frame
     }
     force_votes = sum(
         (np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None),
@@ -203,8 +205,8 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             findings.append(warning("contact.inverted", subject="contact"))
     first, last = _contact_interval(t, contact, force_votes, switch is not None, where)
     if switch is not None:
-        findings += _failures(t, contact, first, last)
-    load_on_s, switch_off, late_s = _loading(t, contact, first, last)
+        findings += _switch_findings(t, contact, first, last)
+    load_on_s, switch_off, late_s = _loading_instant(t, contact, first, last)
     if late_s is not None:
         findings.append(warning("loading.disagree", subject="contact", late_s=late_s))
     touches = _later_touches(t, contact, levels, last)
@@ -274,7 +276,7 @@ def _contact_interval(
     return first, last
 
 
-def _loading(
+def _loading_instant(
     t: Array, contact: NDArray[np.bool_], first: int, last: int
 ) -> tuple[float, int, float | None]:
     """Time of loading, row in which the switch opens, and delay of a switch that disagrees [s]."""
@@ -288,14 +290,14 @@ def _loading(
     return by_majority, switch_off, by_switch - by_majority
 
 
-def _switch(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
+def _switch_state(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
     """State of the contact switch (N,), gaps filled; None if it was not logged."""
     if "contact" not in frame:
         return None
     return np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
 
 
-def _levels(force: Array) -> Array | None:
+def _scaled_force(force: Array) -> Array | None:
     """A force (N,) scaled to 0 apart and 1 loaded; None where it hardly rises above its noise."""
     if np.isfinite(force).sum() < MIN_ZERO_SAMPLES:
         return None
@@ -343,7 +345,7 @@ def _intervals(
     return intervals
 
 
-def _failures(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> list[Finding]:
+def _switch_findings(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> list[Finding]:
     """Findings on times at which the switch was off between two rows under load."""
     off = [(a, b) for a, b in _intervals(t, ~contact, 0.0) if a > first and b < last]
     dropouts = [a for a, b in off if t[b] - t[a] >= BOUNCE_S]

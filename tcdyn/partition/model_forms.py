@@ -22,7 +22,7 @@ from tcdyn.estimation import minimise
 from tcdyn.partition.departures import LAG_SD_S, LinearisedFit, Refit, model_form_columns
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import COARSE_TOLERANCE, LOG_H, SHARE, BothFit, DiskFit, joint_problem
-from tcdyn.partition.nuisance import NuisanceParameter
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.rig.disk import DISKS
 
 # Keys of the heat transfer coefficients that an estimator gives beside beta.
@@ -184,7 +184,7 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     refits |= {name: solve(column, waves) for name, column in columns.items()}
     assumed_step = refits["as assumed"].step
     best = sorted(refits, key=lambda name: -refits[name].log_odds)[:MAX_REFITS]
-    beta_direction, exponent_direction = _directions(test, len(both.optimum.theta))
+    beta_direction, exponent_direction = _beta_and_exponent_gradients(test, len(both.optimum.theta))
 
     def estimate(key: str, direction: Array, step: Array, covariance: Array) -> Estimate:
         nominal = both.estimates[key]
@@ -216,7 +216,7 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     )
 
 
-def _directions(test: EhlTest, n_parameters: int) -> tuple[Array, Array]:
+def _beta_and_exponent_gradients(test: EhlTest, n_parameters: int) -> tuple[Array, Array]:
     """Derivatives of beta and of the exponent by the parameters of the fit of both disks."""
     log_ratio = float(np.log(test.speed_ratio))
     beta = np.zeros(n_parameters)
@@ -301,7 +301,7 @@ def is_impossible(beta: Estimate, *h: Estimate) -> bool:
 
 
 def impossible_keys(
-    answers: Mapping[str, Estimate], both: Mapping[str, Estimate]
+    estimates: Mapping[str, Estimate], both: Mapping[str, Estimate]
 ) -> frozenset[str]:
     """Keys of physically impossible estimates; with an estimate goes the estimator that gives it.
 
@@ -310,7 +310,7 @@ def impossible_keys(
 
     Parameters
     ----------
-    answers
+    estimates
         All estimates of a test.
     both
         Estimates of the fit of both disks; may be empty.
@@ -324,11 +324,11 @@ def impossible_keys(
     """
     keys: set[str] = set()
     for estimator, h_keys in H_KEYS.items():
-        if is_impossible(answers[estimator], *(answers[h] for h in h_keys)):
+        if is_impossible(estimates[estimator], *(estimates[h] for h in h_keys)):
             keys |= {estimator, *h_keys}
     if both:
-        fast = answers["joint fast"]
-        slow = answers["joint slow"]
+        fast = estimates["joint fast"]
+        slow = estimates["joint slow"]
         scale = power_scale(fast.value, slow.value)
         u = float(np.hypot(fast.u, slow.u))
         out_of_range = not 1 / MAX_POWER_SCALE < scale < MAX_POWER_SCALE
@@ -346,7 +346,7 @@ def power_scale(fast: float, slow: float) -> float:
 
 
 def impossibility_findings(
-    answers: Mapping[str, Estimate], both: Mapping[str, Estimate], samples: Mapping[str, Array]
+    estimates: Mapping[str, Estimate], both: Mapping[str, Estimate], samples: Mapping[str, Array]
 ) -> list[Finding]:
     """Warnings of impossible estimates, and of a power that is not the heat of both disks.
 
@@ -354,8 +354,8 @@ def impossibility_findings(
     power; likely units are named.
     """
     findings = list[Finding]()
-    keys = impossible_keys(answers, both)
-    scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
+    keys = impossible_keys(estimates, both)
+    scale = power_scale(estimates["joint fast"].value, estimates["joint slow"].value)
     u = float(np.std(samples["joint fast"] - samples["joint slow"]))
     if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
         findings.append(warning("power.scale", scale=scale, u=u, units=_likely_units(scale, u)))

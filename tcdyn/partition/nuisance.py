@@ -1,7 +1,14 @@
 """Nuisance parameters of a test, their effects on the readings, and the model of the joint fits.
 
-The model gives the readings of a disk by its share, its heat transfer coefficient and the lags of
-its chain."""
+The effects are linear about a share and a heat transfer coefficient: difference quotients of the
+rim model for depths and materials, responses of the rim to errors of the inner row for static lines
+and lags. Steady lines, cooling fit, joint fit, sensor check and model-form alternatives use them.
+``LaggedRim`` gives the readings of a disk by its share, its heat transfer coefficient and the two
+lags of its chain (docs/theory/partition.md). Steps of quotients are chosen by judgement; each
+standard uncertainty says where it comes from. Guarded by ``tests/partition/test_effects.py``
+(signs), ``tests/partition/test_power.py`` (lags), ``tests/partition/test_profile.py`` (derivatives)
+and ``tests/partition/test_joint.py`` (effects against a simulated whole disk).
+"""
 
 from __future__ import annotations
 
@@ -16,10 +23,10 @@ from tcdyn.core import Array
 from tcdyn.heat.rim import lag_basis_means, lag_weights
 from tcdyn.partition.angular_harmonic import (
     AngularHarmonic,
-    NuisanceParameter,
     add_harmonic_effects,
 )
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.specified import specified_effects
 from tcdyn.partition.window import (
     POWER,
@@ -32,32 +39,59 @@ from tcdyn.partition.window import (
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
-PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
+# Main parameters of each disk, in the order of theta; h in W/m2K, "lags" is tau1 + tau2 [s].
+PARAMETERS = ("share", "log h", "log lags", "log tau2")
 SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
-MIN_LAG_FRACTION = 1e-7  # least first lag, as a fraction of the sum of both lags
-MIN_NODE_DISTANCE = 1e-6  # in ln(rate): a lag nearer to one of the bank is moved away from it
-LOG_H_STEP = 1e-5  # of the difference quotient by log h
+# Least first lag, as a fraction of the sum of both lags: keeps tau1 above zero.
+MIN_LAG_FRACTION = 1e-7
+# In ln(rate): a lag nearer to one of the bank is moved away from it, against a division by zero.
+MIN_NODE_DISTANCE = 1e-6
+# Step of the difference quotient by log h: errors by curvature and by rounding are then 5e-6 each.
+LOG_H_STEP = 1e-5
 # The search rejects h above exp(14) = 1.2 million W/m2K. Chosen by judgement.
 MAX_LOG_H = 14.0
 AMBIENT_INDEX = -1  # row of the ambient in ``nominal_effects``
-# Relative steps of conductivity, heat capacity, washer conductance, half-width; of depths [m].
+# Steps of the difference quotients by conductivity, heat capacity, washer conductance and
+# half-width, relative, and by depths [m]. Chosen by judgement.
 MATERIAL_STEP = 0.01
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]
 DEPTH_STEP_M = 0.05e-3
-SMOOTH_RATE_S = (
-    0.5  # readings of the inner row are averaged over this before their rate is taken [s]
-)
+# Readings of the inner row are averaged over this before their rate is taken [s], so that the effect
+# of a lag does not follow their noise. Chosen by judgement.
+SMOOTH_RATE_S = 0.5
 # Standard uncertainty of how a channel's lag is split into two [s]: a plunge hardly determines it.
+# Chosen by judgement.
 SPLIT_SD_S = 0.03
 # Standard uncertainty of rim model and mesh at a junction [K], by whole-disk solutions.
 RIM_MODEL_U_K = 0.03
-MIN_TAU1_S = 5e-3  # least first lag when the split of a lag is varied [s]
+# Least first lag when the split of a lag is varied [s]. Chosen by judgement.
+MIN_TAU1_S = 5e-3
 
-DISK_AIR = NuisanceParameter("air", "ambient")  # of one disk, as far as its own channels differ
+# Air of one disk, as far as its own channels differ.
+DISK_AIR = NuisanceParameter("air", "ambient")
 
 
 def nominal_parameters(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
-    """Nuisance parameters of rig.toml and record: by junction, outer row first, then steel."""
+    """Nuisance parameters of rig.toml and record, (3 (P + k) + 5,).
+
+    Parameters
+    ----------
+    disk
+        The set-up of the disk, with P outer and k inner junctions.
+
+    Returns
+    -------
+    tuple
+        Static line, then depth, then lag of each junction, the outer row first; then conductivity,
+        heat capacity, washer, half-width and ambient, which both disks share.
+
+    Notes
+    -----
+    The order must be that of ``tcdyn.partition.nuisance.nominal_u``, of
+    ``tcdyn.partition.nuisance.nominal_effects`` and, for depths and materials, of
+    ``tcdyn.partition.nuisance.nominal_perturbations``. ``AMBIENT_INDEX`` expects the ambient last.
+    ``tests/partition/test_effects.py`` fails if the order differs from that of the effects.
+    """
     return (
         *(NuisanceParameter(f"static {c}", "static lines") for c in disk.rows),
         *(NuisanceParameter(f"depth {c}", "junction depth") for c in disk.rows),
@@ -70,7 +104,25 @@ def nominal_parameters(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
 
 
 def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
-    """Nuisance parameters that a test adds to ``nominal_parameters``."""
+    """Nuisance parameters that a test adds to ``nominal_parameters``, (P + 4,).
+
+    Parameters
+    ----------
+    disk
+        The set-up of the disk, with P outer junctions.
+
+    Returns
+    -------
+    tuple
+        Instant of unloading ("parting"), friction, split of each outer junction's lag, exponent of
+        the speed law ("film exponent"), and the disk's own air.
+
+    Notes
+    -----
+    The order must be that of ``test_u`` and of ``change`` in
+    ``tcdyn.partition.nuisance.nuisance_effects``. ``tests/partition/test_as_logged.py`` uses the
+    names.
+    """
     return (
         NuisanceParameter("parting", "parting", True),
         NuisanceParameter("friction", "friction", True),
@@ -97,21 +149,31 @@ class NuisanceEffects:
 
 
 def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 0.0) -> Array:
-    """Standard uncertainties (Q,) of ``nominal_parameters``.
+    """Standard uncertainties (Q,) of ``nominal_parameters`` [K, m, s, relative, K].
 
     Parameters
     ----------
     disk
         The traces of the disk.
     static_u_K
-        Standard uncertainty of the static lines, (C,) [K].
+        Standard uncertainty of the static lines, (C,) in the order of the channels [K].
     other_lags_s
-        Additional standard uncertainty of the lags, where they may be another channel's [s].
+        Additional standard uncertainty of the lags, (C,) or one number, where a lag may be another
+        channel's [s].
+
+    Returns
+    -------
+    Array
+        Static lines [K], depths [m] and lags [s] in the order of the disk's rows; then
+        conductivity, heat capacity, washer and half-width, relative, and ambient [K].
 
     Notes
     -----
     The uncertainty of a lag is that of its difference from the mean of all, as the record
-    determines it."""
+    determines it. The joint fit has the mean itself as a free parameter
+    (``tcdyn.partition.joint.joint_problem``), so it must not be counted here again. The order must
+    be that of ``tcdyn.partition.nuisance.nominal_parameters``.
+    """
     u = disk.uncertainty
     order = disk.setup.channel_indices(disk.setup.rows)
     n_channels = len(order)
@@ -123,7 +185,26 @@ def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float =
 
 
 def nominal_perturbations(disk: DiskSetup, depth_step_m: float) -> list[tuple[Perturbation, float]]:
-    """Perturbations for ``nominal_effects`` with their sizes: depths, steel, washer, width."""
+    """Perturbations of the difference quotients of ``nominal_effects``, with their sizes.
+
+    Parameters
+    ----------
+    disk
+        The set-up of the disk.
+    depth_step_m
+        Step of the depths [m].
+
+    Returns
+    -------
+    list
+        P + k depths [m], the outer row first, then conductivity, heat capacity, washer conductance
+        and half-width [relative], each with its size.
+
+    Notes
+    -----
+    The steps may change freely while the rim stays nearly linear over them. The order must be that
+    of ``tcdyn.partition.nuisance.nominal_effects``.
+    """
     n_junctions = len(disk.rows)
     deeper = [
         (Perturbation(depth_shift_m=tuple(row)), depth_step_m)
@@ -133,47 +214,74 @@ def nominal_perturbations(disk: DiskSetup, depth_step_m: float) -> list[tuple[Pe
 
 
 def nominal_effects(
-    perturbed: Array, input_responses: Array, constant: Array, rates_K_s: Array, drives: Array
+    perturbed: Array,
+    input_responses: Array,
+    constant: Array,
+    rates_K_s: Array,
+    inner_row_weights: Array,
 ) -> Array:
-    """Readings less prediction by a unit of each of ``nominal_parameters``, (Q, R, P or P + k).
+    """Readings less prediction by a unit of each of ``nominal_parameters``, (Q, R, ...).
 
-    R means of the P outer junctions, or of these and the k inner junctions.
+    The last axis is the P outer junctions, or these and the k inner junctions; R is the number of
+    means.
 
     Parameters
     ----------
     perturbed
-        Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, ...).
+        Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, ...)
+        [K/m, then K].
     input_responses
-        Response of the outer row to an input that is higher by a constant kelvin, by its rise of
-        temperature with radius, and by its rate, each for the inner row, then to a kelvin of
-        ambient, (3 k + 1, R, P).
+        Response of the outer row to an input that is higher by a constant kelvin [1], by its rise
+        of temperature with radius [K/m], and by its rate [K/s], each for the k junctions of the
+        inner row, then to a kelvin of ambient, (3 k + 1, R, P).
     constant
-        How much of a constant error the means show, (R,).
+        How much of a constant error the means show, (R,): 1 for a level, 0 for a change.
     rates_K_s
-        Rate of each mean, (R, ...).
-    drives
-        Which inputs are wrong with each junction of the inner row, (k, k).
+        Rate of each mean, (R, ...) [K/s].
+    inner_row_weights
+        Error of each input of the inner row per error of each of its junctions, (k, k); the
+        identity without surrogates.
+
+    Returns
+    -------
+    Array
+        Effects [K] of 1 K of each static line, 1 m of each depth, 1 s of each lag, of each material
+        property by all of itself, and of 1 K of ambient.
 
     Notes
     -----
-    A junction of the inner row that reads too high drives the prediction up. One that lies deeper
-    reads too low for its nominal radius."""
-    k = len(drives)
+    A junction of the inner row that reads too high raises the prediction, so the outer row reads
+    less than predicted. An inner junction that lies deeper, or lags more, reads too low for its
+    nominal radius or time, so the outer row reads more than predicted. ``perturbed`` of an outer
+    depth already is readings less prediction.
+
+    The signs must agree with ``tcdyn.partition.disk_features.DiskFeatures.effects``, which calls
+    this function with window means. ``tests/partition/test_effects.py`` fails if a sign changes.
+    """
+    k = len(inner_row_weights)
     p = input_responses.shape[2]
     junctions = np.eye(p + k)[:, None, : perturbed.shape[2]]
     static = junctions * constant[:, None]
     lag = -junctions * rates_K_s
     depth = perturbed[: p + k].copy()
-    static[p:, :, :p] -= np.tensordot(drives, input_responses[:k], 1)
-    depth[p:, :, :p] += np.tensordot(drives, input_responses[k : 2 * k], 1)
-    lag[p:, :, :p] += np.tensordot(drives, input_responses[2 * k : 3 * k], 1)
+    static[p:, :, :p] -= np.tensordot(inner_row_weights, input_responses[:k], 1)
+    depth[p:, :, :p] += np.tensordot(inner_row_weights, input_responses[k : 2 * k], 1)
+    lag[p:, :, :p] += np.tensordot(inner_row_weights, input_responses[2 * k : 3 * k], 1)
     ambient = np.zeros_like(perturbed[:1])
     ambient[0, :, :p] = input_responses[3 * k]
     return np.concatenate([static, depth, lag, perturbed[p + k :], ambient])
 
 
 def steady_input_response(setup: DiskSetup, static: Array) -> Array:
-    """Steady responses ``static`` (I, P) in the order of ``nominal_effects``, (3 k + 1, P)."""
+    """Steady responses of the outer row in the order of ``nominal_effects``, (3 k + 1, P).
+
+    Parameters
+    ----------
+    setup
+        The set-up of the disk.
+    static
+        Steady responses to all inputs of the rim, (I, P): power, k of the inner row, ambient.
+    """
     k = len(setup.inner)
     inner = static[1 : k + 1]
     ambient = static[k + 1 : k + 2]
@@ -181,13 +289,39 @@ def steady_input_response(setup: DiskSetup, static: Array) -> Array:
 
 
 def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Radial gradient at the inner row in every sample by the rim model, (N, k) [K/m]."""
+    """Radial gradient at the inner row in every sample by the rim model, (N, k) [K/m].
+
+    Parameters
+    ----------
+    window
+        The window of the disk.
+    share, h_W_m2K
+        Share and heat transfer coefficient of the model.
+
+    Notes
+    -----
+    Positive where the temperature rises with radius. It is computed for the R blocks and
+    interpolated linearly between their mean times.
+    """
     boundary, power = window.rim.gradient(h_W_m2K)
     return interpolate_blocks(window, boundary + share * power)
 
 
 def harmonic_prior(test: EhlTest, disk: str) -> AngularHarmonic:
-    """The circumferential harmonic of a disk as the test has it, else the default prior."""
+    """The angular harmonic of a disk as the test has it, else the default prior.
+
+    Parameters
+    ----------
+    test
+        The test.
+    disk
+        Name of the disk.
+
+    Notes
+    -----
+    The default prior has the length of this test's steady window, because the drift and the
+    curvature of the harmonic are defined over it.
+    """
     return test.harmonics.get(
         disk, AngularHarmonic(steady_window_s=test.events.unload_s - steady_start_s(test))
     )
@@ -198,13 +332,36 @@ def nuisance_effects(
 ) -> NuisanceEffects:
     """Effect of all nuisance parameters on the readings of a disk, linear about (share, h).
 
-    Parameters without an uncertainty are left out.
+    Parameters that have no uncertainty are omitted.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    window
+        Window of the readings, R blocks of P outer junctions.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+
+    Returns
+    -------
+    NuisanceEffects
+        ``nominal_parameters``, ``parameters_of_test``, those of rig.toml's further specifications,
+        and last those of the angular harmonics; effects (Q, R, P) [K] by one standard uncertainty
+        of each.
 
     Notes
     -----
     How a lag of the outer row is split into two is a nuisance parameter. Per second moved from its
     first lag to its second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading
-    loses (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself."""
+    loses (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself.
+
+    A larger ``SPLIT_SD_S`` or ``RIM_MODEL_U_K`` widens every estimate; ``RIM_MODEL_U_K`` is also
+    read by ``tcdyn.campaign.compress``. To add a parameter, add it to
+    ``tcdyn.partition.nuisance.parameters_of_test`` and, at the same position, to ``change`` and
+    ``test_u``. The harmonics must stay last: ``add_harmonic_effects`` looks up all others.
+    ``tests/partition/test_joint.py`` (study) compares the effects with a simulated whole disk.
+    """
     rim = window.rim
     setup = disk.setup
     outer = setup.channel_indices(setup.outer)
@@ -264,7 +421,11 @@ def _perturbed(
 def _input_responses(
     test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> Array:
-    """``input_responses`` of ``nominal_effects``: gradients and rates pass the rim."""
+    """``input_responses`` of ``nominal_effects`` for a window, (3 k + 1, R, P).
+
+    Constant errors have their steady response. Errors by gradient and by rate vary in time, so they
+    pass the filter bank and the gains of the rim.
+    """
     setup = disk.setup
     inner = setup.channel_indices(setup.inner)
     rates_1_s = window.rim.rates_1_s
@@ -283,7 +444,10 @@ def _input_responses(
 
 
 def _split_effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, predicted: Array) -> Array:
-    """Effect of a second moved from the first lag to the second, (P, R, P) [K]."""
+    """Effect of a second moved from an outer junction's first lag to its second, (P, R, P) [K].
+
+    Each junction changes only its own reading. The lags are those of the mean chain.
+    """
     dt = test.dt_s
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1 = max(taus[0], MIN_TAU1_S)
@@ -295,14 +459,40 @@ def _split_effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, predicte
 
 
 def lags(p: Array) -> tuple[float, float]:
-    """tau1 and tau2 [s] of the parameters of a disk; tau2 is at most the sum of both."""
+    """tau1 and tau2 [s] of the parameters of a disk; tau2 is at most the sum of both.
+
+    Parameters
+    ----------
+    p
+        ``PARAMETERS`` of the disk, (4,).
+
+    Returns
+    -------
+    tau1, tau2
+        First and second lag. Which of them is larger is not fixed.
+
+    Notes
+    -----
+    ``MIN_LAG_FRACTION`` keeps tau1 positive. The parameters are the logarithms of the sum and of
+    tau2, so a change of this form must be made also in
+    ``tcdyn.partition.nuisance.LaggedRim.__call__`` (the derivatives) and in
+    ``tcdyn.partition.profile._Table``; ``tests/partition/test_profile.py`` compares them.
+    """
     total = float(np.exp(p[LOG_LAGS]))
     second = min(float(np.exp(p[LOG_TAU2])), (1 - MIN_LAG_FRACTION) * total)
     return total - second, second
 
 
 def with_lags(chain: Chain, taus_s: tuple[float, ...]) -> Chain:
-    """The chain with ``taus_s`` for its two largest lags, the others unchanged."""
+    """The chain with ``taus_s`` for its largest lags, the others unchanged.
+
+    Parameters
+    ----------
+    chain
+        The chain of a channel or of a disk.
+    taus_s
+        The new lags, one or two [s]. They replace the two largest lags together.
+    """
     return replace(chain, taus_s=(*taus_s, *sorted(chain.taus_s, reverse=True)[2:]))
 
 
@@ -316,15 +506,24 @@ def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Arra
     bank
         Block means of the input through the lags of the bank, (R, K).
     rates_1_s
-        Rates of the bank, (K,).
+        Rates of the bank, (K,) [1/s], ascending.
     tau_s
-        The lag to add.
+        The lag to add [s].
+
+    Returns
+    -------
+    u, bank
+        Block means of the lagged input, (R,), and of the lagged input through the bank, (R, K).
 
     Notes
     -----
     With the bank's lags L_k of rates r_k and a = 1/tau, L L_k = (a L_k - r_k L)/(a - r_k), and L is
-    made up of the L_k themselves by ``lag_weights``: accurate to 1e-6 for a lag within the bank's; one
-    beyond is taken for its last."""
+    a sum of the L_k by ``lag_weights``: accurate to 1e-6 for a lag inside the range of the bank. A
+    lag outside it is replaced by the nearest of its ends, so ``tcdyn.partition.window.disk_window``
+    makes the bank long enough. A lag on a node would divide by zero; it is moved by
+    ``MIN_NODE_DISTANCE``. ``tests/partition/test_power.py`` fails if the result differs from
+    filtering the samples.
+    """
     rate = 1 / tau_s
     if np.any(np.abs(np.log(rate / rates_1_s)) < MIN_NODE_DISTANCE):
         rate *= 1 + 3 * MIN_NODE_DISTANCE
@@ -335,14 +534,14 @@ def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Arra
 
 @dataclass(frozen=True)
 class LaggedRim:
-    """Model of a joint fit: a rim whose power was seen through one lag, for any two lags.
+    """Model of a joint fit: a rim whose frictional power passes two lags that are free.
 
     Parameters
     ----------
     rim
-        The rim, its power seen through ``lag_s``.
+        The rim, its power already passed through ``lag_s`` and the rest of the chain.
     lag_s
-        That lag.
+        That lag [s].
     weight
         Weights of the readings, (R, P) [1/K].
     """
@@ -352,12 +551,14 @@ class LaggedRim:
     weight: Array
 
     def rim_with_lags(self, taus_s: tuple[float, ...]) -> RimMeans:
-        """The rim with the power seen through the lags ``taus_s`` [s].
+        """The rim with the power passed through the lags ``taus_s`` [s] instead of ``lag_s``.
 
         Notes
         -----
-        (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L with the longest of them, then the
-        others."""
+        (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L for the longest of them, then the others
+        are added by ``add_lag``. The power that ``rim`` holds is already lagged, so it has no jump
+        at the unloading, and straight lines between its samples are accurate.
+        """
         rates = self.rim.rates_1_s
         u = self.rim.inputs[:, 0]
         bank = self.rim.banks[0]
@@ -371,11 +572,25 @@ class LaggedRim:
         return self.rim.with_power(u, bank)
 
     def __call__(self, p: Array) -> tuple[Array, Array] | None:
-        """Weighted prediction (m,) and derivatives (m, 4) by ``PARAMETERS``; None for too large h.
+        """Weighted prediction (m,), derivatives (m, 4) by ``PARAMETERS``; None for too large an h.
+
+        Parameters
+        ----------
+        p
+            ``PARAMETERS`` of the disk, (4,).
+
+        Returns
+        -------
+        prediction, derivatives
+            In standard deviations of the noise, m = R P.
 
         Notes
         -----
-        The derivative by the logarithm of a lag L that the power P passes is (L - 1) L P.
+        The derivative by the logarithm of a lag L that the power P passes is (L - 1) L P. The chain
+        rule from (log tau1, log tau2) to (log of the sum, log tau2) gives the last two columns. The
+        derivative by log h is a difference quotient; ``LOG_H_STEP`` may change while curvature and
+        rounding stay below 1e-5 of the slope. ``tests/partition/test_profile.py`` compares all four
+        with central differences.
         """
         if not p[LOG_H] < MAX_LOG_H:
             return None
@@ -387,6 +602,7 @@ class LaggedRim:
         predicted, predicted_at_step = boundary + share * power
 
         def by_log_lag(tau: float) -> Array:
+            """Derivative of the prediction by the logarithm of the lag ``tau`` [s], (R, P) [K]."""
             twice = self.rim_with_lags((tau1, tau2, tau)).input_response(POWER, h)
             return np.asarray(share * (twice - power[0]))
 

@@ -62,13 +62,13 @@ NOTICEABLE = 0.2
 
 
 def rim_table(
-    side: DiskBlock, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float
+    block: DiskBlock, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float
 ) -> DiskBlock:
     """Replace the rim model of a disk by a table, in the directions of data space that it spans.
 
     Parameters
     ----------
-    side
+    block
         The disk.
     points
         Parameters (4,) about which the table is made.
@@ -82,11 +82,11 @@ def rim_table(
     exactly, and the many responses by random mixing: Halko, Martinsson & Tropp, SIAM Review 53
     (2011), algorithm 4.1.
     """
-    rim = side.window.rim
-    weight = side.window.weight
-    nodes_h = log_nodes(*_reach([float(np.exp(p[LOG_H])) for p in points], h_u_W_m2K), H_NODES)
+    rim = block.window.rim
+    weight = block.window.weight
+    nodes_h = log_nodes(*_log_range([float(np.exp(p[LOG_H])) for p in points], h_u_W_m2K), H_NODES)
     sums = [float(np.exp(p[LOG_LAGS])) for p in points]
-    low, high = _reach(sums, lag_u_s)
+    low, high = _log_range(sums, lag_u_s)
     longest_s = max(2 * max(sums), 1 / rim.rates_1_s[0])  # that the filter bank holds
     high = min(high, float(np.log(longest_s)))
     n_sums = next(count for width, count in SUM_NODES if high - low < width)
@@ -98,18 +98,18 @@ def rim_table(
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):
             ratio = max(0.5 * (1 - np.sqrt(max(1 - q, 0.0))), MIN_LAG_RATIO)
-            lagged = side.rim_with_lags((float(s * (1 - ratio)), float(s * ratio)))
+            lagged = block.rim_with_lags((float(s * (1 - ratio)), float(s * ratio)))
             response = lagged.input_response(POWER, nodes_h) * weight
             power[:, i, j] = response.reshape(H_NODES, -1)
     responses = np.vstack([boundary, power.reshape(-1, weight.size)])
     mixed = np.random.default_rng(0).standard_normal((RANK, len(responses))) @ responses
-    basis = np.linalg.qr(np.vstack([side.y, side.effects.T, mixed]).T)[0]
+    basis = np.linalg.qr(np.vstack([block.y, block.effects.T, mixed]).T)[0]
     table = _Table(
         nodes=(nodes_h, nodes_sum, nodes_shape),
         boundary=boundary @ basis,
         power=(power @ basis).reshape(H_NODES, -1),
     )
-    return replace(side, y=side.y @ basis, effects=(side.effects.T @ basis).T, model=table)
+    return replace(block, y=block.y @ basis, effects=(block.effects.T @ basis).T, model=table)
 
 
 @dataclass(frozen=True)
@@ -221,8 +221,10 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         "h_slow": _exponential(h_slow),
         "exponent": ProfiledNumber((h_fast - h_slow) / float(np.log(both.speed_ratio))),
     }
-    sides = [tables[d] for d in DISKS]
-    profiles.append(_profiles("both", sides, both.theta, numbers, both.estimates, both.inflation))
+    disk_blocks = [tables[d] for d in DISKS]
+    profiles.append(
+        _profiles("both", disk_blocks, both.theta, numbers, both.estimates, both.inflation)
+    )
     return pd.concat(profiles, ignore_index=True)
 
 
@@ -232,7 +234,7 @@ def _complement(share: float) -> float:
 
 def _profiles(
     fit: str,
-    sides: Sequence[DiskBlock],
+    disk_blocks: Sequence[DiskBlock],
     start: Array,
     numbers: Mapping[str, ProfiledNumber],
     estimates: Mapping[str, Estimate],
@@ -249,7 +251,7 @@ def _profiles(
     minimum, the fit, and gives the stated covariance when all is normal; new weights would move the
     minimum. Chandler & Bate (2007).
     """
-    problem = joint_problem(sides)
+    problem = joint_problem(disk_blocks)
     k = len(start)
     nuisance_start = np.zeros(problem.size - k)
     reduced = eliminate_linear(problem, k, np.concatenate([start, nuisance_start]))
@@ -261,7 +263,7 @@ def _profiles(
     best = lowest_cost(optima)
     full_start = np.concatenate([best.theta, nuisance_start])
     full = minimise(problem, full_start, tolerance=TOLERANCE)
-    noise, sensitivity = main_covariance(full, sides)
+    noise, sensitivity = main_covariance(full, disk_blocks)
 
     def profile_of(name: str) -> pd.DataFrame:
         number = numbers[name]
@@ -295,7 +297,7 @@ def _profiles(
     return pd.concat([profile_of(name) for name in numbers], ignore_index=True)
 
 
-def _reach(values: Sequence[float], u: float) -> tuple[float, float]:
+def _log_range(values: Sequence[float], u: float) -> tuple[float, float]:
     """Logarithms of the ends of a table about all ``values``."""
     low = min(max(v - REACH_U * u, v / REACH_FACTOR) for v in values)
     high = max(min(v + REACH_U * u, v * REACH_FACTOR) for v in values)

@@ -106,12 +106,12 @@ class FaultFit:
     size: Estimate | None
 
 
-def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
+def hypotheses(channels: Sequence[str], excluded: Sequence[str] = ()) -> Iterator[list[Fault]]:
     """A sound disk and all faults that are considered, in lists with one order of the columns each.
 
     Channels ``excluded`` have no faults.
     """
-    used = [c for c in channels if c not in left_out]
+    used = [c for c in channels if c not in excluded]
     yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE_PARAMETER)]
     for pair in combinations(used, 2):
         yield [Fault("swapped", pair)]

@@ -155,12 +155,12 @@ class OneDisk:
 
 @dataclass(frozen=True)
 class _JointResult:
-    """Joint fit with its harmonic and optimum; ``even``: the test without the harmonic."""
+    """Joint fit with its harmonic and optimum; ``corrected``: the test without the harmonic."""
 
     fit: DiskFit
     harmonic: AngularHarmonic
     optimum: Optimum
-    even: EhlTest
+    corrected: EhlTest
     findings: list[Finding]
 
 
@@ -191,14 +191,14 @@ def analyse_one_disk(
     progress("joint fit")
     result = _joint_result(test, name, rows)
     fit = result.fit
-    even = result.even
+    corrected = result.corrected
     findings += result.findings
     progress("cooling fit")
-    disk = even.disks[name]
-    line = steady_lines(even, rows)[0][name]
+    disk = corrected.disks[name]
+    line = steady_lines(corrected, rows)[0][name]
     chains = refined_chains(disk.chains, fit.chain)
-    smooth = smooth_traces(even, disk, rows, chains, fit.estimates["lag_s"].u)
-    cooled = compensate_disk(even, disk, rows, smooth)
+    smooth = smooth_traces(corrected, disk, rows, chains, fit.estimates["lag_s"].u)
+    cooled = compensate_disk(corrected, disk, rows, smooth)
     cooling = cooling_fit(
         cooled.window,
         line.line,
@@ -230,10 +230,12 @@ def analyse_one_disk(
     if name != "fast":
         values[[COOLING, JOINT]] = 1 - values[[COOLING, JOINT]]
     u = np.sqrt(np.diag(covariance))
-    answers = {key: Estimate.normal(float(x), float(s)) for key, x, s in zip(QUANTITIES, values, u)}
+    estimates = {
+        key: Estimate.normal(float(x), float(s)) for key, x, s in zip(QUANTITIES, values, u)
+    }
     sources = [parameter.source for parameter in fit.sensitivity.parameters]
     return OneDisk(
-        test=even,
+        test=corrected,
         disk=name,
         rows=rows,
         line=line,
@@ -243,7 +245,7 @@ def analyse_one_disk(
         harmonic=result.harmonic,
         sensors=sensors,
         compensated={name: cooled.used_traces},
-        estimates=answers,
+        estimates=estimates,
         z=z,
         budget=_budget(sources, per_sd, root, float(form[JOINT])),
         analysis_findings=tuple(findings),
@@ -260,17 +262,17 @@ def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
         fit = disk_fit(test, test.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
     harmonic, optimum = _harmonic(test, fit)
     expected = expected_harmonics({name: harmonic})
-    even = without_harmonics(test, {name: harmonic}, expected)
+    corrected = without_harmonics(test, {name: harmonic}, expected)
     findings = []
     if any_significant(expected):
         again = replace(test, harmonics=expected)
         fit = disk_fit(again, again.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
         harmonic, optimum = _harmonic(again, fit)
-        even = without_harmonics(again, {name: harmonic}, expected_harmonics({name: harmonic}))
+        corrected = without_harmonics(again, {name: harmonic}, expected_harmonics({name: harmonic}))
         finding = harmonic.finding(name)
         if finding is not None:
             findings.append(finding)
-    return _JointResult(fit, harmonic, optimum, even, findings)
+    return _JointResult(fit, harmonic, optimum, corrected, findings)
 
 
 def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[AngularHarmonic, Optimum]:

@@ -14,8 +14,8 @@ from scipy.ndimage import uniform_filter1d
 from tcdyn.core import Array
 from tcdyn.heat.nonuniform import cached_rim_gains
 from tcdyn.heat.rim import Rim, junction_points, lag_basis_means
-from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.window import FIT_MESH, DiskWindow, Perturbation, RimMeans
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable

@@ -12,9 +12,9 @@ import numpy as np
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.heat.rim import Profile
-from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import inner_gradient, nuisance_effects
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.specified import depends_on_temperature, linear_about
 from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS, DiskSetup

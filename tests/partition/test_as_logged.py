@@ -13,7 +13,6 @@ from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.analyse import Partition, refine_lags
-from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.partition.nuisance import (
     DISK_AIR,
@@ -21,6 +20,7 @@ from tcdyn.partition.nuisance import (
     nuisance_effects,
     parameters_of_test,
 )
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.window import fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log

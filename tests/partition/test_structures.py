@@ -16,7 +16,7 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.departures import MODEL_FORMS, STEM_SD, DiskAtFit, model_form_columns
 from tcdyn.partition.joint import joint_problem
 from tcdyn.partition.model_forms import ESTIMATORS, NAMED_LOG_ODDS, SPEED_LAW_Z, compare_model_forms
-from tcdyn.partition.nuisance import NuisanceParameter
+from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.specified import flux_shift_effect
 from tcdyn.partition.window import Perturbation
 from tcdyn.plots.partition import draw_lines
