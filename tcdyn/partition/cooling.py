@@ -1,4 +1,12 @@
-"""Cooling fit: without power, h is the one unknown of a disk on its steady line (4.4 and 7.5)."""
+"""Cooling fit: without power, h is the one unknown of a disk on its steady line (4.4 and 7.5).
+
+After the unloading h alone determines how fast the compensated temperatures fall; the share follows
+the steady line. The module also compensates the traces of a disk, follows the heat transfer
+coefficient of disks that slow down, and gives the temperatures of the running tracks. Used by
+:mod:`tcdyn.partition.analyse`, :mod:`tcdyn.partition.single_disk` and :mod:`tcdyn.workflows`.
+Thresholds are chosen by judgement. Guarded by ``tests/partition/test_cooling.py``,
+``tests/partition/test_windows.py`` and ``tests/partition/test_slowing.py``.
+"""
 
 from __future__ import annotations
 
@@ -34,17 +42,35 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
 from tcdyn.smoothing.traces import DiskTraces
 
+# Chosen by judgement.
 H_RANGE_W_M2K = (5.0, 8000.0)  # range of the search for h; a fit at its ends is an error
 MATCH_S = 10.0  # the model is matched to the readings over this long before the unloading [s]
 MATCH_GAP_S = 0.1  # and up to this long before it [s]
-LAG_STEP_S = 0.01  # of the difference quotient by the compensated lag [s]
+LAG_STEP_S = 0.01  # step of the difference quotient by the compensated lag [s]
 MIN_SPEED_RATIO = 0.01  # least surface speed, relative to that under load, in the speed law of h
 TRACK_POINTS = np.linspace(0.3, 0.7, 9)  # across the running track, relative to the width
-MIN_TAU_S = 1e-3  # least lag of a channel's chain [s]
+MIN_TAU_S = 1e-3  # least largest lag of a refined chain [s]
 
 
 def require_window_longer_than_lag(test: EhlTest, window_s: float) -> None:
-    """Raise InputError for a cooling window that is shorter than the lag of a disk."""
+    """Raise InputError for a cooling window that is shorter than the lag of a disk.
+
+    Parameters
+    ----------
+    test
+        The test.
+    window_s
+        Length of the cooling [s].
+
+    Raises
+    ------
+    InputError
+        If it is shorter than the largest common lag of the disks.
+
+    Notes
+    -----
+    The limit of one lag is chosen by judgement.
+    """
     lag_s = max(disk.common_lag_s for disk in test.disks.values())
     if window_s < lag_s:
         raise InputError(
@@ -67,9 +93,14 @@ def with_slowing_air_offset(test: EhlTest, points: Mapping[str, tuple[float, flo
     Notes
     -----
     The surface loses h (u/u_0)^n (T_s - T_A). That is the loss under load with air at the running
-    surface alone that is ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the
-    running surface by the model itself, so air and surface are computed in turn. The second column
-    is the change by a standard uncertainty of n, which is uniform over its range."""
+    surface, and only there, that is ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature
+    of the running surface by the model itself, so air and surface are computed in turn. The second
+    column is the change by a standard uncertainty of n, which is uniform over its range.
+
+    ``N_ITERATIONS`` may grow. The columns must be those of
+    ``tcdyn.partition.specified.constant_speed_air_offset``. ``tests/partition/test_slowing.py``
+    (study) compares the model with a simulated whole disk.
+    """
     if not test.relative_speed:
         return test
     rows = fit_rows(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
@@ -86,7 +117,22 @@ def with_slowing_air_offset(test: EhlTest, points: Mapping[str, tuple[float, flo
 def _slowing_air_offset(
     test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float
 ) -> Array:
-    """``surface_air_offset_K`` of one slowing disk, (N, 2)."""
+    """``surface_air_offset_K`` of one slowing disk, (N, 2) [K].
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    rows
+        Rows in which the surface temperature is computed.
+    share, h_W_m2K
+        Share and heat transfer coefficient of the model.
+
+    Notes
+    -----
+    The surface temperature of a lagged window is late by the lag of the mean chain; the times are
+    shifted back by it.
+    """
     window = lagged_window(test, disk, rows)
     speed = np.maximum(test.relative_speed[disk.name], MIN_SPEED_RATIO)
     at_constant_speed = constant_speed_air_offset(test, disk)
@@ -110,7 +156,7 @@ class CompensatedDisk:
     Parameters
     ----------
     test, disk
-        The test, and the disk of it.
+        The test, and the traces of the disk.
     compensated
         The compensated traces.
     window
@@ -153,9 +199,9 @@ class CoolingFit:
     h_per_effect
         Change of the fitted h by a change of the prediction of each mean, (R, P) [W/m2K per K].
     power
-        Response of the model to a share of one, (R, P).
+        Response of the model to a share of one, (R, P) [K].
     h_noise
-        Standard uncertainty of h by the noise of the compensated traces alone [W/m2K].
+        Standard uncertainty of h by the noise of the compensated traces only [W/m2K].
     """
 
     disk: str
@@ -171,14 +217,31 @@ class CoolingFit:
 
 @dataclass(frozen=True)
 class CoolingSensitivity(FitSensitivity):
-    """Sensitivity of (share, h); ``by_lag`` (2,): per second of too long a compensated lag."""
+    """Sensitivity of (share, h) of a cooling fit.
+
+    Parameters
+    ----------
+    parameters, per_sd, noise
+        As of :class:`tcdyn.partition.steady.FitSensitivity`.
+    by_lag
+        Change of (share, h) per second by which the compensated lag is too long, (2,).
+    """
 
     by_lag: Array
 
 
 def lag_covariance_with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
-    """Covariance (M, M) of lags with differences of ``covariance_s2`` and mean of ``common_u_s``.
+    """Covariance of lags with given differences and another uncertainty of their mean, (M, M) [s2].
 
+    Parameters
+    ----------
+    covariance_s2
+        Covariance of the lags, (M, M) [s2], of which only the differences from the mean are kept.
+    common_u_s
+        Standard uncertainty of their mean [s].
+
+    Examples
+    --------
     >>> lag_covariance_with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
     array([[0.01, 0.01],
            [0.01, 0.01]])
@@ -190,7 +253,15 @@ def lag_covariance_with_common_u(covariance_s2: Array, common_u_s: float) -> Arr
 
 @dataclass(frozen=True)
 class SingleDiskFit:
-    """Joint fit of one disk without the other: chain, and estimates of beta, h [W/m2K], lag_s."""
+    """Joint fit of one disk without the other.
+
+    Parameters
+    ----------
+    chain
+        The common chain, with the fitted lags.
+    estimates
+        beta, h [W/m2K] and lag_s.
+    """
 
     chain: Chain
     estimates: Mapping[str, Estimate]
@@ -199,7 +270,24 @@ class SingleDiskFit:
 def single_disk_fits(
     test: EhlTest, start: StartPoints, window_s: float, profile: Profile = "modal"
 ) -> dict[str, SingleDiskFit]:
-    """Joint fit of each disk that has a ``start``, independent of the other disk."""
+    """Joint fit of each disk that has a start, independent of the other disk.
+
+    Parameters
+    ----------
+    test
+        The test.
+    start
+        Share and h [W/m2K] of each disk to start from.
+    window_s
+        Length of the cooling used [s].
+    profile
+        Profile of the inner boundary along z.
+
+    Raises
+    ------
+    InputError
+        If the log ends before the window, or share and h cannot be separated.
+    """
     fits = {}
     for name, point in start.items():
         fit = disk_fit(test, test.disks[name], *point, window_s, profile)
@@ -208,9 +296,21 @@ def single_disk_fits(
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
-    """``common`` for every channel, its largest lag shifted by the channel's own difference.
+    """The common chain for every channel, its largest lag shifted by the channel's own difference.
 
     That is the difference of the channel's lag from the mean of ``chains``.
+
+    Parameters
+    ----------
+    chains
+        Chains of the channels by the record.
+    common
+        Common chain by the joint fit.
+
+    Notes
+    -----
+    The joint fit determines only the common lag; differences between channels are the record's.
+    ``MIN_TAU_S`` keeps a lag positive.
     """
     mean_s = float(np.mean([chain.lag_s for chain in chains]))
     longest, *others = sorted(common.taus_s, reverse=True)
@@ -228,25 +328,26 @@ def smooth_traces(
     lag_u_s: float,
     like: Compensated | None = None,
 ) -> Compensated:
-    """Compensate the traces of one disk by the RTS smoother, the unloading a known change of slope.
+    """Compensate the traces of a disk by the RTS smoother, with known slope changes.
 
     Parameters
     ----------
     test, disk
-        The test, and the disk of it.
+        The test, and the traces of the disk.
     rows
         Rows of the test to smooth.
     chains
         Chain of each channel.
     lag_u_s
-        Standard uncertainty of their common lag.
+        Standard uncertainty of their common lag [s].
     like
         Traces from the same first row on whose process-noise intensities are used; without it these
         are estimated by their likelihood.
 
     Notes
     -----
-    A slow unloading is two known changes of slope.
+    A slow unloading is two known slope changes, at its start and at its end: as one in the middle
+    it would bias h, which ``tests/partition/test_cooling.py`` (study) tests.
     """
     start_s = test.time_s[rows][0]
     end_s = test.time_s[rows][-1]
@@ -268,9 +369,20 @@ def smooth_traces(
 def compensate_disk(
     test: EhlTest, disk: DiskTraces, rows: slice, traces: Compensated, profile: Profile = "modal"
 ) -> CompensatedDisk:
-    """Traces of one disk over ``rows``, ``traces`` by :func:`smooth_traces`, and their windows."""
+    """Windows of one disk's compensated traces.
+
+    Parameters
+    ----------
+    test, disk, rows
+        As of :func:`smooth_traces`.
+    traces
+        The traces by :func:`smooth_traces`.
+    profile
+        Profile of the inner boundary along z.
+    """
 
     def window_with(longer_s: float) -> DiskWindow:
+        """The window with ``longer_s`` seconds more lag removed, to first order."""
         temperature = traces.temperature + longer_s * traces.lag_sensitivity
         return disk_window(test, disk, temperature, rows, disk.noise_K, profile)
 
@@ -282,7 +394,14 @@ def compensate_disk(
 def cooling_effects(
     cooled: CompensatedDisk, share: float, h_W_m2K: float
 ) -> tuple[NuisanceEffects, Array]:
-    """What may be wrong with the compensated window, linearised at (share, h).
+    """Effects of all errors on a compensated window, linearised at (share, h).
+
+    Parameters
+    ----------
+    cooled
+        The compensated disk, R blocks.
+    share, h_W_m2K
+        The cooling fit.
 
     Returns
     -------
@@ -290,7 +409,7 @@ def cooling_effects(
         Effects of the nuisance parameters.
     by_lag
         Predicted less compensated outer row per second by which the compensated lag is too long,
-        (R, P).
+        (R, P) [K/s].
     """
     window = cooled.window
     longer = cooled.longer_lag_window
@@ -306,8 +425,22 @@ def cooling_sensitivity(
 ) -> CoolingSensitivity:
     """Sensitivity of (share, h), through the traces and through the line.
 
-    ``effects`` and ``lag_effect`` are the effects and the effect of the lag by
-    :func:`cooling_effects`."""
+    Parameters
+    ----------
+    fit
+        The cooling fit.
+    effects, lag_effect
+        The two results of :func:`cooling_effects`.
+    line
+        Steady line of the disk, with its sensitivity.
+
+    Notes
+    -----
+    An error changes the line, so that the share on it changes at given h, and the readings, so that
+    h changes; the share then follows h along the line. The nuisance parameters of ``effects`` and
+    of the line must be the same, in the same order. The noise of the line is added to the share's
+    own.
+    """
     slope = line.line.slope
     share_errors = line.sensitivity.per_sd @ np.array([1.0, fit.h_W_m2K])
     prediction_errors = share_errors[:, None, None] * fit.power - effects.change
@@ -328,7 +461,7 @@ def cooling_fit(
     noise_K: float,
     log_h_prior: tuple[float, float] = (0.0, np.inf),
 ) -> CoolingFit:
-    """Fit h alone to compensated traces; the share follows the steady line.
+    """Fit h to compensated traces; the share follows the steady line.
 
     Parameters
     ----------
@@ -337,24 +470,27 @@ def cooling_fit(
     line
         Steady line of the disk.
     unload_s
-        Instant of unloading.
+        Instant of unloading [s].
     window_s
-        Length of the cooling used.
+        Length of the cooling used [s].
     noise_K
-        Standard deviation of the noise that compensation leaves in a trace.
+        Standard deviation of the noise that compensation leaves in a trace [K].
     log_h_prior
-        Prior mean and standard deviation of log h.
+        Prior mean and standard deviation of log h (h in W/m2K).
 
     Raises
     ------
     InputError
-        If the best h is not inside 5..8000 W/m2K.
+        If the best h is at an end of 5..8000 W/m2K.
 
     Notes
     -----
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S``
     seconds under load, so that static errors, which the steady line already holds, do not enter
-    twice."""
+    twice. ``MATCH_S``, ``MATCH_GAP_S`` and ``H_RANGE_W_M2K`` may change. ``h_per_effect`` must have
+    the weights and the matching of the cost: ``tests/partition/test_cooling.py`` compares it with a
+    second fit.
+    """
     since_s = window.block_time_s - unload_s
     inside = (since_s >= 0) & (since_s < window_s)
     before = (since_s >= -MATCH_S) & (since_s < -MATCH_GAP_S)
@@ -362,15 +498,18 @@ def cooling_fit(
     prior_mean, prior_sd = log_h_prior
 
     def model(h: float) -> tuple[Array, Array]:
+        """Prediction of the outer row on the steady line, and the response to a share of one."""
         boundary, power = window.rim.response(h)
         return boundary + line.at(h) * power, power
 
     def matched(x: Array) -> Array:
+        """Departure from the mean over the last seconds under load."""
         return np.asarray(x - x[before].mean(axis=0))
 
     target = matched(window.y)
 
     def cost(log_h: float) -> float:
+        """Weighted sum of squares plus the prior of log h times the noise variance [K2]."""
         predicted, _ = model(float(np.exp(log_h)))
         residual = (target - matched(predicted))[inside]
         prior = (noise_K * (log_h - prior_mean) / prior_sd) ** 2
@@ -434,8 +573,9 @@ def surface_temperatures(
 
     Notes
     -----
-    Temperatures are means over the last seconds under load; the maximum is that of nine points
-    across the track. The samples are linear in beta and h."""
+    Temperatures are means over the last seconds under load; the maximum is that of the points
+    ``TRACK_POINTS`` across the track. The samples are linear in beta and h.
+    """
     values = dict[str, float]()
     samples = dict[str, Array]()
     for d, h, share, sign in (

@@ -56,8 +56,8 @@ AMBIENT_INDEX = -1  # row of the ambient in ``nominal_effects``
 MATERIAL_STEP = 0.01
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]
 DEPTH_STEP_M = 0.05e-3
-# Readings of the inner row are averaged over this before their rate is taken [s], so that the effect
-# of a lag does not follow their noise. Chosen by judgement.
+# Readings of the inner row are averaged over this before their rate is taken [s], so that the
+# effect of a lag does not follow their noise. Chosen by judgement.
 SMOOTH_RATE_S = 0.5
 # Standard uncertainty of how a channel's lag is split into two [s]: a plunge hardly determines it.
 # Chosen by judgement.

@@ -5,10 +5,12 @@ priors, with linear effects of the nuisance parameters as at the fit. Where the 
 the profile is the parabola of the stated uncertainty; where it is not, its 95 % interval, at a
 deviance of 3.84, is the better one.
 
-A table replaces the rim model, cheap enough for hundreds of fits. The two lags enter as
-1/(1 + S s + q S^2 s^2/4) with S = tau1 + tau2 and q = 4 tau1 tau2/S^2 in [0, 1], smoothly and
-whichever is the longer, so a Chebyshev table in log h, log S and q is accurate to 0.1 mK, at worst
-0.7 mK, of 100 K.
+A table replaces the rim model, cheap enough for hundreds of fits. The two lags enter as 1/(1 + S s
++ q S^2 s^2/4) with S = tau1 + tau2 and q = 4 tau1 tau2/S^2 in [0, 1], smoothly and whichever is the
+longer, so a Chebyshev table in log h, log S and q is accurate to 0.1 mK, at worst 0.7 mK, of 100 K.
+
+Used by :mod:`tcdyn.partition.analyse`, :mod:`tcdyn.workflows.beta_tables` and
+:mod:`tcdyn.plots.transient`. Guarded by ``tests/partition/test_profile.py``.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ from tcdyn.partition.joint import (
 from tcdyn.partition.window import POWER
 from tcdyn.rig.disk import DISKS
 
-# Half-width of the table in standard uncertainties, but at most this factor.
+# Half-width of the table in standard uncertainties, but at most this factor. A profile reaches
+# ``MAX_DISTANCE_U``; the rest is a margin. Chosen by judgement.
 REACH_U = 7.0
 REACH_FACTOR = 8.0
 # Numbers of nodes: of h, of the shape q, and of the sum S by the width of the table in log S.
@@ -47,17 +50,19 @@ H_NODES = 13
 SHAPE_NODES = 9
 SUM_NODES = ((0.4, 5), (1.4, 7), (np.inf, 11))
 RANK = 60  # directions of data space that a disk's table spans: the rest is below 1e-8 K
-MIN_LAG_RATIO = 1e-9  # least second lag relative to the sum
+MIN_LAG_RATIO = 1e-9  # least second lag relative to the sum: keeps it above zero
 # Starts of the second lag's logarithm, relative to the fit: there may be two minima in it.
 SHAPE_STARTS = (0.0, -0.7, 0.7)
 # A search stops when a step would lower the sum of squares by less than this. That step is
 # taken, and leaves far less.
 TOLERANCE = 1e-4
+# Chosen by judgement.
 STEP_U = 0.3  # step of a profile in standard uncertainties
 MAX_DISTANCE_U = 6.0  # farthest point of a profile in standard uncertainties
 MAX_DEVIANCE = 8.99  # a profile ends there: three standard uncertainties of a parabola
 DEVIANCE_95 = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
-# The interval differs from the normal one if an end differs by this part of the half-width.
+# The interval differs from the normal one if an end differs by this part of the half-width. Chosen
+# by judgement.
 NOTICEABLE = 0.2
 
 
@@ -75,12 +80,21 @@ def rim_table(
     h_u_W_m2K, lag_u_s
         Standard uncertainties of h and lag, for its extent.
 
+    Returns
+    -------
+    DiskBlock
+        ``y`` (D,), ``effects`` (D, Q) and ``model`` projected on D orthonormal directions.
+
     Notes
     -----
     The rim is run on nodes of h [W/m2K], of the lags' sum [s] and of their shape e^q; the table has
     no value beyond them. The basis consists of orthonormal columns that span data and effects
     exactly, and the many responses by random mixing: Halko, Martinsson & Tropp, SIAM Review 53
     (2011), algorithm 4.1.
+
+    More nodes or a larger ``RANK`` cost time only. Fewer make the table wrong:
+    ``tests/partition/test_profile.py`` (study) requires sums of squares within 0.01 of the rim
+    model's.
     """
     rim = block.window.rim
     weight = block.window.weight
@@ -114,9 +128,16 @@ def rim_table(
 
 @dataclass(frozen=True)
 class _Table:
-    """Responses on ``nodes`` of h, the lags' sum and their shape, in D directions of data space.
+    """Responses on nodes of h, the lags' sum and their shape, in D directions of data space.
 
-    ``boundary`` (H, D) without heat; ``power`` (H, S Q D) to a share of one.
+    Parameters
+    ----------
+    nodes
+        Nodes of h [W/m2K], of the sum S [s], and of e^q.
+    boundary
+        Response without heat, (H, D).
+    power
+        Response to a share of one, (H, S Q D) with the sum, then the shape, then the direction.
     """
 
     nodes: tuple[Array, Array, Array]
@@ -124,9 +145,18 @@ class _Table:
     power: Array
 
     def __call__(self, p: Array) -> tuple[Array, Array] | None:
-        """Prediction and derivatives at the parameters ``p`` (4,); None outside the table.
+        """Prediction (D,) and derivatives (D, 4) at the parameters ``p``; None outside the table.
 
-        The second lag is at most the sum.
+        Parameters
+        ----------
+        p
+            ``tcdyn.partition.nuisance.PARAMETERS`` of the disk, (4,). A second lag above the sum
+            counts as the sum.
+
+        Notes
+        -----
+        The same interface as ``tcdyn.partition.nuisance.LaggedRim``;
+        ``tests/partition/test_profile.py`` compares its derivatives with differences.
         """
         ratio = min(float(np.exp(p[LOG_TAU2] - p[LOG_LAGS])), 1.0)
         q = 4 * (1 - ratio) * ratio
@@ -165,9 +195,9 @@ class ProfiledNumber:
     Parameters
     ----------
     toward
-        Its coordinate is ``toward`` @ theta.
+        Its coordinate is ``toward`` @ theta, (P,).
     value, at
-        Number of a coordinate, and coordinate of a number.
+        Number of a coordinate, and coordinate of a number; inverse to each other.
     within
         Range in which the number makes sense.
     """
@@ -179,7 +209,15 @@ class ProfiledNumber:
 
 
 def _exponential(toward: Array, offset: float = 0.0) -> ProfiledNumber:
-    """The number exp(coordinate) + ``offset``."""
+    """The number exp(coordinate) + offset.
+
+    Parameters
+    ----------
+    toward
+        Direction of the coordinate.
+    offset
+        Added to the exponential, for example the lag of the chain that the fit leaves as it is [s].
+    """
     return ProfiledNumber(
         toward,
         lambda x: float(np.exp(x)) + offset,
@@ -191,12 +229,24 @@ def _exponential(toward: Array, offset: float = 0.0) -> ProfiledNumber:
 def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     """Profiles of all numbers of the joint fits.
 
+    Parameters
+    ----------
+    joint
+        Joint fit of each disk.
+    both
+        Joint fit of both disks.
+
     Returns
     -------
     table
         Columns fit, parameter, value, deviance, estimate, u. ``deviance`` is the sum of squares
         above its least value, all else refitted [1]. The fits' own windows are used; no log is
         filtered again.
+
+    Notes
+    -----
+    One table of each disk serves its own fit and the fit of both, so it is made about both. To
+    profile another number, add it to ``numbers``, with an estimate of the same key.
     """
     unit = np.eye(8)
     tables = {}
@@ -229,6 +279,7 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
 
 
 def _complement(share: float) -> float:
+    """beta of the fast disk by the share of the slow disk, and the inverse."""
     return 1.0 - share
 
 
@@ -244,12 +295,27 @@ def _profiles(
 
     Where slow waves inflate its noise, they are scaled to the curvature of its covariance.
 
+    Parameters
+    ----------
+    fit
+        "fast", "slow" or "both".
+    disk_blocks
+        The disks, with tables as their models.
+    start
+        The fitted parameters, (4,) or (8,).
+    numbers
+        The numbers to profile.
+    estimates
+        Estimates of the numbers by the fit.
+    inflation
+        Variance ratio of slow waves in the residuals to white noise.
+
     Notes
     -----
     The fits weight with white noise and allow for the waves in the covariance of the estimates, so
-    the sum of squares alone is too optimistic. Scaling it by the ratio of both variances keeps its
+    the sum of squares is too optimistic. Scaling it by the ratio of both variances keeps its
     minimum, the fit, and gives the stated covariance when all is normal; new weights would move the
-    minimum. Chandler & Bate (2007).
+    minimum. Chandler & Bate (2007). ``tests/partition/test_profile.py`` (study) tests both.
     """
     problem = joint_problem(disk_blocks)
     k = len(start)
@@ -266,6 +332,7 @@ def _profiles(
     noise, sensitivity = main_covariance(full, disk_blocks)
 
     def profile_of(name: str) -> pd.DataFrame:
+        """Rows of the table for one number."""
         number = numbers[name]
         estimate = estimates[name]
         white = number.toward @ noise @ number.toward
@@ -298,7 +365,20 @@ def _profiles(
 
 
 def _log_range(values: Sequence[float], u: float) -> tuple[float, float]:
-    """Logarithms of the ends of a table about all ``values``."""
+    """Logarithms of the ends of a table about all values.
+
+    Parameters
+    ----------
+    values
+        Values that the table must hold.
+    u
+        Their standard uncertainty.
+
+    Returns
+    -------
+    low, high
+        ``REACH_U`` standard uncertainties beyond the values, at most the factor ``REACH_FACTOR``.
+    """
     low = min(max(v - REACH_U * u, v / REACH_FACTOR) for v in values)
     high = max(min(v + REACH_U * u, v * REACH_FACTOR) for v in values)
     return float(np.log(low)), float(np.log(high))
@@ -338,7 +418,18 @@ class ProfileInterval:
 
 
 def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
-    """The 95 % interval of every profile of ``table``."""
+    """The 95 % interval of every profile of a table.
+
+    Parameters
+    ----------
+    table
+        Result of :func:`joint_profiles`; each profile must be ascending in its value.
+
+    Notes
+    -----
+    ``NOTICEABLE`` decides only which intervals are reported; ``tests/partition/test_profile.py``
+    expects no message from a sound test.
+    """
     out = []
     for (fit, parameter), rows in table.groupby(["fit", "parameter"], sort=False):
         value = rows["value"].to_numpy()

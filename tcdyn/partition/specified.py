@@ -2,7 +2,12 @@
 
 These are flux and heat transfer coefficient along the track, steel that depends on temperature, and
 a running surface whose loss was measured; further the rim edge that an inner row of few junctions
-does not determine."""
+does not determine. The effects are difference quotients of the rim model. Their standard
+uncertainties are keys of rig.toml. :mod:`tcdyn.partition.nuisance` collects them for all fits; the
+model-form alternatives (:mod:`tcdyn.partition.departures`) use some of the effects with their own
+priors. Steps of quotients are chosen by judgement. Guarded by
+``tests/partition/test_statement.py``.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +27,24 @@ from tcdyn.rig.rigfile import UncertaintyTable
 from tcdyn.rig.tables import SurfaceFlux
 from tcdyn.smoothing.traces import SURROGATE_U_K, DiskTraces
 
+# Slopes of the steel with temperature; both disks are of the same steel.
 CONDUCTIVITY_SLOPE = NuisanceParameter("conductivity slope", "conductivity slope", True)
 SPECIFIC_HEAT_SLOPE = NuisanceParameter("specific heat slope", "specific heat slope", True)
 # Readings of the inner row are averaged over this [s]: a column with their noise would explain
-# that noise.
+# that noise. Chosen by judgement.
 SMOOTH_S = 0.5
 
 
 def depends_on_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
-    """Whether the steel's slopes with temperature are specified, or uncertain."""
+    """Whether the steel's slopes with temperature are specified, or uncertain.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    u
+        Standard uncertainties of rig.toml.
+    """
     steel = setup.steel
     slopes = (
         steel.conductivity_per_K,
@@ -46,10 +60,22 @@ def linear_about(
 ) -> DiskSetup:
     """The equivalent disk of constant conductivity and specific heat at these temperatures.
 
+    Parameters
+    ----------
+    setup
+        The disk, with slopes of conductivity and specific heat.
+    air_degC, surface_degC
+        Temperatures of air and running surface, between which Kirchhoff's temperature is defined.
+    rim_degC
+        Temperature of the rim, at which its diffusivity is taken.
+
     Notes
     -----
-    In Kirchhoff's temperature (see ``SteelSlopes.straight``): k_m = k((T_A + T_s)/2), and
-    rho c_m = rho c(T) k_m / k(T) at the rim's T, so that the diffusivity is the rim's.
+    In Kirchhoff's temperature (see ``tcdyn.rig.steel.SteelSlopes.kirchhoff_temperature``): k_m =
+    k((T_A + T_s)/2), and rho c_m = rho c(T) k_m / k(T) at the rim's T, so that the diffusivity is
+    the rim's. The readings must be transformed with the returned ``steel``, as
+    ``tcdyn.partition.window.disk_window`` does. ``tests/partition/test_statement.py`` (study) fails
+    if a bias remains.
     """
     steel = setup.steel.linearised_about(air_degC, surface_degC)
     k = steel.conductivity(steel.mean_degC)
@@ -68,7 +94,23 @@ def conductivity_slope_effect(
     """Readings less prediction if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
 
     The rim conducts differently, and Kirchhoff's transformation of the readings changes, also of
-    those of the inner row that drive the rim."""
+    those of the inner row that drive the rim.
+
+    Parameters
+    ----------
+    window
+        Window of the disk, R blocks; the steel of its rim is linearised.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+    u_per_K
+        Change of the slope [1/K].
+
+    Notes
+    -----
+    The inner row is smoothed over ``SMOOTH_S`` first. Without that the effect would hold the noise
+    of the readings and the fit would use it to explain that noise;
+    ``tests/partition/test_statement.py`` (study) tests this.
+    """
     rim = window.rim
     dt_s = float(window.time_s[1] - window.time_s[0])
     steel = rim.setup.steel
@@ -98,7 +140,17 @@ def conductivity_slope_effect(
 def specific_heat_slope_effect(
     rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float
 ) -> Array:
-    """Change of the outer row if the slope of specific heat is higher by ``u_per_K``, (R, P)."""
+    """Change of the outer row if the slope of specific heat is higher by ``u_per_K``, (R, P) [K].
+
+    Parameters
+    ----------
+    rim
+        The rim, R blocks.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+    u_per_K
+        Change of the slope [1/K].
+    """
     steel = rim.setup.steel
     rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
     heat_capacity = u_per_K * (rim_degC - steel.reference_degC) / steel.specific_heat(rim_degC)
@@ -109,15 +161,24 @@ def specific_heat_slope_effect(
     return np.asarray(perturbed_boundary - boundary + share * (perturbed_power - power))
 
 
+# Air temperature and h of a running surface whose loss was measured; one line of the budget.
 SURFACE_AIR = NuisanceParameter("surface air", "measured surface flux")
 SURFACE_SLOPE = NuisanceParameter("surface slope", "measured surface flux")
-MIN_H_U_REL = 1e-4  # least relative standard uncertainty of a measured h; chosen by judgement
+# Least relative standard uncertainty of a measured h: keeps its prior finite. Chosen by judgement.
+MIN_H_U_REL = 1e-4
 
 
 def with_surface_air(test: EhlTest) -> EhlTest:
     """The test with the air offset of disks whose surface has another air than their faces.
 
-    That is T_a where the surface loss was measured, else what the disk's own channels show.
+    That is T_a where the surface loss was measured, else what the disk's own channels show. Without
+    either, the test is returned as it is.
+
+    Notes
+    -----
+    Must come before every fit. ``tests/partition/test_as_logged.py`` and
+    ``tests/partition/test_statement.py`` (both study) test channels at the surface and a measured
+    loss.
     """
     offsets = {}
     for name, disk in test.disks.items():
@@ -130,7 +191,19 @@ def with_surface_air(test: EhlTest) -> EhlTest:
 
 
 def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
-    """Columns (N, 2) of the air offset at constant speed: T_a less ambient, and zero [K]."""
+    """Air offset at constant speed, (N, 2) [K]: T_a less ambient, and zero.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+
+    Returns
+    -------
+    Array
+        The columns of ``EhlTest.surface_air_offset_K``: offset, and its change by the speed
+        exponent, which is zero at constant speed.
+    """
     surface = disk.setup.surface
     ambient = test.ambient_of(disk.name)
     if surface.is_measured:
@@ -143,23 +216,50 @@ def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
 
 
 def surface_air_effect(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
-    """Change of the outer row if T_a is permanently higher by ``u_K``, (R, P) [K]."""
+    """Change of the outer row if T_a is permanently higher by ``u_K``, (R, P) [K].
+
+    Parameters
+    ----------
+    rim
+        The rim, R blocks, with an offset of the surface air.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    u_K
+        Change of T_a [K].
+    """
     static = rim.gains(h_W_m2K).static[rim.surface_air_inputs[0]]
     return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
 
 
 def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
-    """Prior mean and standard deviation of log h [W/m2K]; infinite unless measured."""
+    """Prior mean and standard deviation of log h.
+
+    Parameters
+    ----------
+    surface
+        The measured loss of the running surface, if there is one.
+
+    Returns
+    -------
+    mean, sd
+        Of the logarithm of h [W/m2K]; the standard deviation is infinite unless h was measured.
+
+    Notes
+    -----
+    Joint fit and cooling fit must use the same prior; both call this function.
+    """
     if not surface.is_measured:
         return 0.0, np.inf
     h = surface.heat_transfer_W_m2K
     return float(np.log(h)), max(surface.heat_transfer_u_W_m2K / h, MIN_H_U_REL)
 
 
-SHIFT_STEP_M = 0.25e-3  # of the difference quotient by the position of the flux [m]
+# Step of the difference quotient by the position of the flux [m]. Chosen by judgement.
+SHIFT_STEP_M = 0.25e-3
 FLUX_SHIFT = NuisanceParameter("flux shift", "place of the flux")
 UNRESOLVED_EDGE = NuisanceParameter("edge", "inner row of few junctions")
-H_PROFILE_STEP = 0.1  # of the difference quotient by the shape of h, relative to h
+# Step of the difference quotient by the shape of h, relative to h. Chosen by judgement.
+H_PROFILE_STEP = 0.1
 # For each shape of h along the track, the two perturbations of the difference quotient.
 H_PROFILE_STEPS = {
     NuisanceParameter(f"film along {name}", "film along the track"): [
@@ -173,7 +273,18 @@ H_PROFILE_STEPS = {
 def flux_shift_effect(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
     """Change of the outer row by the position of the flux, a central difference, (R, P) [K/m].
 
-    Because of the positions of d and f about b, the sign of a shift is each disk's own.
+    Parameters
+    ----------
+    rim
+        The rim, R blocks.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+
+    Notes
+    -----
+    Because of the positions of d and f about b, the sign of a shift is each disk's own, so
+    ``FLUX_SHIFT`` is not shared. ``tests/partition/test_structures.py`` compares the effect with a
+    small shift.
     """
     boundary, power = rim.response(h_W_m2K, Perturbation(shift_m=SHIFT_STEP_M))
     other_boundary, other_power = rim.response(h_W_m2K, Perturbation(shift_m=-SHIFT_STEP_M))
@@ -186,7 +297,24 @@ def h_profile_effects(
 ) -> dict[NuisanceParameter, Array]:
     """Change of the outer row when h departs from its mean by all of itself, (R, P) [K] each.
 
-    The shapes are the tilt and the crown of ``h_along``.
+    The shapes are the tilt and the crown of ``tcdyn.heat.nonuniform.h_along``.
+
+    Parameters
+    ----------
+    rim
+        The rim, R blocks.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+
+    Returns
+    -------
+    dict
+        The effect of each shape, by its nuisance parameter.
+
+    Notes
+    -----
+    The mean of h stays, so that the fitted h is the mean. ``tests/partition/test_joint.py`` (study)
+    tests an h that is lower at the track.
     """
     effects = {}
     for parameter, (up, down) in H_PROFILE_STEPS.items():
@@ -198,9 +326,22 @@ def h_profile_effects(
 
 
 def unresolved_edge_effect(rim: RimMeans, h_W_m2K: float) -> Array | None:
-    """Change of the outer row by a constant kelvin at a rim edge that is not resolved.
+    """Change of the outer row by a constant kelvin at a rim edge that is not resolved, (P,) [K].
 
-    Returns (P,) [K], or None where the inner row determines the profile along z.
+    None where the inner row determines the profile along z.
+
+    Parameters
+    ----------
+    rim
+        The rim.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+
+    Notes
+    -----
+    The effect is that of one more junction at the edge, at the place where the inner row leaves the
+    profile most uncertain (``tcdyn.heat.rim.Rim.undetermined_z_m``). Joint fit and sensor check
+    multiply it by ``SURROGATE_U_K``.
     """
     disk = Rim.from_setup(rim.setup)
     z = disk.undetermined_z_m
@@ -225,7 +366,27 @@ def specified_effects(
 ) -> tuple[tuple[NuisanceParameter, ...], Array]:
     """Nuisance parameters of what is specified with an uncertainty, and their effects.
 
-    Returns the Q parameters and their effects on the outer row, (Q, R, P) [K].
+    Parameters
+    ----------
+    disk
+        The traces of the disk, with its uncertainties.
+    window
+        Window of the disk, R blocks.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+
+    Returns
+    -------
+    parameters
+        The Q nuisance parameters.
+    effects
+        Effect of one standard uncertainty of each on the outer row, (Q, R, P) [K].
+
+    Notes
+    -----
+    To add a specification, give it a key in ``UncertaintyTable`` of :mod:`tcdyn.rig.tables`, an
+    effect, and an entry here. A zero uncertainty must add no parameter:
+    ``tests/partition/test_statement.py`` (study) expects no line of the budget for it.
     """
     u = disk.uncertainty
     rim = window.rim

@@ -1,4 +1,14 @@
-"""Steady line of each disk in the plane of share and h, and the speed law on both lines."""
+"""Steady line of each disk in the plane of share and h, and the speed law on both lines.
+
+Under steady load the outer row determines one combination of share and h: share = A + B h,
+equations (4.1) and (4.2). The speed law h_f/h_s = (u_f/u_s)^n, (4.6), selects a point on both
+lines, (4.7). The lines start all transient fits, and the cooling fit stays on them. The module also
+holds the corrections of a test that need a share and an h: an inner row at several depths, and
+steel that depends on temperature. Used by :mod:`tcdyn.partition.analyse`,
+:mod:`tcdyn.partition.cooling`, :mod:`tcdyn.verify` and :mod:`tcdyn.plots.partition`. Guarded by
+``tests/partition/test_steady.py`` (the thesis's own numbers) and
+``tests/partition/test_inner_row.py``.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +30,25 @@ from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
-H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
+# The grid of the maps, h in W/m2K; section 4.3.
+H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
 # Nodes of ``H_GRID_W_M2K`` between which the sensitivity of a line is taken.
 LOW_NODE = 2
 HIGH_NODE = len(H_GRID_W_M2K) - 3
-END_GAP_S = 0.2  # the last fraction of a second may already hold the unloading [s]
+# Steady means end this long before the unloading, which is known less well than a sample [s].
+# Chosen by judgement.
+END_GAP_S = 0.2
 # Start of the transient fits: least h, and h for a test with one disk [W/m2K]. Chosen by judgement.
 MIN_START_H_W_M2K = 50.0
 START_H_W_M2K = 400.0
-MAX_COOLING_S = 20.0  # longest cooling that any fit uses [s]
-SURFACE_MEAN_S = 10.0  # temperatures at the unloading are means over this long before it [s]
-SURFACE_DEPTH_M = 0.0
-N_SURFACE_POINTS = 12  # across the running surface
+# Chosen by judgement: longest cooling for which corrections of a test are computed [s]; length of the
+# means before the unloading that give temperatures there [s]; number of points across the running
+# surface.
+MAX_COOLING_S = 20.0
+SURFACE_MEAN_S = 10.0
+N_SURFACE_POINTS = 12
+SURFACE_DEPTH_M = 0.0  # the running surface [m]
 # Iterations of corrections that need share and h. The second changes them by a hundredth of what
 # the first does.
 N_ITERATIONS = 2
@@ -42,7 +58,12 @@ N_ITERATIONS = 2
 class SteadyLine:
     """share = intercept + slope h, by the steady temperatures of one disk; (4.1), (4.2).
 
-    ``share`` is beta for the fast disk and 1 - beta for the slow one; ``slope`` in 1/(W/m2K).
+    Parameters
+    ----------
+    intercept
+        Share at h = 0. The share is beta for the fast disk and 1 - beta for the slow one.
+    slope
+        Change of the share with h [1/(W/m2K)].
     """
 
     intercept: float
@@ -60,7 +81,7 @@ class SteadyMap:
     Parameters
     ----------
     h_W_m2K, share
-        The grid.
+        The grid, (n_h,) and (n_share,).
     mean_abs_K
         Mean absolute misfit, (n_h, n_share).
     best_share
@@ -80,7 +101,12 @@ class SteadyMap:
 class SpeedLawPoint:
     """beta and both heat transfer coefficients [W/m2K] where the lines have h_fast / h_slow = chi.
 
-    ``starts``: share and h [W/m2K] of each disk, for a transient fit to start from.
+    Parameters
+    ----------
+    beta, h_fast, h_slow, chi
+        The point; NaN for a test with one disk.
+    starts
+        Share and h [W/m2K] of each disk, for a transient fit to start from.
     """
 
     beta: float
@@ -93,6 +119,15 @@ class SpeedLawPoint:
 def speed_ratio_power(speed_ratio: float, exponent: float) -> float:
     """chi = (u_f / u_s)^n, eq. (4.6).
 
+    Parameters
+    ----------
+    speed_ratio
+        u_f/u_s of the surface speeds.
+    exponent
+        Exponent n of the speed law.
+
+    Examples
+    --------
     >>> round(speed_ratio_power(4.24, 0.667), 2)
     2.62
     """
@@ -100,7 +135,7 @@ def speed_ratio_power(speed_ratio: float, exponent: float) -> float:
 
 
 def speed_law_beta(A: Any, B: Any, C: Any, D: Any, chi: Any) -> Any:
-    """beta by the speed law from both steady lines.
+    """beta by the speed law from both steady lines, eq. (4.7) corrected.
 
     Parameters
     ----------
@@ -114,7 +149,9 @@ def speed_law_beta(A: Any, B: Any, C: Any, D: Any, chi: Any) -> Any:
     Notes
     -----
     beta = (A D + chi B (1 - C)) / (D + chi B): eq. (4.7) as it must read with (4.1), (4.2) and
-    (4.6). The thesis prints (4.7) for a slow line written for beta.
+    (4.6). The thesis prints (4.7) for a slow line written for beta. Numbers or arrays; the Monte
+    Carlo simulation of ``tcdyn.partition.crosscheck`` calls it with samples.
+    ``tests/partition/test_steady.py`` compares it with the thesis's beta.
 
     Examples
     --------
@@ -130,10 +167,23 @@ def speed_law(
 ) -> SpeedLawPoint:
     """The point of both lines that obeys h_fast = (u_f/u_s)^n h_slow.
 
+    Parameters
+    ----------
+    fast, slow
+        The steady lines.
+    speed_ratio
+        u_f/u_s of the surface speeds.
+    exponent
+        Exponent n of the speed law.
+
     Raises
     ------
     InputError
         If a line does not rise with h: then the data contradict the model.
+
+    Notes
+    -----
+    ``MIN_START_H_W_M2K`` limits only the starts of the transient fits, not the point.
     """
     chi = speed_ratio_power(speed_ratio, exponent)
     if fast.slope <= 0 or slow.slope <= 0:
@@ -158,6 +208,17 @@ def exponent_sensitivity(
 ) -> Array:
     """beta by the speed law for each exponent n (figure 4.17), shape of ``exponents``.
 
+    Parameters
+    ----------
+    fast, slow
+        The steady lines.
+    speed_ratio
+        u_f/u_s of the surface speeds.
+    exponents
+        Exponents n.
+
+    Examples
+    --------
     >>> B, D = 0.46 / 1100, 0.28 / 1100
     >>> lines = SteadyLine(0.37 - 100 * B, B), SteadyLine(0.20 - 100 * D, D)
     >>> exponent_sensitivity(*lines, 4.24, np.array([0.571, 0.667, 0.8])).round(2)
@@ -186,7 +247,7 @@ def steady_map(
     per_share
         Response of the model to a share of one, (n_h, rows, P) [K].
     h_W_m2K, share
-        The grid.
+        The grid, (n_h,) and (n_share,).
     weights
         Weights of the P junctions: (7.1) gives each the same, (7.2) a double one to ``a``.
 
@@ -194,7 +255,9 @@ def steady_map(
     -----
     The model is linear in the share, so for each h the best share is one division, and the map
     needs no further run of the model. (The thesis fits a parabola to the error along each h, figure
-    4.10, and then a straight line through the minima.)"""
+    4.10, and then a straight line through the minima.) ``share`` affects only the map, not the
+    line. ``tests/partition/test_steady.py`` recovers an exact line, and tests the weights.
+    """
     w = np.ones(y.shape[1]) if weights is None else np.asarray(weights, dtype=float)
     w = w / w.sum()
     excess = y[None] - boundary
@@ -232,7 +295,17 @@ class FitSensitivity:
 
 @dataclass(frozen=True)
 class DiskLine:
-    """Map and line of one disk; ``compute_sensitivity`` is called when it is needed."""
+    """Map and line of one disk; the sensitivity is computed when it is needed.
+
+    Parameters
+    ----------
+    map
+        The misfit over shares and h.
+    line
+        The steady line.
+    compute_sensitivity
+        Computes :attr:`sensitivity`.
+    """
 
     map: SteadyMap
     line: SteadyLine
@@ -253,7 +326,22 @@ def disk_line(
 ) -> DiskLine:
     """Line of least misfit over the steady blocks of the uncompensated readings.
 
-    ``weights`` (P,) of the outer row are equal (7.1) unless given; (7.2) doubles that of a.
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    rows
+        Rows of the test, by :func:`tcdyn.partition.window.fit_rows`.
+    profile
+        Profile of the inner boundary along z.
+    weights
+        Weights of the outer row, (P,): equal (7.1) unless given; (7.2) doubles that of a.
+
+    Notes
+    -----
+    Steady blocks end ``END_GAP_S`` before the unloading. Under steady load compensation changes
+    nothing, so the readings are used as logged. Excluded channels have no weight;
+    ``tests/partition/test_left_out.py`` tests the line without one (study).
     """
     window = lagged_window(test, disk, rows, profile)
     used = window.used_channels.astype(float)
@@ -275,7 +363,26 @@ def _line_sensitivity(
     weights: Array,
     steady: Flags,
 ) -> FitSensitivity:
-    """Sensitivity of a line; ``power`` (n_h, r, P) belongs to the ``steady`` (R,) blocks."""
+    """Sensitivity of (intercept, slope) of a line to the nuisance parameters, and its noise.
+
+    Parameters
+    ----------
+    test, disk, window, line
+        The test, the traces of the disk, its window and its line.
+    power
+        Response to a share of one at the ``steady`` blocks, (n_h, r, P) [K].
+    weights
+        Weights of the outer row, (P,).
+    steady
+        Mask of the steady blocks, (R,).
+
+    Notes
+    -----
+    The error of the share at two nodes of h gives that of intercept and slope. The noise is that of
+    the share at the lower node, and is assigned to the intercept. ``LOW_NODE`` and ``HIGH_NODE``
+    may change: the error is nearly a straight line in h. ``tests/partition/test_joint.py`` (study)
+    compares the result with a simulated whole disk.
+    """
     w = weights / weights.sum()
     share_errors = []
     for k in (LOW_NODE, HIGH_NODE):
@@ -303,6 +410,25 @@ def steady_lines(
     """Steady line of each disk from the uncompensated readings, and the speed law's point.
 
     For a test with one disk the point has only the start of its transient fit.
+
+    Parameters
+    ----------
+    test
+        The test, with one or both disks.
+    rows, profile, weights
+        As of :func:`disk_line`.
+
+    Returns
+    -------
+    lines
+        The line of each disk.
+    point
+        The point of both lines by the speed law.
+
+    Raises
+    ------
+    InputError
+        If a line does not rise with h.
     """
     lines = {
         name: disk_line(test, disk, rows, profile, weights) for name, disk in test.disks.items()
@@ -321,7 +447,7 @@ def _cooling_rows(test: EhlTest) -> slice:
 
 
 def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
-    """The test with ``inner_offset_K``, the correction of the inner row to one radius, of both disks.
+    """The test with ``inner_offset_K``, the correction of the inner row to one radius.
 
     Notes
     -----
@@ -329,7 +455,12 @@ def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
     The rim begins at its edge, the depth of b, and d and f are taken to read the temperature there
     (eq. 3.34). Where rig.toml states another depth, the gradient of the model itself, at the speed
     law's share and h, gives what they would read there. First order in the difference: good for
-    some tenths of a millimetre. Disks whose inner row has one depth are not changed."""
+    some tenths of a millimetre. A test whose disks have an inner row of one depth is returned as it
+    is.
+
+    ``tcdyn.partition.disk_features.DiskFeatures.response`` makes the same correction for window
+    means. ``tests/partition/test_inner_row.py`` fails without it.
+    """
     depth_differences = {
         name: disk.setup.depth_below_edge_m
         for name, disk in test.disks.items()
@@ -351,7 +482,19 @@ def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
 def _at_one_radius(
     test: EhlTest, disk: DiskTraces, rows: slice, deeper_m: Array, share: float, h_W_m2K: float
 ) -> DiskTraces:
-    """The traces with ``inner_offset_K`` by the gradient at (share, h)."""
+    """The traces with ``inner_offset_K`` by the gradient at (share, h).
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    rows
+        Rows in which the gradient is computed; later rows take its last value.
+    deeper_m
+        How much deeper than the edge each junction of the inner row lies, (k,) [m].
+    share, h_W_m2K
+        Share and heat transfer coefficient of the model.
+    """
     correction = np.zeros_like(disk.inner_offset_K)
     gradient = inner_gradient(lagged_window(test, disk, rows), share, h_W_m2K)
     correction[rows] = gradient * deeper_m
@@ -364,7 +507,14 @@ def with_linear_steel(test: EhlTest) -> EhlTest:
 
     Both temperatures are means over the last seconds under load, the surface's by the model itself
     at the speed law's share and h. The first iteration takes the steel at the temperature of the
-    readings."""
+    readings. A test whose steel does not depend on temperature is returned as it is.
+
+    Notes
+    -----
+    Must come before ``with_inner_row_at_one_radius`` (see
+    ``tcdyn.partition.analyse.prepare_test``), because the gradient depends on the steel.
+    ``tests/partition/test_statement.py`` (study) fails if the bias of a stated slope remains.
+    """
     names = [
         name
         for name, disk in test.disks.items()
@@ -389,7 +539,21 @@ def with_linear_steel(test: EhlTest) -> EhlTest:
 def _linear_steel(
     test: EhlTest, setup: DiskSetup, d: str, rows: slice, point: tuple[float, float] | None
 ) -> DiskSetup:
-    """The disk ``d`` linearised at (share, h), or without ``point`` at the rim's temperature."""
+    """The set-up of a disk linearised about its temperatures under load.
+
+    Parameters
+    ----------
+    test
+        The test.
+    setup
+        The nominal set-up of the disk.
+    d
+        Name of the disk.
+    rows
+        Rows of the test.
+    point
+        Share and h [W/m2K] that give the surface; None to take the rim's temperature instead.
+    """
     window = lagged_window(test, test.disks[d], rows)
     rim = window.rim
     since_s = window.block_time_s - test.events.unload_s
@@ -403,7 +567,20 @@ def _linear_steel(
 
 
 def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Mean temperature of the running surface by the model, (R,) [degC]."""
+    """Mean temperature of the running surface by the model, (R,) [degC].
+
+    Parameters
+    ----------
+    window
+        Window of the disk, R blocks.
+    share, h_W_m2K
+        Share and heat transfer coefficient of the model.
+
+    Notes
+    -----
+    The mean over ``N_SURFACE_POINTS`` points across the width. In a lagged window the temperature
+    lags, too.
+    """
     setup = window.rim.setup
     z_m = (np.arange(N_SURFACE_POINTS) + 0.5) / N_SURFACE_POINTS * setup.width_m
     points = tuple((SURFACE_DEPTH_M, float(z)) for z in z_m)

@@ -2,7 +2,12 @@
 
 The rim forgets in some seconds (its slowest mode decays at about 1 1/s), so nothing before the last
 minutes under load matters, and one filter bank over the window serves every heat transfer
-coefficient, share and material."""
+coefficient, share and material. Steady lines, cooling fit, joint fit, sensor check, model-form
+alternatives and :mod:`tcdyn.campaign` use it. The steady window of 150 s is that of section 4.3;
+all other lengths are chosen by judgement. Guarded by ``tests/partition/test_power.py``,
+``tests/partition/test_stretch.py`` and ``tests/partition/test_slowing.py`` (study, against a whole
+disk).
+"""
 
 from __future__ import annotations
 
@@ -36,18 +41,24 @@ from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
 STEADY_S = 150.0  # length of the steady window before the unloading [s], section 4.3
-FORGET_S = 20.0  # before the steady window, for the filter bank to settle [s]
-AFTER_LOADING_S = 5.0  # the first seconds after the loading are not used [s]
+# Lengths chosen by judgement: record before the steady window, for the filter bank to settle, and
+# record after the loading that is not used [s].
+FORGET_S = 20.0
+AFTER_LOADING_S = 5.0
+# Blocks, chosen by judgement.
 STEADY_BLOCK_S = 1.0  # length of a block under steady load [s]
 BEFORE_UNLOADING_S = 0.5  # single samples from this long before the unloading [s]
 SINGLE_SAMPLES_S = 3.0  # single samples this long after the unloading, then blocks [s]
 COARSE_BLOCK_S = 0.1  # length of those blocks [s]
-GRADIENT_STEP_M = 0.25e-3  # of the difference quotient by radius at the inner row [m]
+# Step of the difference quotient by radius at the inner row [m]. Chosen by judgement.
+GRADIENT_STEP_M = 0.25e-3
 # Least fraction of a block's samples that counts as observed. Interpolated samples get next to no
 # weight; this keeps the weight above zero.
 MIN_OBSERVED_FRACTION = 1e-4
+# Meshes of the rim in all fits, and of a rim that reaches to the bore. The error of the first is part
+# of ``tcdyn.partition.nuisance.RIM_MODEL_U_K`` and of ``tcdyn.partition.crosscheck.MODEL_FORM_REL``.
 FIT_MESH = Mesh(33, 53)
-BORE_MESH = Mesh(49, 41)  # of a rim that reaches to the bore
+BORE_MESH = Mesh(49, 41)
 POWER = slice(0, 1)  # index of the power among the rim's inputs
 
 
@@ -66,7 +77,8 @@ class Perturbation:
     shift_m
         Shift of the centre of the flux along z [m].
     h_profile
-        Tilt and crown of h along the track, see ``h_along`` of ``tcdyn.heat``.
+        Tilt and crown of h along the track, relative to its mean; see
+        ``tcdyn.heat.nonuniform.h_along``.
     """
 
     conductivity: float = 0.0
@@ -78,6 +90,7 @@ class Perturbation:
     h_profile: tuple[float, float] = (0.0, 0.0)
 
 
+# No departure.
 NOMINAL = Perturbation()
 
 
@@ -102,6 +115,11 @@ class RimMeans:
         The inputs through the lags of the filter bank, (I, R, K).
     profile
         Profile of the inner boundary along z.
+
+    Notes
+    -----
+    The model is linear in its inputs: response = inputs @ direct + sum over inputs and lags of gain
+    times bank. The order of the inputs must be that of ``tcdyn.heat.modal.RimGains``.
     """
 
     setup: DiskSetup
@@ -128,12 +146,20 @@ class RimMeans:
 
     @property
     def surface_air_inputs(self) -> tuple[slice, slice]:
-        """Where speeds change: offset of the surface air, and its change by the speed exponent."""
+        """Inputs of the surface air's offset and of its change by the speed exponent.
+
+        Returns
+        -------
+        offset, by_exponent
+            One input each. Both are beyond the end of ``inputs`` where no offset is used; a
+            response to them is then zero.
+        """
         first = self.ambient_index + 1
         return slice(first, first + 1), slice(first + 1, first + 2)
 
     @cached_property
     def _gains_cache(self) -> dict[tuple[float, Perturbation, tuple[Point, ...], bool], RimGains]:
+        """Gains by h, perturbation, additional points, and whether the rim reaches to the bore."""
         return {}
 
     def gains(
@@ -155,6 +181,11 @@ class RimMeans:
             Points beside the outer row, (depth, z) [m].
         bore
             Whether the rim reaches to the bore; the gains are then those at the inner row.
+
+        Returns
+        -------
+        RimGains
+            Gains at the outer row (with ``bore``, the inner row), then at the points of ``extra``.
         """
         key = h_W_m2K, p, extra, bore
         if key not in self._gains_cache:
@@ -164,6 +195,7 @@ class RimMeans:
     def _gains(
         self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...], bore: bool
     ) -> RimGains:
+        """Compute the gains of :meth:`gains`; a depth shift moves junctions, not the rim's edge."""
         setup = self.setup
         depth_shifts = zip_longest(setup.rows, p.depth_shift_m, fillvalue=0.0)
         positions = [
@@ -209,7 +241,17 @@ class RimMeans:
         extra: tuple[Point, ...] = (),
         bore: bool = False,
     ) -> Array:
-        """Response to the ``inputs``, (..., R, P) for h of shape (...)."""
+        """Response to some inputs, (..., R, P) for h of shape (...) [K].
+
+        Parameters
+        ----------
+        inputs
+            Indices of the inputs.
+        h_W_m2K
+            Heat transfer coefficients of the running surface.
+        p, extra, bore
+            As of :meth:`gains`.
+        """
         gains_of_h = [self.gains(float(h), p, extra, bore) for h in np.ravel(h_W_m2K)]
         direct = np.concatenate([g.direct[inputs] for g in gains_of_h], axis=1)
         gains = np.concatenate([g.gains[inputs] for g in gains_of_h], axis=1)
@@ -221,7 +263,20 @@ class RimMeans:
         return by_h.reshape(*np.shape(h_W_m2K), n_blocks, -1)
 
     def with_power(self, power_W: Array, bank: Array) -> RimMeans:
-        """The same rim and gains with another power (R,) and its ``bank`` (R, K)."""
+        """The same rim and gains with another power.
+
+        Parameters
+        ----------
+        power_W
+            Block means of the power, (R,).
+        bank
+            The power through the filter bank, (R, K).
+
+        Notes
+        -----
+        The inputs are then power and ``boundary_inputs``; the change by the speed exponent is
+        dropped. The gains do not depend on the inputs, so both objects share one cache.
+        """
         inputs = np.column_stack([power_W, self.inputs[:, self.boundary_inputs]])
         banks = np.concatenate([bank[None], self.banks[self.boundary_inputs]])
         out = replace(self, inputs=inputs, banks=banks)
@@ -231,18 +286,43 @@ class RimMeans:
     def response(
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> tuple[Array, Array]:
-        """Response without heat, and to a share of one; (..., R, P) each, P with ``extra``."""
+        """Response without frictional heat, and to a share of one; (..., R, P) each.
+
+        P counts the points of ``extra``, too.
+
+        Parameters
+        ----------
+        h_W_m2K, p, extra
+            As of :meth:`input_response`.
+
+        Returns
+        -------
+        boundary, power
+            The readings of the model are ``boundary + share * power`` [degC, K].
+        """
         boundary = self.input_response(self.boundary_inputs, h_W_m2K, p, extra)
         return boundary, self.input_response(POWER, h_W_m2K, p, extra)
 
     @property
     def points_inside(self) -> tuple[Point, ...]:
-        """Points just inside the rim at the inner row."""
+        """Points ``GRADIENT_STEP_M`` inside the rim's edge, at the z of the inner row."""
         depth = self.setup.edge_m - GRADIENT_STEP_M
         return tuple((depth, self.setup.junctions[c].z_m) for c in self.setup.inner)
 
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Radial gradient at the inner row without heat, and per share, (..., R, k) [K/m]."""
+        """Radial gradient at the inner row without heat, and per share, (..., R, k) [K/m].
+
+        Parameters
+        ----------
+        h_W_m2K, p
+            As of :meth:`input_response`.
+
+        Returns
+        -------
+        boundary, power
+            The gradient is ``boundary + share * power``, positive where it is hotter towards the
+            surface.
+        """
         boundary, power = self.response(h_W_m2K, p, self.points_inside)
         n_outer = len(self.setup.outer)
         rise = boundary[..., n_outer:] - self.inputs[:, self.inner_inputs]
@@ -268,7 +348,7 @@ class DiskWindow:
     counts
         Number of samples in each block, (R,).
     y
-        Block means of the P outer junctions, (R, P) [degC].
+        Block means of the P outer junctions, (R, P), in Kirchhoff's temperature [degC].
     weight
         One over the standard deviation of the noise of a block mean, (R, P) [1/K]; zero for an
         excluded channel.
@@ -295,6 +375,15 @@ class DiskWindow:
 def rows_between(time_s: Array, start_s: float, stop_s: float) -> slice:
     """The samples from ``start_s`` to before ``stop_s``.
 
+    Parameters
+    ----------
+    time_s
+        Ascending times, (N,) [s].
+    start_s, stop_s
+        Ends of the interval [s].
+
+    Examples
+    --------
     >>> rows_between(np.arange(5.0), 1.5, 3.0)
     slice(2, 3, None)
     """
@@ -303,12 +392,25 @@ def rows_between(time_s: Array, start_s: float, stop_s: float) -> slice:
 
 
 def fit_rows(test: EhlTest, after_s: float) -> slice:
-    """Rows of the fits, from well before the steady window to ``after_s`` after the unloading.
+    """Rows of the fits, from before the steady window to some seconds after the unloading.
+
+    Parameters
+    ----------
+    test
+        The test.
+    after_s
+        Length of the cooling [s].
 
     Raises
     ------
     InputError
         If the log ends before.
+
+    Notes
+    -----
+    The rows begin ``FORGET_S`` before the steady window, so that the filter bank has settled, but
+    not within ``AFTER_LOADING_S`` of the loading. ``tests/partition/test_stretch.py`` tests the
+    error.
     """
     unload_s = test.events.unload_s
     cooling_s = test.time_s[-1] - unload_s
@@ -325,7 +427,14 @@ def fit_rows(test: EhlTest, after_s: float) -> slice:
 
 
 def steady_start_s(test: EhlTest) -> float:
-    """Start of the steady window: the last 150 s under load, or less of a short test."""
+    """Start of the steady window [s]: the last 150 s under load, or less in a short test.
+
+    Notes
+    -----
+    A short test uses three tenths of its time under load, at least 10 s. The start of the first
+    block, ``tcdyn.partition.nuisance.harmonic_prior`` and :mod:`tcdyn.campaign.compress` rely on
+    it.
+    """
     loaded_s = test.events.unload_s - test.events.load_on_s
     return test.events.unload_s - min(STEADY_S, max(0.3 * loaded_s, 10.0))
 
@@ -344,22 +453,32 @@ def disk_window(
     Parameters
     ----------
     test, disk
-        The test, and the disk of it.
+        The test, and the traces of the disk.
     temperatures
         Temperatures of the channels over ``rows``, (N, C) [degC].
     rows
         Rows of the test.
     noise_K
-        Standard deviation of the noise of each channel, (C,).
+        Standard deviation of the noise of each channel, (C,) [K].
     profile
         Profile of the inner boundary along z.
     chain
         The chain that the temperatures still lag by; None for compensated temperatures.
 
+    Returns
+    -------
+    DiskWindow
+        Blocks of one second under steady load, single samples about the unloading, and blocks of a
+        tenth of a second later.
+
     Notes
     -----
-    Blocks are one second long under steady load, single samples about the unloading, and tenths of
-    a second later."""
+    Power and surface air pass ``chain``, because the temperatures did. Ambient is used as logged:
+    it is taken as slow. The lengths of the blocks may change freely; longer blocks lose resolution
+    in time, shorter ones cost time. The lowest rate of the bank must hold twice the longest lag,
+    because ``tcdyn.partition.nuisance.LaggedRim`` takes derivatives by a lag with that lag twice;
+    ``tests/partition/test_profile.py`` compares these derivatives with differences.
+    """
     dt = test.dt_s
     time_s = test.time_s[rows]
     steel_K = disk.setup.steel.kirchhoff_temperature(temperatures)
@@ -398,7 +517,21 @@ def disk_window(
 
 
 def _averaging_matrix(test: EhlTest, time_s: Array) -> tuple[sparse.csr_array, NDArray[np.int64]]:
-    """Averaging matrix (R, N) of the blocks, and the number of samples in each (R,)."""
+    """Averaging matrix of the blocks, and the number of samples in each.
+
+    Parameters
+    ----------
+    test
+        The test.
+    time_s
+        Times of the samples, (N,).
+
+    Returns
+    -------
+    blocks, counts
+        (R, N) and (R,). Samples before the steady window are in no block: they only settle the
+        bank.
+    """
     unload_s = test.events.unload_s
     n_samples = len(time_s)
     boundaries_s = [
@@ -427,7 +560,13 @@ def _averaging_matrix(test: EhlTest, time_s: Array) -> tuple[sparse.csr_array, N
 def lagged_window(
     test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal"
 ) -> DiskWindow:
-    """Window of the uncompensated readings, all channels brought to the mean chain."""
+    """Window of the uncompensated readings, all channels brought to the mean chain.
+
+    Parameters
+    ----------
+    test, disk, rows, profile
+        As of :func:`disk_window`.
+    """
     readings = equalise(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
 
@@ -442,7 +581,20 @@ def interpolate_blocks(window: DiskWindow, of_blocks: Array) -> Array:
 def lagged_surface_air(
     test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None
 ) -> list[Array]:
-    """Offset of the surface air, if any, and its change by the exponent, (N,) [K] each."""
+    """Offset of the surface air through a chain, and its change by the speed exponent.
+
+    Parameters
+    ----------
+    test, disk, rows
+        As of :func:`disk_window`.
+    chain
+        The chain, None for none.
+
+    Returns
+    -------
+    list
+        Empty, or two arrays (N,) [K].
+    """
     if disk.name not in test.surface_air_offset_K:
         return []
     offsets = test.surface_air_offset_K[disk.name][rows].T
@@ -452,13 +604,30 @@ def lagged_surface_air(
 
 
 def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
-    """Frictional power (N,) [W] through ``chain``, if any, and arguments of ``lag_basis`` for it.
+    """Frictional power through a chain, and the arguments of ``lag_basis`` for it.
+
+    Parameters
+    ----------
+    test, rows
+        The test and its rows, N of them.
+    chain
+        The chain, None for compensated readings.
+
+    Returns
+    -------
+    power
+        Total frictional power F u_s, (N,) [W].
+    arguments
+        Keywords of ``tcdyn.heat.rim.lag_basis``: with a chain none, without one a zero-order hold
+        with its jump inside a sample.
 
     Notes
     -----
     The power is held between samples and ends at an instant inside a sample. Through a chain, for
     uncompensated readings, the sample in which it ends carries its average, which keeps the energy
-    and places the step to second order in dt."""
+    and places the step to second order in dt. ``tests/partition/test_power.py`` fails if the power
+    ends on the wrong side of the sample.
+    """
     power = test.power_W[rows]
     time_s = test.time_s[rows]
     unload_s = test.events.unload_s
