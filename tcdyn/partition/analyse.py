@@ -1,4 +1,12 @@
-"""Analysis of one EHL test: all estimators of beta and their cross-check."""
+"""Analysis of one EHL test: all estimators of beta and their cross-check.
+
+``analyse`` runs the stages in order: preparation, sensor check, steady lines, joint fits (repeated
+with what they show), compensation and cooling fits, model-form alternatives, Monte Carlo budget,
+cross-check. The physics of each stage is in its own module of :mod:`tcdyn.partition`. Used by
+:mod:`tcdyn.workflows`, :mod:`tcdyn.report`, :mod:`tcdyn.plots` and :mod:`tcdyn.campaign.compress`.
+Thresholds are chosen by judgement. Guarded by the behaviour suite
+(``tests/behaviour/test_behaviour.py``) and by all of ``tests/partition``.
+"""
 
 from __future__ import annotations
 
@@ -60,12 +68,14 @@ from tcdyn.partition.window import DiskWindow, fit_rows
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.record import Compensated
 
-WINDOW_S = 5.0  # length of the cooling of the cooling fit [s]
+WINDOW_S = 5.0  # length of the cooling of the cooling fit [s]; chosen by judgement
 # A channel whose offset at rest is larger measures something else, and stops the run [K].
+# Chosen by judgement.
 MAX_OFFSET_K = 20.0
+# Default of functions that take harmonics by disk.
 NO_HARMONICS: Mapping[str, AngularHarmonic] = {}
 # The disks' cables look exchanged if the exponent is this far from the speed law's, and its
-# opposite this near, in standard uncertainties.
+# opposite this near, in standard uncertainties. Chosen by judgement.
 EXCHANGED_Z = 5.0
 OPPOSITE_Z = 3.0
 
@@ -176,7 +186,7 @@ class Partition:
 
     @cached_property
     def profiles(self) -> pd.DataFrame:
-        """Profiles of the joint fits; see ``tcdyn.partition.profile``."""
+        """Profiles of the joint fits, see ``tcdyn.partition.profile``; computed on first use."""
         return joint_profiles(self.joint, self.both)
 
 
@@ -184,7 +194,18 @@ class Partition:
 class _MainFits:
     """Results of steady lines and joint fits.
 
-    ``test`` is without the estimated harmonics, ``fitted`` is the test of the joint fits.
+    Parameters
+    ----------
+    test
+        The test without the estimated harmonics, with their remaining uncertainty.
+    fitted
+        The test of the joint fits: only the nominal harmonics of a stated press fit are subtracted.
+    lines, speed
+        Steady line of each disk, and the speed law's point.
+    joint, both
+        Joint fit of each disk, and of both.
+    findings
+        Findings of the fits.
     """
 
     test: EhlTest
@@ -221,13 +242,13 @@ def analyse(
     Parameters
     ----------
     test
-        The test.
+        The test, with both disks.
     window_s
         Length of the cooling of the cooling fit [s].
     profile
         Profile of the inner boundary along z.
     weights
-        Weights of the outer row for the steady lines; equal unless given.
+        Weights of the outer row for the steady lines, (P,); equal unless given.
     seed
         Of the Monte Carlo simulation.
     sensor_check
@@ -240,6 +261,12 @@ def analyse(
     InputError
         If the log ends too early, the window is shorter than the lag, a channel is dead or swapped,
         or the data contradict the model.
+
+    Notes
+    -----
+    The order of the stages matters: the joint fits give the chains by which the traces are
+    compensated, and the harmonics that are subtracted before. A finding on wrong units comes before
+    all others, because it explains them.
     """
     require_window_longer_than_lag(test, window_s)
     prepared = prepare_test(test)
@@ -308,7 +335,14 @@ def analyse(
 
 
 def prepare_test(test: EhlTest) -> EhlTest:
-    """The test with surface air, linear steel, inner row at one radius, air of slowing disks."""
+    """The test with all corrections that the fits need.
+
+    Notes
+    -----
+    Surface air, linear steel, inner row at one radius, air of slowing disks, in this order: each
+    uses the ones before. ``tcdyn.partition.single_disk.analyse_one_disk`` calls this function, too;
+    ``refine_lags`` applies the same corrections except the inner row's.
+    """
     test = with_surface_air(test)
     test = with_linear_steel(test)
     test = with_inner_row_at_one_radius(test)
@@ -332,6 +366,23 @@ def _main_fits(
 
     These are the air of slowing disks at the fitted share and h, and the circumferential harmonics:
     where one is significant, or a press fit is stated, the joint fits are repeated with its prior.
+
+    Parameters
+    ----------
+    test
+        The prepared test.
+    rows
+        Rows for the steady lines.
+    joint_s
+        Length of the cooling of the joint fits [s].
+    profile, weights, progress
+        As of :func:`analyse`.
+
+    Notes
+    -----
+    ``tcdyn.partition.single_disk._joint_result`` has the same steps for one disk.
+    ``tests/partition/test_uneven.py`` and ``tests/partition/test_stated_fit.py`` (studies) test the
+    repeated fits.
     """
     progress("steady lines")
     _, speed = steady_lines(test, rows, profile, weights)
@@ -370,7 +421,21 @@ def _cooling_fits(
     window_s: float,
     profile: Profile,
 ) -> _CoolingFits:
-    """Compensate the traces of each disk and fit its h to the cooling."""
+    """Compensate the traces of each disk and fit its h to the cooling.
+
+    Parameters
+    ----------
+    main
+        Results of steady lines and joint fits.
+    rows
+        Rows of the test to compensate.
+    chains
+        Chains of each disk.
+    window_s
+        Length of the cooling [s].
+    profile
+        Profile of the inner boundary along z.
+    """
     test = main.test
     traces: dict[str, Compensated] = {}
     windows: dict[str, DiskWindow] = {}
@@ -399,7 +464,10 @@ def _cooling_fits(
 
 
 def _values(main: _MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
-    """Values of all quantities but the surface temperatures, by key of ``Partition.estimates``."""
+    """Values of all quantities but the surface temperatures, by key of ``Partition.estimates``.
+
+    The keys must be those of ``tcdyn.partition.crosscheck._Sampler.samples``.
+    """
     values = {
         "speed law": main.speed.beta,
         "h_fast": main.speed.h_fast,
@@ -420,7 +488,12 @@ def _values(main: _MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, flo
 
 
 def check_suspects(sensors: SensorCheck) -> list[Finding]:
-    """The findings on suspected sensors.
+    """The findings on suspected sensors; an error if a channel makes the test unusable.
+
+    Parameters
+    ----------
+    sensors
+        The sensor check.
 
     Raises
     ------
@@ -449,6 +522,18 @@ def _exchanged_cables(test: EhlTest, both: BothFit) -> list[Finding]:
     """A warning if the disks' cables look exchanged.
 
     Then the exponent is the opposite of the speed law's, or the readings at rest are each other's.
+
+    Parameters
+    ----------
+    test
+        The prepared test.
+    both
+        The fit of both disks.
+
+    Notes
+    -----
+    ``EXCHANGED_Z`` and ``OPPOSITE_Z`` only decide on the warning.
+    ``tests/partition/test_sensors.py`` (study) tests it.
     """
     n = both.estimates["exponent"]
     assumed = test.speed_exponent
@@ -474,7 +559,24 @@ def _exchanged_cables(test: EhlTest, both: BothFit) -> list[Finding]:
 
 
 def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:
-    """The sensor check, with the power that the disks show if that explains all suspects."""
+    """The sensor check, with the power that the disks show if that explains all suspects.
+
+    Parameters
+    ----------
+    test
+        The prepared test.
+    rows
+        Rows for the steady lines.
+    joint_s
+        Length of the cooling of the joint fits [s].
+    profile
+        Profile of the inner boundary along z.
+
+    Notes
+    -----
+    A frictional power in a wrong unit can make sound channels look faulty. If the check with the
+    scaled power is sound, that is its result; otherwise the first one stands.
+    """
     sensors = check_sensors(test)
     if sensors.sound:
         return sensors
@@ -501,19 +603,43 @@ def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
 def expected_harmonics(
     estimated: Mapping[str, AngularHarmonic], stated: Mapping[str, AngularHarmonic] = NO_HARMONICS
 ) -> dict[str, AngularHarmonic]:
-    """Priors of the harmonics for a second fit: by ``stated`` press fits, else by the first fit."""
+    """Priors of the harmonics for a second fit: by stated press fits, else by the first fit.
+
+    Parameters
+    ----------
+    estimated
+        Harmonic of each disk by the first fit.
+    stated
+        Prior of each disk with a stated press fit.
+    """
     return {d: stated.get(d, harmonic.expected) for d, harmonic in estimated.items()}
 
 
 def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:
-    """Whether a harmonic is significant, so that a second fit is needed."""
+    """Whether a harmonic is significant, so that a second fit is needed.
+
+    Parameters
+    ----------
+    expected
+        Result of :func:`expected_harmonics`: only a significant harmonic has a second one.
+    """
     return any(harmonic.second_harmonic_u_K > 0 for harmonic in expected.values())
 
 
 def without_harmonics(
     test: EhlTest, estimated: Mapping[str, AngularHarmonic], expected: Mapping[str, AngularHarmonic]
 ) -> EhlTest:
-    """The test without the estimated harmonics, with the remaining uncertainty as ``expected``."""
+    """The test without the estimated harmonics, and with their remaining uncertainty.
+
+    Parameters
+    ----------
+    test
+        The test.
+    estimated
+        Harmonics by the joint fit.
+    expected
+        Their priors, which hold the uncertainty of second harmonic and angles.
+    """
     remaining = {
         d: replace(
             estimated[d],
@@ -526,7 +652,20 @@ def without_harmonics(
 
 
 def remove_harmonics(test: EhlTest, harmonics: Mapping[str, AngularHarmonic]) -> EhlTest:
-    """The test with circumferential ``harmonics`` subtracted from the readings."""
+    """The test with circumferential harmonics subtracted from the readings.
+
+    Parameters
+    ----------
+    test
+        The test.
+    harmonics
+        The harmonic of each disk; the returned test holds them.
+
+    Notes
+    -----
+    The harmonic is late by the common lag of the disk. ``tests/partition/test_stated_fit.py`` and
+    ``tests/partition/test_uneven.py`` (studies) check what was subtracted.
+    """
     disks = {}
     for d, disk in test.disks.items():
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s
@@ -536,7 +675,18 @@ def remove_harmonics(test: EhlTest, harmonics: Mapping[str, AngularHarmonic]) ->
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, SingleDiskFit]:
-    """Joint fits of the logged disks, for their chains."""
+    """Joint fits of the logged disks, for their chains.
+
+    Parameters
+    ----------
+    test
+        The test, with one or both disks.
+
+    Notes
+    -----
+    ``compensate`` uses it (:mod:`tcdyn.workflows.compensate`). An inner row at several depths is
+    not corrected.
+    """
     test = with_slowing_by_speed_law(with_linear_steel(with_surface_air(test)))
     length_s = joint_window_s(test)
     _, speed = steady_lines(test, fit_rows(test, length_s))

@@ -1,7 +1,11 @@
 """Cross-check of the estimators of beta, uncertainty budget, and contradicted nominal values.
 
 The budget is a Monte Carlo simulation by source over all estimators and both disks (GUM Supplement
-1). Its samples hold every quantity with its correlations, by which the estimators are compared.
+1). Its samples hold every quantity with its correlations, by which the estimators are compared:
+errors common to both cancel. :mod:`tcdyn.partition.analyse` calls it last. The thresholds of
+contradictions are set by their rate of false alarms. Guarded by
+``tests/partition/test_crosscheck.py``, ``tests/partition/test_depths.py`` and
+``tests/partition/test_coverage.py`` (study).
 """
 
 from __future__ import annotations
@@ -35,10 +39,13 @@ MIN_PROBABILITY = 1e-12  # smaller probabilities are reported as this
 SUSPECT_Z = 3.0  # two estimators disagree beyond this many standard deviations of their difference
 # The largest tension is reported if at most half of all sound tests have as large a one.
 REPORT_PROBABILITY = 0.5
+# Monte Carlo samples: a standard uncertainty is then known to 1 %; and samples of the largest pull.
 N_SAMPLES = 4000
 N_PULL_SAMPLES = 20_000
-MIN_COUNT = 20  # least number of samples that give a probability; below, the normal tail does
-MIN_PRIOR_PART = 0.3  # least sd of prior less posterior lag, relative to the prior's
+# Least number of samples that give a probability; below, the normal tail does. Chosen by judgement.
+MIN_COUNT = 20
+# Least standard deviation of prior less posterior lag, relative to the prior's. Chosen by judgement.
+MIN_PRIOR_PART = 0.3
 # Standard uncertainty of the rim's form (inner profile and mesh), relative to the share; 0.03 % by
 # comparison with the whole disk.
 MODEL_FORM_REL = 0.002
@@ -47,7 +54,17 @@ N_QUANTITIES = 7  # intercept, slope; share, h of the cooling fit; share, h, lag
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One source, and its standard uncertainty of beta by speed law and cooling fit."""
+    """One source, and its standard uncertainty of beta.
+
+    Parameters
+    ----------
+    source
+        Line of the budget.
+    u_beta_steady
+        By the speed law.
+    u_beta_transient
+        By the cooling fit of the worse disk.
+    """
 
     source: str
     u_beta_steady: float
@@ -56,14 +73,28 @@ class BudgetRow:
 
 @dataclass(frozen=True)
 class Budget:
-    """Uncertainty budget: ``rows`` by source; ``samples``: samples of every quantity."""
+    """Uncertainty budget of a test.
+
+    Parameters
+    ----------
+    rows
+        The sources, the largest first.
+    samples
+        Samples of every quantity by key, all sources together, (N_SAMPLES,) each.
+    """
 
     rows: tuple[BudgetRow, ...]
     samples: dict[str, Array]
 
     @property
     def total_u(self) -> tuple[float, float]:
-        """Standard uncertainty of beta by speed law, and by the cooling fit of the worse disk."""
+        """Standard uncertainty of beta in total.
+
+        Returns
+        -------
+        steady, transient
+            By speed law, and by the cooling fit of the worse disk.
+        """
         cooling = [float(np.std(self.samples[f"cooling {d}"])) for d in DISKS]
         return float(np.std(self.samples["speed law"])), max(cooling)
 
@@ -76,7 +107,7 @@ def monte_carlo(
     joint: Mapping[str, DiskFit],
     seed: int = 0,
 ) -> Budget:
-    """Sample all sources, propagate them through lines, speed law and transient fits, one and all.
+    """Sample all sources, and propagate them through lines, speed law and transient fits.
 
     Parameters
     ----------
@@ -89,8 +120,13 @@ def monte_carlo(
 
     Notes
     -----
-    Sources that both disks share affect both together. The exponent n is uniform over its range;
-    everything else is normal.
+    Each source is simulated with all others fixed, then all together. Sources that both disks share
+    affect both together. The exponent n is uniform over its range; everything else is normal. The
+    fits are linear in their errors; only the speed law is evaluated for each sample.
+
+    ``N_SAMPLES`` may grow: 4000 give a standard uncertainty to 1 %. A new source needs a nuisance
+    parameter only. The behaviour suite (``tests/behaviour/test_behaviour.py``) fails if the samples
+    change.
     """
     sampler = _Sampler(test, lines, cooling, cooling_sensitivities, joint, seed)
     sources = {parameter.source for d in DISKS for parameter in joint[d].sensitivity.parameters}
@@ -104,7 +140,14 @@ def monte_carlo(
 
 
 class _Sampler:
-    """Random numbers of all sources, and the quantities that they give."""
+    """Random numbers of all sources, and the quantities that they give.
+
+    Notes
+    -----
+    The random numbers of each nuisance parameter are drawn once, in the order of the sorted names,
+    and serve every call of :meth:`samples`. A name that changes its place in that order changes
+    results by their sampling error.
+    """
 
     def __init__(
         self,
@@ -115,6 +158,7 @@ class _Sampler:
         joint: Mapping[str, DiskFit],
         seed: int,
     ) -> None:
+        """Draw the random numbers; parameters as of :func:`monte_carlo`."""
         self.test = test
         self.lines = lines
         self.cooling = cooling
@@ -144,7 +188,20 @@ class _Sampler:
         self.model_form = {d: normal[d, "model form"] for d in DISKS}
 
     def samples(self, active: str | None) -> dict[str, Array]:
-        """Samples of every quantity if only the source ``active`` is uncertain; None for all."""
+        """Samples of every quantity if only one source is uncertain.
+
+        Parameters
+        ----------
+        active
+            The source; None for all.
+
+        Returns
+        -------
+        dict
+            (N_SAMPLES,) by key; the keys are those of
+            ``tcdyn.partition.analyse.Partition.estimates`` without the surface temperatures, and
+            the deviation of each lag [s].
+        """
         exponent = np.full(N_SAMPLES, self.test.speed_exponent)
         if active in (None, "speed exponent"):
             exponent = self.exponent
@@ -160,7 +217,15 @@ class _Sampler:
         return out | {"speed law": beta, "h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
 
     def _disk_samples(self, d: str, active: str | None) -> dict[str, Array]:
-        """Samples of the quantities of one disk."""
+        """Samples of the quantities of one disk.
+
+        Parameters
+        ----------
+        d
+            Name of the disk.
+        active
+            As of :meth:`samples`.
+        """
         per_sd, root = self.sensitivity[d]
         parameters = self.joint[d].sensitivity.parameters
         uncertain = np.array([active in (None, q.source) for q in parameters])
@@ -192,9 +257,24 @@ def stacked_sensitivity(
 ) -> tuple[Array, Array]:
     """Sensitivity of line, cooling and joint fit of a disk together.
 
-    Returns the errors by one standard uncertainty of each nuisance parameter of the joint fit,
-    (Q, 7), and a root of the covariance of their noise, (7, 7). The compensated lag, which is the
-    joint fit's, changes the cooling fit.
+    Parameters
+    ----------
+    line, cooling, joint
+        Sensitivity of (intercept, slope), of (share, h) and of (share, h, lag).
+
+    Returns
+    -------
+    per_sd
+        Errors by one standard uncertainty of each nuisance parameter of the joint fit, (Q, 7).
+    root
+        A root of the covariance of their noise, (7, 7).
+
+    Notes
+    -----
+    The compensated lag, which is the joint fit's, changes the cooling fit. The parameters of line
+    and cooling fit must be the first of those of the joint fit, in the same order. The order of the
+    seven numbers must be that of ``tcdyn.partition.single_disk.QUANTITIES``. The behaviour suite
+    (``tests/behaviour/test_behaviour.py``) fails if they differ.
     """
     per_sd = np.zeros((len(joint.parameters), N_QUANTITIES))
     per_sd[: len(line.parameters), :2] = line.per_sd
@@ -208,7 +288,7 @@ def stacked_sensitivity(
 
 @dataclass(frozen=True)
 class Tension:
-    """A nominal value that the data pull.
+    """A nominal value, and how far the data would change it.
 
     Parameters
     ----------
@@ -316,6 +396,10 @@ def cross_check(
     so errors common to both cancel. With several pairs, the largest z is judged by the probability
     that any of so many is as large (``p_value``, from the samples themselves). The estimators agree
     if no tension is a contradiction and no pair is beyond ``SUSPECT_Z``.
+
+    ``SUSPECT_Z``, ``DEPTH_THRESHOLD`` and ``OTHER_THRESHOLD`` together set the rate of false
+    alarms, below 7 % of sound tests. ``tests/partition/test_crosscheck.py`` tests the rate of the
+    pairs.
     """
     pairs = []
     sampled_z = []
@@ -347,7 +431,24 @@ def _conclusion(
     largest_tension: Tension | None,
     both: ModelForms | None,
 ) -> Finding:
-    """The finding of :func:`cross_check` by the pair that disagrees most."""
+    """The finding of :func:`cross_check`.
+
+    Parameters
+    ----------
+    estimates, both
+        As of :func:`cross_check`.
+    worst
+        The pair that disagrees most: both names, difference, and z.
+    suspects
+        Contradictions, the largest first.
+    largest_tension
+        The largest tension, if it is reported.
+
+    Notes
+    -----
+    A pair that disagrees comes first, then contradictions, then agreement. The numbers must be
+    those of the messages in ``tcdyn/core/messages/partition.py``.
+    """
     first, second, difference, z = worst
     values = [estimate.value for estimate in estimates.values()]
     steady = next(iter(estimates.values()))
@@ -388,7 +489,7 @@ def _conclusion(
 def tensions(
     test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, sensors: SensorCheck | None = None
 ) -> tuple[Tension, ...]:
-    """Every nominal value with the number of standard deviations by which the data would change it.
+    """Every nominal value, and by how many standard deviations the data would change it.
 
     Parameters
     ----------
@@ -404,6 +505,10 @@ def tensions(
     u_prior^2 - u_posterior^2. An exponent within the range about the assumed one is no tension;
     outside it counts from the nearer end. A suspected sensor fault has the normal deviate of its
     odds.
+
+    Each kind is judged by the probability of the largest of its number: depths with their
+    correlation, all others as independent. ``tests/partition/test_depths.py`` (study) checks that
+    every value is judged once.
     """
     depth_tests = {} if sensors is None else sensors.depths
     depths = _depth_pulls(depth_tests)
@@ -430,7 +535,7 @@ def tensions(
 
 
 def _depth_pulls(depth_tests: Mapping[str, DepthTest]) -> list[tuple[Finding, float]]:
-    """Each depth that the sensor check estimates, and its pull."""
+    """Each depth that the sensor check estimates, as a finding, and its pull."""
     pulls = []
     for disk, depth_test in depth_tests.items():
         for (channel, deeper), z in zip(depth_test.deeper_m.items(), depth_test.pull):
@@ -448,9 +553,16 @@ def _depth_pulls(depth_tests: Mapping[str, DepthTest]) -> list[tuple[Finding, fl
 def _nuisance_pulls(
     test: EhlTest, both: BothFit, depth_tests: Mapping[str, DepthTest]
 ) -> list[tuple[Finding, float]]:
-    """Each nuisance parameter of the fit of both disks, and its pull.
+    """Each nuisance parameter of the fit of both disks, as a finding, and its pull.
 
     Without depths that the sensor check estimates, and without excluded channels.
+
+    Parameters
+    ----------
+    test, both
+        The test, and the fit of both disks.
+    depth_tests
+        Depth test of each disk that has one.
     """
     pulls = []
     for parameter, disk, z in both.pulls:
@@ -466,7 +578,23 @@ def _nuisance_pulls(
 
 
 def _lag_pull(test: EhlTest, name: str, fit: DiskFit) -> tuple[Finding, float]:
-    """The common lag of the record, and its pull by the joint fit of the disk."""
+    """The common lag of the record, as a finding, and its pull by the joint fit of the disk.
+
+    Parameters
+    ----------
+    test
+        The test.
+    name
+        Name of the disk.
+    fit
+        Its joint fit.
+
+    Notes
+    -----
+    ``MIN_PRIOR_PART`` keeps the standard deviation of the difference above zero where the data
+    hardly sharpen the lag. The prior must have the least uncertainty of
+    ``tcdyn.partition.joint.disk_block``.
+    """
     disk = test.disks[name]
     lag = fit.estimates["lag_s"]
     prior_u = max(disk.common_lag_u_s, MIN_LAG_U_S)
@@ -476,7 +604,7 @@ def _lag_pull(test: EhlTest, name: str, fit: DiskFit) -> tuple[Finding, float]:
 
 
 def _exponent_pull(test: EhlTest, both: BothFit) -> tuple[Finding, float]:
-    """The exponent of the speed law, and its pull by the fit of both disks."""
+    """The exponent of the speed law, as a finding, and its pull by the fit of both disks."""
     n = both.estimates["exponent"]
     assumed = test.speed_exponent
     half = test.exponent_half_range
@@ -485,13 +613,21 @@ def _exponent_pull(test: EhlTest, both: BothFit) -> tuple[Finding, float]:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """A square root of a covariance that may be singular."""
+    """A square root of a covariance that may be singular, (n, n)."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 
 def sample_largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
-    """Samples of the largest pull of all ``tests`` on sound disks, (N_PULL_SAMPLES,)."""
+    """Samples of the largest pull of all depth tests on sound disks, (N_PULL_SAMPLES,).
+
+    Parameters
+    ----------
+    tests
+        The depth tests, with the correlation of their pulls.
+    seed
+        Of the random numbers.
+    """
     rng = np.random.default_rng(seed)
     pulls = [
         rng.standard_normal((N_PULL_SAMPLES, len(t.pull))) @ covariance_root(t.correlation).T
@@ -501,9 +637,18 @@ def sample_largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
 
 
 def probability_of_pull(pull: float, largest: Array, count: int) -> float:
-    """Probability that the ``largest`` of ``count`` pulls is at least ``pull``.
+    """Probability that the largest of several pulls is at least as large as a given one.
 
     Beyond the samples it is that of the normal tail.
+
+    Parameters
+    ----------
+    pull
+        The given pull.
+    largest
+        Samples of the largest pull, by :func:`sample_largest_pulls`.
+    count
+        Number of pulls, for the normal tail.
     """
     fraction = float(np.mean(largest >= abs(pull)))
     if fraction * len(largest) >= MIN_COUNT:

@@ -1,7 +1,10 @@
 """Linear effects of model-form alternatives on the readings, and the joint fit with them added.
 
 Each alternative is a departure of the test from the model that the fits assume, which rig.toml does
-not cover. It is linear about the fit of both disks, with a prior standard deviation.
+not cover: another flux, heat that is lost elsewhere, a slower junction. It is linear about the fit
+of both disks, with a prior standard deviation that is chosen by judgement. ``MODEL_FORMS`` lists
+them. :mod:`tcdyn.partition.model_forms` compares the fits with each of them added. Guarded by
+``tests/partition/test_structures.py``.
 """
 
 from __future__ import annotations
@@ -43,6 +46,7 @@ LOST_HEAT_SD = 0.1  # of the frictional heat that enters neither disk, or of the
 CONDUCTIVITY_PER_100_K_SD = 0.07  # relative change of the conductivity
 AIR_SD_K = 5.0  # temperature of oil or air at the running surface less the logged ambient [K]
 LAG_SD_S = 0.3  # lag of one junction [s]: a bubble in its cement
+# Chosen by judgement.
 SURFACE_POINTS = np.linspace(0.05, 0.95, 7)  # across the running surface, relative to its width
 UNLOADING_MEAN_S = 10.0  # values at the unloading are means over this long before it [s]
 MAX_LAG_REDUCTION = 0.8  # largest reduction of a lag, relative to the chain's longest
@@ -59,11 +63,11 @@ class DiskAtFit:
     share, h_W_m2K
         Its share and heat transfer coefficient.
     rim
-        The rim with the power as the fit sees it.
+        The rim with the power as the fit sees it, through the fitted lags.
     chain
-        The chain through which all is seen.
+        The chain through which everything is seen.
     base, power
-        Prediction of the outer row, and its response to a share of one, (R, P).
+        Prediction of the outer row [degC], and its response to a share of one [K], (R, P).
     surface
         Mean temperature of the running surface, without lag, (R,) [degC].
     """
@@ -80,7 +84,15 @@ class DiskAtFit:
 
     @classmethod
     def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> DiskAtFit:
-        """The disk of ``fit`` at ``theta`` (4,)."""
+        """The disk of a joint fit at given parameters.
+
+        Parameters
+        ----------
+        test, fit
+            The test, and the joint fit of the disk.
+        theta
+            ``tcdyn.partition.nuisance.PARAMETERS`` of the disk, (4,).
+        """
         rim = fit.block.rim_with_lags(lags(theta))
         share = float(theta[SHARE])
         h = float(np.exp(theta[LOG_H]))
@@ -90,14 +102,22 @@ class DiskAtFit:
         return cls(test, fit, share, h, rim, chain, boundary + share * power, power, surface)
 
     def perturbation_effect(self, p: Perturbation) -> Array:
-        """Change of the outer row of a disk that departs by ``p``, (R, P) [K]."""
+        """Change of the outer row of a disk that departs by ``p`` from nominal, (R, P) [K]."""
         boundary, power = self.rim.response(self.h_W_m2K, p)
         return np.asarray(boundary + self.share * power - self.base)
 
     def surface_air_effect(self, air_K: Array) -> Array:
-        """Change of the outer row if the air at the running surface alone is warmer, (R, P) [K].
+        """Change of the outer row if only the air at the running surface is warmer, (R, P) [K].
 
-        ``air_K`` (R,) is by how much.
+        Parameters
+        ----------
+        air_K
+            By how much it is warmer, (R,) [K].
+
+        Notes
+        -----
+        The change of the air passes the chain, as everything in the readings does. The gains are
+        those of the default flux: they do not depend on it, because no power is involved.
         """
         window = self.fit.block.window
         setup = self.rim.setup
@@ -124,16 +144,39 @@ class DiskAtFit:
     def h_change_effect(self, ratio: Array) -> Array:
         """Change of the outer row if h is higher by ``ratio`` (R,) of itself, (R, P) [K].
 
-        h (1 + ratio) (T - T_A) is an air that is colder by ratio (T - T_A).
+        Notes
+        -----
+        h (1 + ratio) (T - T_A) is the loss to an air that is colder by ratio (T - T_A). First
+        order: the surface temperature is that of the fit. ``tests/partition/test_structures.py``
+        compares it with the rim at another h.
         """
         superheat = self.surface - self.rim.inputs[:, self.rim.ambient_index]
         return self.surface_air_effect(-ratio * superheat)
 
     def lag_effects(self, late_s: float = 0.0) -> tuple[Array, list[str]]:
-        """Change of the outer row when one junction is ``LAG_SD_S`` slower, (C, R, P), and which.
+        """Change of the outer row when one junction is ``LAG_SD_S`` slower, and which junction.
 
-        For junctions of the outer row, the secant to a delay of ``late_s`` if that is not zero: a
-        large lag is not linear.
+        For junctions of the outer row, the secant to a given delay if that is not zero: a large lag
+        is not linear.
+
+        Parameters
+        ----------
+        late_s
+            Delay for the secant [s]; zero for the slope.
+
+        Returns
+        -------
+        change
+            Effect of each junction, (C, R, P) [K].
+        names
+            The C channels.
+
+        Notes
+        -----
+        The effects are those named "lag ..." of ``tcdyn.partition.nuisance.nuisance_effects``,
+        whose standard uncertainty is that of the difference from the mean of all lags; the
+        covariance is scaled so that it is ``LAG_SD_S``. ``MAX_LAG_REDUCTION`` keeps the shifted lag
+        positive.
         """
         disk = self.test.disks[self.fit.disk]
         window = self.fit.block.window
@@ -159,7 +202,7 @@ class DiskAtFit:
         return change, names
 
     def at_unloading(self, x: Array) -> float:
-        """Mean of ``x`` (R,) over the last seconds under load."""
+        """Mean of ``x`` (R,) over the last ``UNLOADING_MEAN_S`` under load."""
         since_s = self.fit.block.window.block_time_s - self.test.events.unload_s
         return float(x[(since_s > -UNLOADING_MEAN_S) & (since_s < 0.0)].mean())
 
@@ -167,7 +210,21 @@ class DiskAtFit:
 def _surface_temperature(
     test: EhlTest, fit: DiskFit, rim: RimMeans, share: float, h_W_m2K: float
 ) -> Array:
-    """Mean temperature of the running surface by the power without lag, (R,) [degC]."""
+    """Mean temperature of the running surface by the power without lag, (R,) [degC].
+
+    Parameters
+    ----------
+    test, fit
+        The test, and the joint fit of the disk.
+    rim
+        The rim, its power lagged; the power is replaced by that without lag.
+    share, h_W_m2K
+        Share and heat transfer coefficient of the model.
+
+    Notes
+    -----
+    The inner row and the ambient still lag, since they are readings.
+    """
     window = fit.block.window
     first = int(np.searchsorted(test.time_s, window.time_s[0]))
     rows = slice(first, first + len(window.time_s))
@@ -184,28 +241,41 @@ def _surface_temperature(
 
 
 def _h_step(a: DiskAtFit) -> Array:
+    """Effect of an h that is higher by ``H_STEP_SD`` from the unloading on, (R, P) [K]."""
     after = a.fit.block.window.block_time_s >= a.test.events.unload_s
     return H_STEP_SD * a.h_change_effect(after.astype(float))
 
 
 def _h_of_temperature(a: DiskAtFit) -> Array:
+    """Effect of an h that grows by ``H_PER_K_SD`` per kelvin of the surface, (R, P) [K].
+
+    The surface temperature counts from that at the unloading.
+    """
     return H_PER_K_SD * a.h_change_effect(a.surface - a.at_unloading(a.surface))
 
 
 def _flux_shift(a: DiskAtFit) -> Array:
+    """Effect of a flux that is shifted along the track by ``SHIFT_SD_M``, (R, P) [K]."""
     return SHIFT_SD_M * flux_shift_effect(a.rim, a.share, a.h_W_m2K)
 
 
 def _flux_width(a: DiskAtFit) -> Array:
+    """Effect of a flux that is wider by ``FLUX_WIDTH_SD``, (R, P) [K]."""
     return a.perturbation_effect(Perturbation(half_width=FLUX_WIDTH_SD))
 
 
 def _washers(a: DiskAtFit) -> Array:
+    """Effect of a washer conductance that is higher by ``WASHER_SD``, (R, P) [K]."""
     return a.perturbation_effect(Perturbation(washer=WASHER_SD))
 
 
 def _stem_conduction(a: DiskAtFit) -> Array:
-    """Each junction reads less of its excess; the inner row then drives the rim too cold."""
+    """Effect of wires that conduct heat away from the junctions, (R, P) [K].
+
+    They take ``STEM_SD`` of each junction's excess over ambient.
+
+    Each junction reads less of its excess; the inner row then drives the rim too cold.
+    """
     ambient = a.rim.ambient_index
     gains = a.rim.gains(a.h_W_m2K)
     air = a.rim.inputs[:, [ambient]]
@@ -218,11 +288,15 @@ def _stem_conduction(a: DiskAtFit) -> Array:
 
 
 def _lost_heat(a: DiskAtFit) -> Array:
+    """Effect of a frictional heat of which ``LOST_HEAT_SD`` enters neither disk, (R, P) [K]."""
     return -LOST_HEAT_SD * a.share * a.power
 
 
 def _conductivity_of_temperature(a: DiskAtFit) -> Array:
-    """Lower conductivity where it is hot, as rig.toml might have stated."""
+    """Effect of a conductivity that falls with temperature, (R, P) [K].
+
+    By ``CONDUCTIVITY_PER_100_K_SD`` per 100 K, as rig.toml might have stated.
+    """
     setup = a.rim.setup
     air = a.at_unloading(a.rim.inputs[:, a.rim.ambient_index])
     steel = setup.steel.linearised_about(air, a.at_unloading(a.surface))
@@ -233,6 +307,7 @@ def _conductivity_of_temperature(a: DiskAtFit) -> Array:
 
 
 def _surface_air(a: DiskAtFit) -> Array:
+    """Effect of air at the running surface that is ``AIR_SD_K`` warmer, (R, P) [K]."""
     return a.surface_air_effect(np.full(len(a.base), AIR_SD_K))
 
 
@@ -266,6 +341,21 @@ def model_form_columns(
         Name of the one alternative to compute; all if empty.
     late_s
         Delay of a junction for the secant of its lag, if that is not small [s].
+
+    Returns
+    -------
+    dict
+        By name: the keys of ``MODEL_FORMS``, and "lag of DISK_CHANNEL" for each channel used. Each
+        column is by one prior standard deviation; N is the number of weighted data of both disks,
+        the fast disk's first. Alternatives in which the disks may differ have two columns, mean and
+        difference.
+
+    Notes
+    -----
+    To add an alternative, write its effect and add it to ``MODEL_FORMS``; give its message in
+    ``tcdyn/core/messages/partition.py``. Every alternative lowers the prior probability of all
+    others (``tcdyn.partition.model_forms._probabilities``). ``tests/partition/test_structures.py``
+    counts them.
     """
     disks = [DiskAtFit.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
     weights = [a.fit.block.window.weight for a in disks]
@@ -305,15 +395,16 @@ class Refit:
     step
         Change of the fit's parameters, (P,).
     covariance
-        Covariance (P, P) of the parameters for white noise scaled by a factor.
+        Covariance (P, P) of the parameters as a function of the factor on the variance of the
+        noise.
     sizes
-        Estimates of the columns' parameters.
+        Estimates of the columns' parameters, in prior standard deviations.
     volume
-        Half the log determinant of what the columns add to the information.
+        Half the log determinant of the information that the columns add, their prior included.
     log_odds
-        Logarithm of the Bayes factor.
+        Logarithm of the Bayes factor against the fit without the columns.
     delta_chi2
-        Decrease of chi-squared.
+        Decrease of chi-squared, with the prior of the columns.
     inflation
         Variance ratio of slow waves in the remaining residuals to white noise.
     """
@@ -334,15 +425,15 @@ class LinearisedFit:
     Parameters
     ----------
     residual, jacobian
-        At the optimum: rows of the data, then of the prior.
+        At the optimum: rows of the data, then of the records' lags, (N + 2,) and (N + 2, P).
     precision, off_prior
-        Prior precisions of the parameters, and their departure from the prior mean.
+        Prior precisions of the parameters, and their departure from the prior mean, (P,).
     directions
-        Free directions of the parameters.
+        Free directions of the parameters, which keep the sum of the shares, (P, P - 1).
     ends
         Ends of each disk's data among the rows.
     points
-        Number of junctions in each outer row.
+        Number of junctions in the outer row of each disk.
     """
 
     residual: Array
@@ -361,7 +452,17 @@ class LinearisedFit:
         points: tuple[int, ...],
         parameters: NDArray[np.int64] | None = None,
     ) -> LinearisedFit:
-        """About the optimum ``best``, for the indices ``parameters``, all if None."""
+        """The fit about an optimum.
+
+        Parameters
+        ----------
+        best
+            The optimum of :func:`tcdyn.partition.joint.joint_problem`.
+        ends, points
+            As of the class.
+        parameters
+            Indices of the parameters, all if None.
+        """
         k = np.arange(len(best.theta)) if parameters is None else parameters
         off_prior = best.theta - best.problem.prior_mean
         return cls(
@@ -376,7 +477,11 @@ class LinearisedFit:
 
     @cached_property
     def _normal_equations(self) -> tuple[Array, Array, Array, Array]:
-        """Information and half-gradient of the data, then of all priors."""
+        """Information and half-gradient of the data, then of all priors.
+
+        The rows of the records' lags count as priors: slow waves of the residuals do not weaken
+        them.
+        """
         n_data = self.ends[-1]
         data_residual = self.residual[:n_data]
         prior_residual = self.residual[n_data:]
@@ -391,14 +496,32 @@ class LinearisedFit:
         )
 
     def inflation_of(self, residual: Array) -> float:
-        """Variance ratio of slow waves in the residuals of the worse disk to white noise."""
+        """Variance ratio of slow waves in the residuals of the worse disk to white noise.
+
+        Parameters
+        ----------
+        residual
+            Residuals of both disks, with or without the rows after them.
+        """
         segments = np.split(residual[: self.ends[-1]], self.ends[:-1])
         return max(slow_variance_factor(r.reshape(-1, p)) for r, p in zip(segments, self.points))
 
     def __call__(self, columns: Array, noise_scale: float) -> Refit:
-        """The fit with ``columns`` (N, m), each with a standard normal prior.
+        """The fit with further columns, each with a standard normal prior, in one linear step.
 
-        ``noise_scale`` scales the variance of the white noise.
+        Parameters
+        ----------
+        columns
+            Effects of the further parameters on the weighted data, (N, m).
+        noise_scale
+            Factor on the variance of the white noise.
+
+        Notes
+        -----
+        With X the columns, J the Jacobian, C the posterior covariance and s the scale, the columns
+        add the information I + X'X/s - X'J C J'X/s^2. Its log determinant and the decrease of
+        chi-squared give the Bayes factor (Laplace's method, exact for a linear model).
+        ``tests/partition/test_structures.py`` compares one step with a full fit.
         """
         n_data = self.ends[-1]
         jacobian = self.jacobian[:n_data]
@@ -420,6 +543,7 @@ class LinearisedFit:
         remaining = residual + columns @ size - jacobian @ (follow @ size)
 
         def covariance(scale: float) -> Array:
+            """Covariance of the parameters, the noise variance scaled by ``scale``."""
             if scale != noise_scale:
                 return self(columns, scale).covariance(scale)
             return np.asarray(cov + follow @ column_covariance @ follow.T)

@@ -3,7 +3,13 @@
 With columns X of the whitened data by a standard deviation of an alternative and the fit's own
 Jacobian J and posterior covariance C, what J leaves of X, K = X'X - X'J C J'X, gives the
 alternative's size, its evidence (Bayes factor against the assumed model) and the refitted
-parameters in one step, so that no log is filtered again.
+parameters in one step, so that no log is filtered again. The speed law is independent evidence: an
+alternative is preferred only if the exponent that it implies agrees with it.
+
+The module also decides which estimates are physically impossible and are not reported. Used by
+:mod:`tcdyn.partition.analyse`, :mod:`tcdyn.partition.crosscheck` and
+:mod:`tcdyn.partition.single_disk`. Thresholds are chosen by judgement. Guarded by
+``tests/partition/test_structures.py`` and ``tests/partition/test_crosscheck.py``.
 """
 
 from __future__ import annotations
@@ -30,14 +36,16 @@ H_KEYS = {
     "speed law": ("h_fast", "h_slow"),
     **{f"{kind} {d}": (f"h {kind} {d}",) for kind in ("cooling", "joint") for d in DISKS},
 }
+# The estimators of beta, the speed law first: the cross-check compares the others with it.
 ESTIMATORS = tuple(H_KEYS)
-# An exponent with a larger standard uncertainty is not reported.
+# An exponent with a larger standard uncertainty is not reported. Chosen by judgement.
 MAX_EXPONENT_U = 5.0
 # A warning reports a frictional power that differs from the heat that both disks show by more than
-# this fraction and this many standard uncertainties.
+# this fraction and this many standard uncertainties. Chosen by judgement.
 POWER_SCALE_TOLERANCE = 0.1
 POWER_SCALE_Z = 5.0
-# Beyond this ratio of heat to power, or its inverse, shares of the power mean nothing.
+# Beyond this ratio of heat to power, or its inverse, shares of the power mean nothing. Chosen
+# by judgement.
 MAX_POWER_SCALE = 2.0
 # True power over logged power when a number has another unit, and the unit.
 UNIT_FACTORS = {
@@ -47,20 +55,23 @@ UNIT_FACTORS = {
     "speeds in revolutions per second": 60.0,
     "friction in kilonewtons": 1000.0,
 }
-UNIT_TOLERANCE = 0.08  # in ln(scale), within which a unit is named
+# In ln(scale), within which a unit is named. Chosen by judgement.
+UNIT_TOLERANCE = 0.08
 # The best alternatives are fitted again, since a large departure is not linear: this many, with
-# log-odds above this, in this many iterations.
+# log-odds above this, in this many iterations. Chosen by judgement.
 MAX_REFITS = 3
 REFIT_LOG_ODDS = 3.0
 N_REFIT_ITERATIONS = 3
-# Prior probability of the assumed model; the alternatives share the rest.
+# Prior probability of the assumed model; the alternatives share the rest. Chosen by
+# judgement.
 ASSUMED_PROBABILITY = 0.5
 # An alternative is preferred if its log-odds are above this and its exponent agrees with the speed
-# law within this many standard uncertainties.
+# law within this many standard uncertainties. Chosen by judgement.
 NAMED_LOG_ODDS = 8.0
 SPEED_LAW_Z = 3.0
 # The estimate holds if the best alternative changes beta by at most this many standard
-# uncertainties, and half the range of beta over all alternatives is at most this.
+# uncertainties, and half the range of beta over all alternatives is at most this. Chosen by
+# judgement.
 MAX_SHIFT_U = 2.0
 MAX_HALF_RANGE = 0.02
 
@@ -76,13 +87,14 @@ class ModelForm:
     beta, exponent
         Its estimates.
     size
-        Estimates of its parameters in prior standard deviations.
+        Estimates of its parameters in prior standard deviations; empty for the assumed model.
     log_odds
         Logarithm of its Bayes factor against the assumed model.
     delta_chi2
         Decrease of chi-squared.
     speed_law_z
-        Distance of the exponent that it implies from the speed law's, in standard deviations.
+        Distance of the exponent that it implies from the speed law's, in standard deviations, with
+        sign.
     """
 
     name: str
@@ -118,7 +130,7 @@ class ModelForms:
 
     @property
     def preferred(self) -> ModelForm | None:
-        """The alternative that is far likelier than assumed and agrees with the speed law."""
+        """The alternative that is far likelier and agrees with the speed law, else None."""
         best = max(self.forms, key=lambda form: form.log_odds)
         if best.log_odds > NAMED_LOG_ODDS and abs(best.speed_law_z) < SPEED_LAW_Z:
             return best
@@ -126,7 +138,14 @@ class ModelForms:
 
     @property
     def estimate_holds(self) -> bool:
-        """Whether the recommended estimate holds under every alternative that the data allow."""
+        """Whether the recommended estimate holds under every alternative that the data allow.
+
+        Notes
+        -----
+        The most probable form must be near the assumed one (``MAX_SHIFT_U``), and the range of beta
+        over all forms narrow (``MAX_HALF_RANGE``). ``tests/partition/test_crosscheck.py`` tests
+        both.
+        """
         beta = self.assumed.beta
         best = self.forms[0].beta
         near = abs(best.value - beta.value) <= MAX_SHIFT_U * max(beta.u, best.u)
@@ -165,12 +184,27 @@ class ModelForms:
 def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> ModelForms:
     """The fit of both disks under every model-form alternative, and the range of beta over all.
 
+    Parameters
+    ----------
+    test, joint, both
+        The test that was fitted, the joint fit of each disk, and of both.
+
+    Returns
+    -------
+    ModelForms
+        The most probable first.
+
     Notes
     -----
     Slow waves of the residuals count as in the fits' own uncertainties: evidence is weighted with
     the waves that remain when all alternatives are free at once, the uncertainty of an estimate
     with those that its own alternative leaves. The best alternatives are fitted again with the
-    model itself, since a large departure is not linear."""
+    model itself, since a large departure is not linear.
+
+    ``test`` must be that of the joint fits (``_MainFits.fitted`` of
+    :mod:`tcdyn.partition.analyse`), not the one without harmonics. ``MAX_REFITS`` and
+    ``N_REFIT_ITERATIONS`` may grow; they cost time.
+    """
     ends = np.cumsum([len(joint[d].block.y) for d in DISKS])
     points = tuple(joint[d].block.window.y.shape[1] for d in DISKS)
     columns = model_form_columns(test, joint, both.theta)
@@ -187,6 +221,22 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     beta_direction, exponent_direction = _beta_and_exponent_gradients(test, len(both.optimum.theta))
 
     def estimate(key: str, direction: Array, step: Array, covariance: Array) -> Estimate:
+        """Estimate of a number under an alternative.
+
+        Parameters
+        ----------
+        key
+            Key of the number in ``both.estimates``.
+        direction
+            Its derivative by the parameters.
+        step, covariance
+            Change and covariance of the parameters under the alternative.
+
+        Notes
+        -----
+        Shift and uncertainty are relative to those of the assumed model by the same linear step, so
+        that the assumed model keeps its own estimate.
+        """
         nominal = both.estimates[key]
         shift = float(direction @ (step - assumed_step))
         ratio = (direction @ covariance @ direction) / (direction @ assumed_covariance @ direction)
@@ -217,7 +267,20 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
 
 
 def _beta_and_exponent_gradients(test: EhlTest, n_parameters: int) -> tuple[Array, Array]:
-    """Derivatives of beta and of the exponent by the parameters of the fit of both disks."""
+    """Derivatives of beta and of the exponent by the parameters of the fit of both disks.
+
+    Parameters
+    ----------
+    test
+        The test, for its speed ratio.
+    n_parameters
+        Number of parameters P.
+
+    Returns
+    -------
+    beta, exponent
+        (P,) each. The exponent is (log h_fast - log h_slow)/ln(u_f/u_s).
+    """
     log_ratio = float(np.log(test.speed_ratio))
     beta = np.zeros(n_parameters)
     beta[SHARE] = 1.0
@@ -227,9 +290,21 @@ def _beta_and_exponent_gradients(test: EhlTest, n_parameters: int) -> tuple[Arra
 
 
 def _probabilities(forms: list[ModelForm], law_u: float) -> Array:
-    """Posterior probability of each of ``forms``, the assumed model first.
+    """Posterior probability of each form, the assumed model first.
 
     That is the prior times the Bayes factor times the density of the exponent by the speed law.
+
+    Parameters
+    ----------
+    forms
+        The forms, the assumed model first.
+    law_u
+        Standard uncertainty of the speed law's exponent.
+
+    Notes
+    -----
+    ``ASSUMED_PROBABILITY`` may change. ``tests/partition/test_structures.py`` computes the same
+    probabilities with 0.5.
     """
     n_others = len(forms) - 1
     prior = [np.log(ASSUMED_PROBABILITY)]
@@ -251,9 +326,22 @@ def _nonlinear_refit(
     linear: LinearisedFit,
     waves: float,
 ) -> Refit:
-    """The fit of both disks with the alternative ``name`` by the model itself.
+    """The fit of both disks with one alternative by the model itself.
 
     The columns of the alternative are computed anew at each iteration.
+
+    Parameters
+    ----------
+    test, joint, both
+        As of :func:`compare_model_forms`.
+    name
+        Name of the alternative.
+    first
+        Its fit by one linear step, where the iteration starts.
+    linear
+        The linearised fit without alternatives.
+    waves
+        Factor on the variance of the white noise for the evidence.
     """
     ends = linear.ends
     best = both.optimum
@@ -296,7 +384,15 @@ def _nonlinear_refit(
 
 
 def is_impossible(beta: Estimate, *h: Estimate) -> bool:
-    """Whether no disk can have these: beta outside 0 to 1, or an h that is not above zero."""
+    """Whether no disk can have these: beta outside 0 to 1, or an h that is not above zero.
+
+    Parameters
+    ----------
+    beta
+        Share of the fast disk.
+    h
+        Heat transfer coefficients [W/m2K].
+    """
     return not 0 <= beta.value <= 1 or any(each.value <= 0 for each in h)
 
 
@@ -314,6 +410,11 @@ def impossible_keys(
         All estimates of a test.
     both
         Estimates of the fit of both disks; may be empty.
+
+    Notes
+    -----
+    Estimates of the fit of both have the prefix "both". ``MAX_EXPONENT_U``, ``MAX_POWER_SCALE`` and
+    ``POWER_SCALE_Z`` may change; ``tests/partition/test_crosscheck.py`` tests what is withheld.
 
     Examples
     --------
@@ -341,7 +442,13 @@ def impossible_keys(
 
 
 def power_scale(fast: float, slow: float) -> float:
-    """Heat of both disks over the logged frictional power, by beta of each disk's joint fit."""
+    """Heat of both disks over the logged frictional power.
+
+    Parameters
+    ----------
+    fast, slow
+        beta by the joint fit of each disk. The slow disk's share is 1 - beta.
+    """
     return 1 + fast - slow
 
 
@@ -352,6 +459,13 @@ def impossibility_findings(
 
     The shares that the joint fits of the two disks give by themselves add to true power over logged
     power; likely units are named.
+
+    Parameters
+    ----------
+    estimates, both
+        As of :func:`impossible_keys`.
+    samples
+        Monte Carlo samples of "joint fast" and "joint slow", which hold their correlation.
     """
     findings = list[Finding]()
     keys = impossible_keys(estimates, both)
@@ -368,7 +482,15 @@ def impossibility_findings(
 
 
 def _likely_units(scale: float, u: float) -> list[str]:
-    """The two units whose factors are nearest to ``scale``, within the tolerance."""
+    """The two units whose factors are nearest to ``scale``, within the tolerance.
+
+    Parameters
+    ----------
+    scale
+        True power over logged power.
+    u
+        Its standard uncertainty.
+    """
     if scale <= 0:
         return []
     distance = {name: abs(np.log(abs(scale) / factor)) for name, factor in UNIT_FACTORS.items()}

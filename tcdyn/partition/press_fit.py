@@ -2,9 +2,12 @@
 
 The mean heat through the bore is that of the rim's own balance; round it q_n = sum of H_(n-m) D_m,
 with H_n the Fourier coefficients of the stated conductance and D_n = T_disk - T_shaft at the bore.
-A wave of flux q_n that enters the shaft warms it by q_n / Y_shaft and cools the disk by
-q_n / Y_disk, so D_n = -q_n (1/Y_disk + 1/Y_shaft) for n other than zero, Y_disk of the rim's Bessel
+A wave of flux q_n that enters the shaft warms it by q_n / Y_shaft and cools the disk by q_n /
+Y_disk, so D_n = -q_n (1/Y_disk + 1/Y_shaft) for n other than zero, Y_disk of the rim's Bessel
 functions, Y_shaft of a long solid cylinder heated over the disk's width.
+
+Used by :mod:`tcdyn.partition.analyse`. The uncertainties of the model are by comparison with
+whole-disk runs. Guarded by ``tests/partition/test_stated_fit.py``.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.rig.press_fit import harmonics
 
 N_HARMONICS = 8  # that couple; more change the first two by less than a hundredth
-STEP_M = 1e-5  # of the difference quotient by radius at the bore [m]
+STEP_M = 1e-5  # step of the difference quotient by radius at the bore [m]
 # Standard uncertainty of a predicted harmonic, relative to it: a bored shaft, short runs, a rim
 # taken as thin. Whole-disk runs differ by up to 0.28.
 MODEL_REL = 0.3
@@ -43,6 +46,7 @@ MIN_FLUX_U = 0.5
 # up to 5 degrees.
 ANGLE_REL = 0.1
 FLUX_SCALES = np.linspace(0.0, 8.0, 161)  # trial scales of the heat through the bore
+# Chosen by judgement.
 WINDOW_S = 20.0  # length of the means before the unloading [s]
 WINDOW_GAP_S = 1.0  # their end before the unloading [s]
 
@@ -54,10 +58,10 @@ class PressFitHarmonics:
     Parameters
     ----------
     first_K, second_K
-        First and second harmonic, cos and sin, (2,).
+        First and second harmonic, cos and sin, (2,) [K].
     per_share_K
         Size of the first per unit of a small first harmonic of the conductance, relative to its
-        mean.
+        mean [K].
     """
 
     first_K: Array
@@ -65,7 +69,13 @@ class PressFitHarmonics:
     per_share_K: float
 
     def scaled(self, flux_kW_m2: float) -> PressFitHarmonics:
-        """The harmonics of another flux."""
+        """The harmonics of another flux; all are proportional to it.
+
+        Parameters
+        ----------
+        flux_kW_m2
+            Mean flux through the bore, if the present harmonics are those of 1 kW/m2.
+        """
         return PressFitHarmonics(
             flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
         )
@@ -83,6 +93,12 @@ class PressFitHarmonics:
             Relative standard uncertainty of the heat through the bore.
         estimated
             The harmonic by a fit that did not use the press fit.
+
+        Notes
+        -----
+        ``FLUX_SCALES`` must go well beyond 1; a finer grid changes the result little.
+        ``tests/partition/test_stated_fit.py`` (study) fails if a press fit stated at a wrong angle
+        is accepted.
         """
         size = float(np.hypot(*self.first_K))
         scale_u = float(np.hypot(flux_rel, MODEL_REL))
@@ -99,12 +115,19 @@ class PressFitHarmonics:
     def prior(
         self, uneven_rel: float, flux_rel: float, estimated: AngularHarmonic
     ) -> AngularHarmonic:
-        """The prior of the harmonics of such a disk; parameters as of :meth:`distance_z`.
+        """The prior of the harmonics of such a disk.
+
+        Parameters
+        ----------
+        uneven_rel, flux_rel, estimated
+            As of :meth:`distance_z`.
 
         Notes
         -----
         The first harmonic by a fit without the press fit determines how much heat goes through the
-        bore, and so how large the second harmonic is, which no fit determines.
+        bore, and so how large the second harmonic is, which no fit determines. The estimated first
+        harmonic is used for that scale and for errors of the angles, not as the prior's mean: the
+        joint fit that follows determines it again from the same data.
         """
         size = float(np.hypot(*self.first_K))
         scale_u = float(np.hypot(flux_rel, MODEL_REL))
@@ -133,7 +156,23 @@ class PressFitHarmonics:
 
 
 def disk_admittance(setup: DiskSetup, h_W_m2K: float, n: int) -> tuple[float, float]:
-    """Y = -K T_n'/T_n at the bore [W/m2K], and T_n there over T_n at the depth of b."""
+    """Y = -K T_n'/T_n at the bore [W/m2K], and T_n there over T_n at the depth of b.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    n
+        Number of the harmonic.
+
+    Returns
+    -------
+    admittance, at_bore
+        Flux into the disk per kelvin at the bore, by a difference quotient of ``STEP_M``, and the
+        shape.
+    """
     wall = setup.outer_radius_m - setup.bore_radius_m
     outside, at_bore = radial_shape(setup, h_W_m2K, np.array([wall - STEP_M, wall]), n)
     slope = (outside - at_bore) / STEP_M
@@ -143,7 +182,18 @@ def disk_admittance(setup: DiskSetup, h_W_m2K: float, n: int) -> tuple[float, fl
 def shaft_admittance(setup: DiskSetup, n: int) -> float:
     """Uniform flux over a disk's width w over the mean of T_n there, long solid shaft [W/m2K].
 
-    1/Y = (w/pi) integral of sinc^2(l w/2) / (K l I_n'(l R)/I_n(l R)) dl.
+    Parameters
+    ----------
+    setup
+        The disk.
+    n
+        Number of the harmonic.
+
+    Notes
+    -----
+    1/Y = (w/pi) integral of sinc^2(l w/2) / (K l I_n'(l R)/I_n(l R)) dl, by the midpoint rule up to
+    l = 80/w. ``tests/partition/test_stated_fit.py`` compares a wide disk with the endless shaft, K
+    n/R.
     """
     k = setup.conductivity_W_mK
     radius = setup.bore_radius_m
@@ -179,9 +229,11 @@ def bore_flux_W_m2(
     inner = outer - setup.edge_m
 
     def values(r: float) -> Array:
+        """I_0 and K_0 of kappa r, (2,)."""
         return np.array([special.i0(kappa * r), special.k0(kappa * r)])
 
     def slopes(r: float) -> Array:
+        """Their derivatives by r, (2,) [1/m]."""
         return kappa * np.array([special.i1(kappa * r), -special.k1(kappa * r)])
 
     flux = power_W / (2 * np.pi * outer * setup.width_m)
@@ -201,17 +253,23 @@ def bore_flux_with_u(
 ) -> tuple[float, float]:
     """Mean flux through the bore [W/m2] and its standard uncertainty.
 
-    The uncertainty is that of power, h, washers, steel and ambient. The flux is the heat that the
-    disk takes less most of itself, so it is poorly known.
+    The uncertainty is that of power, h, washers, steel, ambient and surface air. The flux is the
+    heat that the disk takes less most of itself, so it is poorly known.
 
     Parameters
     ----------
     disk
         The traces of the disk.
     power, h
-        Heat that enters the disk and heat transfer coefficient, each with its standard uncertainty.
+        Heat that enters the disk [W] and heat transfer coefficient [W/m2K], each with its standard
+        uncertainty.
     inner_K, air_K
         As of :func:`bore_flux_W_m2`.
+
+    Returns
+    -------
+    flux, u
+        Both in W/m2, positive outward.
     """
     s = disk.setup
     u = disk.uncertainty
@@ -232,7 +290,20 @@ def bore_flux_with_u(
 
 
 def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
-    """Harmonics by the stated press fit for a mean flux of 1 kW/m2 out through the bore."""
+    """Harmonics by the stated press fit for a mean flux of 1 kW/m2 out through the bore.
+
+    Parameters
+    ----------
+    setup
+        The disk, with its press fit.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+
+    Notes
+    -----
+    ``N_HARMONICS`` may grow. ``tests/partition/test_stated_fit.py`` compares sizes and angle with a
+    simulated whole disk, within ``MODEL_REL`` and 5 degrees.
+    """
     sectors = setup.press_fit.sectors(1e3 * setup.bore_radius_m)
     conductance = press_fit_conductance(setup)[1] * harmonics(sectors, 2 * N_HARMONICS)
     admittances = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
@@ -283,8 +354,13 @@ def press_fit_priors(
     Returns
     -------
     priors, findings
-        A disk in which that fit found another harmonic, beyond three standard uncertainties, has no
+        A disk in which that fit shows another harmonic, beyond three standard uncertainties, has no
         prior but a finding.
+
+    Notes
+    -----
+    A flux that is small or inward is replaced by ``MIN_FLUX_U`` of its standard uncertainty.
+    ``tests/partition/test_stated_fit.py`` tests this limit and the finding.
     """
     priors: dict[str, AngularHarmonic] = {}
     findings = []
@@ -322,7 +398,22 @@ def press_fit_priors(
 def _bore_flux_of_test(
     test: EhlTest, disk: DiskTraces, share: float, share_u: float, h: Estimate
 ) -> tuple[float, float]:
-    """Mean flux through the bore before the unloading and its standard uncertainty [W/m2]."""
+    """Mean flux through the bore before the unloading and its standard uncertainty [W/m2].
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    share, share_u
+        Share of the disk and its standard uncertainty.
+    h
+        Heat transfer coefficient [W/m2K].
+
+    Returns
+    -------
+    flux, u
+        Positive outward.
+    """
     unload_s = test.events.unload_s
     last = (test.time_s > unload_s - WINDOW_S) & (test.time_s < unload_s - WINDOW_GAP_S)
     readings = disk.readings_degC[last][:, disk.setup.channel_indices(disk.setup.inner)]

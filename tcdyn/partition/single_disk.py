@@ -1,4 +1,11 @@
-"""Analysis of a test with one disk: its estimators of beta, and how far they agree."""
+"""Analysis of a test with one disk: its estimators of beta, and how far they agree.
+
+With no second disk there is no speed law and no fit of both disks. The recommended estimate is the
+joint fit; the cooling fit is compared with it. The stages are those of
+:mod:`tcdyn.partition.analyse`, and the uncertainties are linear instead of sampled. Used by
+:mod:`tcdyn.workflows.single_disk`, the reports and the plots. Guarded by
+``tests/partition/test_one_disk.py``.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +57,11 @@ from tcdyn.partition.steady import DiskLine, steady_lines
 from tcdyn.partition.window import fit_rows
 from tcdyn.smoothing.record import Compensated
 
+# Numbers of the three fits, in the order of ``tcdyn.partition.crosscheck.stacked_sensitivity``.
 QUANTITIES = ("intercept", "slope", "cooling", "h cooling", "joint", "h joint", "lag_s")
-SHARES = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0])  # which of them the form of the rim scales
+# Which of them the form of the rim scales: shares, and the line of shares.
+SHARES = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0])
+# Estimators of beta, the recommended one first.
 ESTIMATORS = ("joint", "cooling")
 COOLING = QUANTITIES.index("cooling")
 JOINT = QUANTITIES.index("joint")
@@ -155,7 +165,17 @@ class OneDisk:
 
 @dataclass(frozen=True)
 class _JointResult:
-    """Joint fit with its harmonic and optimum; ``corrected``: the test without the harmonic."""
+    """Joint fit of the disk, and what follows from it.
+
+    Parameters
+    ----------
+    fit, harmonic, optimum
+        The joint fit, its angular harmonic, and its optimum.
+    corrected
+        The test without the harmonic.
+    findings
+        Findings of the fit.
+    """
 
     fit: DiskFit
     harmonic: AngularHarmonic
@@ -174,8 +194,32 @@ def analyse_one_disk(
     """Steady line, joint fit and cooling fit of a test with one disk.
 
     With no second disk there is no speed law and no sum of shares: beta is proportional to the
-    scale of the friction, and no cross-check shows errors of steel or depths. Parameters and errors
-    as of :func:`tcdyn.partition.analyse.analyse`."""
+    scale of the friction, and no cross-check shows errors of steel or depths.
+
+    Parameters
+    ----------
+    test
+        The test, with one disk.
+    window_s
+        Length of the cooling of the cooling fit [s].
+    sensor_check
+        Whether to look for dead, swapped and misplaced junctions first.
+    progress
+        Called with the name of each stage.
+
+    Raises
+    ------
+    InputError
+        If the log ends too early, the window is shorter than the lag, a channel is dead or swapped,
+        or the data contradict the model.
+
+    Notes
+    -----
+    The covariance is that of the nuisance parameters, of noise, and of the rim's form, fully
+    correlated. The order of ``values`` must be that of ``QUANTITIES``, which is that of
+    ``tcdyn.partition.crosscheck.stacked_sensitivity``. ``tests/partition/test_one_disk.py``
+    compares the joint fit with that of the full test.
+    """
     (name,) = test.disks
     require_window_longer_than_lag(test, window_s)
     test = prepare_test(test)
@@ -253,7 +297,21 @@ def analyse_one_disk(
 
 
 def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
-    """Joint fit, repeated with the air of a slowing disk, and with a significant harmonic."""
+    """Joint fit, repeated with the air of a slowing disk, and with a significant harmonic.
+
+    Parameters
+    ----------
+    test
+        The prepared test.
+    name
+        Name of the disk.
+    rows
+        Rows for the steady line that starts the fit.
+
+    Notes
+    -----
+    The same steps as ``tcdyn.partition.analyse._main_fits``; a change there should be made here.
+    """
     joint_s = joint_window_s(test)
     share, h = steady_lines(test, rows)[1].starts[name]
     fit = disk_fit(test, test.disks[name], share, h, joint_s, "modal")
@@ -276,7 +334,20 @@ def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
 
 
 def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[AngularHarmonic, Optimum]:
-    """First circumferential harmonic of the disk by its joint fit, and the optimum of that."""
+    """First circumferential harmonic of the disk by its joint fit.
+
+    Parameters
+    ----------
+    test
+        The test of the fit, with the prior of the harmonic.
+    fit
+        The joint fit.
+
+    Returns
+    -------
+    harmonic, optimum
+        The harmonic, and the optimum of the fit from its own result.
+    """
     problem = joint_problem([fit.block])
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
     best = minimise(problem, start, tolerance=TOLERANCE)
@@ -294,7 +365,17 @@ def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[AngularHarmonic, Optimum]:
 def _budget(
     sources: list[str], per_sd: Array, root: Array, form: float
 ) -> dict[str, tuple[float, float]]:
-    """Standard uncertainty of beta by source, by joint and by cooling fit; the largest first."""
+    """Standard uncertainty of beta by source, by joint and by cooling fit; the largest first.
+
+    Parameters
+    ----------
+    sources
+        Source of each nuisance parameter, (Q,).
+    per_sd, root
+        As of :func:`tcdyn.partition.crosscheck.stacked_sensitivity`.
+    form
+        Standard uncertainty by the form of the rim.
+    """
     budget = {}
     for source in sources:
         rows = np.array([s == source for s in sources])

@@ -42,7 +42,7 @@ END_GAP_S = 0.2
 # Start of the transient fits: least h, and h for a test with one disk [W/m2K]. Chosen by judgement.
 MIN_START_H_W_M2K = 50.0
 START_H_W_M2K = 400.0
-# Chosen by judgement: longest cooling for which corrections of a test are computed [s]; length of the
+# Chosen by judgement: longest cooling for which corrections are computed [s]; length of the
 # means before the unloading that give temperatures there [s]; number of points across the running
 # surface.
 MAX_COOLING_S = 20.0

@@ -55,8 +55,8 @@ GRADIENT_STEP_M = 0.25e-3
 # Least fraction of a block's samples that counts as observed. Interpolated samples get next to no
 # weight; this keeps the weight above zero.
 MIN_OBSERVED_FRACTION = 1e-4
-# Meshes of the rim in all fits, and of a rim that reaches to the bore. The error of the first is part
-# of ``tcdyn.partition.nuisance.RIM_MODEL_U_K`` and of ``tcdyn.partition.crosscheck.MODEL_FORM_REL``.
+# Meshes of the rim in all fits, and of a rim that reaches to the bore. The error of the first is
+# in ``tcdyn.partition.nuisance.RIM_MODEL_U_K`` and ``tcdyn.partition.crosscheck.MODEL_FORM_REL``.
 FIT_MESH = Mesh(33, 53)
 BORE_MESH = Mesh(49, 41)
 POWER = slice(0, 1)  # index of the power among the rim's inputs
