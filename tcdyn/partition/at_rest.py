@@ -1,7 +1,9 @@
 """Sensor faults that show before the load: a disk at rest at ambient has one temperature.
 
 Under load an offset of the inner row, or two of its channels exchanged, are nearly the same as
-another h and an uneven press fit.
+another h and an uneven press fit. At rest no model is needed. Used by
+:mod:`tcdyn.partition.sensor_check` and, for exchanged cables, by :mod:`tcdyn.partition.analyse`.
+Guarded by ``tests/partition/test_sensors.py``.
 """
 
 from __future__ import annotations
@@ -31,10 +33,11 @@ REST_U_K = 0.07  # standard deviation of the junctions' temperatures at rest [K]
 WARM_REL = 0.1  # the same by the disk's excess over ambient, relative to that
 MEAN_NOISE = 0.2  # noise of the mean over the window, relative to that of a sample, maybe coloured
 # An offset is larger than these [K, standard uncertainties]; the drift at rest is smaller.
+# Chosen by judgement.
 MIN_OFFSET_K = 0.75
 MIN_OFFSET_Z = 5.0
 # The disk does not fit one temperature below this probability of chi-squared; with two channels
-# exchanged it does above the other one.
+# exchanged it does above the other one. Chosen by judgement.
 MISFIT_P = 1e-4
 LIKELY_P = 0.01
 SURE_LOG_ODDS = 6.0  # log-odds from which an exchange at rest is reported
@@ -66,12 +69,28 @@ class DiskAtRest:
         return np.asarray(reads - np.median(reads[self.used]))
 
     def misfit(self, reads: Array, excluded: int = -1) -> float:
-        """Chi-squared of ``reads`` (C,) against one temperature, without channel ``excluded``."""
+        """Chi-squared of readings against one temperature, their median.
+
+        Parameters
+        ----------
+        reads
+            The readings, (C,) [degC].
+        excluded
+            Index of a channel that does not count; none if negative.
+        """
         channels = self.used[self.used != excluded]
         return float(((self.deviation(reads) / self.u)[channels] ** 2).sum())
 
     def read_through(self, other: DiskAtRest, order: Sequence[int]) -> Array:
-        """Channels ``order`` of ``other`` through this disk's static lines, (C,) [degC]."""
+        """Channels of another disk through this disk's static lines, (C,) [degC].
+
+        Parameters
+        ----------
+        other
+            The other disk, or the same.
+        order
+            For each static line, the channel of ``other`` that is read through it.
+        """
         lines = self.disk.lines
         other_lines = other.disk.lines
         raw = [(other.mean[k] - other_lines[k].offset) / other_lines[k].gain for k in order]
@@ -79,7 +98,19 @@ class DiskAtRest:
 
 
 def disk_at_rest(test: EhlTest, disk: DiskTraces) -> DiskAtRest | None:
-    """The disk before the load; None where the log begins late, or the disk is warm or warms up."""
+    """The disk before the load; None where the log begins late, or the disk is warm or warms up.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+
+    Notes
+    -----
+    The drift is the change of the median channel from the first to the last third of the window.
+    ``AT_REST_K`` may be raised: a warmer disk has a larger scatter by ``WARM_REL``, so faults are
+    then found less often. ``tests/partition/test_sensors.py`` tests a warm disk.
+    """
     load_on_s = test.events.load_on_s
     rows = rows_between(test.time_s, load_on_s - REST_S, load_on_s - REST_GAP_S)
     used = np.flatnonzero(~disk.excluded_mask)
@@ -100,7 +131,19 @@ def disk_at_rest(test: EhlTest, disk: DiskTraces) -> DiskAtRest | None:
 
 
 def cables_exchanged(test: EhlTest) -> bool:
-    """Whether the disks' readings at rest agree far better through each other's static lines."""
+    """Whether the disks' readings at rest agree far better through each other's static lines.
+
+    Parameters
+    ----------
+    test
+        The test; False unless both disks are at rest and have as many channels.
+
+    Notes
+    -----
+    Two conditions: log-odds above ``SURE_LOG_ODDS``, and a misfit below ``MAX_MISFIT_RATIO`` of
+    that as wired, so that one channel that is wrong through any line is no exchange.
+    ``tests/partition/test_sensors.py`` tests both.
+    """
     fast, slow = (disk_at_rest(test, test.disks[d]) if d in test.disks else None for d in DISKS)
     if fast is None or slow is None or len(fast.mean) != len(slow.mean):
         return False
@@ -113,9 +156,19 @@ def cables_exchanged(test: EhlTest) -> bool:
 
 
 def faults_at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:
-    """Faults of each disk that show before the load, with size [K] and log-odds.
+    """Faults of each disk that show before the load.
 
     No faults where the disks' cables look exchanged as a whole; the fits show that.
+
+    Parameters
+    ----------
+    test
+        The test.
+
+    Returns
+    -------
+    dict
+        By disk, a list of fault, size [K] if it is an offset, and log-odds.
     """
     if cables_exchanged(test):
         return {d: [] for d in test.disks}
@@ -132,12 +185,25 @@ def faults_of_disk(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float
     Two channels are exchanged if each reads like the rest of the disk through the other's static
     line, and no single channel with an offset would explain the readings as well. Otherwise the
     result is the channels, two at most, that have an offset.
+
+    Parameters
+    ----------
+    rest
+        The disk.
+
+    Returns
+    -------
+    list
+        As of :func:`faults_at_rest`.
     """
     return _exchanged_channels(rest) or _offsets(rest)
 
 
 def _exchanged_channels(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
-    """The exchange of two channels that explains the readings, if there is one."""
+    """The exchange of two channels that explains the readings; a list of one or none.
+
+    It must explain them far better than the next exchange, and than one channel with an offset.
+    """
     as_wired = rest.misfit(rest.mean)
     dof = len(rest.used) - 1
     one_offset = min(rest.misfit(rest.mean, k) for k in rest.used)
@@ -156,7 +222,7 @@ def _exchanged_channels(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, 
 
 
 def _offsets(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
-    """The one or two channels with an offset, if all others agree."""
+    """The one or two channels with an offset, if all others agree; else an empty list."""
     deviation = rest.deviation(rest.mean)
     limit = np.maximum(MIN_OFFSET_Z * rest.u, MIN_OFFSET_K)
     outliers = [k for k in rest.used if abs(deviation[k]) > limit[k]]

@@ -1,7 +1,11 @@
 """Features of a disk for the sensor check: window means of its readings, and their model.
 
 The windows are the steady level and some seconds after each event. The model predicts them for any
-order of the columns, and the effects of the nuisance parameters."""
+order of the columns, and the effects of the nuisance parameters. A few dozen numbers replace the
+log, so that all faults can be compared. Used by :mod:`tcdyn.partition.sensor_faults` and
+:mod:`tcdyn.partition.sensor_check`. The windows and steps are chosen by judgement. Guarded by
+``tests/partition/test_sensors.py`` and ``tests/partition/test_depths.py``.
+"""
 
 from __future__ import annotations
 
@@ -51,20 +55,24 @@ BEFORE_S = 12.0  # record before the loading that the filter bank needs
 FORGET_S = 20.0  # record before the steady window that the filter bank needs
 AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
 AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
-LAG_STEP_S = 0.05  # of the difference quotient by the common lag [s]
+LAG_STEP_S = 0.05  # step of the difference quotient by the common lag [s]
 SLOWEST_PER_S = 0.02  # slowest rate of the filter bank [1/s]
 WARMUP_TIME_CONSTANT_S = 40.0  # a disk under load warms up with about this time constant [s]
 # The bore has no effect within this of an event [s]: heat needs ten seconds to the bore and back.
 BORE_DELAY_S = 5.0
-FEATURE_DEPTH_M = 0.1e-3  # of the difference quotient by depth [m]
+FEATURE_DEPTH_M = 0.1e-3  # step of the difference quotient by depth [m]
 
 
 @dataclass(frozen=True)
 class _SegmentMeans:
-    """Window means of one segment of the record: W windows of the columns, C of them channels.
+    """Window means of one segment of the record: W windows, I columns, C of them channels.
 
-    ``inputs`` (W, I) and ``banks`` (W, I, K) of the columns, ``slope`` (W, C), ``noise`` (W,), and
-    ``trend_u_K`` (W, C) as of ``DiskFeatures``.
+    Parameters
+    ----------
+    inputs, banks
+        Means of the columns, (W, I), and of these through the lags of the filter bank, (W, I, K).
+    slope, noise, trend_u_K
+        As of ``DiskFeatures``, (W, C), (W,) and (W, C).
     """
 
     inputs: Array
@@ -130,9 +138,14 @@ class DiskFeatures:
     observed
         Which data are used, (W, C), in the order of the disk's rows.
     inner_row_weights
-        As of ``DiskTraces``.
+        As of ``tcdyn.smoothing.traces.DiskTraces``, (k, k).
     shift_u_m
         Standard uncertainty of the position of the flux.
+
+    Notes
+    -----
+    Results that do not depend on the hypothesis are cached in the object, so it must not be
+    changed; use ``dataclasses.replace``, which starts with empty caches.
     """
 
     disk: str
@@ -183,7 +196,7 @@ class DiskFeatures:
 
     @cached_property
     def rim(self) -> RimMeans:
-        """The rim driven by the power, the inner row as wired, and ambient."""
+        """The rim driven by power, inner row as wired, ambient, and surface air if any."""
         ambient = 1 + len(self.setup.channels)
         inner = (1 + i for i in self._inner_row)
         surface_air = range(ambient + 2, self.inputs.shape[1])
@@ -194,27 +207,43 @@ class DiskFeatures:
 
     @cached_property
     def _outer_row(self) -> list[int]:
+        """Indices of the outer row among the channels, (P,)."""
         return self.setup.channel_indices(self.setup.outer)
 
     @cached_property
     def _inner_row(self) -> list[int]:
+        """Indices of the inner row among the channels, (k,)."""
         return self.setup.channel_indices(self.setup.inner)
 
     @cached_property
     def _perturbations(self) -> tuple[tuple[Perturbation, ...], Array]:
+        """Perturbations of ``nominal_effects``, and their sizes."""
         perturbations, sizes = zip(*nominal_perturbations(self.setup, FEATURE_DEPTH_M))
         return perturbations, np.array(sizes)
 
     def target_responses(self, cases: tuple[Case, ...], target: Target = "outer row") -> Array:
         """Response of the points of ``target`` to every column as every input of the rim.
 
-        Shape (cases, C + 3, I, W, points). Cached, since all hypotheses need it.
+        Cached, since all hypotheses need it.
+
+        Parameters
+        ----------
+        cases
+            h [W/m2K] and departure from the nominal disk.
+        target
+            The points: outer row, inner row, or points just inside the inner row.
+
+        Returns
+        -------
+        Array
+            (cases, C + 3, I, W, points).
         """
         if (cases, target) not in self._responses:
             self._responses[cases, target] = self._target_responses(cases, target)
         return self._responses[cases, target]
 
     def _target_responses(self, cases: tuple[Case, ...], target: Target) -> Array:
+        """Compute ``target_responses``: gains of each case, applied to every column."""
         inside = target == "inside"
         extra = self.rim.points_inside if inside else ()
         first_point = len(self.setup.outer) if inside else 0
@@ -231,6 +260,15 @@ class DiskFeatures:
         """Response of the points of ``target`` to a column as one input, (cases, W, points).
 
         Zero for a column that does not exist.
+
+        Parameters
+        ----------
+        column
+            One of ``columns``.
+        input_index
+            Input of the rim to which it is applied.
+        cases, target
+            As of :meth:`target_responses`.
         """
         k = self.columns.index(column)
         responses = self.target_responses(cases, target)
@@ -241,7 +279,20 @@ class DiskFeatures:
     def _rim_response(
         self, order: Order, cases: tuple[Case, ...], target: Target = "outer row"
     ) -> tuple[Array, Array]:
-        """Response without heat and to a share of one at ``target``, (cases, W, points) each."""
+        """Response without heat, and to a share of one, at ``target``.
+
+        Parameters
+        ----------
+        order
+            For each position of the channels, the column that reads it.
+        cases, target
+            As of :meth:`target_responses`.
+
+        Returns
+        -------
+        boundary, power
+            (cases, W, points) each.
+        """
         ambient = self.rim.ambient_index
         responses = self.target_responses(cases, target)
         columns = [1 + order[i] for i in self._inner_row]
@@ -252,16 +303,24 @@ class DiskFeatures:
         return boundary, responses[:, 0, 0]
 
     def gradient(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
-        """Rise of temperature with radius at the inner row, (cases, W, k) each [K/m].
+        """Rise of temperature with radius at the inner row, without heat, and for a share of one.
 
-        Without heat, and for a share of one.
+        Parameters
+        ----------
+        order, cases
+            As of :meth:`response`.
+
+        Returns
+        -------
+        boundary, power
+            (cases, W, k) each [K/m].
         """
         boundary, power = self._rim_response(order, cases, "inside")
         readings = self.levels[:, [order[i] for i in self._inner_row]]
         return (boundary - readings) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
     def response(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
-        """Model of both rows without heat and per share of one, (cases, W, C) each.
+        """Model of both rows without heat, and per share of one.
 
         Parameters
         ----------
@@ -269,6 +328,17 @@ class DiskFeatures:
             For each position of the channels, the column that reads it.
         cases
             h [W/m2K] and departure from the nominal disk.
+
+        Returns
+        -------
+        boundary, power
+            (cases, W, C) each, in the order of the disk's rows [K].
+
+        Notes
+        -----
+        An inner row at several depths is corrected by the gradient to first order, as in
+        ``tcdyn.partition.steady.with_inner_row_at_one_radius``.
+        ``tests/partition/test_inner_row.py`` (study) tests it.
         """
         boundary, power = self._rim_response(order, cases)
         deeper_m = self.setup.depth_below_edge_m
@@ -292,6 +362,19 @@ class DiskFeatures:
         Of a unit of each of ``nominal_parameters`` and of the circumferential harmonic, then of a
         standard uncertainty of the flux's position and of the speed exponent, of a second of common
         lag, of a second of later load, and of the share. They are linear in the share.
+
+        Parameters
+        ----------
+        order
+            For each position of the channels, the column that reads it.
+        h_W_m2K, share
+            The point to linearise at.
+
+        Notes
+        -----
+        The order must be that of the uncertainties in ``tcdyn.partition.sensor_faults.covariance``;
+        the share must be last. ``tests/partition/test_sensors.py`` compares the last five with
+        differences.
         """
         if (order, h_W_m2K) not in self._effects:
             self._effects[order, h_W_m2K] = self._effects_by_share(order, h_W_m2K)
@@ -299,7 +382,18 @@ class DiskFeatures:
         return np.asarray(without_heat + share * per_share)
 
     def _effects_by_share(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
-        """``effects`` for a share of zero, and their increase by a share of one."""
+        """``effects`` for a share of zero, and their increase by a share of one.
+
+        Parameters
+        ----------
+        order, h_W_m2K
+            As of :meth:`effects`.
+
+        Returns
+        -------
+        without_heat, per_share
+            (Q, D) each.
+        """
         perturbations, sizes = self._perturbations
         fixed = self._order_free_effects(h_W_m2K)
         cases = tuple((h_W_m2K, p) for p in (NOMINAL, *perturbations))
@@ -319,6 +413,21 @@ class DiskFeatures:
             harmonic: Array,
             others: list[Array],
         ) -> Array:
+            """All effects of one of the two parts, (Q, D).
+
+            Parameters
+            ----------
+            response
+                Response of the nominal disk, then of each perturbation, (1 + perturbations, W, C).
+            gradient
+                Radial gradient at the inner row, (1, W, k).
+            constant
+                How much of a constant error each mean shows, (W,).
+            rates
+                Rates of the channels, (W, C).
+            harmonic, others
+                Effects that do not depend on the order, and the last five effects.
+            """
             perturbed = (response[1:] - response[0]) / sizes[:, None, None]
             nominal = self._nominal_effects(perturbed, gradient[0], constant, rates, fixed.steady)
             return np.concatenate([nominal, harmonic, others])[:, self.observed]
@@ -344,7 +453,17 @@ class DiskFeatures:
     def _nominal_effects(
         self, perturbed: Array, gradient: Array, constant: Array, rates: Array, steady: Array
     ) -> Array:
-        """``nominal_effects`` of the windows; the rim follows the inner row at once."""
+        """``nominal_effects`` of the windows; the rim follows the inner row at once.
+
+        Parameters
+        ----------
+        perturbed, constant, rates
+            As of :func:`tcdyn.partition.nuisance.nominal_effects`.
+        gradient
+            Radial gradient at the inner row, (W, k) [K/m].
+        steady
+            ``steady_input_response`` of the rim, (3 k + 1, P).
+        """
         n_inner = len(self.setup.inner)
         inner_rates = rates.T[len(self.setup.outer) :]
         errors = np.array([*[constant] * n_inner, *gradient.T, *inner_rates, constant])
@@ -352,7 +471,18 @@ class DiskFeatures:
         return nominal_effects(perturbed, input_responses, constant, rates, self.inner_row_weights)
 
     def _flux_shift_effects(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
-        """Effect of a standard uncertainty of the flux's position, without heat and per share."""
+        """Effect of a standard uncertainty of the flux's position, without heat and per share.
+
+        Parameters
+        ----------
+        order, h_W_m2K
+            As of :meth:`effects`.
+
+        Returns
+        -------
+        boundary, power
+            (W, C) each [K].
+        """
         if not self.shift_u_m:
             zero = np.zeros(self.observed.shape)
             return zero, zero
@@ -369,10 +499,12 @@ class DiskFeatures:
         return self._order_free[h_W_m2K]
 
     def _compute_order_free(self, h_W_m2K: float) -> _OrderFree:
+        """Compute the effects of :meth:`_order_free_effects`."""
         cases: tuple[Case, ...] = ((h_W_m2K, NOMINAL),)
         static = self.rim.gains(h_W_m2K).static
 
         def both_rows(column: str, which: int) -> Array:
+            """Response of both rows to a column as input ``which``, (W, C)."""
             outer = self.column_response(column, which, cases, "outer row")[0]
             inner = self.column_response(column, which, cases, "inner row")[0]
             return np.hstack([outer, inner])
@@ -397,7 +529,19 @@ class DiskFeatures:
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
-    """Features of one disk; windows that the log does not hold are omitted."""
+    """Features of one disk; windows that the log does not hold are omitted.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+
+    Notes
+    -----
+    Windows after the loading need a record before it and a test that is long enough. The windows
+    may change; ``BORE_DELAY_S`` decides in which of them the inner row counts.
+    ``tests/partition/test_sensors.py`` tests a log that ends soon after the unloading.
+    """
     load_on_s = test.events.load_on_s
     unload_s = test.events.unload_s
     end_s = test.time_s[-1]
@@ -455,6 +599,24 @@ def _segment_means(
     From the mean of a window after an event, the straight line through the base is subtracted, so
     that a disk that still warms up, or an ambient that drifts, is not taken for a response to the
     event.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    windows
+        Event, start and stop [s] of each window, ascending.
+    start_s
+        Start of the segment [s], early enough for the filter bank to settle.
+    base_s
+        Start and stop of the base before the event [s].
+
+    Notes
+    -----
+    All means are one linear map of the samples, so power, ambient and filter bank are treated as
+    the readings are. A base of slope s may curve: with the time constant tau of the warm-up the
+    error after a time t is s t^2/(2 tau), which is ``trend_u_K``.
+    ``tests/partition/test_depths.py`` (study) tests a disk that still warms up.
     """
     rows = rows_between(test.time_s, start_s, windows[-1][2] + test.dt_s)
     t = test.time_s[rows]

@@ -1,4 +1,11 @@
-"""Loading and unloading of an EHL test, from contact switch, friction and load; the test itself."""
+"""Loading and unloading of an EHL test, from contact switch, friction and load; the test itself.
+
+The contact interval is decided by majority from contact switch, load and friction; the instant of
+unloading is refined by :mod:`tcdyn.partition.unloading`. ``EhlTest`` holds a prepared test and is
+the input of all of :mod:`tcdyn.partition`. ``find_events`` is used by :mod:`tcdyn.workflows` and
+:mod:`tcdyn.campaign.stages`. Thresholds are chosen by judgement. Guarded by
+``tests/partition/test_events.py`` and ``tests/partition/test_as_logged.py``.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +61,7 @@ class DiskAir:
     faces, surface
         Temperature at its faces and at its running surface, (N,) [degC].
     own_u_K
-        Standard uncertainty of their means, by how the disk's channels differ.
+        Standard uncertainty of their means, by how the disk's channels differ [K].
     """
 
     faces: Array
@@ -148,7 +155,10 @@ class EhlTest:
         }
 
     def ambient_of(self, disk: str) -> Array:
-        """Air temperature at a disk's faces, at its surface if it has no other, (N,) [degC]."""
+        """Air temperature at a disk's faces, (N,) [degC]: its own channels, else ambient.
+
+        A disk with channels only at its running surface has theirs.
+        """
         return self.air[disk].faces if disk in self.air else self.ambient_degC
 
 
@@ -172,6 +182,10 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     The contact interval is decided by majority from contact switch, load and friction. The
     friction's fall through half its level gives the end of the heat between the samples, averaged
     with switch and load cell where they agree.
+
+    The thresholds of this module may change; ``tests/partition/test_events.py`` has late, inverted,
+    bouncing and stuck switches, noisy forces and later touches. A slow unloading has two slope
+    changes; ``tcdyn.partition.cooling.smooth_traces`` takes them as known.
     """
     t = frame["time_s"].to_numpy(dtype=float)
     switch = _switch_state(frame)
@@ -256,7 +270,31 @@ def _between_samples(t: Array, row: int) -> float:
 def _contact_interval(
     t: Array, contact: NDArray[np.bool_], force_votes: Array, has_switch: bool, where: str
 ) -> tuple[int, int]:
-    """First and last row of the longest contact; InputError without unloading."""
+    """First and last row of the longest contact, by majority.
+
+    Parameters
+    ----------
+    t
+        Times, (N,) [s].
+    contact
+        State of the switch, or of the forces without one, (N,).
+    force_votes
+        Sum of the votes of the forces, -1 or 1 each, (N,).
+    has_switch
+        Whether there is a switch, for the error message.
+    where
+        Name of the log in error messages.
+
+    Returns
+    -------
+    first, last
+        Rows.
+
+    Raises
+    ------
+    InputError
+        If the log ends under load, or the contact is shorter than ``SHORTEST_CONTACT_S``.
+    """
     intervals = _intervals(t, force_votes + (contact - 0.5) > 0)
     first, last = max(intervals, key=lambda rows: t[rows[1]] - t[rows[0]], default=(0, 0))
     if last == len(t) - 1 or contact.all():
@@ -279,7 +317,25 @@ def _contact_interval(
 def _loading_instant(
     t: Array, contact: NDArray[np.bool_], first: int, last: int
 ) -> tuple[float, int, float | None]:
-    """Time of loading, row in which the switch opens, and delay of a switch that disagrees [s]."""
+    """Time of loading, row in which the switch opens, and delay of a switch that disagrees.
+
+    Parameters
+    ----------
+    t, contact
+        Times and state of the switch, (N,).
+    first, last
+        First and last row of the contact by majority.
+
+    Returns
+    -------
+    load_on_s
+        By the switch if it agrees with the majority within ``LOADING_AGREE_S``, else by the
+        majority.
+    switch_off
+        Last row of the switch's contact.
+    late_s
+        By how much the switch is late, None if it agrees.
+    """
     overlapping = [rows for rows in _intervals(t, contact) if rows[1] >= first and rows[0] <= last]
     intervals = overlapping or [(first, last)]
     switch_on = intervals[0][0]
@@ -298,7 +354,10 @@ def _switch_state(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
 
 
 def _scaled_force(force: Array) -> Array | None:
-    """A force (N,) scaled to 0 apart and 1 loaded; None where it hardly rises above its noise."""
+    """A force (N,) scaled to 0 without contact and 1 under load.
+
+    None where it hardly rises above its noise, or its levels have the wrong sign.
+    """
     if np.isfinite(force).sum() < MIN_ZERO_SAMPLES:
         return None
     filled = interpolate_gaps(force, np.isfinite(force))
@@ -321,7 +380,15 @@ def _scaled_force(force: Array) -> Array | None:
 
 
 def _above(level: Array, at: float, by: float) -> NDArray[np.bool_]:
-    """Whether ``level`` (N,) is above ``at``, with hysteresis ``by`` to both sides."""
+    """Whether a level is above a threshold, with hysteresis to both sides, (N,).
+
+    Parameters
+    ----------
+    level
+        The level, (N,).
+    at, by
+        Threshold, and half-width of the hysteresis.
+    """
     state = np.full(len(level), np.nan)
     state[level < at - by] = 0.0
     state[level > at + by] = 1.0
@@ -331,9 +398,21 @@ def _above(level: Array, at: float, by: float) -> NDArray[np.bool_]:
 def _intervals(
     t: Array, state: NDArray[np.bool_], gap_s: float = BOUNCE_S
 ) -> list[tuple[int, int]]:
-    """First and last rows of each interval of ``state``.
+    """First and last rows of each interval in which a state is true.
 
     An interval longer than ``RELOADED_S`` is joined to the one before over a gap below ``gap_s``.
+
+    Parameters
+    ----------
+    t, state
+        Times and state, (N,).
+    gap_s
+        Longest gap that is joined [s].
+
+    Returns
+    -------
+    list
+        (first, last) of each interval.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], state.astype(int), [0]])))
     intervals: list[tuple[int, int]] = []
@@ -346,7 +425,15 @@ def _intervals(
 
 
 def _switch_findings(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> list[Finding]:
-    """Findings on times at which the switch was off between two rows under load."""
+    """Findings on times at which the switch was off between two rows under load.
+
+    Parameters
+    ----------
+    t, contact
+        Times and state of the switch, (N,).
+    first, last
+        First and last row of the contact.
+    """
     off = [(a, b) for a, b in _intervals(t, ~contact, 0.0) if a > first and b < last]
     dropouts = [a for a, b in off if t[b] - t[a] >= BOUNCE_S]
     n_bounces = len(off) - len(dropouts)
@@ -370,7 +457,27 @@ def _switch_findings(t: Array, contact: NDArray[np.bool_], first: int, last: int
 def _later_touches(
     t: Array, contact: NDArray[np.bool_], levels: Mapping[str, Array | None], last: int
 ) -> list[tuple[int, int]]:
-    """First and last rows of each touch after row ``last``: two of friction, load, switch rise."""
+    """First and last rows of each touch after the unloading: two of friction, load, switch rise.
+
+    Parameters
+    ----------
+    t, contact
+        Times and state of the switch, (N,).
+    levels
+        Scaled forces; None for a force without a level.
+    last
+        Last row of the contact.
+
+    Returns
+    -------
+    list
+        (first, last) of each touch, two samples wider than it on either side.
+
+    Notes
+    -----
+    A touch must last ``TOUCH_S``, and the switch or a force above ``TOUCH_MIN_PEAK`` must confirm
+    it. ``tests/partition/test_events.py`` tests touches with and without the switch.
+    """
     forces = [x for x in levels.values() if x is not None]
     rising = (_above(x, TOUCH_START, 0.0).astype(int) for x in forces)
     votes = contact.astype(int) + sum(rising, np.zeros(len(t), int))
@@ -391,7 +498,17 @@ def _later_touches(
 def _without_touches(
     frame: pd.DataFrame, columns: list[str], touches: list[tuple[int, int]]
 ) -> pd.DataFrame:
-    """The log with the forces linearly interpolated over later touches."""
+    """The log with the forces linearly interpolated over later touches.
+
+    Parameters
+    ----------
+    frame
+        The log.
+    columns
+        Columns of the forces.
+    touches
+        First and last rows of each touch.
+    """
     if not touches:
         return frame
     rows = np.concatenate([np.arange(a, b + 1) for a, b in touches])

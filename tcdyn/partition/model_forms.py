@@ -36,7 +36,8 @@ H_KEYS = {
     "speed law": ("h_fast", "h_slow"),
     **{f"{kind} {d}": (f"h {kind} {d}",) for kind in ("cooling", "joint") for d in DISKS},
 }
-# The estimators of beta, the speed law first: the cross-check compares the others with it.
+# The estimators of beta. The speed law must be first: ``cross_check`` takes the first as the steady
+# one.
 ESTIMATORS = tuple(H_KEYS)
 # An exponent with a larger standard uncertainty is not reported. Chosen by judgement.
 MAX_EXPONENT_U = 5.0

@@ -1,4 +1,13 @@
-"""Sensor check of a test (section 6.4): dead, swapped, misplaced, offset or late channels."""
+"""Sensor check of a test (section 6.4): dead, swapped, misplaced, offset or late channels.
+
+The outer row is predicted from the inner row, when steady and after both events; a fault is
+reported when it explains the readings far better than a sound disk does. Faults that show before
+the load come first (:mod:`tcdyn.partition.at_rest`). The result also has the table of pairs of
+section 6.4 and the depths of the junctions. Used by :mod:`tcdyn.partition.analyse`,
+:mod:`tcdyn.partition.single_disk`, :mod:`tcdyn.partition.crosscheck` and the report. Thresholds are
+chosen by judgement. Guarded by ``tests/partition/test_sensors.py`` and
+``tests/partition/test_left_out.py``.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +71,7 @@ class Suspect:
         The channels concerned.
     size
         How much deeper the junction lies than its nominal depth [m], how much it reads too high
-        [K], or how late it is [s].
+        [K], or how late it is [s]; None for other kinds.
     log_odds
         Logarithm of the odds against a sound disk.
     numbers
@@ -146,7 +155,12 @@ class SensorCheck:
     def matrix(self, disk: str, column: str = "steady") -> pd.DataFrame:
         """The pairs of one disk as in tables 6.2 to 6.4: upper triangle, channels in groups.
 
-        ``column`` is "steady" or "unloading".
+        Parameters
+        ----------
+        disk
+            Name of the disk.
+        column
+            "steady" or "unloading".
         """
         order = [c for group in self.groups[disk] for c in group]
         rows = self.table[self.table["disk"] == disk]
@@ -164,8 +178,17 @@ class SensorCheck:
 class _DiskCheck:
     """Result of the check of one disk.
 
-    ``log_likelihood`` is None where a channel is dead, ``depths`` is None where a fault is
-    suspected."""
+    Parameters
+    ----------
+    suspects
+        Suspected faults.
+    log_likelihood
+        Of the best hypothesis; None where a channel is dead.
+    depths
+        The depth test; None where a fault is suspected.
+    indistinguishable
+        Swaps that the test cannot distinguish from a sound disk.
+    """
 
     suspects: tuple[Suspect, ...]
     log_likelihood: float | None = None
@@ -176,12 +199,22 @@ class _DiskCheck:
 def check_sensors(test: EhlTest) -> SensorCheck:
     """Look for faulty channels in the steady pattern and in both transients of a test.
 
+    Parameters
+    ----------
+    test
+        The prepared test, with one or both disks.
+
     Notes
     -----
     The outer row is predicted from the inner row by the rim model, steady, after unloading and
-    after loading, with share and h free. A fault is named when it explains all three far better
+    after loading, with share and h free. A fault is reported when it explains all three far better
     than a sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be
-    distinguished: ``indistinguishable`` lists such pairs."""
+    distinguished: ``indistinguishable`` lists such pairs.
+
+    Faults at rest replace those under load, except for dead channels, because at rest no model is
+    needed. A swap between the disks is tried only if both disks are suspected.
+    ``tests/partition/test_sensors.py`` (mostly study) tests each kind of fault, and sound rigs.
+    """
     features = {d: disk_features(test, disk) for d, disk in test.disks.items()}
     checks = {d: _check_disk(test, disk, features[d]) for d, disk in test.disks.items()}
     at_rest = faults_at_rest(test)
@@ -227,7 +260,17 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 
 
 def _sound(disk: str, table: pd.DataFrame, indistinguishable: Sequence[Candidate]) -> Finding:
-    """The finding of a disk without faults."""
+    """The finding of a disk without faults.
+
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    table
+        The pairs of all disks.
+    indistinguishable
+        Swaps that the test cannot distinguish from a sound disk.
+    """
     rows = table[(table["disk"] == disk) & (table["steady"] != LEFT_OUT_TEXT)]
     return info(
         "sensors.sound",
@@ -239,7 +282,19 @@ def _sound(disk: str, table: pd.DataFrame, indistinguishable: Sequence[Candidate
 
 
 def _check_disk(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
-    """Dead channels, else the likeliest fault, else depths and indistinguishable swaps."""
+    """Dead channels, else the likeliest fault, else depths and indistinguishable swaps.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    f
+        Features of the disk.
+
+    Notes
+    -----
+    Where no fault is likely but chi-squared is improbable (``MISFIT_P``), the suspect is "unknown".
+    """
     dead = _dead_channels(test, disk, f)
     if dead:
         return _DiskCheck(dead)
@@ -262,7 +317,18 @@ def _check_disk(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
 
 
 def _fault_fits(f: DiskFeatures, disk: DiskTraces) -> tuple[FaultFit, list[FaultFit]]:
-    """The fit of a sound disk, and those of all faults."""
+    """The fit of a sound disk, and those of all faults.
+
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+
+    Returns
+    -------
+    sound, faults
+        The fits.
+    """
     fits = []
     for faults in hypotheses(f.setup.channels, disk.excluded):
         fits += evaluate_faults(f, disk, faults)
@@ -275,6 +341,17 @@ def _most_likely_fault(
     """The most likely fault after refinement, with its rivals.
 
     A swap that does not explain the data is reported as unknown: it must not stop a run.
+
+    Parameters
+    ----------
+    test
+        The test.
+    f, disk
+        Features and traces of the disk.
+    sound
+        The fit of a sound disk.
+    fits
+        The linear fits of all faults.
     """
     refined = [refine_fault(test, f, disk, fit) for fit in fits]
     best, *others = sorted(refined, key=lambda fit: -fit.log_likelihood)
@@ -296,8 +373,18 @@ def _swap_between_disks(
 ) -> Suspect | None:
     """A channel of one disk exchanged with one of the other.
 
-    None unless it is likelier than the best hypotheses of both disks, of ``log_likelihood``
-    together."""
+    None unless it is likelier than the best hypotheses of both disks together, by
+    ``RIVAL_LOG_ODDS``.
+
+    Parameters
+    ----------
+    test
+        The test.
+    features
+        Features of both disks.
+    log_likelihood
+        Sum of the log likelihoods of the best hypotheses of the two disks.
+    """
     fast, slow = (features[d] for d in DISKS)
     fast_used, slow_used = (np.flatnonzero(~test.disks[d].excluded_mask) for d in DISKS)
     candidates = []
@@ -315,7 +402,22 @@ def _swap_between_disks(
 def _foreign_log_likelihood(
     test: EhlTest, f: DiskFeatures, other: DiskFeatures, index: int, other_index: int
 ) -> float:
-    """Log likelihood of a disk whose channel ``index`` is ``other_index`` of the other disk."""
+    """Log likelihood of a disk one of whose channels is the other disk's.
+
+    Parameters
+    ----------
+    test
+        The test.
+    f, other
+        Features of the disk, and of the other disk.
+    index, other_index
+        Indices of the channel, and of the other disk's channel in its place.
+
+    Notes
+    -----
+    The other disk's readings are taken as they are, through its own static line and chain;
+    "foreign" widens the uncertainties of line and lag.
+    """
     mixed = replace(
         f,
         inputs=f.inputs.copy(),
@@ -333,7 +435,20 @@ def _foreign_log_likelihood(
 
 
 def _dead_channels(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
-    """Channels whose rise under load and whose fall after unloading are unlike the others'."""
+    """Channels whose rise under load and whose fall after unloading are unlike the others'.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    f
+        Features of the disk.
+
+    Notes
+    -----
+    Where the log begins too late for a rise, the fall decides. Both must be below ``DEAD_REL`` of
+    the median, so a junction that is only slow is not dead.
+    """
     before = test.time_s < test.events.load_on_s - 0.5
     falls = -f.levels[f.event == "unloading"][-1]
     rises = falls
@@ -364,8 +479,21 @@ def _dead_channels(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Su
 
 
 def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
-    """Channels by angle: neighbours within 60 degrees belong to one group, largest gap first.
+    """Channels by angle: neighbours within 60 degrees belong to one group.
 
+    Parameters
+    ----------
+    setup
+        The disk.
+
+    Returns
+    -------
+    tuple
+        The groups, each sorted, in alphabetic order; one group of all if the angles do not
+        separate.
+
+    Examples
+    --------
     >>> from tcdyn.rig.rigfile import load_rig
     >>> angle_groups(load_rig().disk_setup("slow"))
     (('a', 'e', 'f'), ('b', 'c', 'd'))
@@ -384,10 +512,25 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
 
 
 def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
-    """1 when ``one`` must be hotter, -1 when ``other`` must, 0 by symmetry, None when it depends.
+    """Which of two junctions must be hotter under contact.
 
+    Parameters
+    ----------
+    setup
+        The disk.
+    one, other
+        The channels.
+
+    Returns
+    -------
+    int or None
+        1 when ``one`` must be hotter, -1 when ``other`` must, 0 by symmetry, None when it depends.
+
+    Notes
+    -----
     Under contact heat flows in at the centre of the track and away from it: nearer the surface and
-    nearer the centre is hotter (section 6.4.2).
+    nearer the centre is hotter (section 6.4.2). Junctions within ``SAME_POSITION_M`` count as
+    equal.
     """
     i = setup.junctions[one]
     j = setup.junctions[other]
@@ -405,8 +548,17 @@ def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
 
 
 def classify_pair(sign: int | None, difference_K: float, u_K: float) -> str:
-    """ "logical", "weak", "illogical" or "N.A." for a pair with sign ``sign`` of its difference.
+    """Class of a pair: "logical", "weak", "illogical" or "N.A.".
 
+    Parameters
+    ----------
+    sign
+        Sign that the difference must have, by :func:`hotter_junction`.
+    difference_K, u_K
+        The difference, and its standard uncertainty.
+
+    Examples
+    --------
     >>> classify_pair(1, 3.0, 0.3), classify_pair(1, 0.2, 0.3)
     ('logical', 'weak')
     >>> classify_pair(1, -3.0, 0.3), classify_pair(None, 3.0, 0.3)
@@ -427,8 +579,26 @@ def pair_table(
 ) -> pd.DataFrame:
     """A row for each pair of junctions: differences when steady and of the fall, classes, groups.
 
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    f
+        Features of the disk.
+    groups
+        Channels by angle.
+
+    Returns
+    -------
+    table
+        Columns disk, one, other, same_group; for "steady" and "unloading" the difference [K], its
+        standard uncertainty [K], and the class.
+
+    Notes
+    -----
     The uncertainty of a steady level is that of its static line and of its depth in the mean
-    gradient; that of a fall by noise and lag.
+    gradient; that of a fall by noise and lag. The gradient assumes that half of the frictional heat
+    enters the disk.
     """
     setup = disk.setup
     unload_s = test.events.unload_s

@@ -3,7 +3,10 @@
 Each hypothesis is a normal distribution of the residuals of the outer row, predicted by the rim
 model from the inner row, and of the inner row's first seconds after an event, predicted by a rim
 down to the bore. Its covariance holds the nuisance parameters and the free parameter of the fault.
-Hypotheses are compared by their likelihood, which penalises free parameters as it should.
+Hypotheses are compared by their likelihood, which penalises free parameters as it should. Used by
+:mod:`tcdyn.partition.sensor_check` and, for the depths, by :mod:`tcdyn.partition.crosscheck`.
+Priors are chosen by judgement, model errors are by comparison with whole-disk solutions. Guarded by
+``tests/partition/test_sensors.py`` and ``tests/partition/test_depths.py``.
 """
 
 from __future__ import annotations
@@ -25,10 +28,11 @@ from tcdyn.partition.nuisance import nominal_parameters, nominal_u
 from tcdyn.partition.window import NOMINAL
 from tcdyn.smoothing.traces import DiskTraces
 
-# Priors. Those of swapped channels: they have each other's static lines and lags.
+# Priors, chosen by judgement.
 SHARE_SD = 0.12  # standard deviation of the share about each of ``SHARE_GRID``
 SHARE_GRID = (0.14, 0.32, 0.5, 0.68, 0.86)
 LOG_H_SD = 1.0  # standard deviation of log h: practically unknown
+# Standard uncertainties of static line [K] and lag [s] where they are another channel's.
 SWAPPED_LINES_K = 0.7
 SWAPPED_LAGS_S = 0.06
 LEAST_LAG_U_S = 0.05  # least standard uncertainty of the common lag [s]
@@ -38,23 +42,26 @@ LOADING_U_S = 0.5  # standard uncertainty of the duration of loading, which is n
 MODEL_REL = 0.005
 INNER_MODEL_REL = 0.015
 MODEL_K = 0.03  # the same, constant, by comparison with whole-disk solutions [K]
-MISPLACED_M = 1.5e-3
+MISPLACED_M = 1.5e-3  # prior standard deviation of the depth of a misplaced junction [m]
 # Free parameter of each kind of fault, and its prior standard deviation [m, K, s].
 FREE_PARAMETER = {
     "misplaced": ("depth", MISPLACED_M),
     "offset": ("static", 5.0),
     "late": ("lag", 0.5),
 }
-MIN_INFORMATION = 0.02  # least part of a depth's prior variance that the test is taken to remove
-LOG_H_STEP = 0.05  # of the difference quotient by log h
-# Gains are computed at these h; responses between them are splines in ln h.
+# Least part of a depth's prior variance that the test is taken to remove: keeps the depth finite.
+MIN_INFORMATION = 0.02
+LOG_H_STEP = 0.05  # step of the difference quotient by log h; chosen by judgement
+# Gains are computed at these h [W/m2K]; responses between them are splines in ln h. More nodes cost
+# time only.
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
-MAX_ITERATIONS = 4  # to the nearest node of the coarse grid
+MAX_ITERATIONS = 4  # of the search for the nearest node of the coarse grid
 MIN_DEPTH_M = 0.3e-3  # least depth of a misplaced junction [m]
 # A refined fault has converged when its size changes by less than this.
 CONVERGED_M = 0.03e-3
 CONVERGED_S = 0.01
+# Most iterations of a refinement. Chosen by judgement.
 MAX_DEPTH_ITERATIONS = 4
 MAX_LATE_ITERATIONS = 6
 
@@ -63,9 +70,13 @@ MAX_LATE_ITERATIONS = 6
 class Fault:
     """A hypothesis: a kind of fault and its channels.
 
-    ``kind`` is "none", "swapped", "misplaced", "offset", "late" or "foreign".
-
-    "foreign": the features hold another disk's channel in place of this one.
+    Parameters
+    ----------
+    kind
+        "none", "swapped", "misplaced", "offset", "late" or "foreign": the features hold another
+        disk's channel in place of this one.
+    channels
+        The channels concerned.
     """
 
     kind: str
@@ -90,11 +101,12 @@ class FaultFit:
     fault
         The hypothesis.
     log_likelihood, chi2, dof
-        Its log likelihood, chi-squared and degrees of freedom.
+        Its log likelihood, up to a constant of the data, chi-squared and degrees of freedom.
     share, h_W_m2K
         The best share and heat transfer coefficient.
     size
-        How much deeper the junction lies [m], how much it reads too high [K], how late it is [s].
+        How much deeper the junction lies [m], how much it reads too high [K], how late it is [s];
+        None without a free parameter.
     """
 
     fault: Fault
@@ -109,7 +121,17 @@ class FaultFit:
 def hypotheses(channels: Sequence[str], excluded: Sequence[str] = ()) -> Iterator[list[Fault]]:
     """A sound disk and all faults that are considered, in lists with one order of the columns each.
 
-    Channels ``excluded`` have no faults.
+    Parameters
+    ----------
+    channels
+        The channels of the disk.
+    excluded
+        Channels that have no faults.
+
+    Yields
+    ------
+    list
+        First the sound disk with all faults of one channel, then each swap.
     """
     used = [c for c in channels if c not in excluded]
     yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE_PARAMETER)]
@@ -118,13 +140,27 @@ def hypotheses(channels: Sequence[str], excluded: Sequence[str] = ()) -> Iterato
 
 
 def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[FaultFit]:
-    """Likelihood of the features under each of ``faults``, all with one order of the columns.
+    """Likelihood of the features under each of some faults, all with one order of the columns.
+
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+    faults
+        The faults.
+
+    Returns
+    -------
+    list
+        The fit of each fault.
 
     Notes
     -----
     The effect of every error grows with the share, so a hypothesis is a mixture of normal
     distributions about each share of ``SHARE_GRID``; the numbers of a fit are those of the
-    likeliest."""
+    likeliest. The grid's spacing is 1.5 ``SHARE_SD``, so that the mixture is smooth; change both
+    together. Each hypothesis has its own best h of ``H_FINE_W_M2K``.
+    """
     setup = f.setup
     order = faults[0].order(setup.channels)
     responses = f.response(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
@@ -151,8 +187,16 @@ def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) 
 class _Whitened:
     """Residuals about one point, without a free fault, divided by a root of their covariance.
 
-    ``root`` (D, D) of the covariance; ``effects`` (D, Q) and ``residuals`` (D, H) divided by it;
-    ``chi2`` (H,), and the covariance's log determinant.
+    Parameters
+    ----------
+    root
+        Cholesky root of the covariance, (D, D).
+    effects, residuals
+        Effects of the errors, (D, Q), and residuals at each h, (D, H), divided by it.
+    chi2
+        Chi-squared at each h, (H,).
+    log_det
+        Log determinant of the covariance.
     """
 
     root: Array
@@ -163,7 +207,15 @@ class _Whitened:
 
     @classmethod
     def of(cls, covariance: Array, effects: Array, residuals: Array) -> _Whitened:
-        """Of ``residuals`` (H, D), their ``covariance`` (D, D), and the ``effects`` (Q, D)."""
+        """Whiten residuals and effects.
+
+        Parameters
+        ----------
+        covariance
+            Of the residuals, (D, D).
+        effects, residuals
+            (Q, D) and (H, D).
+        """
         root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         white = solve_triangular(root, np.vstack([effects, residuals]).T, lower=True)
         white_effects = white[:, : len(effects)]
@@ -174,14 +226,22 @@ class _Whitened:
 
 
 class _ShareComponent:
-    """One normal component of the mixture: the share lies about ``share``.
+    """One normal component of the mixture: the share lies about one of ``SHARE_GRID``.
 
-    ``residuals`` (H, D) and the responses ``power`` (H, D) to a share of one are over
-    ``H_FINE_W_M2K``."""
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+    share
+        The share.
+    residuals, power
+        Residuals, and responses to a share of one, over ``H_FINE_W_M2K``, (H, D).
+    """
 
     def __init__(
         self, f: DiskFeatures, disk: DiskTraces, share: float, residuals: Array, power: Array
     ) -> None:
+        """Store the data; parameters as of the class."""
         self.f = f
         self.disk = disk
         self.share = share
@@ -191,7 +251,15 @@ class _ShareComponent:
         self._cache: dict[tuple[int, tuple[str, ...]], _Whitened] = {}
 
     def _whitened(self, node: int, fault: Fault) -> _Whitened:
-        """The residuals whitened with the covariance at a node of the coarse grid."""
+        """The residuals whitened with the covariance at a node of the coarse grid, cached.
+
+        Parameters
+        ----------
+        node
+            Index of ``H_GRID_W_M2K``.
+        fault
+            The fault, for the order of the columns and for swapped static lines.
+        """
         swapped = fault.channels if fault.kind in ("swapped", "foreign") else ()
         if (node, swapped) not in self._cache:
             order = fault.order(self.f.setup.channels)
@@ -201,13 +269,22 @@ class _ShareComponent:
         return self._cache[node, swapped]
 
     def fit(self, fault: Fault, start: int) -> FaultFit:
-        """The fit of a fault, from index ``start`` of ``H_FINE_W_M2K``.
+        """The fit of a fault, from a given h.
+
+        Parameters
+        ----------
+        fault
+            The fault.
+        start
+            Index of ``H_FINE_W_M2K``.
 
         Notes
         -----
         The free parameter of a fault, e by one standard deviation of it, adds e e' to the
         covariance C. With e and all else divided by the root of C, that lowers chi-squared by
-        (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant."""
+        (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant. ``FREE_PARAMETER`` names the
+        effects by the first word of ``tcdyn.partition.nuisance.nominal_parameters``.
+        """
         names = [parameter.name for parameter in nominal_parameters(self.f.setup)]
         quantity, sd = FREE_PARAMETER.get(fault.kind, ("", 0.0))
         rows = [names.index(f"{quantity} {c}") for c in fault.channels] if sd else []
@@ -242,7 +319,24 @@ class _ShareComponent:
 
 
 def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, fit: FaultFit) -> FaultFit:
-    """Linearise a misplaced outer junction, or a late channel, again until it converges."""
+    """Linearise a misplaced outer junction, or a late channel, again until it converges.
+
+    Other faults are returned as they are.
+
+    Parameters
+    ----------
+    test
+        The test.
+    f, disk
+        Features and traces of the disk.
+    fit
+        The linear fit of the fault.
+
+    Notes
+    -----
+    A long delay and a large shift of depth are not linear. ``tests/partition/test_sensors.py``
+    (study) fails if their size is wrong.
+    """
     if fit.size is None:
         return fit
     channel = fit.fault.channels[0]
@@ -254,7 +348,21 @@ def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, fit: FaultFit
 
 
 def _refine_depth(f: DiskFeatures, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
-    """Evaluate a misplaced junction at its estimated depth until that converges."""
+    """Evaluate a misplaced junction at its estimated depth until that converges.
+
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+    v
+        The linear fit.
+    start
+        Its shift of depth [m].
+
+    Notes
+    -----
+    A junction below the inner row is rejected with a likelihood of zero.
+    """
     channel = v.fault.channels[0]
     setup = f.setup
     junction = setup.junctions[channel]
@@ -278,7 +386,17 @@ def _refine_depth(f: DiskFeatures, disk: DiskTraces, v: FaultFit, start: Estimat
 
 
 def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
-    """Shift a late channel in time until its delay converges: a long one is not linear."""
+    """Shift a late channel in time until its delay converges: a long one is not linear.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the traces of the disk.
+    v
+        The linear fit.
+    start
+        Its delay [s].
+    """
     k = disk.setup.channels.index(v.fault.channels[0])
     size = start
     fit = v
@@ -296,7 +414,17 @@ def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit, start: Estimate) 
 
 
 def _with_prior(fit: FaultFit, size: Estimate, sd: float) -> FaultFit:
-    """A refined fit with its total ``size``, whose prior has standard deviation ``sd``."""
+    """A refined fit with its total size, and the likelihood with the prior of that size.
+
+    Parameters
+    ----------
+    fit
+        The fit about the refined point.
+    size
+        Total size, from the nominal value.
+    sd
+        Standard deviation of its prior.
+    """
     penalty = 0.5 * (size.value / sd) ** 2
     return replace(fit, size=size, log_likelihood=fit.log_likelihood - penalty)
 
@@ -308,7 +436,7 @@ def covariance(
     order: Order,
     swapped_channels: tuple[str, ...] = (),
 ) -> Array:
-    """Covariance (D, D) [K2] of the residuals of the predicted data.
+    """Covariance of the residuals of the predicted data, (D, D) [K2].
 
     Parameters
     ----------
@@ -320,6 +448,13 @@ def covariance(
         Which column reads each position.
     swapped_channels
         Channels whose static lines and lags are another channel's.
+
+    Notes
+    -----
+    The order of the uncertainties must be that of
+    ``tcdyn.partition.disk_features.DiskFeatures.effects``: nominal parameters, harmonics of unit
+    size, then flux position, speed exponent, common lag, loading and share. The uncertainty of h is
+    not here: h is fitted.
     """
     swapped = np.isin(disk.setup.channels, swapped_channels).astype(float)
     static_u_K = np.hypot(disk.static_u_K, SWAPPED_LINES_K * swapped)
@@ -333,9 +468,21 @@ def covariance(
 
 
 def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
-    """Independent standard deviation of each datum (D,) [K]: white noise, model errors, trends.
+    """Independent standard deviation of each datum, (D,) [K]: white noise, model errors, trends.
 
-    ``power`` (D,) is the response to a share of one.
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+    power
+        Response to a share of one, (D,) [K].
+    order
+        Which column reads each position.
+
+    Notes
+    -----
+    The noise counts twice: the inner row that predicts a datum has as much. The outer row follows
+    the inner row's trend, so trends count for the inner row only.
     """
     setup = f.setup
     index = setup.channel_indices(setup.rows)
@@ -365,7 +512,7 @@ class DepthTest:
     correlation
         Correlation of the pulls, (C, C).
     deeper_m
-        How much deeper each junction lies by this test alone, without its own nominal depth.
+        How much deeper each junction lies by this test only, without its own nominal depth.
     nominal_u_m
         Standard uncertainty of the nominal depths.
     excluded
@@ -385,12 +532,23 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
 
     All other nuisance parameters and depths are at their priors.
 
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+    sound
+        The fit of a sound disk.
+
     Notes
     -----
     With r the residuals, C their covariance and e the effect of one standard uncertainty of a
     depth, the pull is e C^-1 r / sqrt(e C^-1 e), and of the depth's prior variance the test removes
-    the part t = e C^-1 e; so the test alone gives (e C^-1 r) / t standard uncertainties, +- sqrt((1
-    - t) / t)."""
+    the part t = e C^-1 e; so the test gives (e C^-1 r) / t standard uncertainties, +- sqrt((1 - t)
+    / t), without the prior.
+
+    h counts as unknown: its effect, ``LOG_H_SD``, is part of C. ``tests/partition/test_depths.py``
+    fails if another h is taken for a wrong depth.
+    """
     setup = f.setup
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
     higher_h = h * float(np.exp(LOG_H_STEP))

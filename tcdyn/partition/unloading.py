@@ -1,4 +1,9 @@
-"""Unloading: the instant at which the frictional heat ended, to better than a sample."""
+"""Unloading: the instant at which the frictional heat ended, to better than a sample.
+
+The friction is the heat, so its fall through half its level is the instant; contact switch and load
+cell are averaged with it where they agree. The uncertainties are those of section 5.3. Used by
+:mod:`tcdyn.partition.events`. Guarded by ``tests/partition/test_events.py``.
+"""
 
 from __future__ import annotations
 
@@ -20,30 +25,32 @@ INDICATOR_U_S = 0.05 / 12**0.5
 # Of a force without a switch, which may be that far from it on either side [s].
 NO_SWITCH_U_S = 0.05 / 3**0.5
 SLOW_FALL_REL_U = 0.05  # standard uncertainty of the instant of a slow fall, relative to its length
+# Limits of the search, chosen by judgement.
 FALL_REACH_S = 1.6  # the fall lies within this of its expected time [s]
 LEVEL_REACH_S = 3.0  # the levels are taken from there to this [s]
 MIN_SAMPLES = 10  # least number of samples of a level, and of the fall
 MIN_STEP_SAMPLES = 20  # least number of samples in which a step is searched
 MIN_FALL_SNR = 10.0  # least fall in standard deviations of the noise
 MAX_MISPLACED = 0.2  # largest fraction of samples on the wrong side of a level
+# Forces in the order in which they are trusted, with their names in messages.
 SIGNAL_NAMES = {"friction_N": "friction", "load_N": "load cell"}
 
 
 def unloading_instant(
     t: Array, frame: pd.DataFrame, switch_s: float | None, about_s: float, contact_s: float
 ) -> tuple[float, float, float, list[Finding]]:
-    """Instant of unloading.
+    """Instant of unloading, from friction, load cell and contact switch.
 
     Parameters
     ----------
     t, frame
-        Times, and the log.
+        Times, (N,) [s], and the log.
     switch_s
-        Instant of the contact switch, or None.
+        Instant of the contact switch, or None [s].
     about_s
-        Unloading by majority of switch and forces.
+        Unloading by majority of switch and forces [s].
     contact_s
-        Start of the contact.
+        Start of the contact [s].
 
     Returns
     -------
@@ -55,7 +62,13 @@ def unloading_instant(
     Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3);
     those that agree are averaged. A switch that differs from the friction by more is not used,
     because the friction is the heat. Where the friction is too noisy to show its fall, the load
-    cell is used."""
+    cell is used.
+
+    ``AGREE_S`` decides what is averaged and what is a slow fall. The result's ``u_s`` is the
+    standard uncertainty of the parameter "parting" in
+    ``tcdyn.partition.nuisance.nuisance_effects``. ``tests/partition/test_events.py`` tests steps,
+    ramps, noise and gaps.
+    """
     dt = float(np.median(np.diff(t)))
     indicator_u_s = NO_SWITCH_U_S if switch_s is None else INDICATOR_U_S
     falls = {
@@ -90,7 +103,22 @@ def unloading_instant(
 def _fall_in_reach(
     t: Array, force: Array, about_s: float, contact_s: float
 ) -> tuple[float, float] | None:
-    """``_fall`` about ``about_s``, or about the force's own step where that is too far from it."""
+    """Fall of a force near an expected time, or at its own step where that is too far from it.
+
+    Parameters
+    ----------
+    t, force
+        Times and force, (N,).
+    about_s
+        Expected time [s].
+    contact_s
+        Start of the contact [s].
+
+    Returns
+    -------
+    instant, fall_time
+        As of :func:`_fall`; None where unclear.
+    """
     step_s = _step(t, force, max(about_s - STEP_REACH_S, contact_s), about_s + STEP_REACH_S)
     if step_s is not None and abs(step_s - about_s) > NEAR_S:
         fall = _fall(t, force, step_s)
@@ -100,7 +128,19 @@ def _fall_in_reach(
 
 
 def _step(t: Array, force: Array, start_s: float, stop_s: float) -> float | None:
-    """Instant in (start, stop) where two levels explain most of the force; None without a fall."""
+    """Instant in (start, stop) where two levels explain most of the force; None without a fall.
+
+    Parameters
+    ----------
+    t, force
+        Times and force, (N,).
+    start_s, stop_s
+        Interval of the search [s].
+
+    Notes
+    -----
+    The cut with the largest variance between the two levels, of those at which the force falls.
+    """
     rows = np.flatnonzero((t > start_s) & (t < stop_s) & np.isfinite(force))
     if len(rows) < MIN_STEP_SAMPLES:
         return None
@@ -117,7 +157,20 @@ def _step(t: Array, force: Array, start_s: float, stop_s: float) -> float | None
 
 
 def _fall(t: Array, force: Array, about_s: float) -> tuple[float, float] | None:
-    """Instant at which a force passes half its level, and its 90-10 % time; None where unclear."""
+    """Instant at which a force passes half its level, and its 90-10 % time.
+
+    Parameters
+    ----------
+    t, force
+        Times and force, (N,).
+    about_s
+        Expected instant [s].
+
+    Returns
+    -------
+    instant, fall_time
+        [s]; None where the fall is not clear of the noise, or samples are missing.
+    """
     start_s = about_s - FALL_REACH_S
     end_s = about_s + FALL_REACH_S
     before = force[(t > about_s - LEVEL_REACH_S) & (t < start_s)]
@@ -140,10 +193,17 @@ def _fall(t: Array, force: Array, about_s: float) -> tuple[float, float] | None:
 
 
 def _crossing(t: Array, level: Array, at: float) -> float | None:
-    """Instant at which ``level`` falls through ``at``.
+    """Instant at which a level falls through a threshold.
 
     That is the cut that misplaces the fewest samples, then a straight line. None where that is not
     clear, or where samples are missing there.
+
+    Parameters
+    ----------
+    t, level
+        Times and level, (N,).
+    at
+        The threshold.
     """
     above = level > at
     misplaced = np.cumsum(~above) + (above.sum() - np.cumsum(above))
