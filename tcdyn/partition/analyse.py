@@ -144,7 +144,7 @@ class Partition:
     @property
     def beta_by_estimator(self) -> dict[str, Estimate]:
         """beta of the fast disk by each estimator."""
-        return {way: self.estimates[way] for way in ESTIMATORS}
+        return {estimator: self.estimates[estimator] for estimator in ESTIMATORS}
 
     @property
     def impossible(self) -> frozenset[str]:
@@ -309,7 +309,7 @@ def analyse(
     if possible_forms is not None:
         findings += possible_forms.findings
     checked = cross_check(
-        {way: estimates[way] for way in ESTIMATORS},
+        {estimator: estimates[estimator] for estimator in ESTIMATORS},
         samples,
         tensions(test, joint, both, sensors),
         possible_forms,

@@ -35,7 +35,7 @@ HARMONIC_PRIOR_K = {"level": 4.0, "drift": 0.3, "curvature": 0.15, "fall": 0.5}
 # Least prior standard deviations relative to the level, once that is significant [1]. Chosen by
 # judgement.
 HARMONIC_PRIOR_REL = {"level": 1.0, "drift": 0.3, "curvature": 0.15, "fall": 0.5}
-# Drift and bend continue this long after the unloading [s]: the bore does not feel it yet.
+# Drift and curvature continue this long after the unloading [s]: the bore does not feel it yet.
 DRIFT_LASTS_S = 10.0
 # Half of what falls has fallen by then [s]; a fiftieth after ten seconds. By whole-disk solutions.
 HALF_FALL_S = 25.0

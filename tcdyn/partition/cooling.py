@@ -358,7 +358,7 @@ def smooth_traces(
         noise_sd=disk.noise_K,
         intensity=None if like is None else like.intensities,
         events_s=tuple(
-            float(kink - start_s) for kink in test.events.slope_changes_s if kink < end_s
+            float(time_s - start_s) for time_s in test.events.slope_changes_s if time_s < end_s
         ),
         event_u_s=test.events.unload_u_s,
         lag_covariance=lag_covariance_with_common_u(disk.lag_covariance_s2, lag_u_s),

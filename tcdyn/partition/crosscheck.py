@@ -44,8 +44,8 @@ N_SAMPLES = 4000
 N_PULL_SAMPLES = 20_000
 # Least number of samples that give a probability; below, the normal tail does. Chosen by judgement.
 MIN_COUNT = 20
-# Least standard deviation of prior less posterior lag, relative to the prior's: keeps it above zero.
-# Chosen by judgement.
+# Least standard deviation of prior less posterior lag, relative to the prior's: keeps it above
+# zero. Chosen by judgement.
 MIN_PRIOR_PART = 0.3
 # Standard uncertainty of the rim's form (inner profile and mesh), relative to the share; 0.03 % by
 # comparison with the whole disk.

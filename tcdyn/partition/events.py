@@ -39,7 +39,7 @@ RELOADED_S = 5.0  # a bounce must be followed by a contact of this length
 LOADING_AGREE_S = 0.5  # the switch is believed within this of the forces
 TOUCH_S = 0.04  # shortest later touch
 # A shorter fall is one change of slope: behind a lag its two ends cannot be separated.
-MIN_TWO_KINKS_S = 0.5
+MIN_TWO_SLOPE_CHANGES_S = 0.5
 # A force is used if its two levels differ by this many standard deviations of its noise.
 MIN_FORCE_SNR = 6.0
 HYSTERESIS = 0.1  # about the middle between the levels, relative to their difference
@@ -157,7 +157,7 @@ class EhlTest:
     def ambient_of(self, disk: str) -> Array:
         """Air temperature at a disk's faces, (N,) [degC]: its own channels, else ambient.
 
-        A disk with channels only at its running surface has theirs.
+        Without both it is the air of its channels at the running surface.
         """
         return self.air[disk].faces if disk in self.air else self.ambient_degC
 
@@ -236,8 +236,10 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     )
     findings += unloading_findings
     half_s = 0.5 * fall_s / LINEAR_FALL_SHARE  # of a straight fall
-    kinks = [unload] if 2 * half_s < MIN_TWO_KINKS_S else [unload - half_s, unload + half_s]
-    unload_end_s = kinks[-1]
+    unloading_ends_s = (
+        [unload] if 2 * half_s < MIN_TWO_SLOPE_CHANGES_S else [unload - half_s, unload + half_s]
+    )
+    unload_end_s = unloading_ends_s[-1]
     again = tuple(
         (float(max(t[a], unload_end_s)), float(t[b])) for a, b in touches if t[b] > unload_end_s
     )
@@ -250,13 +252,15 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
                 length_s=sum(b - a for a, b in again),
             )
         )
-    all_kinks = tuple(float(x) for x in (*kinks, *(x for touch in again for x in touch)))
+    slope_changes_s = tuple(
+        float(x) for x in (*unloading_ends_s, *(x for touch in again for x in touch))
+    )
     return Events(
         float(load_on_s),
         float(unload),
         float(u),
         float(fall_s),
-        all_kinks,
+        slope_changes_s,
         tuple(findings),
         again,
     )

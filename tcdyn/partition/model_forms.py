@@ -419,7 +419,7 @@ def impossible_keys(
 
     Examples
     --------
-    >>> some = {way: Estimate.normal(0.7, 0.01) for way in ESTIMATORS}
+    >>> some = {key: Estimate.normal(0.7, 0.01) for key in ESTIMATORS}
     >>> some |= {h: Estimate.normal(700.0, 9.0) for hs in H_KEYS.values() for h in hs}
     >>> sorted(impossible_keys(some | {"joint slow": Estimate.normal(1.4, 0.1)}, {}))
     ['h joint slow', 'joint slow']
@@ -474,11 +474,11 @@ def impossibility_findings(
     u = float(np.std(samples["joint fast"] - samples["joint slow"]))
     if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
         findings.append(warning("power.scale", scale=scale, u=u, units=_likely_units(scale, u)))
-    ways = [estimator for estimator in ESTIMATORS if estimator in keys]
+    impossible = [estimator for estimator in ESTIMATORS if estimator in keys]
     if "both beta" in keys:
-        ways.append("joint, both disks")
-    if ways:
-        findings.append(warning("answers.impossible", ways=ways))
+        impossible.append("joint, both disks")
+    if impossible:
+        findings.append(warning("answers.impossible", ways=impossible))
     return findings
 
 

@@ -340,7 +340,7 @@ def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
 
 
 def press_fit_priors(
-    test: EhlTest, estimates: Mapping[str, Estimate], uneven: Mapping[str, AngularHarmonic]
+    test: EhlTest, estimates: Mapping[str, Estimate], estimated: Mapping[str, AngularHarmonic]
 ) -> tuple[dict[str, AngularHarmonic], list[Finding]]:
     """Prior of the harmonics of each disk with a stated press fit.
 
@@ -348,7 +348,7 @@ def press_fit_priors(
     ----------
     test
         The test without the estimated harmonics.
-    estimates, uneven
+    estimates, estimated
         Estimates and harmonics by the fit of both disks that did not use the press fit.
 
     Returns
@@ -374,12 +374,12 @@ def press_fit_priors(
         flux, flux_u = _bore_flux_of_test(test, disk, shares[d], beta.u, h)
         outward_flux = max(flux, MIN_FLUX_U * flux_u)  # heat leaves through the bore
         predicted = predict_harmonics(disk.setup, h.value).scaled(1e-3 * outward_flux)
-        evidence = disk.setup.press_fit.uneven_rel, flux_u / outward_flux, uneven[d]
+        evidence = disk.setup.press_fit.uneven_rel, flux_u / outward_flux, estimated[d]
         z = predicted.distance_z(*evidence)
         if z < SIGNIFICANT_Z:
             priors[d] = predicted.prior(*evidence)
             continue
-        estimated_K, estimated_deg = _polar(uneven[d].level_K)
+        estimated_K, estimated_deg = _polar(estimated[d].level_K)
         predicted_K, predicted_deg = _polar(predicted.first_K)
         findings.append(
             warning(

@@ -119,18 +119,22 @@ class OneDisk:
     def impossible(self) -> frozenset[str]:
         """Estimators with impossible results, "joint" or "cooling"; these are not reported."""
         return frozenset(
-            way
-            for way in ESTIMATORS
-            if is_impossible(self.estimates[way], self.estimates[f"h {way}"])
+            estimator
+            for estimator in ESTIMATORS
+            if is_impossible(self.estimates[estimator], self.estimates[f"h {estimator}"])
         )
 
     @property
     def crosscheck(self) -> Finding:
         """Whether the two estimators agree, or which of them is impossible."""
         if self.impossible:
-            ways = [f"{way} {self.disk}" for way in ESTIMATORS if way in self.impossible]
+            ways = [
+                f"{estimator} {self.disk}"
+                for estimator in ESTIMATORS
+                if estimator in self.impossible
+            ]
             return warning("answers.impossible", ways=ways)
-        joint, cooling = (self.estimates[way] for way in ESTIMATORS)
+        joint, cooling = (self.estimates[estimator] for estimator in ESTIMATORS)
         severity = warning if self.z > SUSPECT_Z else info
         return severity(
             "one_disk.ways",
