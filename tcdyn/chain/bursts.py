@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import compress
+from itertools import combinations, compress
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -42,6 +42,11 @@ MIN_MARGIN = 8
 MIN_LAG_INTERVALS = 10.0
 # height of a pulse in standard deviations, at least
 MIN_HEIGHT_SD = 7.0
+# correlation of two pulses from which on one of them stands for the other in the screen
+SCREEN_CORRELATION = 0.93
+# height of a suspect in the screen: a pulse of ``MIN_HEIGHT_SD`` has at least 0.93 of its height
+# there, less four standard deviations of the difference of two such scores, sqrt(1 - 0.93^2)
+SCREEN_HEIGHT_SD = SCREEN_CORRELATION * MIN_HEIGHT_SD - 4.0 * (1 - SCREEN_CORRELATION**2) ** 0.5
 # deviance by which a pulse must be better than slope changes and steps; that of a weak pulse which
 # other channels do not show
 MIN_GAIN = 25.0
@@ -207,6 +212,7 @@ def whiten_traces(
         _PulseSearch.of(white[:, i], dt_s, float(noise.level_K[i]), filters_whitened[i])
         for i in slow
     ]
+    searches = _searched_near_suspects(searches)
     heights_list = [_witness_height(search, missing[:, i]) for search, i in zip(searches, slow)]
     heights = np.array(heights_list).reshape(-1, len(y))
     can_show = np.isfinite(heights)
@@ -219,6 +225,30 @@ def whiten_traces(
         outliers[:, i] |= _burst_mask(searches[k], dt_s, lags_s[i], isolated)
         white[:, i] = interpolate_gaps(white[:, i], ~outliers[:, i])
     return white, outliers & good
+
+
+def _searched_near_suspects(
+    searches: Sequence[_PulseSearch | None],
+) -> list[_PulseSearch | None]:
+    """The searches, each with its scores near the samples where any of them may find a pulse.
+
+    Parameters
+    ----------
+    searches
+        Searches of the channels of one logger (traces of one length); None where it is not
+        possible.
+
+    Notes
+    -----
+    The other channels are witnesses, so all channels get the exact score at the same samples.
+    """
+    possible = [search for search in searches if search is not None]
+    if not possible:
+        return list(searches)
+    reach = 2 * max(search.widest for search in possible)
+    suspect = np.any([search.screened > SCREEN_HEIGHT_SD for search in possible], axis=0)
+    near = maximum_filter1d(suspect, 2 * reach + 1)
+    return [None if search is None else replace(search, near=near) for search in searches]
 
 
 def _witness_height(search: _PulseSearch | None, missing: Flags) -> Array:
@@ -262,6 +292,15 @@ class _PulseSearch:
         Samples on either side of a pulse.
     widest
         Length of the longest pulse with its margins [samples].
+    screen
+        Indices of the shapes of the screen: each shape resembles one of them.
+    near
+        Samples of ``padded`` where the exact score is needed; None: everywhere.
+
+    Notes
+    -----
+    The score with all shapes takes most of the time of a search, and most of a trace has no pulse.
+    Therefore a few shapes screen the trace, and all shapes are used only near what they find.
     """
 
     padded: Array
@@ -269,6 +308,8 @@ class _PulseSearch:
     shapes: Array
     margin_samples: int
     widest: int
+    screen: tuple[int, ...]
+    near: Flags | None = None
 
     @classmethod
     def of(
@@ -297,7 +338,7 @@ class _PulseSearch:
         if len(y) < 2 * widest or widest > MAX_WINDOW or not noise_sd > 0:
             return None
         padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
-        return cls(padded, pulses, shapes, margin_samples, widest)
+        return cls(padded, pulses, shapes, margin_samples, widest, _screen_shapes(dt_s, filter_))
 
     def score(self, padded: Array) -> Array:
         """Largest height of any pulse over its standard deviation.
@@ -310,18 +351,50 @@ class _PulseSearch:
         Returns
         -------
         Score, (n,), at the middle of the window of the pulse; zeros at the ends.
+
+        Notes
+        -----
+        Away from the samples ``near`` only the shapes of the screen are used.
         """
-        length = self.shapes.shape[1]
-        largest = np.zeros(len(padded) - length + 1)
-        for shape in self.shapes:
-            correlation = oaconvolve(padded, shape[::-1], mode="valid")
-            np.maximum(largest, np.abs(correlation), out=largest)
-        return np.pad(largest, length // 2)
+        if self.near is None:
+            return _largest_correlation(padded, self.shapes)
+        score = np.array(self.screened if padded is self.padded else self._screen(padded))
+        half = self.shapes.shape[1] // 2
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.near, [False]])))
+        for first, end in edges.reshape(-1, 2).tolist():
+            before = max(first - half, 0)
+            exact = _largest_correlation(padded[before : end + half], self.shapes)
+            score[first:end] = exact[first - before : end - before]
+        return score
+
+    def _screen(self, padded: Array) -> Array:
+        """The score with the shapes of the screen only."""
+        return _largest_correlation(padded, self.shapes[list(self.screen)])
+
+    @cached_property
+    def screened(self) -> Array:
+        """The score of the original trace with the shapes of the screen only."""
+        return self._screen(self.padded)
 
     @cached_property
     def initial_score(self) -> Array:
         """The score (N + 2 widest,) of the trace before any burst is removed."""
         return self.score(self.padded)
+
+
+def _largest_correlation(padded: Array, shapes: Array) -> Array:
+    """Largest absolute correlation (N,) of a trace (N,) with any of ``shapes`` (K, odd).
+
+    It stands at the middle of the shape; zeros where a shape does not fit.
+    """
+    length = shapes.shape[1]
+    if len(padded) < length:
+        return np.zeros(len(padded))
+    largest = np.zeros(len(padded) - length + 1)
+    for shape in shapes:
+        correlation = oaconvolve(padded, shape[::-1], mode="valid")
+        np.maximum(largest, np.abs(correlation), out=largest)
+    return np.pad(largest, length // 2)
 
 
 def find_bursts(
@@ -446,6 +519,30 @@ def _pulse_shapes(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...]
         first = length // 2 - len(residual) // 2
         shape[first : first + len(residual)] = residual / np.linalg.norm(residual)
     return pulses, shapes, margin_samples
+
+
+@lru_cache(maxsize=8)
+def _screen_shapes(dt_s: float, filter_: Conditioning) -> tuple[int, ...]:
+    """Indices of a few shapes that resemble all others; cached.
+
+    Two shapes resemble each other if their largest correlation at any shift is at least
+    ``SCREEN_CORRELATION``. The shapes are chosen in turn: next is the one that resembles most of
+    those that remain.
+    """
+    _, shapes, _ = _pulse_shapes(dt_s, filter_)
+    count = len(shapes)
+    correlation = np.ones((count, count))
+    for i, j in combinations(range(count), 2):
+        largest = np.abs(oaconvolve(shapes[i], shapes[j][::-1])).max()
+        correlation[i, j] = correlation[j, i] = largest
+    alike = correlation >= SCREEN_CORRELATION
+    chosen: list[int] = []
+    remaining = np.ones(count, dtype=bool)
+    while remaining.any():
+        best = int(np.argmax(alike[:, remaining].sum(axis=1)))
+        chosen.append(best)
+        remaining &= ~alike[best]
+    return tuple(chosen)
 
 
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:

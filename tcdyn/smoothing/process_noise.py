@@ -15,6 +15,7 @@ from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
+from scipy.fft import prev_fast_len, rfft
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
@@ -60,13 +61,15 @@ FLOOR = 1e-6
 def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
     """Process-noise intensity q [K2/s3] of a long segment ``y`` (N,) by Whittle's likelihood.
 
-    The noise variance is given. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a
+    The noise variance is given. The last few samples are left out, so that the Fourier transform has
+    a length that is computed quickly. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a
     Hann taper and the straight line removed.
     """
-    n = len(y)
+    n = prev_fast_len(len(y), real=True)
+    y = y[:n]
     t = np.linspace(-1, 1, n)
     detrended = y - y.mean() - t @ y / (t @ t) * t
-    power = np.abs(np.fft.rfft(detrended * _taper(n))) ** 2
+    power = np.abs(rfft(detrended * _taper(n))) ** 2
     bins = slice(DETREND_BINS, int(0.45 * n))
     power = power[bins]
     w = 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[bins]

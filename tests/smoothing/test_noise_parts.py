@@ -13,8 +13,12 @@ from tcdyn.chain import Chain
 from tcdyn.chain.bursts import (
     LENGTHS,
     LONGEST_S,
+    MIN_HEIGHT_SD,
+    _burst_mask,
     _pulse_shapes,
     _pulses,
+    _PulseSearch,
+    _searched_near_suspects,
     _window_model,
     _WindowModel,
     find_bursts,
@@ -234,3 +238,37 @@ def test_newton_s_form_and_what_a_constant_input_has_kept_up() -> None:
         0
     ]
     assert decay == pytest.approx(2 / 0.5 * np.exp(-np.arange(20) * 0.1 / 0.5))
+
+
+def test_the_screen_does_not_change_what_bursts_are_detected() -> None:
+    """Pulses of all lengths from 5 to 60 standard deviations: with all shapes, and with the screen."""
+    rng = np.random.default_rng(7)
+    y = 0.1 * np.cumsum(rng.standard_normal((6000, 3)), axis=0) * 0.1
+    y += rng.standard_normal(y.shape)
+    for k, pulse in enumerate([*_pulses(DT, ONE)] * 2):
+        start = 150 + 190 * k
+        y[start : start + len(pulse), k % 3] += rng.uniform(5, 60) * rng.choice([-1, 1]) * pulse
+    searches = [_PulseSearch.of(x, DT, 1.0, ONE) for x in y.T]
+    screened = _searched_near_suspects(searches)
+    for exact, quick in zip(searches, screened):
+        assert exact is not None
+        assert quick is not None
+        assert quick.near is not None
+        assert np.mean(quick.near) > 0.05
+        assert quick.initial_score[quick.near] == pytest.approx(
+            exact.initial_score[quick.near], abs=1e-9
+        )
+        assert exact.initial_score[~quick.near].max(initial=0.0) < MIN_HEIGHT_SD
+        isolated = np.ones(len(y), dtype=bool)
+        assert np.array_equal(
+            _burst_mask(exact, DT, 0.5, isolated), _burst_samples(quick, DT, 0.5, isolated)
+        )
+
+
+def test_the_screen_spares_most_of_a_record_without_bursts() -> None:
+    y = np.random.default_rng(8).standard_normal((20000, 4))
+    (quick, *_) = _searched_near_suspects([_PulseSearch.of(x, DT, 1.0, ONE) for x in y.T])
+    assert quick is not None
+    assert quick.near is not None
+    assert np.mean(quick.near) < 0.05
+    assert len(quick.screen) < len(quick.shapes) / 2
