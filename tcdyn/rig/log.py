@@ -46,8 +46,11 @@ from tcdyn.rig.oven_log import oven_frame
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
 
-# Largest file, in rows, that is kept in memory: 29 min at 75 Hz. Chosen by judgement.
+# Largest file, in rows, whose checked frame is kept in memory: 29 min at 75 Hz. Chosen by judgement.
 MAX_ROWS_IN_MEMORY = 1 << 17
+# Largest file, in values, whose columns are kept in memory, so that it is read only once: 160 MB.
+# Chosen by judgement.
+MAX_VALUES_IN_MEMORY = 20_000_000
 __all__ = ["COMPENSATED", "Log", "LogChunk", "LogChunks", "iter_log", "read_log", "write_log"]
 
 
@@ -345,7 +348,7 @@ def iter_log(
     The file is read once here. This first walk stores its time and switches, and of the other
     columns a sample of at most 32768 rows, every k-th run of 64 rows. Sampling, switches, entry or
     unloading, units, loads, swapped and dead channels are checked with them. A file of more than
-    131072 rows is read again with each walk over the chunks.
+    ``MAX_VALUES_IN_MEMORY`` values is read again with each walk over the chunks.
 
     Parameters
     ----------
@@ -404,7 +407,7 @@ def iter_log(
         clock += chunk.data[names["time_s"]].tobytes()
         decimated.add({n: chunk.data[names[n]] for n in names if n != "time_s"})
         chunks.append(chunk)
-        if decimated.rows > MAX_ROWS_IN_MEMORY:
+        if decimated.rows * len(names) > MAX_VALUES_IN_MEMORY:
             chunks.clear()
     if not decimated.rows:
         raise InputError("no rows", where=table.where)
@@ -435,6 +438,7 @@ def iter_log(
     if chunks:
         stored = concatenate_columns(chunks, [*chunks[0].data], location)
         table = replace(table, chunks=partial(in_chunks, stored))
+        chunks.clear()
     log = LogChunks(
         file,
         kind,
@@ -448,7 +452,7 @@ def iter_log(
         location,
         rows,
     )
-    if chunks:
+    if decimated.rows <= MAX_ROWS_IN_MEMORY:
         with suppress(InputError):  # raised again when the caller iterates
             log = replace(log, _log=log.to_log())
     return log

@@ -167,6 +167,7 @@ def test_tdms_is_read_in_pieces_with_time_stamps_and_with_channels_of_other_rate
 )
 def test_a_log_too_long_for_its_sample_gives_the_same_numbers(tmp_path, monkeypatch, form):
     monkeypatch.setattr(reading, "MAX_ROWS_IN_MEMORY", 1000)
+    monkeypatch.setattr(reading, "MAX_VALUES_IN_MEMORY", 10_000)
     path = tmp_path / "log.csv"
     FORMS[form](ehl_frame()).to_csv(path, index=False)
     found, _ = together(path, "ehl", 300)
@@ -345,6 +346,7 @@ def test_a_short_log_is_joined_once_and_a_long_one_or_some_of_its_rows_when_aske
     )
     assert some.sha256 == log.to_log().sha256 == files.sha256(path)
     monkeypatch.setattr(reading, "MAX_ROWS_IN_MEMORY", 1000)
+    monkeypatch.setattr(reading, "MAX_VALUES_IN_MEMORY", 10_000)
     longer = iter_log(path, "ehl", rows=700)
     assert not np.shares_memory(
         *(longer.to_log().frame["fast_b_degC"].to_numpy() for _ in range(2))
