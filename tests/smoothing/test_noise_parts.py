@@ -261,7 +261,7 @@ def test_the_screen_does_not_change_what_bursts_are_detected() -> None:
         assert exact.initial_score[~quick.near].max(initial=0.0) < MIN_HEIGHT_SD
         isolated = np.ones(len(y), dtype=bool)
         assert np.array_equal(
-            _burst_mask(exact, DT, 0.5, isolated), _burst_samples(quick, DT, 0.5, isolated)
+            _burst_mask(exact, DT, 0.5, isolated), _burst_mask(quick, DT, 0.5, isolated)
         )
 
 
