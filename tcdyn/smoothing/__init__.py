@@ -1,5 +1,4 @@
-"""Compensation: estimate the junction temperature from the readings, with an uncertainty for each
-sample.
+"""Compensation: estimate the junction temperature from the readings, with its uncertainty.
 
 Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smoother.
 

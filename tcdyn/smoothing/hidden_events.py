@@ -1,9 +1,12 @@
-"""Detection of events that the caller did not list, and average of the smoother over what they may
-be.
+"""Detection of events that the caller did not list, and the average over what they may be.
 
 A score test on the RTS smoother gives candidate times. Each candidate is weighed by its likelihood
 as no event, a kink (jump of the slope) or a jump of the temperature, at several times. The smoothed
 temperature is the mean over these possibilities (Bayesian model averaging).
+
+Used by ``tcdyn.smoothing.smoother.smooth`` only. The thresholds below were chosen by judgement; the
+error and coverage that result are printed by ``python -m tests.smoothing.event_study``. Guarded by
+``tests/smoothing/test_hidden.py`` and, for units, ``tests/smoothing/test_any_unit.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +33,8 @@ from tcdyn.smoothing.process_noise import (
 from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.state_space import DIFFUSE, Smoothed, likelihood, smooth_record
 
-# Values without a source below were chosen by judgement.
+# Values without a source below were chosen by judgement; those of the search trade time against
+# the chance to detect an event, the last ones accuracy of the average against time.
 # expected false candidates in a record without events, and in one that has some
 FALSE_CANDIDATES = 0.05
 MORE_FALSE_CANDIDATES = 1.0
@@ -86,15 +90,24 @@ class HiddenEvent:
     def insert(
         self, intensities: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]
     ) -> list[Intensity]:
-        """Intensities with these ``bursts`` at ``at_s`` in place of those that they have at the
-        event.
+        """Intensities with other bursts, and another time, at this event.
+
+        Parameters
+        ----------
+        intensities
+            Intensity of each channel (M,), which has its segment boundary at ``at_s`` of this
+            event.
+        at_s
+            New time of the event [s].
+        bursts
+            Burst of each channel (M,) that replaces those at the event.
         """
         bare = _without_bursts(intensities, self.at_s)
         shifted = [q.shifted(self.at_s, at_s) for q in bare]
         return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(shifted, bursts)]
 
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
-        """Intensities as if there were no event."""
+        """Intensities (M,) without this event: no burst, ``level`` before and after it."""
         bare = _without_bursts(intensities, self.at_s)
         return [_one_level(q, self.at_s, level) for q, level in zip(bare, self.level)]
 
@@ -105,8 +118,16 @@ def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Inten
 
 
 def _one_level(q: Intensity, at_s: float, level: float) -> Intensity:
-    """The same ``level`` in the segments before and after the boundary at ``at_s``, if there is
-    one.
+    """Intensity with the same level in the segments before and after one boundary.
+
+    Parameters
+    ----------
+    q
+        The intensity; returned as it is if no segment starts exactly at ``at_s``.
+    at_s
+        Time of the boundary [s].
+    level
+        The level [K2/s3].
     """
     if at_s not in q.starts_s:
         return q
@@ -118,10 +139,27 @@ def _one_level(q: Intensity, at_s: float, level: float) -> Intensity:
 
 
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
-    """Times [s], not near ``events``, where a jump helps more than chance: the best of each region.
+    """Times where a jump would help more than chance: the best of each region, best first.
 
+    Parameters
+    ----------
+    fit
+        The smoothed record, with the score test for a jump at each knot.
+    events
+        Times [s] near which no candidate is looked for.
+
+    Returns
+    -------
+    list of float
+        Times of knots [s].
+
+    Notes
+    -----
     The score test for a jump of level or slope has a chi-square distribution with two degrees of
-    freedom; its threshold allows ``FALSE_CANDIDATES`` in a record.
+    freedom, so exp(-x/2) of the knots exceed x by chance. The threshold allows ``FALSE_CANDIDATES``
+    in a record, and ``MORE_FALSE_CANDIDATES`` once it has events. A candidate is only tried: a
+    false one costs time, not accuracy, because ``weigh_event`` decides. The first and last three
+    knots are not tested.
     """
     knots = fit.knots_s[:-1]
     reach_s = SCORE_REACH_LAGS * smearing_time_s(fit.record)
@@ -139,10 +177,10 @@ def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     return times
 
 
-def with_hidden(
+def detect_hidden_events(
     fit: Smoothed, start_var: Array, noise_known: bool
 ) -> tuple[Smoothed, list[HiddenEvent]]:
-    """``fit`` with the events that its data show, each in its most likely form, and these events.
+    """Smoothed record with the events that its data show, and these events.
 
     All candidates are inserted at once and weighed in turn, so that none hides another behind an
     intensity that is too high. This is repeated until no candidate is new. An event that the data
@@ -156,6 +194,22 @@ def with_hidden(
         First estimate of the noise variance (M,) [K2].
     noise_known
         Whether the noise variance is known.
+
+    Returns
+    -------
+    fit
+        Smoothed record with each accepted event in its most likely form; the ``fit`` given if there
+        is none.
+    events
+        Accepted and doubtful events that have possibilities of some weight, for
+        ``average_over_event``.
+
+    Notes
+    -----
+    What may be changed: ``ROUNDS`` and ``MAX_EVENTS`` limit the time and may be larger.
+    ``MIN_LOG_ODDS`` below zero keeps an event whose neighbours are not in place yet; only the last
+    round decides at log odds of zero. ``tests/smoothing/test_hidden.py`` checks that smooth motion
+    gets no events, and (marker ``study``) that a doubtful event is given up.
     """
     record = fit.record
     plain = fit.intensities
@@ -218,9 +272,27 @@ def with_hidden(
 def influenced_samples(
     record: Record, at_s: float, others_s: Iterable[float] = ()
 ) -> tuple[int, int]:
-    """First sample that an event at ``at_s`` influences, and one past the last.
+    """Range of samples that an event influences.
 
-    The range ends soon after the next of the events ``others_s``.
+    Parameters
+    ----------
+    record
+        The record.
+    at_s
+        Time of the event [s].
+    others_s
+        Times of other events [s]; the range ends soon after the next of them.
+
+    Returns
+    -------
+    first, last
+        First sample, and one past the last.
+
+    Notes
+    -----
+    From 5 s and 5 lags before to ``tcdyn.smoothing.process_noise.AFTER_S`` and 5 lags after, lags
+    by ``tcdyn.smoothing.process_noise.smearing_time_s``; chosen by judgement. A longer range costs
+    time. A shorter one leaves out samples that ``average_over_event`` should change.
     """
     dt = record.dt_s
     lag = smearing_time_s(record)
@@ -231,10 +303,18 @@ def influenced_samples(
 
 @dataclass(frozen=True)
 class _Window:
-    """Samples around one event, and the intensities (M,) there without the event.
+    """Samples around one event, and the intensities there without the event.
 
-    ``start_s``: time of the event on the clock of the window; ``lowest_s`` and ``highest_s``:
-    bounds of its time, from the events before and after it.
+    Parameters
+    ----------
+    record, noise_var
+        Samples and their noise variance (M,) [K2].
+    base
+        Intensities (M,) without the bursts of the event.
+    start_s
+        Time of the event on the clock of the window [s].
+    lowest_s, highest_s
+        Bounds of its time from the events before and after it [s].
     """
 
     record: Record
@@ -245,7 +325,15 @@ class _Window:
     highest_s: float
 
     def values(self, times: Array, options: Sequence[Sequence[Burst]]) -> Array:
-        """Log likelihood (M, times, options) with the event at each time and with each option."""
+        """Log likelihood (M, T, O) with the event at each of T times and with each of O options.
+
+        Parameters
+        ----------
+        times
+            Times (T,) [s] on the clock of the window.
+        options
+            For each option the bursts (M,) of the event.
+        """
         proposals = []
         for q, bursts in zip(self.base, zip(*options)):
             with_burst = [replace(q, bursts=(*q.bursts, b)) for b in bursts]
@@ -254,7 +342,7 @@ class _Window:
         return value.reshape(len(self.base), len(times), -1)
 
     def admissible(self, times: ArrayLike) -> Array:
-        """``times`` [s] put between the events before and after; nearly equal times become one."""
+        """Times [s] clipped to the bounds of the event; nearly equal times become one."""
         grid_s = 1e-4 * self.record.dt_s
         clipped = np.clip(times, self.lowest_s, max(self.lowest_s, self.highest_s))
         return np.asarray(np.unique(np.round(clipped / grid_s)) * grid_s)
@@ -268,12 +356,7 @@ def weigh_event(
     plain: Sequence[float],
     previous: HiddenEvent | None = None,
 ) -> HiddenEvent:
-    """Weigh what happened at about ``at_s``: nothing, a kink, or a jump of the temperature, and
-    when.
-
-    Jumps of the temperature have a normal prior whose standard deviation is the range of the trace;
-    that of the slope is ten ranges per lag. Each comes with its most likely burst. The event time
-    is equally probable anywhere in the record.
+    """Weigh what happened at about one time: nothing, a kink, or a jump, and when.
 
     Parameters
     ----------
@@ -290,6 +373,24 @@ def weigh_event(
         this value and those of the two segments.
     previous
         Result of an earlier round; the search then stays near it.
+
+    Returns
+    -------
+    HiddenEvent
+        The event with its log odds, most likely form and possibilities.
+
+    Notes
+    -----
+    Jumps of the temperature have a normal prior whose standard deviation is the range of the trace;
+    that of the slope is ``tcdyn.smoothing.state_space.DIFFUSE`` ranges per lag. Each comes with its
+    most likely burst. The event time is equally probable anywhere in the record. ``PRIOR`` gives
+    the probability of each form in a channel, ``BURST_FIT_NATS`` subtracts what the fit of a burst
+    gains from noise alone.
+
+    What may be changed: the numbers of times, if the grid stays finer than the uncertainty of the
+    time; ``PRIOR``, if it sums to one and keeps its order (nothing, kink, jump), which is that of
+    the options of ``_coarse_search``. ``tests/smoothing/test_hidden.py`` distinguishes a jump from
+    a kink.
     """
     first, last = influenced_samples(record, at_s, intensities[0].starts_s)
     shift = first * record.dt_s
@@ -374,7 +475,25 @@ def weigh_event(
 def _coarse_search(
     window: _Window, lag: float
 ) -> tuple[list[list[Burst]], list[float], list[float]]:
-    """Bursts (M,) of the best kink and the best jump, their times [s] and uncertainties [s]."""
+    """Best kink and best jump on a coarse grid of times and bursts.
+
+    Parameters
+    ----------
+    window
+        Samples around the event.
+    lag
+        Time over which a change is smeared [s], see
+        ``tcdyn.smoothing.process_noise.smearing_time_s``.
+
+    Returns
+    -------
+    kinks_and_jumps
+        Bursts (M,) of the best kink, and of the best jump.
+    times
+        Their times [s].
+    u_s
+        Their uncertainties [s]: half a step of the grid.
+    """
     n_channels = len(window.base)
     span_K = channel_spans(window.record, window.noise_var)
     sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
@@ -406,7 +525,22 @@ def _coarse_search(
 
 
 def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array, Array]:
-    """Most likely level (M,) [K2/s3] if there is no event, and its log likelihood (M,)."""
+    """Most likely level if there is no event, and its log likelihood.
+
+    Parameters
+    ----------
+    window
+        Samples around the event.
+    plain
+        Intensity (M,) [K2/s3] without any hidden event.
+
+    Returns
+    -------
+    level
+        Level (M,) [K2/s3], between ``plain`` and those of the two segments.
+    value
+        Its log likelihood (M,).
+    """
     bounds = []
     for q, level in zip(window.base, plain):
         index = q.starts_s.index(window.start_s)
@@ -421,11 +555,29 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
     return np.take_along_axis(levels, best, axis=1)[:, 0], value.max(axis=1)
 
 
-def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
-    """``fit`` with temperature, slope and sd averaged over all that ``event`` may be.
+def average_over_event(fit: Smoothed, event: HiddenEvent) -> Smoothed:
+    """Smoothed record with temperature, slope and sd averaged over all that one event may be.
 
+    Parameters
+    ----------
+    fit
+        Smoothed record, with the event in its most likely form.
+    event
+        The event with its possibilities and their weights.
+
+    Returns
+    -------
+    Smoothed
+        The record with new temperature, slope, lag sensitivity and standard deviation near the
+        event.
+
+    Notes
+    -----
     The variance is the mean of the variances plus the variance of the means (law of total
-    variance).
+    variance). It is at least a quarter of that before. The change of each mean and variance
+    relative to ``fit`` is added, so that several events can be averaged one after another. The
+    probability of no event counts only above twice ``MIN_WEIGHT``; a smaller ``MIN_WEIGHT`` costs
+    time. ``tests/smoothing/test_hidden.py`` (marker ``study``) checks the coverage.
     """
     record = fit.record
     first, last = influenced_samples(record, event.at_s)
@@ -433,6 +585,7 @@ def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     shift = first * record.dt_s
 
     def run(intensities: Sequence[Intensity]) -> Array:
+        """Temperature, slope, lag sensitivity and variance (4, n, M) of the window."""
         shifted = [q.shifted(shift_s=shift) for q in intensities]
         part = smooth_record(window, fit.noise_var, shifted)
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])

@@ -1,8 +1,15 @@
-"""Time intervals of the smoother: how long they may be, and how a long record is divided into
-overlapping chunks.
+"""Time intervals of the smoother: their lengths, and the chunks of a long record.
 
-Each chunk is smoothed with a margin on both sides that is long enough for the RTS smoother to
+The samples of an interval are processed at once. It may be long where the smoother averages over
+many samples: its length is limited by the corner frequency of the smoother. A long record is
+smoothed in chunks, each with a margin on both sides that is long enough for the RTS smoother to
 settle.
+
+Used by :mod:`tcdyn.smoothing.state_space`, :mod:`tcdyn.smoothing.process_noise`,
+:mod:`tcdyn.smoothing.smoother` and, for the margins of long logs, by
+:mod:`tcdyn.workflows.segments` and :mod:`tcdyn.workflows.compensate_table`. Guarded by
+``tests/smoothing/test_states.py`` (knots, corner, margins) and ``tests/smoothing/test_smoother.py``
+(chunks equal the full record).
 """
 
 from __future__ import annotations
@@ -31,7 +38,23 @@ SETTLING = 18.0
 def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     """Corner frequency [rad/s] of the smoother: where the signal falls below the noise.
 
-    It solves |G(w)|^2 q / w^4 = R. ``ratio`` is q / R [1/s4]; the result has the same shape.
+    Parameters
+    ----------
+    chain
+        The chain, with frequency response G.
+    ratio
+        q / R [1/s4] of any shape: intensity over the spectral density R = noise variance times dt.
+
+    Returns
+    -------
+    Array
+        Corner frequency [rad/s], same shape as ``ratio``; between 1e-4 and 1e4.
+
+    Notes
+    -----
+    Solves |G(w)|^2 q / w^4 = R, by linear interpolation of logarithms between 400 frequencies. The
+    number of frequencies may be changed; ``tests/smoothing/test_states.py`` requires an accuracy of
+    0.2 %.
     """
     w = np.geomspace(1e-4, 1e4, 400)
     gain = np.abs(chain.frequency_response(w / 2 / np.pi))
@@ -60,6 +83,17 @@ def knots_for(
     Array
         Knots [s]. The first lies before the first sample by the longest dead time, rounded up to a
         multiple of dt.
+
+    Notes
+    -----
+    Listed events and starts of bursts are knots. The allowed length is that of the channel with the
+    highest corner frequency, from the highest of the proposed intensities; it is evaluated about
+    once a second, and at 60 times after each event, where a burst decays.
+
+    What may be changed: these numbers of times, as long as a decaying burst is resolved. All knots
+    but events must lie on sample times, because ``tcdyn.smoothing.state_space.interval_model``
+    groups intervals by the phase of their samples. ``tests/smoothing/test_states.py`` checks first
+    and last knot, events and lengths.
     """
     dt = record.dt_s
     n_samples = len(record.y)
@@ -101,6 +135,11 @@ def _knots(
     longest_index
         For each sample from ``first`` on, the index in ``STEPS`` of the longest interval allowed
         there. An interval is longer than the one before by at most one step of ``STEPS``.
+
+    Returns
+    -------
+    Array
+        Knots (J + 1,) [s]; the last lies past the last of ``stops_s``.
     """
     knots = [first * dt_s]
     index = first
@@ -127,9 +166,30 @@ def chunks(
 ) -> Iterator[tuple[int, int, int, int]]:
     """Divide the intervals into chunks with margins.
 
-    Yields, for each chunk, the knot where the sweep starts, the first and the last knot of the
-    intervals to store, and the knot where the sweep ends. A margin lasts ``SETTLING`` times the
-    memory of the slowest channel, counted in samples that all channels have.
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2].
+    chosen
+        One intensity for each channel.
+    knots
+        Knots (J + 1,) [s].
+
+    Yields
+    ------
+    low, first, last, high
+        For each chunk the knot where the filter starts, the first and the last knot of the
+        intervals to store, and the knot where the filter ends.
+
+    Notes
+    -----
+    A margin lasts ``SETTLING`` times the memory of the slowest channel, counted in samples that all
+    channels have. Where a margin would be longer than a chunk, the chunks are made twice as long.
+    ``CHUNK_INTERVALS`` may be changed freely (memory and speed). ``SETTLING`` is the logarithm of
+    the factor to which the error at the end of a margin decays; with 2 instead of 18 the chunks
+    differ by more than 1e-5 K in ``tests/smoothing/test_smoother.py``.
     """
     n_intervals = len(knots) - 1
     length = CHUNK_INTERVALS
@@ -170,9 +230,23 @@ def chunks(
 def settling_time_s(
     sensors: Sequence[Sensor], noise_sd: Array, dt_s: float, chosen: Sequence[Intensity]
 ) -> float:
-    """Length [s] of margin, in samples of all channels, within which both passes of the RTS
-    smoother
-    settle.
+    """Margin [s], in samples of all channels, within which both passes of the smoother settle.
+
+    Parameters
+    ----------
+    sensors
+        State space of each channel.
+    noise_sd
+        Standard deviation of the noise (M,) [K].
+    dt_s
+        Sampling interval [s].
+    chosen
+        One intensity for each channel; the lowest of its levels counts.
+
+    Returns
+    -------
+    float
+        Longest dead time plus ``SETTLING`` memories of a channel [s].
     """
     ratios = [min(q.levels) / (sd**2 * dt_s) for q, sd in zip(chosen, noise_sd)]
     return max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(sensors, ratios))
@@ -181,8 +255,18 @@ def settling_time_s(
 def memory_s(sensor: Sensor, ratio: float) -> float:
     """Time [s] in which the smoother forgets a state to 1/e, forward and backward alike.
 
-    ``ratio`` is q / (R dt) [1/s4]. The result is one over the slowest eigenvalue of the Hamiltonian
-    matrix ((A, Q), (C'C/R, -A')) of the smoother.
+    Parameters
+    ----------
+    sensor
+        State space of a chain.
+    ratio
+        q / (R dt) [1/s4], R the noise variance of a sample.
+
+    Notes
+    -----
+    One over the slowest eigenvalue of the Hamiltonian matrix ((A, Q), (C'C/R, -A')) of the
+    smoother. ``tests/smoothing/test_states.py`` compares it with the closed form of a chain without
+    lags.
     """
     driving = np.zeros_like(sensor.drift)
     driving[1, 1] = ratio

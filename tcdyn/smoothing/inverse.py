@@ -1,5 +1,10 @@
-"""The proper inverse of a chain (causal and fast), and the report on a compensating filter before
-it is used.
+"""The proper inverse of a chain (causal and fast), and the report on a filter before it is used.
+
+C(s) = R(s)/G_0(s), with a roll-off R of given bandwidth and the chain G_0 without what cannot be
+inverted. Used by :mod:`tcdyn.workflows.segments`, :mod:`tcdyn.workflows.compensate` and
+:mod:`tcdyn.report.compensate`; the reports and the filters for lags also by the live smoother.
+Guarded by ``tests/smoothing/test_causal.py`` and ``tests/smoothing/test_before_use.py``, which
+compare with closed forms. Limits without a source were chosen by judgement.
 """
 
 from __future__ import annotations
@@ -23,13 +28,12 @@ from tcdyn.smoothing.record import Compensated, channel_names, record_of
 
 @dataclass(frozen=True)
 class InverseFilter:
-    """C(s) = R(s) / G_0(s) as a digital filter b / a, with R = 1/(1 + s/w)^m and |R| = 1/sqrt 2 at
-    ``bandwidth_Hz``.
+    """The digital filter b / a of the compensator C(s) = R(s) / G_0(s).
 
-    G_0 is the chain without its dead time and with a right-half-plane zero mirrored; the remaining
-    effect of both is a shift in time, which is not inverted. m is the excess of poles of G_0 (at
-    least 1), so that C is proper. ``a`` contains only poles of R and zeros of G_0, all of them
-    stable.
+    R = 1/(1 + s/w)^m is a roll-off with |R| = 1/sqrt 2 at ``bandwidth_Hz``. G_0 is the chain
+    without its dead time and with a right-half-plane zero mirrored; the remaining effect of both is
+    a shift in time, which is not inverted. m is the excess of poles of G_0 (at least 1), so that C
+    is proper. ``a`` contains only poles of R and zeros of G_0, all of them stable.
 
     Parameters
     ----------
@@ -54,8 +58,9 @@ class InverseFilter:
 
     @property
     def noise_gain(self) -> float:
-        """Ratio of output and input standard deviation for white noise: sqrt(sum of the squared
-        impulse response).
+        """Ratio of output and input standard deviation for white noise.
+
+        The square root of the sum of the squared impulse response, until it has decayed to 1e-9.
         """
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
@@ -66,7 +71,18 @@ class InverseFilter:
         return float(np.sqrt(np.sum(response**2)))
 
     def __call__(self, y: ArrayLike) -> Array:
-        """Filter ``y`` (N,) or (N, M) [degC] from equilibrium with the first sample."""
+        """Filter readings from equilibrium with the first sample.
+
+        Parameters
+        ----------
+        y
+            Readings (N,) or (N, M) [degC], finite.
+
+        Returns
+        -------
+        Array
+            Compensated temperature [degC], same shape.
+        """
         y = np.asarray(y, dtype=float)
         zi = signal.lfilter_zi(self.b, self.a)
         zi = zi.reshape(-1, *[1] * (y.ndim - 1)) * y[:1]
@@ -79,13 +95,33 @@ class InverseFilter:
 
 
 def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFilter:
-    """The proper inverse of ``chain``, exact for a trace that is straight between samples every
-    ``dt_s`` [s].
+    """The proper inverse of a chain, exact for a trace that is straight between samples.
+
+    Parameters
+    ----------
+    chain
+        The chain to invert.
+    dt_s
+        Sampling interval [s].
+    bandwidth_Hz
+        Bandwidth of chain times inverse [Hz], where the gain is 1/sqrt 2.
+
+    Returns
+    -------
+    InverseFilter
+        The filter; its static gain is one.
 
     Raises
     ------
     InputError
         If the bandwidth is not below half the sampling frequency.
+
+    Notes
+    -----
+    What may be changed: the roll-off R, if it stays stable and of at least the same order. Then w
+    and ``remaining_shift_s`` must follow: the latter is the slope of the phase of R at zero
+    frequency. ``tests/smoothing/test_causal.py`` checks stability, gain and bandwidth,
+    ``tests/smoothing/test_before_use.py`` the shift.
 
     Examples
     --------
@@ -122,12 +158,32 @@ def invert(
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Compensated:
-    """Compensate a full record causally with a given bandwidth; parameters and result as for
-    ``smooth``.
+    """Compensate a full record causally with a given bandwidth.
 
+    Parameters
+    ----------
+    y
+        Readings (N,) or (N, M) after the static line [degC], NaN where missing.
+    dt_s
+        Sampling interval [s].
+    chains
+        One chain for all channels or one per channel; a number is one lag [s].
+    bandwidth_Hz
+        Bandwidth of the compensated signal [Hz].
+    noise_sd, lag_covariance, static_u, names
+        As in ``tcdyn.smoothing.smoother.smooth``.
+
+    Returns
+    -------
+    Compensated
+        With arrays (N, M); ``intensity`` is NaN.
+
+    Notes
+    -----
     ``sd_noise`` is hypot(noise gain times noise, remaining shift times |slope|): the result is late
-    by the remaining shift, and its uncertainty includes this; it is not shifted. Bad samples are
-    interpolated linearly before filtering.
+    by the remaining shift, and its uncertainty includes this; it is not shifted. The slope is
+    averaged over twice the remaining shift. Bad samples are interpolated linearly before filtering.
+    ``tests/smoothing/test_smoother.py`` checks the coverage.
     """
     record = record_of(y, dt_s, chains, (), noise_sd, names)
     sd = record.noise_sd
@@ -159,29 +215,78 @@ def invert(
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
-    """Change of the compensated temperature per second of the largest lag [K/s], shape of ``y``.
+    """Change of the compensated temperature per second of the largest lag [K/s].
 
-    It is s/(1 + tau s) times the inverse.
+    Parameters
+    ----------
+    f
+        The inverse.
+    y
+        Readings (N,) or (N, M) [degC].
+
+    Returns
+    -------
+    Array
+        The output of ``lag_sensitivity_filter`` for the compensated temperature, shape of ``y``.
     """
     x = f(y)
     return np.asarray(signal.lfilter(*lag_sensitivity_filter(f.chain, f.dt_s), x - x[:1], axis=0))
 
 
 def lag_sensitivity_filter(chain: Chain, dt_s: float) -> tuple[Array, Array]:
-    """s/(1 + tau s) as a digital filter, tau the largest lag.
+    """Digital filter s/(1 + tau s), tau the largest lag of the chain.
 
-    Applied to a compensated temperature it gives its change per second of lag.
+    Applied to a compensated temperature [degC] it gives its change per second of lag [K/s]. It is
+    the derivative of (1 + tau s) with respect to tau over 1 + tau s. A chain without a lag uses one
+    sample.
+
+    Parameters
+    ----------
+    chain
+        The chain.
+    dt_s
+        Sampling interval [s].
+
+    Returns
+    -------
+    b, a
+        Coefficients in powers of z^-1.
+
+    Notes
+    -----
+    The digital form is exact where the input is straight between samples. It must be the same
+    sensitivity as ``lag_row`` of ``tcdyn.chain.chain.Sensor``, which the smoother uses.
+    ``tests/smoothing/test_before_use.py`` compares it with the frequency response.
     """
     e = float(np.exp(-dt_s / max((*chain.taus_s, dt_s))))
     return np.array([1.0, -1.0]) * (1 - e) / dt_s, np.array([1.0, -e])
 
 
 def lag_split_filter(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Array]:
-    """Digital filter for the change of the temperature where the lags become those of
-    ``Chain.with_split_shift``.
+    """Digital filter for the change of the temperature where a lag divides otherwise.
 
-    It is (t1 t2 - t1' t2') s^2/((1 + t1' s)(1 + t2' s)). A single lag gives part of itself to a
-    second one, which acts on slow changes as a dead time does.
+    The lags become those of ``tcdyn.chain.chain.Chain.with_split_shift``. The filter is (t1 t2 -
+    t1' t2') s^2/((1 + t1' s)(1 + t2' s)). A single lag gives part of itself to a second one, which
+    acts on slow changes as a dead time does.
+
+    Parameters
+    ----------
+    chain
+        The chain.
+    shift_s
+        Part of the largest lag that moves to the next one [s].
+    dt_s
+        Sampling interval [s]; no lag in the denominator is shorter.
+
+    Returns
+    -------
+    b, a
+        Coefficients in powers of z^-1.
+
+    Notes
+    -----
+    ``tests/smoothing/test_before_use.py`` compares it with the ratio of the two responses,
+    ``tests/smoothing/test_causal.py`` with readings.
     """
     first, second = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0][:2]
     first_new = max(first - shift_s, 0.0)
@@ -257,11 +362,23 @@ class FilterReport(Result):
 def report_inverse(
     f: InverseFilter, noise_sd: float, wanted_K: float | None = None
 ) -> FilterReport:
-    """The report on a proper inverse for a trace with white noise ``noise_sd`` [K].
+    """The report on a proper inverse for a trace with white noise.
 
-    Warnings come when the result would be noisier than ``wanted_K`` [K] (default: a hundred times
-    the trace), with the largest bandwidth that is possible; and when the sampling is too slow for
-    the bandwidth.
+    Parameters
+    ----------
+    f
+        The inverse.
+    noise_sd
+        Standard deviation of the white noise of the trace [K].
+    wanted_K
+        Largest noise of the result without a warning [K]; a hundred times that of the trace when
+        left out.
+
+    Returns
+    -------
+    FilterReport
+        With a warning when the result would be noisier, which states the largest bandwidth that is
+        possible; and when the bandwidth is above a fifth of the sampling frequency.
     """
     dt = f.dt_s
     noise_out = f.noise_gain * noise_sd
@@ -286,7 +403,29 @@ def report_inverse(
 
 
 def filter_report(f: InverseFilter, noise_sd: float, findings: Sequence[Finding]) -> FilterReport:
-    """The report on any digital compensator; ``findings`` are the first of its findings."""
+    """The report on any digital compensator.
+
+    Parameters
+    ----------
+    f
+        The compensator and its chain.
+    noise_sd
+        Standard deviation of the white noise of the trace [K].
+    findings
+        The first findings of the report.
+
+    Returns
+    -------
+    FilterReport
+        Noise gain, bandwidth and step response of chain times compensator.
+
+    Notes
+    -----
+    The step comes at the second sample and passes the chain on a finer grid if the record of the
+    step is short. The error on a ramp follows from the mean delay of the coefficients and the lag
+    of the chain. Length and frequencies may be changed freely within the tolerances of
+    ``tests/smoothing/test_before_use.py``.
+    """
     dt = f.dt_s
     chain = f.chain
     gain = f.noise_gain
@@ -323,8 +462,23 @@ def filter_report(f: InverseFilter, noise_sd: float, findings: Sequence[Finding]
 
 
 def widest_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, wanted_K: float) -> float:
-    """Largest bandwidth [Hz] of the proper inverse whose output noise is at most ``wanted_K``; 0 if
-    none.
+    """Largest bandwidth [Hz] of the proper inverse whose output noise is acceptable; 0 if none.
+
+    Parameters
+    ----------
+    chain
+        The chain.
+    dt_s
+        Sampling interval [s].
+    noise_sd
+        Standard deviation of the white noise of the trace [K].
+    wanted_K
+        Largest standard deviation of the output noise [K].
+
+    Notes
+    -----
+    The largest of 40 bandwidths from 1e-3 to 0.45 of the sampling frequency, evenly in the
+    logarithm; the result is at most one step (17 %) too small.
     """
     candidates_Hz = np.geomspace(1e-3, 0.45, 40) / dt_s
     admissible_Hz = []
@@ -336,15 +490,36 @@ def widest_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, wanted_K: fl
 
 
 def smoother_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, intensity: float) -> float:
-    """Frequency [Hz] above which the smoother follows its prior: |G|^2 q / w^4 equals the noise
-    density.
+    """Frequency [Hz] above which the smoother follows its prior.
+
+    Parameters
+    ----------
+    chain
+        The chain, with frequency response G.
+    dt_s
+        Sampling interval [s].
+    noise_sd
+        Standard deviation of the noise [K].
+    intensity
+        Process-noise intensity q [K2/s3].
+
+    Notes
+    -----
+    There |G|^2 q / w^4 equals the spectral density of the noise; see
+    ``tcdyn.smoothing.intervals.corner_rad_s``.
     """
     return float(corner_rad_s(chain, np.array(intensity / (noise_sd**2 * dt_s)))) / (2 * np.pi)
 
 
 def _first_below(freq: Array, gain: Array) -> float:
-    """First of the frequencies (N,) [Hz] where a gain (N,) is below 1/sqrt 2; the last if there is
-    none.
+    """First frequency [Hz] where a gain is below 1/sqrt 2; the last frequency if there is none.
+
+    Parameters
+    ----------
+    freq
+        Frequencies (N,) [Hz], increasing.
+    gain
+        Gain (N,) at them.
     """
     below = np.flatnonzero(gain < np.sqrt(0.5))
     return float(freq[below[0]]) if len(below) else float(freq[-1])

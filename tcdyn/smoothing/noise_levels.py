@@ -1,8 +1,10 @@
-"""Process-noise intensity as a function of time: one level for each segment, and bursts that start
-at
-events.
+"""Process-noise intensity q(t): a level for each segment, and bursts that start at events.
 
-The process noise drives the slope of the temperature; its intensity is q(t) [K2/s3].
+The process noise drives the slope of the temperature; its intensity is q(t) [K2/s3]. These are the
+values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.hidden_events` estimate,
+that a caller of ``tcdyn.smoothing.smoother.smooth`` may give, and that
+:mod:`tcdyn.smoothing.state_space` integrates over the intervals of the smoother. Guarded by
+``tests/smoothing/test_any_unit.py``.
 """
 
 from __future__ import annotations
@@ -18,8 +20,7 @@ from tcdyn.core import Array
 
 @dataclass(frozen=True)
 class Burst:
-    """A burst of process noise after an event: q(t) = height (1 + age/power)^-power, age = (t -
-    start_s)/decay_s.
+    """A burst of process noise after an event, which decays with the time since its start.
 
     Parameters
     ----------
@@ -35,6 +36,12 @@ class Burst:
     level_sd, slope_sd
         Prior standard deviations of a jump of the temperature [K] and of its slope [K/s] at the
         start.
+
+    Notes
+    -----
+    q(t) = height (1 + age/power)^-power with age = (t - start_s)/decay_s. ``power`` must not be 1,
+    where the integral of ``levels_between`` is not defined. The order of the fields is that in
+    which ``levels_at``, ``levels_between`` and ``jumps_at`` unpack them: change them together.
     """
 
     start_s: float
@@ -92,13 +99,18 @@ class Intensity:
     def shifted(
         self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0
     ) -> Intensity:
-        """The same intensity with segments and bursts that start at ``was_s`` started at ``to_s``
-        instead.
+        """The same intensity on another clock, or with what starts at one time moved to another.
 
-        ``shift_s`` is subtracted from all times: the zero of the new clock.
+        Parameters
+        ----------
+        was_s, to_s
+            Segments and bursts that start exactly at ``was_s`` start at ``to_s`` instead [s].
+        shift_s
+            Zero of the new clock [s]; it is subtracted from all times.
         """
 
         def new_time(time_s: float) -> float:
+            """Time ``time_s`` on the new clock."""
             if time_s == was_s:
                 return to_s - shift_s
             return time_s - shift_s
@@ -111,8 +123,12 @@ class Intensity:
 def _bursts(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
     """All bursts (B,) of several intensities as arrays.
 
-    Returns the membership matrix (Q, B) of ones and zeros, and the fields of the bursts in order,
-    (6, B, 1).
+    Returns
+    -------
+    member
+        Membership matrix (Q, B) of ones and zeros.
+    fields
+        The fields of the bursts in their order, (6, B, 1).
     """
     rows = [(k, *vars(b).values()) for k, q in enumerate(intensities) for b in q.bursts]
     table = np.array(rows, dtype=float).reshape(-1, 7)
@@ -131,7 +147,25 @@ def _steady(intensities: Sequence[Intensity], t_s: Array) -> Array:
 
 
 def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
-    """q(t) (Q, T) [K2/s3] of each of ``intensities`` at ``t_s`` (T,)."""
+    """Intensities q(t) [K2/s3] at times.
+
+    Parameters
+    ----------
+    intensities
+        Q intensities.
+    t_s
+        Times (T,) [s].
+
+    Returns
+    -------
+    Array
+        q (Q, T). Before the first segment its level applies.
+
+    Notes
+    -----
+    ``levels_between`` is the integral of the same function: change both together
+    (``tests/smoothing/test_any_unit.py`` integrates one numerically).
+    """
     member, (start, height, decay, power, *_) = _bursts(intensities)
     age = np.maximum(t_s - start, 0.0) / decay
     decaying = height * (1.0 + age / power) ** -power
@@ -139,8 +173,25 @@ def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
 
 
 def levels_between(intensities: Sequence[Intensity], knots_s: Array) -> Array:
-    """Integrals (Q, J) [K2/s2] of each of ``intensities`` over the intervals between ``knots_s``
-    (J+1,).
+    """Integrals of intensities over intervals.
+
+    Parameters
+    ----------
+    intensities
+        Q intensities.
+    knots_s
+        Ends (J + 1,) of the intervals [s].
+
+    Returns
+    -------
+    Array
+        Integrals (Q, J) [K2/s2].
+
+    Notes
+    -----
+    Exact for the bursts. The level of a segment at the start of an interval is taken for all of the
+    interval. This is exact where segments start at knots, as those at listed events and bursts do;
+    see ``tcdyn.smoothing.intervals.knots_for``.
     """
     member, (start, height, decay, power, *_) = _bursts(intensities)
     age = np.maximum(knots_s - start, 0.0) / decay
@@ -150,8 +201,19 @@ def levels_between(intensities: Sequence[Intensity], knots_s: Array) -> Array:
 
 
 def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
-    """Prior variance (J, Q, 2) of jumps of level [K2] and slope [K2/s2] at each knot (J,), for each
-    intensity.
+    """Prior variances of jumps at knots.
+
+    Parameters
+    ----------
+    intensities
+        Q intensities.
+    knots_s
+        Knots (J,) [s]; a burst jumps where its start equals a knot exactly.
+
+    Returns
+    -------
+    Array
+        Variances (J, Q, 2) of level [K2] and slope [K2/s2].
     """
     member, (start, *_, level_sd, slope_sd) = _bursts(intensities)
     at = knots_s == start

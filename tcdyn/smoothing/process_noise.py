@@ -1,9 +1,12 @@
-"""Process-noise intensity by maximum likelihood, for each segment and in bursts after events, or by
-a criterion.
+"""Process-noise intensity by maximum likelihood, or by a criterion of regularised deconvolution.
 
-Long segments use Whittle's spectral likelihood, short ones the exact likelihood of the Kalman
-filter. The criteria of regularised deconvolution (GCV, discrepancy, L-curve) choose_intensities a constant
-intensity.
+Each segment between events has one level: long segments by Whittle's spectral likelihood, short
+ones by the exact likelihood of the Kalman filter. A burst after each event is added. The criteria
+of regularised deconvolution (GCV, discrepancy, L-curve) choose one constant intensity.
+
+Used by :mod:`tcdyn.smoothing.smoother` and :mod:`tcdyn.smoothing.hidden_events`. Guarded by
+``tests/smoothing/test_any_unit.py`` (levels, units, criteria) and
+``tests/smoothing/test_deconvolve.py``. Thresholds without a source were chosen by judgement.
 """
 
 from __future__ import annotations
@@ -27,15 +30,16 @@ from tcdyn.smoothing.state_space import likelihood, smooth_record
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 # lowest bins of a spectrum that are left out: removing a straight line disturbs them
 DETREND_BINS = 3
-# an exact level counts beyond so many floors (bends three times as fast); chosen by judgement
+# an exact level counts beyond so many values of ``FLOOR`` (the slope then changes three times as
+# fast, by the fourth root); chosen by judgement
 CLEAR_FLOORS = 100.0
 # bins: a spectrum whose corner is below so many bins does not show the signal above the noise
 FEW_BINS = 20
 # samples from which on the spectral likelihood replaces the exact one; chosen by judgement
 LONG_SAMPLES = 4096
-# decay times of the bursts tried [s]
+# decay times of the bursts tried [s], a factor of six apart; chosen by judgement
 DECAYS_S = (0.1, 0.6, 3.6)
-# power at which the decay is nearly exponential
+# power of a burst at which its decay is nearly exponential
 EXPONENTIAL = 50.0
 # refinement of a burst: powers, factors of the decay time, factors of the height
 REFINEMENTS = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
@@ -44,26 +48,49 @@ AFTER_S = 30.0
 # share of the corner frequency from which on a spectrum is used: the error arises near the corner,
 # not at low frequency
 CORNER_SHARE = 0.4
-# nats: a likelihood that has fallen by so much below its maximum does not rise again
+# nats: a likelihood that has fallen by so much below its maximum is taken not to rise again; chosen
+# by judgement
 PAST_PEAK_NATS = 20.0
-# nats within which the first of several bursts counts as the most likely one
+# nats within which the first of several bursts counts as the most likely one, so that
+# rounding errors do not decide
 TIE_NATS = 1e-4
-# bands of a spectrum, evenly in the logarithm of the frequency, each of nearly one shape
+# bands of a spectrum, evenly in the logarithm of the frequency, each of nearly one shape; more
+# bands cost time
 SPECTRAL_BANDS = 1500
-# every so many-th candidate burst is also tried with a jump
+# every so many-th candidate burst is also tried with a jump of the temperature (time); chosen by
+# judgement
 JUMP_STRIDE = 3
-# ranges of the trace that a burst may bend it within one decay time; chosen by judgement
-MAX_BEND_RANGES = 3.0
-# smallest intensity, in noise variances per second cubed: a trace may always bend over about 10 s
+# a burst may move the trace by so many of its ranges within one decay time; chosen by judgement
+MAX_BURST_RANGES = 3.0
+# smallest intensity, in noise variances per second cubed: the slope may always change over about
+# 10 s
 FLOOR = 1e-6
 
 
 def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
-    """Process-noise intensity q [K2/s3] of a long segment ``y`` (N,) by Whittle's likelihood.
+    """Process-noise intensity q [K2/s3] of a long segment by Whittle's likelihood.
 
-    The noise variance is given. The last few samples are left out, so that the Fourier transform has
-    a length that is computed quickly. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a
-    Hann taper and the straight line removed.
+    Parameters
+    ----------
+    y
+        Readings (N,) [degC] of the segment.
+    dt_s
+        Sampling interval [s].
+    chain
+        The chain, with frequency response G.
+    noise_var
+        Noise variance [K2], which is not fitted.
+
+    Notes
+    -----
+    The last few samples are left out, so that the Fourier transform has a length that is computed
+    quickly. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a Hann taper and the straight
+    line removed. The fit is repeated at most three times with the frequencies above
+    ``CORNER_SHARE`` of the corner frequency, because the error of the smoother arises near the
+    corner. Bins above 0.45 of the sampling frequency are left out.
+
+    What may be changed: ``DETREND_BINS`` also decides in ``segment_levels`` whether the exact
+    likelihood is tried as well. ``tests/smoothing/test_any_unit.py`` recovers a known q.
     """
     n = prev_fast_len(len(y), real=True)
     y = y[:n]
@@ -94,10 +121,27 @@ def _taper(n: int) -> Array:
 
 
 def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
-    """Intensity q that maximises -sum(log e + power / e), e = noise_var + q shape.
+    """Intensity q [K2/s3] that maximises Whittle's likelihood.
 
-    ``power`` (F,) is given at the angular frequencies ``w`` (F,) [rad/s]; frequencies of nearly one
-    shape are averaged in bands.
+    The likelihood is -sum(log e + power / e) with e = noise_var + q shape.
+
+    Parameters
+    ----------
+    power
+        Periodogram (F,) [K2].
+    w
+        Angular frequencies (F,) [rad/s].
+    dt_s
+        Sampling interval [s].
+    chain
+        The chain, whose gain gives the shape |G|^2 / (w^4 dt).
+    noise_var
+        Noise variance [K2].
+
+    Notes
+    -----
+    Frequencies of nearly one shape are averaged in ``SPECTRAL_BANDS`` bands; more bands cost time
+    and change little. q lies between ``FLOOR`` and 1e9 noise variances per second cubed.
     """
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
     edges = np.unique(np.geomspace(1, len(w) + 1, SPECTRAL_BANDS).astype(int) - 1)[:-1]
@@ -117,8 +161,7 @@ def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float
 def exact_levels(
     record: Record, noise_var: Array, noise_known: bool, most: float = 1e8, trials: int = 14
 ) -> tuple[Array, Array]:
-    """Intensity (M,) [K2/s3] and noise variance (M,) [K2] of a short record by the exact
-    likelihood.
+    """Intensity and noise variance of a short record by the exact likelihood.
 
     Parameters
     ----------
@@ -132,10 +175,24 @@ def exact_levels(
         Largest intensity tried, in noise variances per second cubed.
     trials
         Number of intensities tried at first, evenly in their logarithm.
+
+    Returns
+    -------
+    level
+        Intensity (M,) [K2/s3].
+    noise_var
+        Noise variance (M,) [K2].
+
+    Notes
+    -----
+    A grid search in the logarithm, refined twice. The highest levels are left out where the
+    likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
+    ``tests/smoothing/test_any_unit.py`` recovers a known intensity and noise.
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
     def evaluate(logs: Array, fine: float) -> tuple[Array, Array]:
+        """Log likelihood, profiled over unknown noise, and factor of its variance (M, Q)."""
         proposed = [
             [Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)
         ]
@@ -169,17 +226,34 @@ def exact_levels(
 def choose_intensities(
     record: Record, noise_var: Array, noise_known: bool = False
 ) -> tuple[list[Intensity], Array]:
-    """Process-noise intensity of each channel, and its noise variance (M,).
+    """Maximum-likelihood process-noise intensity of each channel, with bursts, and noise variance.
 
-    Both are maximum-likelihood estimates.
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2]; a first estimate, or the known value.
+    noise_known
+        Whether the noise variance is known.
 
-    The segments come from :func:`segment_levels`. Then each event gets the burst that is most likely
-    given the samples around it, and a jump of the temperature itself where that is more likely
-    still.
+    Returns
+    -------
+    intensities
+        Intensity of each channel (M,).
+    noise_var
+        Noise variance (M,) [K2].
+
+    Notes
+    -----
+    The segments come from :func:`segment_levels`. Then each event gets the burst that is most
+    likely given the samples around it, and a jump of the temperature itself where that is more
+    likely still. The bursts of neighbouring events are fitted one at a time, each without the
+    others.
     """
     intensities, noise_var = segment_levels(record, noise_var, noise_known)
     for event in record.events_s:
-        window, shift = _around(record, event)
+        window, shift = _event_window(record, event)
         base = [replace(q, bursts=()).shifted(shift_s=shift) for q in intensities]
         nothing = [Burst(event - shift, 0.0, 1.0)] * len(base)
         bursts = likeliest_burst(window, noise_var, base, nothing, jumps=True)
@@ -193,11 +267,35 @@ def choose_intensities(
 def segment_levels(
     record: Record, noise_var: Array, noise_known: bool
 ) -> tuple[list[Intensity], Array]:
-    """Intensity of each channel without bursts, and its noise variance (M,).
+    """Intensity of each channel without bursts, and its noise variance.
 
-    Segments lie between events. Long ones get their level from the spectrum, without the part in
-    which the burst after an event decays; short ones from the exact likelihood. A segment that is
-    too short gets the largest level of the others.
+    Parameters
+    ----------
+    record
+        The record; its events divide it into segments.
+    noise_var
+        Noise variance (M,) [K2]; a first estimate, or the known value.
+    noise_known
+        Whether the noise variance is known.
+
+    Returns
+    -------
+    intensities
+        Intensity of each channel (M,), one level a segment.
+    noise_var
+        Noise variance (M,) [K2]; estimated again only in a short record without events.
+
+    Notes
+    -----
+    Segments of at least ``LONG_SAMPLES`` get their level from the spectrum, shorter ones from the
+    exact likelihood, without the first ``AFTER_S`` (at most half of the segment), in which the
+    burst after an event decays. A segment with fewer than 64
+    samples gets the largest level of the others. Where the spectrum puts the corner frequency below
+    ``FEW_BINS`` bins, the signal may lie in the bins that the spectrum leaves out: the exact
+    likelihood is tried as well, and used above ``CLEAR_FLOORS`` floors.
+
+    What may be changed: ``LONG_SAMPLES`` (time against accuracy). Both estimates must agree at it:
+    ``tests/smoothing/test_any_unit.py`` compares each with a known level.
     """
     n = len(record.y)
     dt = record.dt_s
@@ -237,9 +335,21 @@ def segment_levels(
 
 
 def segment(record: Record, first: int, last: int, events: Sequence[float]) -> Record:
-    """Samples ``first`` to ``last`` - 1 as a record whose clock starts at zero.
+    """Some samples as a record whose clock starts at zero.
 
-    It has those of ``events`` [s] that lie in it.
+    Parameters
+    ----------
+    record
+        The record.
+    first, last
+        First sample, and one past the last.
+    events
+        Times [s] on the clock of ``record``; those inside the samples become the events of the
+        result.
+
+    Notes
+    -----
+    A new field of ``tcdyn.smoothing.record.Record`` with one value a sample must be cut here, too.
     """
     shift = first * record.dt_s
     length = (last - first) * record.dt_s
@@ -253,11 +363,11 @@ def likeliest_burst(
     window: Record,
     noise_var: Array,
     base: Sequence[Intensity],
-    nothing: Sequence[Burst],
+    initial: Sequence[Burst],
     near: bool = False,
     jumps: bool = False,
 ) -> list[Burst]:
-    """The most likely burst of each channel, added to the intensities ``base``.
+    """Most likely burst of each channel, added to given intensities.
 
     Parameters
     ----------
@@ -267,27 +377,45 @@ def likeliest_burst(
         Noise variance (M,) [K2].
     base
         Intensity of each channel without the burst.
-    nothing
-        For each channel a burst of height zero; the candidates differ from it in height, decay and
-        power. It is returned where no candidate makes the data more likely.
+    initial
+        For each channel a burst that the candidates differ from in height, decay and power; of
+        height zero unless ``near``. A burst of height zero is returned where no candidate makes the
+        data more likely.
     near
-        ``nothing`` is a burst with a height, and only bursts similar to it are tried.
+        ``initial`` has a height, and only bursts similar to it are tried.
     jumps
         Also try bursts with a jump of the temperature by the range of the trace.
+
+    Returns
+    -------
+    list of Burst
+        One burst for each channel.
+
+    Notes
+    -----
+    A grid of heights and ``DECAYS_S``, then ``REFINEMENTS`` of the best. Of bursts within
+    ``TIE_NATS`` the first is taken, so that the result does not depend on rounding. The height is
+    limited so that the slope noise moves the trace by at most about ``MAX_BURST_RANGES`` ranges
+    within one decay time.
+
+    What may be changed: the grids, if neighbours stay within the reach of ``REFINEMENTS``. The
+    decay times are also those of ``tcdyn.smoothing.hidden_events._coarse_search``.
+    ``tests/smoothing/test_any_unit.py`` and ``tests/smoothing/test_smoother.py`` (listed events)
+    guard it.
     """
     candidates = []
-    for zero, var, span in zip(nothing, noise_var, channel_spans(window, noise_var)):
+    for zero, var, span in zip(initial, noise_var, channel_spans(window, noise_var)):
         heights = np.geomspace(1e-3, 1e8, 12) * var
         sizes = [
             (h, d)
             for d in DECAYS_S
-            for h in np.minimum(heights, (MAX_BEND_RANGES * span) ** 2 / d**3)
+            for h in np.minimum(heights, (MAX_BURST_RANGES * span) ** 2 / d**3)
         ]
         bursts = [zero, *(replace(zero, height=h, decay_s=d) for h, d in sizes)]
         if jumps:
             bursts += [replace(b, level_sd=span) for b in bursts[::JUMP_STRIDE]]
         candidates.append(bursts)
-    best = list(nothing)
+    best = list(initial)
     for refine in (True,) if near else (False, True):
         fine = 8 * FINE  # a coarse search can use longer intervals
         if refine:
@@ -310,18 +438,44 @@ def likeliest_burst(
 
 
 def smearing_time_s(record: Record) -> float:
-    """Time [s] over which the slowest chain and the sampling smear an instantaneous change."""
+    """Time [s] over which the slowest chain and the sampling smear an instantaneous change.
+
+    It is the longest lag plus four samples. ``tests/smoothing/test_any_unit.py`` states this value.
+    """
     return max(0.0, *(s.lag_s for s in record.sensors)) + 4 * record.dt_s
 
 
 def channel_spans(record: Record, noise_var: Array) -> Array:
-    """Range of each channel (M,) [K], at least ten standard deviations of the noise."""
+    """Range of each channel (M,) [K], at least ten standard deviations of the noise.
+
+    It is the scale of bursts and jumps, so that results are the same in any unit. Unlike
+    ``tcdyn.smoothing.state_space.channel_ranges`` it includes interpolated samples and has a lower
+    bound.
+    """
     return np.asarray(np.maximum(np.ptp(record.y, axis=0), 10 * np.sqrt(noise_var)))
 
 
-def _around(record: Record, event: float) -> tuple[Record, float]:
-    """Samples that an event can influence, without any other event, and the time [s] at which they
-    start.
+def _event_window(record: Record, event: float) -> tuple[Record, float]:
+    """Samples that an event can influence, without any other event.
+
+    Parameters
+    ----------
+    record
+        The record.
+    event
+        Time of the event [s].
+
+    Returns
+    -------
+    window
+        The samples, whose only event is this one.
+    shift
+        Time [s] at which they start.
+
+    Notes
+    -----
+    From 10 s and 5 lags before to ``AFTER_S`` and 5 lags after, chosen by judgement; see also
+    ``tcdyn.smoothing.hidden_events.influenced_samples``.
     """
     dt = record.dt_s
     n = len(record.y)
@@ -361,9 +515,29 @@ class TradeoffCurve:
     criterion: str
 
 
-def by_criterion(record: Record, criterion: Criterion, trials: int) -> TradeoffCurve:
-    """Misfit and roughness for ``trials`` intensities, evenly in their logarithm, and the chosen
-    one.
+def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> TradeoffCurve:
+    """Misfit and roughness for several constant intensities, and the one that a criterion chooses.
+
+    Parameters
+    ----------
+    record
+        The record.
+    criterion
+        ``gcv``, ``discrepancy`` or ``l-curve``, see ``tcdyn.smoothing.smoother.deconvolve``.
+    trials
+        Number of intensities, evenly in their logarithm.
+
+    Returns
+    -------
+    TradeoffCurve
+        The trials and the choice.
+
+    Notes
+    -----
+    The trials span 1e-4 to 1e7 noise variances per second cubed (chosen by judgement); a minimum at
+    an end is returned as it is. The roughness is the sum of squared slope differences over the
+    intervals of the smoother, the effective number of parameters the sum of the prediction
+    variances over the noise variance.
     """
     noise_var = record.noise_sd**2
     levels = np.geomspace(1e-4, 1e7, trials)
@@ -374,9 +548,9 @@ def by_criterion(record: Record, criterion: Criterion, trials: int) -> TradeoffC
         constant = [Intensity.constant(level * var) for var in noise_var]
         fit = smooth_record(record, noise_var, constant)
         misfit = np.sum(w * (record.y - fit.predicted) ** 2, axis=0) / np.sum(w, axis=0)
-        bends = np.diff(fit.knot_slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
-        freedom = np.sum(w * fit.predicted_var, axis=0) / noise_var
-        rows.append((misfit, np.sum(bends, axis=0), freedom))
+        slope_changes = np.diff(fit.knot_slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
+        effective_count = np.sum(w * fit.predicted_var, axis=0) / noise_var
+        rows.append((misfit, np.sum(slope_changes, axis=0), effective_count))
     misfits, roughness, effective = (np.array(column) for column in zip(*rows))
     chosen = [
         _pick(criterion, levels, *columns)
@@ -399,26 +573,46 @@ def _pick(
     levels: Array,
     misfit: Array,
     roughness: Array,
-    freedom: Array,
+    effective_count: Array,
     used: int,
     noise_var: float,
 ) -> float:
     """Ratio of intensity and noise variance that meets the criterion.
 
-    It is interpolated between the trials by a parabola, for the discrepancy by a straight line.
+    Parameters
+    ----------
+    criterion
+        The criterion.
+    levels
+        Ratios tried (L,) [1/s3].
+    misfit, roughness, effective_count
+        Mean square residual [K2], roughness [K2/s3] and effective number of parameters (L,).
+    used
+        Number of samples with weight.
+    noise_var
+        Noise variance [K2].
+
+    Notes
+    -----
+    GCV (Golub, Heath and Wahba 1979) is interpolated between the trials by a parabola, the
+    discrepancy by a straight line; the L-curve (Hansen 1992) takes the trial of the largest
+    curvature, without the two trials at either end. ``tests/smoothing/test_any_unit.py`` states the
+    choice for curves with a known optimum.
     """
     logs = np.log(levels)
     if criterion == "discrepancy":  # the misfit falls as the intensity rises
         return float(np.exp(np.interp(-np.log(noise_var), -np.log(misfit), logs)))
     if criterion == "gcv":
-        score = np.log(misfit / (1 - freedom / used) ** 2)
+        score = np.log(misfit / (1 - effective_count / used) ** 2)
     else:
         a = np.log(misfit)
         b = np.log(np.maximum(roughness, 1e-300))
         da = np.gradient(a, logs)
         db = np.gradient(b, logs)
-        bend = (da * np.gradient(db, logs) - db * np.gradient(da, logs)) / (da**2 + db**2) ** 1.5
-        score = -np.abs(bend)
+        curvature = (da * np.gradient(db, logs) - db * np.gradient(da, logs)) / (
+            da**2 + db**2
+        ) ** 1.5
+        score = -np.abs(curvature)
         score[:2] = score[-2:] = np.inf
     k = int(np.argmin(score))
     if criterion == "l-curve" or k in (0, len(levels) - 1):

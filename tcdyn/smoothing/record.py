@@ -1,5 +1,11 @@
-"""The record that a compensator gets, with its bad samples marked, and the compensated result with
-its uncertainty.
+"""The record that a compensator gets, and the compensated result with its uncertainty.
+
+``record_of`` marks bad samples, estimates the noise and whitens it where the conditioning filter
+coloured it. It is the first step of ``tcdyn.smoothing.smoother.smooth``, ``deconvolve`` and
+``tcdyn.smoothing.inverse.invert``; figures, pages and the partition read ``Compensated``. The rules
+for spikes are ``tcdyn.estimation.trace_noise.SPIKES``, those for impossible readings
+:mod:`tcdyn.rig.plausible`. Guarded by ``tests/smoothing/test_smoother.py`` (flags),
+``tests/smoothing/test_any_unit.py`` (findings) and ``tests/smoothing/test_noise.py`` (whitening).
 """
 
 from __future__ import annotations
@@ -36,20 +42,21 @@ from tcdyn.rig.plausible import (
 )
 from tcdyn.smoothing.noise_levels import Intensity
 
-# bits of ``flags``
+# bits of ``flags``: powers of two, because a sample may have several
 GOOD = 0
 MISSING = 1
 SPIKE = 2
 STUCK = 4
 SATURATED = 8
 IMPLAUSIBLE = 16
-# fewest good samples of a channel; chosen by judgement
+# fewest good samples of a channel, and samples of a record; chosen by judgement
 MIN_GOOD_SAMPLES = 8
-# a record counts as ranging over at least so many standard deviations of its noise
+# a record counts as ranging over at least so many standard deviations of its noise, so that the
+# temperature of a constant trace is determined; chosen by judgement
 MIN_RANGE_SD = 10.0
-# share of a trace up to which implausible samples are left to the spike rule
+# share of a trace up to which implausible samples are left to the spike rule; chosen by judgement
 FEW_IMPLAUSIBLE = 0.01
-# share of bad samples from which on the user is informed
+# share of bad samples from which on the user is informed; chosen by judgement
 REPORTED_BAD_SHARE = 0.01
 
 
@@ -80,6 +87,11 @@ class Record:
         of a logger whose steps are coarser than its noise.
     findings
         Findings about the channels.
+
+    Notes
+    -----
+    ``tcdyn.smoothing.process_noise.segment`` cuts ``y``, ``weight`` and ``flags``: a new field with
+    one value a sample must be cut there, too.
     """
 
     y: Array
@@ -96,7 +108,15 @@ class Record:
 
 
 def channel_names(names: Sequence[str] | None, count: int) -> list[str]:
-    """The names of the channels in messages; "channel 1" and so on without ``names``."""
+    """Names of the channels in messages; "channel 1" and so on without ``names``.
+
+    Parameters
+    ----------
+    names
+        Names of the channels, or None.
+    count
+        Number of channels if ``names`` is None.
+    """
     if names is None:
         return [f"channel {c + 1}" for c in range(count)]
     return list(names)
@@ -110,16 +130,41 @@ def record_of(
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Record:
-    """The record of ``y``, (N,) or (N, M), with weight zero for bad samples and white noise.
+    """The record of some readings, with weight zero for bad samples and white noise.
 
-    The parameters are those of ``smooth``. Noise that the conditioning filter coloured is whitened,
-    and the chains are adapted to this whitening.
+    Parameters
+    ----------
+    y
+        Readings (N,) or (N, M) after the static line [degC], NaN where missing.
+    dt_s
+        Sampling interval [s].
+    chains
+        One chain for all channels or one per channel; a number is one lag [s].
+    events_s
+        Times [s] from the first sample at which the slope may jump; those outside the record are
+        left out.
+    noise_sd
+        Standard deviation of the noise per channel [K]; estimated when left out.
+    names
+        Names of the channels (M,) in messages.
+
+    Returns
+    -------
+    Record
+        Its chains contain the whitening filter where the noise was whitened.
 
     Raises
     ------
     InputError
         For shapes that do not agree, and for a channel that mostly repeats one value or has hardly
         any good sample.
+
+    Notes
+    -----
+    Steps: impossible readings, repeated values, noise and spikes of the channels with one
+    conditioning filter, whitening, interpolation. The order matters: impossible and repeated values
+    must not enter the noise estimate. A given ``noise_sd`` is taken as white. The spike window
+    follows the shortest lag of the channels.
     """
     data = np.array(y, dtype=float)
     data = data.reshape(len(data), -1)
@@ -194,7 +239,21 @@ def record_of(
 
 
 def _check_channel(flag: NDArray[np.uint8], name: str) -> None:
-    """Raise InputError for a channel that mostly repeats one value or has too few good samples."""
+    """Check that a channel does not mostly repeat one value and has enough good samples.
+
+    Parameters
+    ----------
+    flag
+        Flags (N,) of the channel.
+    name
+        Its name.
+
+    Raises
+    ------
+    InputError
+        If more than half of the samples repeat one value, or fewer than ``MIN_GOOD_SAMPLES`` are
+        good.
+    """
     if np.mean(flag & (STUCK | SATURATED) != 0) > 0.5:
         raise InputError(
             f"{name}: more than half of the samples repeat one value",
@@ -209,7 +268,15 @@ def _check_channel(flag: NDArray[np.uint8], name: str) -> None:
 
 
 def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
-    """A finding for repeated values, or else for many bad samples, of one channel."""
+    """A finding for repeated values, or else for many bad samples, of one channel.
+
+    Parameters
+    ----------
+    flag
+        Flags (N,) of the channel.
+    name
+        Its name.
+    """
     stuck = flag & (STUCK | SATURATED) != 0
     if stuck.any():
         percent = 100 * float(np.mean(stuck))
@@ -224,10 +291,32 @@ def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
 def _implausible(
     data: Array, dt_s: float, chains: Sequence[Chain], names: Sequence[str]
 ) -> tuple[Flags, list[Finding]]:
-    """Readings (N, M) that no temperature can produce through the chains, and the findings about
-    them.
+    """Readings that no temperature can produce through the chains, and the findings about them.
 
     These are values out of range, error codes of the logger, and changes faster than the chain.
+
+    Parameters
+    ----------
+    data
+        Readings (N, M) [degC].
+    dt_s
+        Sampling interval [s].
+    chains
+        Chain of each channel (M,).
+    names
+        Name of each channel (M,).
+
+    Returns
+    -------
+    mask
+        Implausible readings (N, M).
+    findings
+        Findings by channel.
+
+    Notes
+    -----
+    Few and short ones (a share of at most ``FEW_IMPLAUSIBLE``, and runs no longer than a spike) are
+    left to the spike rule; values out of range are always marked.
     """
     mask = np.zeros(data.shape, dtype=bool)
     findings = []
@@ -261,7 +350,15 @@ def _implausible(
 
 
 def _first_of(bad: Flags, y: Array) -> dict[str, Any]:
-    """Number of ``bad`` readings (N,) of ``y`` (N,), index and value of the first."""
+    """Number of bad readings, and index and value of the first.
+
+    Parameters
+    ----------
+    bad
+        Mask (N,) with at least one bad reading.
+    y
+        Readings (N,) [degC].
+    """
     first = int(np.argmax(bad))
     return {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
 
@@ -324,7 +421,13 @@ class Compensated(Result):
         Change (N, M) [K] for one standard uncertainty of the time of each event; its square is
         included in that of ``sd_noise``.
     undetermined
-        Samples (N, M) where the record does not determine the temperature, see ``with_undetermined``.
+        Samples (N, M) where the record does not determine the temperature, see
+        ``with_undetermined``.
+
+    Notes
+    -----
+    sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + lag_split_K^2 + static_u^2, see
+    ``from_components``.
     """
 
     temperature: Array
@@ -359,11 +462,31 @@ class Compensated(Result):
         split_K: ArrayLike = 0.0,
         **fields: Any,
     ) -> Compensated:
-        """Combine the contributions: sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + split_K^2 +
-        static_u^2.
+        """Combine the contributions to the uncertainty of a compensated record.
 
-        ``lag_covariance`` (M, M), ``static_u`` and ``lag_split_K`` (a number, (M,) or (N, M)) are zero
-        when left out; ``fields`` are the other fields.
+        Parameters
+        ----------
+        temperature, sd_noise, slope, lag_sensitivity
+            As the fields (N, M).
+        lag_covariance
+            Covariance of the lags (M, M) [s2]; zero when left out.
+        static_u
+            Standard uncertainty of the static line [K], a number, (M,) or (N, M); zero when left
+            out.
+        dt_s
+            Sampling interval [s].
+        split_K
+            The field ``lag_split_K`` [K], a number, (M,) or (N, M).
+        fields
+            The other fields.
+
+        Notes
+        -----
+        sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + split_K^2 + static_u^2: the contributions
+        are independent. For the covariance between samples or channels, ``window_covariance`` of
+        :mod:`tcdyn.smoothing.smoother` and ``window_means`` of :mod:`tcdyn.smoothing.windows`
+        combine the same contributions: change them together. ``tests/smoothing/test_smoother.py``
+        compares them.
         """
         n, m = temperature.shape
         lags: Array = np.zeros((m, m))
@@ -387,12 +510,21 @@ class Compensated(Result):
         )
 
     def with_undetermined(self, y: Array, names: Sequence[str]) -> Compensated:
-        """The same result with ``undetermined``, and a warning for each channel that has such
-        samples.
+        """Mark the samples that the record does not determine, with a warning for each channel.
 
+        Parameters
+        ----------
+        y
+            Readings (N, M) [degC], NaN or flagged where bad.
+        names
+            Names of the channels (M,) in messages.
+
+        Notes
+        -----
         A sample is undetermined where its standard uncertainty, without that of the static line,
-        exceeds the range of the channel's readings ``y`` (N, M) [degC, NaN or flagged where bad],
-        or where its temperature is physically impossible.
+        exceeds the range of the channel's good readings (at least ``MIN_RANGE_SD`` standard
+        deviations of the noise), or where its temperature is physically impossible. With a smaller
+        limit more samples are withheld by ``determined_estimates``.
         """
         readings = np.where(self.flags == GOOD, y, np.nan)
         range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
@@ -412,7 +544,15 @@ class Compensated(Result):
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
     def determined_estimates(self) -> tuple[Array, Array]:
-        """Temperature [degC] and standard uncertainty [K] (N, M), NaN where undetermined."""
+        """Temperature and its standard uncertainty, NaN where undetermined.
+
+        Returns
+        -------
+        temperature
+            Temperature (N, M) [degC].
+        sd
+            Standard uncertainty (N, M) [K].
+        """
         if self.undetermined is None or not self.undetermined.any():
             return self.temperature, self.sd
         temperature = np.where(self.undetermined, np.nan, self.temperature)
@@ -424,16 +564,20 @@ class Compensated(Result):
         return messages(self.findings)
 
     def common_sd(self) -> Array:
-        """Contribution (N, M) [K] to ``sd`` of the lag error that all channels have in common."""
+        """Contribution (N, M) [K] to ``sd`` of the lag error that all channels have in common.
+
+        The standard uncertainty of the mean lag of the channels, times the sensitivity of each
+        sample.
+        """
         mean_u = float(np.sqrt(max(np.sum(self.lag_covariance), 0.0))) / len(self.lag_covariance)
         return np.abs(self.lag_sensitivity) * mean_u
 
     def summary(self, names: Sequence[str] = ()) -> str:
-        """A few lines of text; ``names`` of the channels, numbers from 1 without."""
+        """A few lines of text with the warnings; channels are numbered without ``names``."""
         return "\n".join([*self.lines(names), *self.warnings])
 
     def lines(self, names: Sequence[str] = ()) -> list[str]:
-        """The summary without its warnings."""
+        """The summary without its warnings; ``names`` as for ``summary``."""
         lines = [
             f"{self.method}: {self.temperature.shape[0]} samples, "
             f"{self.temperature.shape[1]} channels"

@@ -1,10 +1,13 @@
-"""The RTS smoother (Rauch, Tung and Striebel) over time intervals, in the form of Bryson and
-Frazier.
+"""The RTS smoother (Rauch, Tung and Striebel) over time intervals, in Bryson and Frazier's form.
 
 A Kalman filter runs forward in the information form, a recursion of the adjoint runs backward. The
 recursions are exact where anything changes. Between events and gaps the covariance becomes
 stationary after some correlation times; from there on both passes are linear recursions with one
 constant gain, evaluated for all channels and intervals at once.
+
+Used by :mod:`tcdyn.smoothing.state_space` and by ``tcdyn.smoothing.smoother.window_covariance``.
+The thresholds below trade speed against rounding errors only; ``tests/smoothing/test_smoother.py``
+compares the result with the recursion without constant gain, and with dense least squares.
 """
 
 from __future__ import annotations
@@ -30,6 +33,10 @@ MIN_RUN = 16
 class IntervalModel:
     """A linear Gaussian model on J time intervals, M channels, Q proposed intensities, n states.
 
+    The first two states are the level [degC] and the slope [K/s] of the junction temperature.
+
+    The first two states are the level [degC] and the slope [K/s] of the junction temperature.
+
     Parameters
     ----------
     knots_s
@@ -49,6 +56,11 @@ class IntervalModel:
     rows
         For each channel and each kind that has samples: its intervals (c,), the rows o (count, n),
         and the indices of the samples (c, count), equal to N where the record has none.
+
+    Notes
+    -----
+    ``tcdyn.smoothing.state_space.interval_model`` makes it. ``rts_smooth`` uses the first proposal
+    only, ``tcdyn.smoothing.state_space.kalman_filter`` all of them.
     """
 
     knots_s: Array
@@ -87,18 +99,30 @@ class RtsResult:
 def rts_smooth(model: IntervalModel) -> RtsResult:
     """RTS smoother for the first proposal of each channel: Kalman filter, then the backward pass.
 
-    The backward pass is in the form of Bryson and Frazier.
+    Parameters
+    ----------
+    model
+        The model on J intervals; only the first of its proposals is used.
+
+    Returns
+    -------
+    RtsResult
+        Smoothed states, their covariances, and the adjoint of each interval.
 
     Notes
     -----
-    With prior covariance P, information L, score s and transition A of an interval: the gain matrix
-    is S = (I + P L)^-1, the filtered covariance P+ = S P, the innovation e = s - L m, the filtered
-    mean m+ = m + P+ e, and the next mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is
-    q = S' e + F' q of the next interval, and its variance W = L S + F' W F of the next. Given all
-    samples, the mean is m + P+ (e + A' q) and the covariance P+ - P+ A' W A P+, with q and W of the
-    next interval.
+    The backward pass is in the form of Bryson and Frazier. With prior covariance P, information L,
+    score s and transition A of an interval: the gain matrix is S = (I + P L)^-1, the filtered
+    covariance P+ = S P, the innovation e = s - L m, the filtered mean m+ = m + P+ e, and the next
+    mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is q = S' e + F' q of the next
+    interval, and its variance W = L S + F' W F of the next. Given all samples, the mean is m + P+
+    (e + A' q) and the covariance P+ - P+ A' W A P+, with q and W of the next interval.
+
+    What may be changed: ``MIN_RUN`` freely (speed), ``SETTLED_CHANGE`` and ``EQUAL_TOLERANCE`` as
+    long as ``tests/smoothing/test_smoother.py`` finds the same result with and without constant
+    gain. The order of level and slope in the state must stay that of ``tcdyn.chain.chain.Sensor``.
     """
-    filtered_cov, gain_matrix, base = _filtered(model)
+    filtered_cov, gain_matrix, base = _filter_covariances(model)
     info = model.information[:, :, 0]
     score = model.score[:, :, 0]
     transition = model.transition[:, :, 0]
@@ -106,9 +130,11 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
     distinct, gain_index = np.unique(base, return_inverse=True)
     step = transition[model.kind[distinct]] @ gain_matrix[distinct]
     gain = transition[model.kind[distinct]] @ filtered_cov[distinct]
-    mean = _means(model.mean0[:, 0], transition[model.kind], step, gain, info, score, gain_index)
+    mean = _predicted_means(
+        model.mean0[:, 0], transition[model.kind], step, gain, info, score, gain_index
+    )
     innovation = score - _times(info, mean)
-    adjoint, adjoint_var, shared = _back(
+    adjoint, adjoint_var, shared = _backward_pass(
         step,
         _times(gain_matrix.swapaxes(-1, -2), innovation),
         info[distinct] @ gain_matrix[distinct],
@@ -125,15 +151,33 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
     return RtsResult(mean, cov, filtered_cov, adjoint[:-1, :, :2], adjoint_var[:-1, :, :2, :2])
 
 
-def _filtered(model: IntervalModel) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Filtered covariances P+ and gain matrices S (J, M, n, n), and the first interval (J,) with
-    the same gain.
+def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Filtered covariances, gain matrices, and which intervals share them.
+
+    Parameters
+    ----------
+    model
+        The model on J intervals.
+
+    Returns
+    -------
+    filtered_cov
+        Covariance P+ (J, M, n, n) given the samples up to the end of each interval.
+    gain_matrix
+        Gain matrix S = (I + P L)^-1 (J, M, n, n).
+    base
+        First interval (J,) that has the same gain; the interval itself where the gain is its own.
+
+    Notes
+    -----
+    In a run of equal intervals the recursion stops when P+ changes by less than ``SETTLED_CHANGE``,
+    and the rest of the run gets its last value. The run must have ``MIN_RUN`` more intervals.
     """
     count = len(model.kind)
     (batch, _, n) = model.mean0.shape
     filtered_cov, gain_matrix = np.empty((2, count, batch, n, n))
     base = np.arange(count)
-    ends = _ends(model)
+    ends = _run_ends(model)
     cov = model.cov0[:, 0].copy()
     eye = np.eye(n)
     back = model.transition[:, :, 0].swapaxes(-1, -2)
@@ -161,7 +205,7 @@ def _filtered(model: IntervalModel) -> tuple[Array, Array, NDArray[np.intp]]:
     return filtered_cov, gain_matrix, base
 
 
-def _means(
+def _predicted_means(
     start: Array,
     transition: Array,
     step: Array,
@@ -172,9 +216,29 @@ def _means(
 ) -> Array:
     """Predicted means m (J, M, n) before the samples of each interval.
 
-    The next is A m + gain (s - L m), or step m + gain s where several intervals have one gain.
+    Parameters
+    ----------
+    start
+        Prior mean (M, n) at the first knot.
+    transition
+        Transition A of each interval (J, M, n, n).
+    step, gain
+        F = A S and A P+ (K, M, n, n) of each distinct gain.
+    info, score
+        Information L (J, M, n, n) and score s (J, M, n) of the samples.
+    gain_index
+        Index (J,) of the gain and step of an interval.
+
+    Returns
+    -------
+    Array
+        Means (J, M, n).
+
+    Notes
+    -----
+    The next mean is A m + gain (s - L m), or step m + gain s where several intervals have one gain.
     Elsewhere the second form is not used: where the state is still uncertain it is a difference of
-    large numbers. ``gain_index`` (J,) is the index of the gain and step of an interval.
+    large numbers.
     """
     mean = np.empty_like(score)
     j = 0
@@ -192,15 +256,30 @@ def _means(
     return mean
 
 
-def _back(
+def _backward_pass(
     step: Array, driven: Array, added: Array, gain_index: NDArray[np.intp]
 ) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Backward pass: adjoints q (J + 1, M, n) and their variances W (J + 1, M, n, n), zero after
-    the last interval.
+    """Backward pass: adjoints and their variances, zero after the last interval.
 
-    q = step' q + driven and W = step' W step + added, of the next interval. The third result (J +
-    1,) is the interval whose W an interval shares. ``gain_index`` (J,) is the index of the step and
-    of the added variance.
+    Parameters
+    ----------
+    step
+        F = A S (K, M, n, n) of each distinct gain.
+    driven
+        S' e (J, M, n) of each interval, e the innovation.
+    added
+        L S (K, M, n, n) of each distinct gain.
+    gain_index
+        Index (J,) of the step and of the added variance of an interval.
+
+    Returns
+    -------
+    adjoint
+        Adjoint q (J + 1, M, n): q = step' q + driven, with q of the next interval.
+    adjoint_var
+        Its variance W (J + 1, M, n, n): W = step' W step + added, with W of the next interval.
+    shared
+        The interval (J + 1,) whose W an interval shares.
     """
     count = len(gain_index)
     (batch, n) = driven.shape[1:]
@@ -227,8 +306,12 @@ def _back(
     return adjoint, adjoint_var, shared
 
 
-def _ends(model: IntervalModel) -> NDArray[np.intp]:
-    """Last interval (J,) of the run of equal intervals that each interval belongs to."""
+def _run_ends(model: IntervalModel) -> NDArray[np.intp]:
+    """Last interval (J,) of the run of equal intervals that each interval belongs to.
+
+    Intervals are equal if they have one kind, and information and added variance differ by less
+    than ``EQUAL_TOLERANCE`` from those of the first interval of the run.
+    """
     count = len(model.kind)
     features = np.concatenate(
         [model.information[:, :, 0].reshape(count, -1), model.jump_var[:, :, 0].reshape(count, -1)],
@@ -250,9 +333,23 @@ def _ends(model: IntervalModel) -> NDArray[np.intp]:
 
 
 def recursion(phi: Array, driven: Array) -> Array:
-    """Solve x_j = phi x_{j-1} + driven_j, x_{-1} = 0, by doubling, while phi^k is not negligible.
+    """Solve x_j = phi x_{j-1} + driven_j with x_{-1} = 0 by doubling.
 
-    ``phi`` has shape (M, n, n), ``driven`` and the result (L, M, n).
+    Parameters
+    ----------
+    phi
+        Constant matrix (M, n, n) of each channel.
+    driven
+        Driving vectors (L, M, n).
+
+    Returns
+    -------
+    Array
+        Solution x (L, M, n).
+
+    Notes
+    -----
+    The doubling ends where phi^k falls below 1e-18, which no sum of doubles can show.
 
     Examples
     --------
@@ -274,8 +371,9 @@ def _times(matrix: Array, vectors: Array) -> Array:
 
 
 def _close(a: Array, b: Array) -> bool:
-    """Whether two covariances (M, n, n) differ by less than ``SETTLED_CHANGE`` of their own
-    standard deviations.
+    """Whether covariances (M, n, n) agree within ``SETTLED_CHANGE`` of their standard deviations.
+
+    The standard deviations are those of ``a``.
     """
     size = np.sqrt(np.abs(np.diagonal(a, axis1=-2, axis2=-1)))
     return bool(np.all(np.abs(a - b) <= SETTLED_CHANGE * size[..., :, None] * size[..., None, :]))

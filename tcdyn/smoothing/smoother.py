@@ -2,6 +2,11 @@
 
 The temperature at the junction comes with a standard deviation for every sample. Regularised
 deconvolution is the same smoother with a weight by another criterion.
+
+``smooth`` is the estimator of ``tcdyn compensate`` (:mod:`tcdyn.workflows.segments`,
+:mod:`tcdyn.workflows.compensate_table`) and of the cooling fit (:mod:`tcdyn.partition.cooling`).
+Guarded by ``tests/smoothing/test_smoother.py`` (dense least squares, coverage),
+``tests/smoothing/test_deconvolve.py`` and ``tests/smoothing/test_any_unit.py``.
 """
 
 from __future__ import annotations
@@ -17,26 +22,33 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
-from tcdyn.smoothing.hidden_events import HiddenEvent, averaged, influenced_samples, with_hidden
+from tcdyn.smoothing.hidden_events import (
+    HiddenEvent,
+    average_over_event,
+    detect_hidden_events,
+    influenced_samples,
+)
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.process_noise import (
     Criterion,
     TradeoffCurve,
-    by_criterion,
     choose_intensities,
     segment,
+    tradeoff_curve,
 )
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.rts import rts_smooth
 from tcdyn.smoothing.state_space import Smoothed, full_model, smooth_record
 
-# degrees of freedom of Student's t of heavy-tailed noise
-FREEDOM = 4.0
-# a further reweighting changes no result by a tenth of its standard deviation
+# degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
+# Chosen by judgement
+STUDENT_DOF = 4.0
+# rounds of reweighting: a further one changes no result by a tenth of its standard deviation
 REWEIGHTINGS = 4
-# the difference of two results needs intervals that are shorter only by this factor than a result
-DIFFERENCE = 4.0
+# intervals for the difference of two results may be longer than those of a result by this factor,
+# because their errors nearly cancel; chosen by judgement
+COARSENING = 4.0
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
 
@@ -58,8 +70,7 @@ def smooth(
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Compensated:
-    """Estimate the temperature of the junctions from the readings, with a standard deviation for
-    each sample.
+    """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
     Fixed-interval smoother (Kalman filter and RTS smoother) for the model y = G x + noise, where
     the slope x' is a random walk: dx'/dt is white noise of the process-noise intensity q(t)
@@ -69,7 +80,7 @@ def smooth(
     ----------
     y
         Readings (N,) or (N, M) after the static line [degC], NaN where missing; or what
-        ``fit_rows`` made of them with the same ``chains``, noise and events.
+        ``tcdyn.smoothing.record.record_of`` made of them with the same arguments.
     dt_s
         Sampling interval [s].
     chains
@@ -110,6 +121,17 @@ def smooth(
     ------
     InputError
         For shapes that do not agree, or a channel without samples.
+
+    Notes
+    -----
+    Steps: intensity, smoother, spikes that only the prediction shows, hidden events, heavy tails,
+    average over hidden events, shift by uncertain event times. The order matters: spikes go before
+    hidden events, which they would look like.
+
+    What may be changed: ``STUDENT_DOF``, ``REWEIGHTINGS`` and ``MARGIN`` (see their comments). The
+    variance is the sum of ``tcdyn.smoothing.record.Compensated.from_components``; a new
+    contribution must also go into ``window_covariance`` and
+    ``tcdyn.smoothing.windows.window_means``.
     """
     if isinstance(y, Record):
         record = y
@@ -139,14 +161,14 @@ def smooth(
     detected_events: list[HiddenEvent] = []
     detect = not events_s if find_events is None else find_events
     if intensity is None and detect:
-        fit, detected_events = with_hidden(fit, start_var, record.noise_known)
+        fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
         intensities = list(fit.intensities)
         noise_var = fit.noise_var
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
             fit = _reweighted(fit, record.y)
     for event in detected_events:
-        fit = averaged(fit, event)
+        fit = average_over_event(fit, event)
     sd = fit.sd
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
@@ -181,7 +203,7 @@ def smooth(
 def _as_intensities(
     intensity: float | Intensity | Sequence[float | Intensity], n_channels: int
 ) -> list[Intensity]:
-    """One ``Intensity`` for each channel."""
+    """One ``Intensity`` for each channel, from one value or one per channel."""
     if isinstance(intensity, Sequence | np.ndarray):
         listed = list(intensity)
     else:
@@ -192,8 +214,9 @@ def _as_intensities(
 def _spikes(fit: Smoothed) -> Flags:
     """Samples (N, M) that are spikes, judged by the prediction of the smoother.
 
-    Next to a bend or in fast motion the rule with medians, applied before, misses spikes. Many
-    outlying samples in a row are no spikes.
+    Next to a slope change or in fast motion the rule with medians, applied before, misses spikes.
+    Many outlying samples in a row are no spikes. Limit and width are the rule "answer" in
+    ``tcdyn.estimation.trace_noise.SPIKES``; ``tests/smoothing/test_hidden.py`` has such a spike.
     """
     rule = SPIKES["answer"]
     record = fit.record
@@ -213,17 +236,43 @@ def _without_samples(record: Record, spikes: Flags) -> Record:
 
 
 def _reweighted(fit: Smoothed, y: Array) -> Smoothed:
-    """Smooth again with the weights of Student's t likelihood at the residuals of ``y`` (N, M)."""
+    """Smooth again with the weights of Student's t likelihood.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, for its predictions.
+    y
+        Readings (N, M) [degC], whose residuals give the weights (nu + 1) / (nu + (r/s)^2).
+    """
     residual = y - fit.predicted
-    student = (FREEDOM + 1) / (FREEDOM + residual**2 / fit.noise_var)
+    student = (STUDENT_DOF + 1) / (STUDENT_DOF + residual**2 / fit.noise_var)
     weight = np.where(fit.record.weight > 0, student, 0.0)
     return smooth_record(replace(fit.record, weight=weight), fit.noise_var, fit.intensities)
 
 
 def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
-    """Change of the temperature (N, M) [K] for one standard uncertainty of the time of an event.
+    """Change of the temperature for one standard uncertainty of the time of an event.
 
-    It is half the difference between an event one standard uncertainty late and one early.
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    event_s
+        Time of the event [s].
+    u_s
+        Standard uncertainty of the time [s].
+
+    Returns
+    -------
+    Array
+        Half the difference (N, M) [K] between an event one standard uncertainty late and one early;
+        zero far from the event.
+
+    Notes
+    -----
+    The intervals may be ``COARSENING`` times longer than for a result, because errors of the
+    intervals cancel in the difference. ``tests/smoothing/test_smoother.py`` checks the coverage.
     """
     record = fit.record
     dt = record.dt_s
@@ -244,7 +293,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
         events = sorted(time_s - shift if e == event_s - shift else e for e in window.events_s)
         shifted = [q.shifted(event_s, time_s).shifted(shift_s=shift) for q in fit.intensities]
         moved_window = replace(window, events_s=tuple(events))
-        result = smooth_record(moved_window, fit.noise_var, shifted, DIFFERENCE * FINE)
+        result = smooth_record(moved_window, fit.noise_var, shifted, COARSENING * FINE)
         temperatures.append(result.temperature)
     half = np.zeros_like(fit.sd)
     half[first:last] = 0.5 * (temperatures[1] - temperatures[0])
@@ -292,9 +341,13 @@ def deconvolve(
     -----
     The standard deviation is the Bayesian one of the same penalty (Wahba 1983), which includes
     noise and average bias.
+
+    The penalty is that of ``smooth`` with a constant intensity: weight = noise variance /
+    intensity. Only the choice of the weight differs, in
+    ``tcdyn.smoothing.process_noise.tradeoff_curve``.
     """
     record = record_of(y, dt_s, chains, (), noise_sd, names)
-    tradeoff = by_criterion(record, criterion, trials)
+    tradeoff = tradeoff_curve(record, criterion, trials)
     result = smooth(
         record,
         dt_s,
@@ -317,8 +370,7 @@ def window_covariance(
     first: int,
     last: int,
 ) -> Array:
-    """Covariance (n, n) [K2] of the temperatures of one channel at samples ``first`` to ``last`` -
-    1.
+    """Covariance of the smoothed temperatures of one channel at the samples of a window.
 
     Parameters
     ----------
@@ -331,7 +383,17 @@ def window_covariance(
     channel
         Column of ``result``.
     first, last
-        Window, in samples.
+        First sample of the window, and one past the last.
+
+    Returns
+    -------
+    Array
+        Covariance (n, n) [K2] of n = ``last`` - ``first`` samples.
+
+    Raises
+    ------
+    InputError
+        If the window is not inside the record, or ``result`` has no intensities.
 
     Notes
     -----

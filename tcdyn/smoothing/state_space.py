@@ -1,5 +1,13 @@
-"""A record as a linear Gaussian state-space model on time intervals: Kalman filter, likelihood and
-smoother.
+"""A record as a linear Gaussian state-space model: Kalman filter, likelihood and smoother.
+
+The state is level and slope of the junction temperature and the stages of the chain; the slope is a
+random walk with the intensity q(t). Samples are collected in time intervals (see
+:mod:`tcdyn.smoothing.intervals`), within which the process noise acts at the knots only. Used by
+:mod:`tcdyn.smoothing.smoother`, :mod:`tcdyn.smoothing.process_noise` and
+:mod:`tcdyn.smoothing.hidden_events`; ``flow`` also by the live smoother.
+
+``tests/smoothing/test_states.py`` compares likelihood and prior with dense algebra,
+``tests/smoothing/test_smoother.py`` the smoothed temperatures.
 """
 
 from __future__ import annotations
@@ -37,10 +45,40 @@ def interval_model(
     knots: Array,
     span: Array,
 ) -> IntervalModel:
-    """The model on the intervals between ``knots``, which are some or all of those from
-    ``knots_for``.
+    """The model on the intervals between ``knots``.
 
-    Samples in no interval are left out. ``span`` (M,): the ``channel_ranges`` of the full record.
+    Parameters
+    ----------
+    record
+        The record of N samples.
+    noise_var
+        Noise variance of each channel (M,) [K2].
+    proposals
+        Q proposed intensities for each channel.
+    knots
+        Knots (J + 1,) [s]: some or all of those from ``tcdyn.smoothing.intervals.knots_for``.
+        Samples in no interval are left out.
+    span
+        The ``channel_ranges`` (M,) [K] of the full record.
+
+    Returns
+    -------
+    IntervalModel
+        Information and score of the samples, transitions, and the process noise at each knot.
+
+    Notes
+    -----
+    Intervals that have one length and the samples at the same phase are of one kind, so that their
+    transition and rows are computed once. Half of the process noise of an interval is added to the
+    slope at its first knot, half at the next (trapezoidal rule): this is exact only for short
+    intervals, hence ``tcdyn.smoothing.intervals.FINE``. A sample at time t reads the state at t
+    minus the dead time, so the dead time is exact.
+
+    What may be changed: the tolerances 1e-6 of a sample are rounding only; those of
+    ``tcdyn.smoothing.intervals.knots_for``, ``smooth_record`` and
+    ``tcdyn.smoothing.smoother.window_covariance`` must assign samples to the same intervals. The
+    chunks of a record have equal results only if ``span`` is that of the full record
+    (``tests/smoothing/test_smoother.py``).
     """
     dt = record.dt_s
     n_samples = len(record.y)
@@ -114,7 +152,15 @@ def _squares(rows: Array) -> Array:
 def full_model(
     record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> IntervalModel:
-    """The model on all intervals of the record."""
+    """The model on all intervals of the record.
+
+    Parameters
+    ----------
+    record, noise_var, proposals
+        As for ``interval_model``.
+    fine
+        Largest length of an interval times the corner frequency [rad].
+    """
     return interval_model(
         record,
         noise_var,
@@ -127,12 +173,37 @@ def full_model(
 def prior(
     s: Sensor, level: float, span: float, dt_s: float, intensity: Array
 ) -> tuple[Array, Array, float]:
-    """Prior mean (n,) and covariances (Q, n, n) of the state of a chain that has always followed a
-    ramp.
+    """Prior of the state of a chain that has always followed a ramp.
 
-    The level [degC] is about ``level`` and the slope about zero. Both are as uncertain as a record
-    whose range is ``span`` [K] requires. The stages scatter about the ramp as slope noise of
-    ``intensity`` (Q,) [K2/s3] makes them. The third result is the prior variance of the slope.
+    Parameters
+    ----------
+    s
+        State space of the chain, n states.
+    level
+        Level [degC] about which the prior is centred; the slope is about zero.
+    span
+        Range of the record [K].
+    dt_s
+        Sampling interval [s].
+    intensity
+        Intensity (Q,) [K2/s3] of the slope noise that makes the stages scatter about the ramp.
+
+    Returns
+    -------
+    mean
+        Prior mean (n,).
+    cov
+        Prior covariances (Q, n, n).
+    slope_var
+        Prior variance of the slope [K2/s2]; also that of a jump of the slope at a listed event.
+
+    Notes
+    -----
+    The level has the standard deviation ``DIFFUSE`` ranges, the slope as much in one lag plus four
+    samples. With a smaller ``DIFFUSE`` the prior would pull the first temperatures to the first
+    good reading; with a much larger one rounding errors grow. The same scale is the prior of hidden
+    events in ``tcdyn.smoothing.hidden_events._coarse_search``. ``tests/smoothing/test_states.py``
+    states these values.
     """
     wide = DIFFUSE * span * np.array([1.0, 1.0 / (s.lag_s + 4 * dt_s)])
     cov = s.ramp * wide**2 @ s.ramp.T + intensity[:, None, None] * s.scatter
@@ -140,17 +211,25 @@ def prior(
 
 
 def flow(drift: Array, time_s: float) -> Array:
-    """expm(drift time_s), cached: channels and windows share their chains and intervals."""
+    """Transition matrix expm(drift time_s) (n, n), cached.
+
+    The cache helps because channels and windows share their chains and intervals. The result cannot
+    be written to. Times are rounded to 1e-12 s.
+    """
     return _flow(drift.tobytes(), len(drift), round(time_s, 12))
 
 
 def flows(drift: Array, dt_s: float) -> Array:
-    """expm(drift k dt_s) for every number k of samples in an interval (K, n, n), cached."""
+    """Transition matrices expm(drift k dt_s), k = 0 to one more than the longest interval, cached.
+
+    The shape is (K, n, n). The longest interval is the last of ``tcdyn.smoothing.intervals.STEPS``.
+    """
     return _flows(drift.tobytes(), len(drift), dt_s)
 
 
 @lru_cache(maxsize=200)
 def _flows(drift: bytes, n: int, dt_s: float) -> Array:
+    """The matrices of ``flows``, by the bytes of the drift, which the cache can compare."""
     one = flow(np.frombuffer(drift).reshape(n, n), dt_s)
     powers = [np.eye(n)]
     while len(powers) <= STEPS[-1] + 1:
@@ -160,17 +239,35 @@ def _flows(drift: bytes, n: int, dt_s: float) -> Array:
 
 @lru_cache(maxsize=20_000)
 def _flow(drift: bytes, n: int, time_s: float) -> Array:
+    """The matrix of ``flow``, by the bytes of the drift, which the cache can compare."""
     result = np.asarray(expm(np.frombuffer(drift).reshape(n, n) * time_s))
     result.setflags(write=False)
     return result
 
 
-def filtered(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
-    """Information-form Kalman filter, one interval at a time: P+ = (I + P L)^-1 P, m+ = m + P+ (s -
-    L m).
+def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
+    """Information-form Kalman filter, one interval at a time.
 
-    Yields, for all channels and proposals (M, Q): the predicted mean, its update, I + P L, and the
-    innovation s - L m.
+    Parameters
+    ----------
+    model
+        The model on J intervals, M channels, Q proposals.
+
+    Yields
+    ------
+    mean
+        Predicted mean m (M, Q, n).
+    step
+        Its update P+ (s - L m) (M, Q, n).
+    gain
+        I + P L (M, Q, n, n), whose determinant the likelihood needs.
+    innovation
+        s - L m (M, Q, n).
+
+    Notes
+    -----
+    P+ = (I + P L)^-1 P and m+ = m + P+ (s - L m), then the transition. It must use the same model
+    as ``tcdyn.smoothing.rts.rts_smooth``, which filters one proposal and shares equal gains.
     """
     mean = model.mean0
     cov = model.cov0.copy()
@@ -195,14 +292,34 @@ def filtered(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
 def likelihood(
     record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> tuple[Array, Array]:
-    """Log likelihood (M, Q) of the proposals at the given noise variance.
+    """Log likelihood of proposed intensities at the given noise variance.
 
-    The second result (M, Q) is the factor by which the noise variance of each would have to change.
+    Parameters
+    ----------
+    record, noise_var, proposals
+        As for ``interval_model``, Q proposals for each channel.
+    fine
+        Largest length of an interval times the corner frequency [rad]. A search may use a larger
+        value than a result.
+
+    Returns
+    -------
+    value
+        Log likelihood (M, Q), up to a constant that depends neither on noise nor on intensity.
+    ratio
+        Factor (M, Q) by which the noise variance would have to change so that the chi-square equals
+        the number of samples minus two minus the number of events.
+
+    Notes
+    -----
+    The prior mean is left out of the quadratic form, which is negligible because the prior is
+    diffuse. ``tests/smoothing/test_states.py`` compares both results with the dense covariance of
+    all samples.
     """
     model = full_model(record, noise_var, proposals, fine)
     log_det = np.zeros(model.mean0.shape[:2])
     quadratic = np.zeros(model.mean0.shape[:2])
-    for (mean, step, gain, innovation), score in zip(filtered(model), model.score):
+    for (mean, step, gain, innovation), score in zip(kalman_filter(model), model.score):
         sign, log_size = np.linalg.slogdet(gain)
         # a sign lost to rounding occurs only at intensities far from the data
         log_det += np.where(sign > 0, log_size, np.inf)
@@ -254,10 +371,18 @@ class Smoothed:
 def _evaluate_polynomials(
     out: Array, powers: Sequence[Array], interval: NDArray[np.intp], since_knot_s: Array
 ) -> None:
-    """Evaluate polynomials in the time since the knot, and write them to ``out`` (N, M).
+    """Evaluate polynomials in the time since the knot by Horner's rule, and write them to ``out``.
 
-    ``powers`` (J, M) are the coefficients of the intervals from the highest power on, ``interval`` (N,)
-    the interval of a sample, ``since_knot_s`` (N, 1) the time since its knot [s].
+    Parameters
+    ----------
+    out
+        Result (N, M), overwritten.
+    powers
+        Coefficients (J, M) of the intervals from the highest power on.
+    interval
+        Interval (N,) of a sample.
+    since_knot_s
+        Time (N, 1) since the knot of the sample [s].
     """
     np.take(np.ascontiguousarray(powers[0]), interval, axis=0, out=out, mode="clip")
     for coefficients in powers[1:]:
@@ -273,12 +398,34 @@ def _slopes_to_next(at_knot: Array, knots_s: Array) -> Array:
 def smooth_record(
     record: Record, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
 ) -> Smoothed:
-    """Smooth the full record with the RTS smoother, given its noise variance (M,) and one intensity
-    a channel.
+    """Smooth the full record with the RTS smoother, given noise variance and intensities.
 
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2].
+    chosen
+        One intensity for each channel.
+    fine
+        Largest length of an interval times the corner frequency [rad].
+
+    Returns
+    -------
+    Smoothed
+        States at the samples and knots, and the score test for jumps.
+
+    Notes
+    -----
     A long record is divided into chunks of intervals with margins in which both passes settle. The
-    result equals that of the full record to a millionth of a kelvin, with the memory of a chunk.
-    The score test for jumps comes from the adjoint of the backward pass.
+    result equals that of the full record to a millionth of a kelvin, with the memory of a chunk;
+    see ``tcdyn.smoothing.intervals.chunks`` and ``tests/smoothing/test_smoother.py``.
+
+    The score test for a jump of level and slope at a knot is q' W^-1 q, with the adjoint q and its
+    variance W from ``tcdyn.smoothing.rts.rts_smooth`` (as in de Jong and Penzer 1998). Within an
+    interval the level is a straight line and its variance a quadratic of the state covariance at
+    the knot; the sensitivities are interpolated linearly between knots.
     """
     proposals = [[q] for q in chosen]
     knots = knots_for(record, noise_var, proposals, fine)
@@ -325,7 +472,7 @@ def smooth_record(
         since_knot_s = (t - knots[low + interval])[:, None]
         lag_change = np.einsum("jmn,mn->jm", mean, lag_rows)
         split_change = np.einsum("jmn,mn->jm", mean, split_rows)
-        temperature, slope, sd, sensitivity, bend = at_samples[:, start:end]
+        temperature, slope, sd, sensitivity, split_sensitivity = at_samples[:, start:end]
         chunk_knots = knots[low : high + 1]
         _evaluate_polynomials(slope, [mean[..., 1]], interval, since_knot_s)
         _evaluate_polynomials(temperature, [mean[..., 1], mean[..., 0]], interval, since_knot_s)
@@ -339,10 +486,13 @@ def smooth_record(
             since_knot_s,
         )
         _evaluate_polynomials(
-            bend, [_slopes_to_next(split_change, chunk_knots), split_change], interval, since_knot_s
+            split_sensitivity,
+            [_slopes_to_next(split_change, chunk_knots), split_change],
+            interval,
+            since_knot_s,
         )
         np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
-    temperature, slope, sd, sensitivity, bend = at_samples
+    temperature, slope, sd, sensitivity, split_sensitivity = at_samples
     return Smoothed(
         record,
         noise_var,
@@ -354,7 +504,7 @@ def smooth_record(
         slope,
         sd,
         sensitivity,
-        bend,
+        split_sensitivity,
         read[:-1],
         read_var[:-1],
     )

@@ -1,5 +1,9 @@
-"""From a log and a record to the traces of one disk: static lines, spike rejection, noise and
-chains.
+"""From a log and a record to the traces of one disk: static lines, spikes, noise and chains.
+
+Used by the partition, the campaign and the workflows of ``beta`` and ``compensate``. The noise
+model is that of :mod:`tcdyn.chain.logger_noise`, the rule for spikes
+``tcdyn.estimation.trace_noise.SPIKES["traces"]``. Guarded by ``tests/smoothing/test_traces.py``;
+the channels that are left out by ``tests/partition/test_left_out.py``.
 """
 
 from __future__ import annotations
@@ -28,8 +32,10 @@ from tcdyn.rig.rigfile import Rig, UncertaintyTable
 from tcdyn.rig.static_line import StaticLine, apply_static, extrapolation_warnings, static_u
 
 Rows = slice | NDArray[np.bool_]
+# chain without a lag, for readings whose lag does not matter
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
-# order of the differences from which the noise of a trace is estimated
+# order of the differences from which the noise of a trace is estimated: a higher one suppresses a
+# faster signal, see tcdyn.estimation.trace_noise.white_noise_sd
 DIFFERENCE_ORDER = 3
 # share of missing samples of a channel beyond which a warning comes; chosen by judgement
 MANY_MISSING = 0.05
@@ -73,8 +79,7 @@ class DiskChannels:
 
 @dataclass(frozen=True)
 class DiskTraces(DiskChannels):
-    """The traces of one disk in one log: readings (N, C) after the static lines, and how they were
-    measured.
+    """The traces of one disk in one log: readings after the static lines, and their noise.
 
     Noise that the conditioning filter coloured is whitened, see :mod:`tcdyn.chain.logger_noise`:
     readings and ``chains`` went through the same filter A/N.
@@ -121,6 +126,7 @@ class DiskTraces(DiskChannels):
     common_lag_u_s: float = field(init=False)
 
     def __post_init__(self) -> None:
+        """Set mean lag and its uncertainty from the chains and the covariance of the lags."""
         lag = np.mean([c.lag_s for c in self.chains])
         u = np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
         object.__setattr__(self, "common_lag_s", float(lag))
@@ -133,16 +139,19 @@ class DiskTraces(DiskChannels):
 
     @property
     def depth_u_m(self) -> Array:
-        """Standard uncertainty (C,) [m] of the depths; of its surrogate for an inner channel left
-        out.
+        """Standard uncertainty (C,) [m] of the depths of the thermocouples.
+
+        For an inner channel that is left out it is ``SURROGATE_DEPTH_U_M``, that of its surrogate.
         """
         inner = np.isin(self.setup.channels, self.setup.inner) & self.excluded_mask
         return np.where(inner, SURROGATE_DEPTH_U_M, self.uncertainty.depth_mm * 1e-3)
 
     @property
     def inner_row_weights(self) -> Array:
-        """Error of each of the inner row per error of its readings, (k, k): its own, and through
-        surrogates.
+        """Error of each channel of the inner row per error of its readings, (k, k).
+
+        It is its own error, and through surrogates that of others. A row is the source of the
+        error, a column the channel that it affects.
         """
         inner = self.setup.channel_indices(self.setup.inner)
         weights = self.setup.surrogate_matrix(self.excluded)[np.ix_(inner, inner)]
@@ -161,17 +170,29 @@ class DiskTraces(DiskChannels):
     @property
     def mean_chain(self) -> Chain:
         """The chain with the mean of the channels' parameters."""
-        return mean_of(self.chains, self.name)
+        return average_chains(self.chains, self.name)
 
     def static_u(self, temperature_degC: Array) -> Array:
-        """As for the lines, plus the rounding of the logger and aliased hum."""
+        """Standard uncertainty [K] of line, rounding of the logger and aliased hum.
+
+        Parameters
+        ----------
+        temperature_degC
+            Temperatures (N, C) or (C,) [degC].
+        """
         return np.hypot(
             super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.aliasing_u_K)
         )
 
     def extrapolation_findings(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
-        """Findings for channels that are far outside the range of their static lines in ``rows``;
-        ``where`` is prefixed.
+        """Findings for channels that are far outside the range of their static lines.
+
+        Parameters
+        ----------
+        where
+            Prefix of the messages.
+        rows
+            Rows that are examined.
         """
         channels = self.setup.channels
         readings = dict(zip(channels, self.measured_degC[rows].T))
@@ -180,8 +201,27 @@ class DiskTraces(DiskChannels):
         return tuple(extrapolation_warnings(where, readings, dict(zip(channels, self.lines))))
 
 
-def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
-    """The chain with the mean parameters of ``chains``, all of one ``disk``."""
+def average_chains(chains: Sequence[Chain], disk: str) -> Chain:
+    """The chain with the mean parameters of several chains of one disk.
+
+    Parameters
+    ----------
+    chains
+        Chains; lags are sorted, and missing ones count as zero.
+    disk
+        Name of the disk, for the message.
+
+    Raises
+    ------
+    InputError
+        If some chains have a complex pair and some have none.
+
+    Notes
+    -----
+    The conditioning filter is that of the first chain. A new parameter of
+    ``tcdyn.chain.chain.Chain`` must be averaged here, too; otherwise that of the first chain is
+    used.
+    """
     n_lags = max(1, *(len(c.taus_s) for c in chains))
     padded = [(*c.taus_s, *[0.0] * n_lags)[:n_lags] for c in chains]
     taus = np.mean([sorted(lags, reverse=True) for lags in padded], axis=0)
@@ -205,9 +245,23 @@ def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
 def disk_channels(
     record: DiskRecord, setup: DiskSetup, disk: str = "", lag: bool = True
 ) -> DiskChannels:
-    """Lines and chains of the record, for the columns of a log in which ``disk`` is named.
+    """Lines and chains of a record, for the columns of a log.
 
-    Without ``lag`` the chains are empty.
+    Parameters
+    ----------
+    record
+        Calibration record of the disk.
+    setup
+        Setup of the disk in rig.toml, whose channels are used.
+    disk
+        Name of the disk in the columns; empty if the columns contain none.
+    lag
+        False for readings whose lag does not matter: the chains are then empty.
+
+    Returns
+    -------
+    DiskChannels
+        Lines and chains in the order of ``setup.channels``.
 
     Raises
     ------
@@ -215,6 +269,11 @@ def disk_channels(
         For a record without one of the channels of the disk. With ``lag`` also for a record without
         a chain, and where ``setup`` (rig.toml) has another filter than the record, whose lags were
         determined with its filter.
+
+    Notes
+    -----
+    The covariance of the lags in the record is in the alphabetical order of its channels; it is put
+    in the order of ``setup`` here.
     """
     if lag and record.chain is None:
         raise InputError(
@@ -246,13 +305,24 @@ def disk_channels(
 
 
 def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
-    """The chains of the channels of a disk, conditioning filter included, from the record.
+    """The chains of the channels of a disk, conditioning filter included, from its record.
+
+    Parameters
+    ----------
+    record
+        Calibration record with a chain.
+    setup
+        Setup of the disk in rig.toml.
 
     Raises
     ------
     InputError
         Where ``setup`` (rig.toml) has another filter than the record, whose lags were determined
         with its filter.
+
+    Notes
+    -----
+    ``tests/smoothing/test_traces.py`` checks the lags and the refusal of another filter.
     """
     assert record.chain is not None
     recorded = record.conditioning
@@ -287,7 +357,7 @@ def disk_traces(
     lag: bool = True,
     excluded: Sequence[str] = (),
 ) -> DiskTraces:
-    """Traces of one disk in the table ``frame`` of a log: static lines, spikes interpolated, noise.
+    """Traces of one disk in the table of a log: static lines, spikes interpolated, noise.
 
     Parameters
     ----------
@@ -311,10 +381,27 @@ def disk_traces(
     excluded
         Channels whose columns are not used and need not exist.
 
+    Returns
+    -------
+    DiskTraces
+        The traces; surrogates replace the excluded channels.
+
     Raises
     ------
     InputError
         For the record of another disk, and as :func:`disk_channels`.
+
+    Notes
+    -----
+    Steps: static lines, gaps interpolated, noise estimated, bursts and spikes interpolated,
+    whitening where the noise is coloured, surrogates. The static line comes first, because noise
+    and spikes are in kelvin. Without colour, hum or unexplained noise the noise is taken as white,
+    from differences of the order ``DIFFERENCE_ORDER``.
+
+    What may be changed: ``FINE_ROUNDING_K`` and ``MANY_MISSING`` (messages and a contribution to
+    the uncertainty). ``DIFFERENCE_ORDER`` is also that of ``tcdyn.partition.joint`` and
+    ``tcdyn.campaign.input_noise``, ``SURROGATE_U_K`` that of ``tcdyn.partition.disk_features`` and
+    ``tcdyn.partition.specified``.
     """
     disk_setup = rig.disk_setup(disk)
     excluded = channels_left_out((f"{disk}_{c}" for c in excluded), {disk: disk_setup})[disk]
@@ -376,7 +463,9 @@ def disk_traces(
         rounding = list(shares @ rounding)
         noise = noise.expanded(used, np.sqrt(shares**2 @ noise.level_K**2))
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
-        chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
+        chains = tuple(
+            average_chains([*compress(channels.chains, row > 0)], disk) for row in weights
+        )
         channels = replace(channels, chains=chains, lag_covariance_s2=covariance)
     line_u_K = channels.static_u(y[rows].mean(axis=0))
     static_u_K = np.hypot(line_u_K, np.hypot(rounding, noise.aliasing_u_K))
@@ -401,8 +490,9 @@ def disk_traces(
 
 
 def summarise_spikes(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings of the reader, with the spikes of all columns in one finding: every slip ring has
-    some.
+    """Findings of the reader, with the spikes of all columns in one finding.
+
+    Every slip ring has some, and one message a column would hide the others.
 
     Examples
     --------

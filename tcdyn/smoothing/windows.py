@@ -1,5 +1,8 @@
-"""Means of a compensated log over a window of time, with the covariance between all channels of
-both disks.
+"""Means of a compensated log over a window, with the covariance between all channels of both disks.
+
+Used by ``tcdyn.workflows.compensate.CompensatedLog.covariance``. The covariance of one channel is
+that of ``tcdyn.smoothing.smoother.window_covariance``; here the errors that channels share are
+added. Guarded by ``tests/smoothing/test_smoother.py`` (uncertain events).
 """
 
 from __future__ import annotations
@@ -63,6 +66,16 @@ def window_means(
     ------
     InputError
         If nothing was smoothed, if there is no event to start at, or if the window is too long.
+
+    Notes
+    -----
+    The noise of the mean of a channel is the mean of its covariance, less the lag and split
+    contributions, which are added again with their correlation between channels. What lines have in
+    common (``tcdyn.rig.static_line.shared_u_K``) is taken out of each line and added as one error
+    of all channels.
+
+    What may be changed: ``MAX_SAMPLES`` (memory and time). The contributions must be those of
+    ``tcdyn.smoothing.record.Compensated.from_components``.
     """
     if start_s is None and not events:
         raise InputError(
