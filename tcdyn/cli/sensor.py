@@ -412,7 +412,7 @@ def _input_file(log: Path) -> InputFile:
     from tcdyn.io.read import sha256
     from tcdyn.rig.record import InputFile
 
-    return InputFile(file=log.name, sha256=sha256(log))
+    return InputFile.of_path(log, sha256(log))
 
 
 def _with_findings(sensor: SensorFile, findings: list[Finding], duration_s: float) -> SensorFile:

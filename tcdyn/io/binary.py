@@ -1,4 +1,10 @@
-"""TDMS and Parquet logs as tables; TDMS channels may differ in start and rate."""
+"""TDMS and Parquet logs as tables; TDMS channels may differ in start and rate.
+
+Used by :mod:`tcdyn.io.read`, which imports this module only for such files. Tables are read in
+chunks of bounded memory; damaged files give an ``InputError`` and never a wrong number. The limits
+below protect against damaged and malicious files. Guarded by ``tests/io/test_file_formats.py`` and
+``tests/io/test_read_back.py``.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +37,9 @@ log_manager.set_level(logging.ERROR)
 UNPACKED_RATIO = 200
 FREE_BYTES = 1 << 30
 LONGEST_CELL = 1000  # bytes of a text cell; chosen by judgement
-TIME_NAMES = ("time_s", "time")
+TIME_NAMES = ("time_s", "time")  # a channel of such a name is the time
 
+# start times of channels count from here: only their differences matter
 _EPOCH = np.datetime64("2000-01-01", "us")
 
 
@@ -40,6 +47,18 @@ def tdms_table(path: Path, where: str) -> Table:
     """The table of a TDMS file.
 
     If it has no channel ``time_s`` but the channels have time tracks, ``time_s`` is made from them.
+
+    Parameters
+    ----------
+    path
+        The file.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged or truncated, or holds no channels.
     """
     metadata: dict[str, str] = {}
     with _open_tdms(path, where) as file:
@@ -59,6 +78,7 @@ def tdms_table(path: Path, where: str) -> Table:
 
 
 def _channels(file: Any) -> list[Any]:
+    """All channels of all groups of an open TDMS file."""
     return [channel for group in file.groups() for channel in group.channels()]
 
 
@@ -68,7 +88,24 @@ def _tdms_chunks(
     """Yield the wanted channels in chunks.
 
     Memory is bounded if they share one start, rate and length. Channels that differ are read at
-    once and put on one time grid; see ``align``.
+    once and put on one time grid; see ``tcdyn.io.table.align``.
+
+    Parameters
+    ----------
+    path, where
+        The file, and its name for messages.
+    make_time
+        Whether ``time_s`` is made from the time tracks.
+    wanted
+        Names of the channels.
+    rows
+        Number of rows in a chunk.
+
+    Raises
+    ------
+    InputError
+        For channels of different length beside a time column, without a time track where one is
+        needed, or damaged.
     """
     add_time = make_time and "time_s" in wanted
     with _open_tdms(path, where) as file:
@@ -101,7 +138,17 @@ def _tdms_chunks(
 
 
 def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> Columns:
-    """Complete channels on one time grid."""
+    """Complete channels on one time grid.
+
+    Parameters
+    ----------
+    channels
+        Channels by name.
+    add_time
+        Whether to add the column ``time_s``.
+    where
+        The file, for messages.
+    """
     tracks = {name: _track(channel, where) for name, channel in channels.items()}
     time_s, data, findings = align(tracks, where)
     if add_time and time_s is not None:
@@ -110,7 +157,19 @@ def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> C
 
 
 def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None) -> Columns:
-    """The rows of one chunk, with a column ``time_s`` if an interval ``dt_s`` is given."""
+    """The rows of one chunk.
+
+    Parameters
+    ----------
+    channels
+        Channels by name, of one start, rate and length.
+    where
+        The file, for messages.
+    rows
+        The rows.
+    dt_s
+        Sampling interval [s] from which a column ``time_s`` is made; None for no such column.
+    """
     data = {}
     stamps = {}
     for name, channel in channels.items():
@@ -125,6 +184,7 @@ def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
 
 @contextmanager
 def _open_tdms(path: Path, where: str) -> Iterator[Any]:
+    """Open a TDMS file; InputError if it cannot be read as one."""
     with open(path, "rb") as stream:
         try:
             file = TdmsFile.open(stream)
@@ -134,6 +194,7 @@ def _open_tdms(path: Path, where: str) -> Iterator[Any]:
 
 
 def _damaged(problem: BaseException, where: str) -> InputError:
+    """Error for a TDMS file that npTDMS cannot read, with its reason."""
     text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__
     return InputError(
         f"not readable as TDMS ({text})", where=where, expected="a complete TDMS file"
@@ -141,6 +202,21 @@ def _damaged(problem: BaseException, where: str) -> InputError:
 
 
 def _check_size(file: Any, path: Path, where: str) -> None:
+    """Check that a TDMS file is complete and does not state more samples than it can hold.
+
+    Parameters
+    ----------
+    file
+        The open file.
+    path, where
+        Its path, and its name for messages.
+
+    Raises
+    ------
+    InputError
+        If the last segment is cut, or the samples need more than 16 times the bytes of the file
+        (chosen by judgement).
+    """
     status = getattr(file, "file_status", None)
     if status is not None and status.incomplete_final_segment:
         raise InputError(
@@ -159,7 +235,27 @@ def _check_size(file: Any, path: Path, where: str) -> None:
 
 
 def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
-    """Samples of a channel with its start and interval; InputError for a damaged channel."""
+    """Samples of a channel with its start and interval.
+
+    Parameters
+    ----------
+    channel
+        The channel.
+    where
+        The file, for messages.
+    start, stop
+        First sample, and one past the last; all samples without ``stop``.
+
+    Returns
+    -------
+    Track
+        Its start is ``wf_start_time`` since 2000 plus ``wf_start_offset`` [s].
+
+    Raises
+    ------
+    InputError
+        For a damaged channel or time track.
+    """
     try:
         values = channel[start:stop]
         first = channel[:1]
@@ -183,7 +279,22 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
 
 
 def _floats(values: Any, first: Any, name: str, where: str) -> Array:
-    """Samples as float64, time stamps as seconds since the ``first``."""
+    """Samples as float64; time stamps as seconds since the first.
+
+    Parameters
+    ----------
+    values
+        The samples.
+    first
+        The first sample of the channel, as an array of one.
+    name, where
+        Channel and file, for messages.
+
+    Raises
+    ------
+    InputError
+        For a channel that holds no numbers or is empty.
+    """
     samples = np.asarray(values)
     if np.issubdtype(samples.dtype, np.datetime64):
         since_first = samples - np.asarray(first)[0]
@@ -196,7 +307,21 @@ def _floats(values: Any, first: Any, name: str, where: str) -> Array:
 
 
 def parquet_table(path: Path, where: str) -> Table:
-    """The table of a Parquet file; messages count its rows from 1."""
+    """The table of a Parquet file; messages count its rows from 1.
+
+    Parameters
+    ----------
+    path
+        The file.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, or states more rows than its size makes plausible: more than
+        ``FREE_BYTES`` and ``UNPACKED_RATIO`` times its size.
+    """
     try:
         with pq.ParquetFile(path) as file:
             schema = file.schema_arrow
@@ -227,7 +352,22 @@ def parquet_table(path: Path, where: str) -> Table:
 def _parquet_chunks(
     path: Path, where: str, wanted: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
-    """Yield the wanted columns in chunks, in bounded memory."""
+    """Yield the wanted columns in chunks, in bounded memory.
+
+    Parameters
+    ----------
+    path, where
+        The file, and its name for messages.
+    wanted
+        Names of the columns.
+    rows
+        Number of rows in a chunk.
+
+    Raises
+    ------
+    InputError
+        For a damaged file or a column that holds no numbers.
+    """
     names = list(dict.fromkeys(wanted))
     reader = _ParquetReader(where)
     try:
@@ -250,6 +390,7 @@ class _ParquetReader:
     """Converts batches of a Parquet file; text and time columns keep a state between batches."""
 
     def __init__(self, where: str) -> None:
+        """Start before the first row of the file ``where``."""
         self.where = where
         self.location = SampleLocation(where)
         self.rows_done = 0
@@ -257,7 +398,23 @@ class _ParquetReader:
         self.first_times: dict[str, Any] = {}
 
     def columns(self, batch: pa.RecordBatch, names: Sequence[str]) -> Columns:
-        """The columns of one batch."""
+        """The columns of one batch as numbers.
+
+        Booleans become 0 and 1, time stamps seconds since the first one, texts what
+        ``tcdyn.io.csv_dialect.TextColumn`` makes of them.
+
+        Parameters
+        ----------
+        batch
+            The batch; batches must come in their order.
+        names
+            Names of the columns.
+
+        Raises
+        ------
+        InputError
+            For a column of another type.
+        """
         data: dict[str, Array] = {}
         stamps: dict[str, NDArray[Any]] = {}
         for name in names:
@@ -294,7 +451,7 @@ class _ParquetReader:
         return [finding for column in columns for finding in column.findings(self.rows_done)]
 
     def _without_dictionary(self, column: pa.Array, name: str) -> pa.Array:
-        """The column with plain cells; InputError for a text cell that is too long."""
+        """The column with plain cells; InputError for a text cell longer than ``LONGEST_CELL``."""
         if not pa.types.is_dictionary(column.type):
             return column
         longest = pc.max(pc.binary_length(column.dictionary)).as_py() or 0

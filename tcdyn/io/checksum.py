@@ -1,4 +1,9 @@
-"""Checksum of the content of a JSON file, stored in the file, to detect later changes."""
+"""Checksum of the content of a JSON file, stored in the file, to detect later changes.
+
+Used for disk records, sensor files, beta.json and the results of a campaign. It detects editing by
+hand, not forgery: it has no key. The form of the text in ``checksum`` must stay, or all files that
+exist are reported as altered. Guarded by its examples and ``tests/cli/test_campaign_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +44,15 @@ def matches_checksum(data: Mapping[str, Any]) -> bool:
 
 
 def checksum_findings(data: Mapping[str, Any], where: str) -> list[Finding]:
-    """A warning if the content of a file does not match its checksum."""
+    """A warning if the content of a file does not match its checksum.
+
+    Parameters
+    ----------
+    data
+        Content of the file.
+    where
+        Path of the file; its name is in the message.
+    """
     if matches_checksum(data):
         return []
     return [warning("file.altered", where=Path(where).name)]
@@ -52,4 +65,5 @@ def checksum(plain: Mapping[str, Any]) -> str:
 
 
 def _without_checksum(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The content without the key of the checksum."""
     return {key: value for key, value in data.items() if key != CHECKSUM_KEY}

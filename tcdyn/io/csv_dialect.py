@@ -1,4 +1,11 @@
-"""Dialect of a text log (encoding, separator, decimal mark, header); meaning of its cells."""
+"""Dialect of a text log (encoding, separator, decimal mark, header); meaning of its cells.
+
+Used by :mod:`tcdyn.io.read`, :mod:`tcdyn.io.growing`, :mod:`tcdyn.io.lvm` and
+:mod:`tcdyn.io.binary`. Each combination of separator and decimal mark is tried on the first rows,
+and the one that reads most rows is taken. The shares below were chosen by judgement; the damaged
+and the sound files of ``tests/io/test_damaged_files.py`` and the dialects of
+``tests/io/test_file_formats.py`` decide whether they hold.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +28,7 @@ NUMBER = {  # by decimal mark
     ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
     ",": re.compile(r"\s*[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?\s*"),
 }
+# a clock time, with or without a date; ``tcdyn.io.times._STAMP`` reads its fields
 CLOCK_PATTERN = re.compile(
     r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?"
     r"\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
@@ -30,13 +38,15 @@ NOT_A_NUMBER = ("nan", "+nan", "-nan", "1.#qnan", "-1.#ind")
 INFINITE = ("inf", "-inf", "+inf")
 ABSENT = frozenset(("", "null", "na", "n/a", "#n/a", "none", *NOT_A_NUMBER, *INFINITE))
 LINE_END = re.compile(r"\r\n|\n|\r")  # str.splitlines would also split at form feeds and the like
-HEAD_BYTES = 1 << 17  # read to detect the dialect
+HEAD_BYTES = 1 << 17  # read to detect the dialect: header and some rows must fit
 DATA_ROWS = 150  # rows of data that suffice to detect the dialect; chosen by judgement
-# a row is data if at least this share of its cells has a value that can be read
+# a row is data if at least this share of its filled cells can be read; chosen by judgement
 DATA_SHARE = 0.6
-# a row below the header with more than this share of numbers is data, damaged or not
+# a row below the header with more than this share of numbers is data, damaged or not; chosen by
+# judgement
 NUMERIC_SHARE = 0.25
-# a text column may have this share of cells that are no numbers, and this number of them
+# a text column may have this share of cells that are no numbers, or this number of them if it is
+# short; more are an error. Chosen by judgement
 BAD_SHARE = 0.01
 BAD_CELLS = 3
 FLAGS = {  # lower-case words for a switch
@@ -49,6 +59,7 @@ FLAGS = {  # lower-case words for a switch
     "no": 0.0,
     "low": 0.0,
 }
+# units as the cells of a row of units may write them, in lower case and without degree signs
 TEMPERATURE_UNITS = frozenset(
     ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
 )
@@ -124,6 +135,13 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
     ------
     InputError
         If the bytes are no text, or there is no header with rows of numbers below it.
+
+    Notes
+    -----
+    Encoding, then separator and decimal mark by ``_best_layout``, then names and units. UTF-16 and
+    columns separated by spaces are rewritten in memory, because pyarrow reads neither; such a file
+    cannot be followed while it grows (``tcdyn.io.growing.open_growing``). ``HEAD_BYTES`` must hold
+    a header and some rows: a longer header is not found.
     """
     with open(path, "rb") as stream:
         head = stream.read(HEAD_BYTES)
@@ -171,7 +189,21 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
 
 
 def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
-    """A name for each column; InputError if the header does not fit the rows of data."""
+    """A name for each column, empty for a column without one.
+
+    Parameters
+    ----------
+    layout
+        Header and data.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If there is no header, or it has another number of names than the rows have fields. One name
+        less is accepted: the last column then has no name.
+    """
     row = layout.skip + 1
     fields = layout.fields
     if not layout.header:
@@ -198,6 +230,7 @@ def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
 
 
 def _utf16_as_utf8(path: Path, encoding: str, where: str) -> bytes:
+    """The text of a UTF-16 file as UTF-8; InputError if it is broken."""
     try:
         return path.read_bytes().decode(encoding).encode("utf-8")
     except UnicodeDecodeError as problem:
@@ -214,8 +247,17 @@ def _tabs_for_spaces(text: bytes) -> bytes:
 def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | None:
     """The layout with the best score; the first of equal ones, in the order tab, semicolon, comma.
 
-    Cached, because a log may be opened several times. ``known`` are column names in lower case. A comma
-    that separates columns is never also the decimal mark.
+    Parameters
+    ----------
+    lines
+        First lines of the text.
+    known
+        Column names in lower case that a header may contain.
+
+    Notes
+    -----
+    Cached, because a log may be opened several times. A comma that separates columns is never also
+    the decimal mark. Spaces separate columns only if nothing else does.
     """
     layouts: list[_Layout] = []
     for separator, decimals in (("\t", ".,"), (";", ".,"), (",", ".")):
@@ -228,6 +270,7 @@ def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | Non
 def _layouts(
     lines: Sequence[str], separator: str, decimals: str, known: Collection[str]
 ) -> list[_Layout]:
+    """The layouts with data for one separator and each of the decimal marks."""
     candidates = [_layout(lines, separator, decimal, known) for decimal in decimals]
     return [layout for layout in candidates if layout is not None]
 
@@ -238,6 +281,23 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 
 def _encoding(head: bytes, where: str) -> str:
+    """Encoding of the text by its first bytes.
+
+    Byte order marks decide; then zero bytes in every other place (UTF-16); then whether it is valid
+    UTF-8. Everything else is read as cp1252.
+
+    Parameters
+    ----------
+    head
+        First bytes of the file.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        For a zero byte in other text.
+    """
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if head.startswith(codecs.BOM_UTF8):
@@ -297,7 +357,7 @@ def _is_cell(text: str, decimal: str) -> bool:
 
 
 def _is_data(cells: list[str], decimal: str) -> bool:
-    """Whether a row is data: most cells can be read, and one of them is a number."""
+    """Whether a row is data: most filled cells can be read, and one of them is a number."""
     filled = [cell for cell in cells if cell.lower() not in ABSENT]
     readable = sum(_is_cell(cell, decimal) for cell in filled)
     if readable < max(1.0, DATA_SHARE * len(filled)):
@@ -308,7 +368,23 @@ def _is_data(cells: list[str], decimal: str) -> bool:
 def _layout(
     lines: Sequence[str], separator: str, decimal: str, known: Collection[str]
 ) -> _Layout | None:
-    """Where header and data are with this separator and decimal mark; None without data."""
+    """Where header and data are with this separator and decimal mark; None without data.
+
+    Parameters
+    ----------
+    lines
+        First lines of the text.
+    separator, decimal
+        Separator of the columns and decimal mark.
+    known
+        Column names in lower case that a header may contain.
+
+    Notes
+    -----
+    The number of fields is the most frequent one of the rows of data, and data starts at the first
+    such row. A row below the header with more numbers than ``NUMERIC_SHARE`` is data too, so that a
+    damaged first row is reported and not skipped.
+    """
     rows, data = _rows_and_data(lines, separator, decimal)
     if not data:
         return None
@@ -334,7 +410,15 @@ def _layout(
 def _rows_and_data(
     lines: Sequence[str], separator: str, decimal: str
 ) -> tuple[list[tuple[int, list[str]]], list[int]]:
-    """Rows (line number, cells) below the comments, and the indices of those that are data."""
+    """Rows below the comments, and which of them are data.
+
+    Returns
+    -------
+    rows
+        Line number and cells of each row.
+    data
+        Indices in ``rows`` of the rows of data, at most ``DATA_ROWS``.
+    """
     top = 0
     while top < len(lines) and (not lines[top].strip() or lines[top].startswith("#")):
         top += 1
@@ -353,7 +437,22 @@ def _rows_and_data(
 
 
 def _score(data: list[list[str]], fields: int, decimal: str) -> float:
-    """Share of rows without an unreadable cell; columns and a decimal mark in use add a little."""
+    """Share of rows that can be read completely; columns and a decimal mark in use add a little.
+
+    Parameters
+    ----------
+    data
+        Cells of the rows of data.
+    fields
+        Number of fields of a complete row.
+    decimal
+        Decimal mark.
+
+    Notes
+    -----
+    The weights 0.01 for a column and 0.001 for a decimal mark decide between dialects that read the
+    same share of rows; they were chosen by judgement.
+    """
     exact = 0
     for cells in data:
         exact += len(cells) == fields and all(_is_cell(cell, decimal) for cell in cells)
@@ -371,13 +470,30 @@ def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
 
 
 def _is_unit(cell: str) -> bool:
+    """Whether a cell is a unit of time, of temperature or of the voltage of a thermocouple."""
     return cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
 
 
 def _header(
     rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]
 ) -> int | None:
-    """Index of the header: of the rows of about the right width, the one with most known names."""
+    """Index of the header in ``rows``; None if there is none.
+
+    Of the rows of text with the number of fields of the data, or one more or less, it is the one
+    with most known names, and the first of equal ones. Without such a row, a last row of text is
+    taken, so that the message about its number of names is about the right row.
+
+    Parameters
+    ----------
+    rows
+        Line number and cells of the rows above the data.
+    fields
+        Number of fields of the data.
+    decimal
+        Decimal mark.
+    known
+        Column names in lower case.
+    """
     texts = [
         k for k, (_, cells) in enumerate(rows) if len(cells) > 1 and not _is_data(cells, decimal)
     ]
@@ -389,6 +505,7 @@ def _header(
 
 
 def _numeric_share(cells: list[str], decimal: str) -> float:
+    """Share of the filled cells that are numbers."""
     filled = [cell for cell in cells if cell]
     return sum(is_number(cell, decimal) for cell in filled) / max(len(filled), 1)
 
@@ -418,6 +535,7 @@ class TextColumn:
     def __init__(
         self, name: str, decimal: str, location: SampleLocation, clock: bool | None = None
     ) -> None:
+        """Start before the first cell; the parameters are those of the class."""
         self.name = name
         self.decimal = decimal
         self.location = location
@@ -427,7 +545,15 @@ class TextColumn:
         self.stamps = Stamps(name, location.where)
 
     def numbers(self, texts: list[str], first_index: int) -> Array:
-        """Numbers (N,) from the cells of a chunk, whose first has the index ``first_index`` in the file."""
+        """Numbers (N,) from the cells of a chunk.
+
+        Parameters
+        ----------
+        texts
+            The cells; chunks must come in their order.
+        first_index
+            Index in the file of the first of them.
+        """
         if self.clock is None:
             filled = [text for text in texts if text.lower() not in ABSENT]
             if filled:
@@ -441,7 +567,15 @@ class TextColumn:
         return values
 
     def _number(self, text: str, index: int) -> float:
-        """Number in a cell; NaN, and counted as bad, if it holds something else."""
+        """Number in a cell; NaN, and counted as bad, if it holds something else.
+
+        Parameters
+        ----------
+        text
+            The cell.
+        index
+            Index of the cell in the file.
+        """
         lower = text.lower()
         if is_number(text, self.decimal):
             return float(text.replace(",", "."))

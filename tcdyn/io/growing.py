@@ -1,4 +1,9 @@
-"""A text table that is still growing: its new complete lines as rows of numbers."""
+"""A text table that is still growing: its new complete lines as rows of numbers.
+
+Used by the live compensation through :mod:`tcdyn.workflows.log_source`. Before each reading it is
+checked that the bytes read before are still there: a log that is replaced or rewritten stops the
+run. Guarded by ``tests/smoothing/test_follow_files.py`` and ``tests/smoothing/test_follow.py``.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +63,13 @@ class GrowingTable:
     file: tuple[int, int] = (0, 0)
 
     def seek(self, offset: int) -> None:
-        """Continue at ``offset`` bytes, hashing those before; InputError if the file is shorter."""
+        """Continue at ``offset`` bytes, hashing those before.
+
+        Raises
+        ------
+        InputError
+            If the file is shorter.
+        """
         with open(self.path, "rb") as stream:
             self.file = _identity(stream)
             is_long_enough, self.hash, self.tail = _read_to(stream, offset)
@@ -69,9 +80,14 @@ class GrowingTable:
         self.offset = offset
 
     def first_numbers(self, column: int, most: int = 100) -> Array:
-        """Numbers of the column with index ``column`` in the first rows, NaN where there is none.
+        """Numbers of one column in the first rows, NaN where there is none.
 
-        At most ``most`` rows are read.
+        Parameters
+        ----------
+        column
+            Index of the column.
+        most
+            Largest number of lines that are read.
         """
         dialect = self.table.dialect
         with open(self.path, "rb") as stream:
@@ -93,7 +109,7 @@ class GrowingTable:
         -------
         list of rows or None
             Numbers of these columns, NaN where there is none; None if there is no complete line.
-            Lines with another number of fields are counted in ``bad``.
+            Lines with another number of fields are counted in ``bad_lines``.
 
         Raises
         ------
@@ -121,6 +137,11 @@ class GrowingTable:
         The check reads the size, the header and the last bytes. If the path leads to another file,
         all of it is compared: a copy that replaced the log, as programs that synchronise folders
         make it, is accepted.
+
+        Raises
+        ------
+        InputError
+            If the log was replaced, rotated, rewritten or deleted.
         """
         try:
             with open(self.path, "rb") as stream:
@@ -146,6 +167,7 @@ class GrowingTable:
             raise self._not_the_log("there is no such file any more") from None
 
     def _not_the_log(self, reason: str) -> InputError:
+        """Error for a log that is not the one that was read, with the reason."""
         return InputError(
             f"the log was replaced, rotated or rewritten while it was followed: {reason}",
             where=display_path(self.path),
@@ -201,7 +223,24 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
 
 
 def _read_to(stream: BinaryIO, offset: int) -> tuple[bool, Any, bytes]:
-    """Whether the file has ``offset`` bytes; their SHA-256; the last of them."""
+    """Read the first bytes of a file.
+
+    Parameters
+    ----------
+    stream
+        The open file.
+    offset
+        Number of bytes.
+
+    Returns
+    -------
+    is_long_enough
+        Whether the file has so many bytes.
+    content_hash
+        Their SHA-256, to be continued.
+    tail
+        The last ``TAIL_BYTES`` of them.
+    """
     content_hash = hashlib.sha256()
     tail = b""
     remaining = offset
@@ -217,6 +256,7 @@ def _read_to(stream: BinaryIO, offset: int) -> tuple[bool, Any, bytes]:
 
 
 def _number(text: str, decimal: str) -> float:
+    """Number in a cell as ``float`` reads it, a switch word as 0 or 1; NaN for anything else."""
     try:
         return float(text if decimal == "." else text.replace(",", "."))
     except ValueError:

@@ -1,4 +1,9 @@
-"""LabVIEW measurement files (.lvm), with no, one or many X columns."""
+"""LabVIEW measurement files (.lvm), with no, one or many X columns.
+
+Used by :mod:`tcdyn.io.read`, which gives its reader of text: the rows below a header are a text log
+of known dialect. The format is that of National Instruments: a header of the file, then segments
+with their own headers. Guarded by ``tests/io/test_file_formats.py``.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +19,21 @@ from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import LINE_END, Dialect
 from tcdyn.io.table import Columns, Table, Track, align, in_chunks, read_all_rows
 
+# a file of this format begins with these bytes
 FIRST_BYTES = b"LabVIEW Measurement"
+# lines and words of the format
 _HEADER_END = "***End_of_Header***"
 _SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
 _HEADER_LINES = 60  # a header of a segment ends within them; chosen by judgement
 
-
+# reader of the rows of text below a header: ``tcdyn.io.read.text_chunks``
 ChunkReader = Callable[[Dialect, Sequence[str]], Iterator[Columns]]
 
 
 @dataclass(frozen=True)
 class _Segment:
+    """One segment: its header, the names in the file, and its columns with unique names."""
+
     header: dict[str, list[str]]
     names: list[str]
     columns: Columns
@@ -44,7 +53,13 @@ class _LvmText:
         return not self.lines[number].replace(self.separator, "").strip()
 
     def find_header_end(self, first: int, last: int) -> int | None:
-        """Number of the line that ends a header, from ``first`` to before ``last``."""
+        """Number of the line that ends a header; None if there is none.
+
+        Parameters
+        ----------
+        first, last
+            First line searched, and one past the last.
+        """
         for number in range(first, min(last, len(self.lines))):
             if self.lines[number].startswith(_HEADER_END):
                 return number
@@ -117,7 +132,17 @@ def _file_header(lines: list[str]) -> dict[str, str]:
 
 
 def _segments(text: _LvmText, start: int, read_chunks: ChunkReader) -> list[_Segment]:
-    """All segments from line ``start`` on; blank lines and lines "Channels ..." separate them."""
+    """All segments from one line on; blank lines and lines "Channels ..." separate them.
+
+    Parameters
+    ----------
+    text
+        Lines of the file.
+    start
+        First line.
+    read_chunks
+        Reader of the rows of text below a header.
+    """
     segments: list[_Segment] = []
     while True:
         result = _segment(text, start, read_chunks)
@@ -128,7 +153,24 @@ def _segments(text: _LvmText, start: int, read_chunks: ChunkReader) -> list[_Seg
 
 
 def _segment(text: _LvmText, start: int, read_chunks: ChunkReader) -> tuple[_Segment, int] | None:
-    """The segment from line ``start`` on, and the line after it; None if there is none."""
+    """The segment from one line on; None if there is none.
+
+    Parameters
+    ----------
+    text
+        Lines of the file.
+    start
+        First line.
+    read_chunks
+        Reader of the rows of text below a header.
+
+    Returns
+    -------
+    segment
+        The segment.
+    end
+        The line after it.
+    """
     lines = text.lines
     separator = text.separator
     while start < len(lines) and text.is_blank(start):
@@ -174,7 +216,19 @@ def _segment(text: _LvmText, start: int, read_chunks: ChunkReader) -> tuple[_Seg
 
 
 def _with_time(segments: list[_Segment]) -> Columns:
-    """The channels of all segments, one after another, with their time [s]."""
+    """The channels of all segments, one after another, with their time [s].
+
+    Raises
+    ------
+    InputError
+        If there is no time, or several segments have no X column.
+
+    Notes
+    -----
+    The time is, in this order: a column ``time_s`` or ``time``; the one X column; X0 and Delta_X of
+    each channel; an X column for each channel, the last one before it. The last two go through
+    ``tcdyn.io.table.align``.
+    """
     first = segments[0]
     names = first.names
     location = first.columns.location
@@ -217,7 +271,22 @@ def _with_time(segments: list[_Segment]) -> Columns:
 
 
 def _track(name: str, x: Array, y: Array, where: str) -> Track:
-    """One channel ``y`` with the start and the mean interval of its X column ``x``."""
+    """One channel with the start and the mean interval of its X column.
+
+    Parameters
+    ----------
+    name
+        Name of the channel.
+    x, y
+        X values [s] and samples (N,); rows where one is missing are left out.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        For a channel with fewer than two X values.
+    """
     good = np.isfinite(x) & np.isfinite(y)
     count = int(good.sum())
     if count < 2:
@@ -227,6 +296,7 @@ def _track(name: str, x: Array, y: Array, where: str) -> Track:
 
 
 def _float(cells: list[str], index: int) -> float | None:
+    """Number in one of the cells; None if there is no such cell or no number in it."""
     try:
         return float(cells[index].replace(",", "."))
     except (IndexError, ValueError):

@@ -1,7 +1,9 @@
 """Open any file of a logger as named columns; the reader is chosen by file ending and first bytes.
 
 Text files are read here with pyarrow: the fields of every row are counted, numbers are parsed
-exactly, clock times and words such as "on" are understood.
+exactly, clock times and words such as "on" are understood. Used by ``tcdyn.rig.opened_log``,
+``tcdyn.sensors.table``, ``tcdyn.identify.tables`` and others. Guarded by ``tests/io``:
+``test_damaged_files.py``, ``test_file_formats.py`` and ``test_read_back.py``.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ __all__ = [
     "sha256",
 ]
 
+# endings of a file name that decide its format; others are read as text
 PARQUET_ENDINGS = (".parquet", ".pq")
+# endings of files of this program that are no logs
 OTHER_ENDINGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 SPREADSHEET_FIRST_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # zip archive, old Excel
 MAX_COLUMNS = 5000  # of a log; chosen by judgement
@@ -46,6 +50,7 @@ MAX_COLUMNS = 5000  # of a log; chosen by judgement
 LEAST_BLOCK_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 21
 COUNT_BYTES = 1 << 17  # text whose rows are counted at once
+# spellings of a missing value that pyarrow reads as NaN; infinite ones it reads as numbers
 NULL_VALUES = sorted(
     {
         text
@@ -88,6 +93,20 @@ def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
 
 
 def _open_by_format(file: Path, known: Collection[str]) -> Table:
+    """The table of a file, by its first bytes, its ending, or as text.
+
+    Parameters
+    ----------
+    file
+        The file.
+    known
+        Column names that the header may contain.
+
+    Raises
+    ------
+    InputError
+        For a spreadsheet, an archive, or an ending of another kind of file; and as the readers do.
+    """
     where = display_path(file)
     head = _first_bytes(file, where)
     ending = file.suffix.lower()
@@ -116,7 +135,18 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
 
 
 def _first_bytes(file: Path, where: str) -> bytes:
-    """The first bytes of a file; InputError for what cannot be read or is empty."""
+    """The first bytes of a file.
+
+    Parameters
+    ----------
+    file, where
+        The file, and its name for messages.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, a folder, cannot be read, or is empty.
+    """
     try:
         with open(file, "rb") as stream:
             head = stream.read(64)
@@ -150,6 +180,11 @@ def read_numbers(
     optional
         Columns that are read if the table has them.
 
+    Returns
+    -------
+    dict
+        Columns (N,) by name, without NaN.
+
     Raises
     ------
     InputError
@@ -180,7 +215,13 @@ def display_path(path: Path) -> str:
 
 
 def sha256(path: str | Path) -> str:
-    """SHA-256 of the bytes of a file as 64 hexadecimal digits, read in bounded memory."""
+    """SHA-256 of the bytes of a file as 64 hexadecimal digits, read in bounded memory.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
     try:
         with open(path, "rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -242,6 +283,17 @@ class _TextReader:
     """Columns of one text log, with the state that its text columns keep from chunk to chunk."""
 
     def __init__(self, dialect: Dialect, wanted: Sequence[str], location: SampleLocation) -> None:
+        """Decide which columns are dates, times of day and texts, from the first row.
+
+        Parameters
+        ----------
+        dialect
+            Dialect of the file.
+        wanted
+            Names of the columns.
+        location
+            Location of the rows, for messages.
+        """
         self.dialect = dialect
         self.wanted = wanted
         self.location = location
@@ -265,7 +317,15 @@ class _TextReader:
                 self.word_columns.add(name)
 
     def chunks(self, rows: int, as_text: bool) -> Iterator[Columns]:
-        """Yield the chunks after the rows that are done; with ``as_text`` no column as numbers."""
+        """Yield the chunks after the rows that are done.
+
+        Parameters
+        ----------
+        rows
+            Approximate number of rows in a chunk.
+        as_text
+            Read every column as text.
+        """
         skip = self.rows_done
         with open_text(self.dialect) as stream:
             batches = pacsv.open_csv(
@@ -296,7 +356,11 @@ class _TextReader:
         return [finding for column in columns for finding in column.findings(self.rows_done)]
 
     def _read_options(self, rows: int) -> pacsv.ReadOptions:
-        """Options for small blocks, none of them read ahead, to limit the memory."""
+        """Options of pyarrow for small blocks, none of them read ahead, to limit the memory.
+
+        The block holds about ``rows`` rows as long as the first one, between ``LEAST_BLOCK_BYTES``
+        and ``BLOCK_BYTES``.
+        """
         first_row = self.dialect.first_row
         line_bytes = max(len(first_row) * 4, sum(len(cell) + 1 for cell in first_row))
         return pacsv.ReadOptions(
@@ -307,6 +371,7 @@ class _TextReader:
         )
 
     def _convert_options(self, as_text: bool) -> pacsv.ConvertOptions:
+        """Types of the columns for pyarrow; with ``as_text`` all of them are text."""
         types = {}
         for name, key in self.keys.items():
             is_text = as_text or name in self.word_columns
@@ -357,16 +422,33 @@ def _cells(column: pa.Array) -> list[str]:
 def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, SampleLocation, list[Finding]]:
     """Count the rows of data and the fields of every row.
 
+    Parameters
+    ----------
+    stream
+        The text from its first byte.
+    dialect
+        Its dialect.
+
     Returns
     -------
-    tuple
-        Number of rows, their location in the file, findings. A last row without a line end, which
-        may have lost digits, gives a warning.
+    rows
+        Number of rows.
+    location
+        Their location in the file.
+    findings
+        A last row without a line end, which may have lost digits, gives a warning.
 
     Raises
     ------
     InputError
-        For a row with too few or too many fields; a last short one means a truncated file.
+        For a row with too few or too many fields; a last short one means a truncated file. For zero
+        bytes.
+
+    Notes
+    -----
+    Blocks in which every row is complete are counted at once (``_complete_rows``); the rest row by
+    row. A row with more separators than expected is accepted if it has a quotation mark, since
+    separators may stand inside quotes.
     """
     separator = dialect.separator.encode()
     where = dialect.where
@@ -417,7 +499,17 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, SampleLocation
 
 
 def _complete_rows(block: bytes, separator: bytes, fields: int) -> int:
-    """Number of rows of a block in which every row has all fields, as nearly always; else 0."""
+    """Number of rows of a block in which every row has all fields, as nearly always; else 0.
+
+    Parameters
+    ----------
+    block
+        Some complete lines of text.
+    separator
+        Separator of the columns, one byte.
+    fields
+        Number of fields of a row.
+    """
     is_regular = len(block) < 2 * COUNT_BYTES and block.endswith(b"\n") and b"\x00" not in block
     if not is_regular:
         return 0
@@ -430,6 +522,17 @@ def _complete_rows(block: bytes, separator: bytes, fields: int) -> int:
 
 
 def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
+    """Error for a row with another number of fields.
+
+    Parameters
+    ----------
+    row
+        Number of the row in the file, and its number of fields.
+    fields
+        Number of fields expected.
+    where
+        The file, for messages.
+    """
     return InputError(
         f"row {row[0]} has {row[1]} fields",
         where=where,

@@ -1,4 +1,8 @@
-"""Result of every reader: named columns of numbers in chunks, on one time grid."""
+"""Result of every reader: named columns of numbers in chunks, on one time grid.
+
+Used by all readers of this package, by ``tcdyn.rig.log`` and ``tcdyn.sensors``. ``align`` puts
+channels of different starts and rates on one grid; guarded by ``tests/io/test_file_formats.py``.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,10 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, warning
 
-CHUNK_ROWS = 50_000  # rows of a chunk
+CHUNK_ROWS = 50_000  # rows of a chunk: memory; chosen by judgement
 # samples: starts of channels closer than this are equal (time stamps have microseconds)
 SAME_START = 1e-3
-LEVEL_SAMPLES = 100_000  # samples that decide whether a channel has two levels only
+LEVEL_SAMPLES = 100_000  # samples that decide whether a channel has two levels only (time)
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,17 @@ class Table:
 
 
 def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
-    """Yield columns that are read already in chunks of ``rows`` rows; findings with the first."""
+    """Yield columns that are read already in chunks; findings come with the first.
+
+    Parameters
+    ----------
+    columns
+        The columns.
+    wanted
+        Names of the columns.
+    rows
+        Number of rows in a chunk.
+    """
     count = len(next(iter(columns.data.values())))
     for start in range(0, count, rows):
         chunk = slice(start, start + rows)
@@ -81,29 +95,61 @@ def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -
 
 
 def read_all_rows(table: Table, wanted: Sequence[str]) -> Columns:
-    """Columns of the complete file."""
+    """Columns of the complete file.
+
+    Parameters
+    ----------
+    table
+        The open log.
+    wanted
+        Names of the columns.
+    """
     chunks = list(table.chunks(wanted, CHUNK_ROWS))
     location = chunks[0].location if chunks else SampleLocation(table.where)
     return concatenate_columns(chunks, wanted, location)
 
 
 def concatenate_columns(
-    parts: Sequence[Columns], wanted: Sequence[str], place: SampleLocation
+    chunks: Sequence[Columns], wanted: Sequence[str], location: SampleLocation
 ) -> Columns:
-    """Columns of all ``parts``, one after another, with their findings."""
+    """Columns of all chunks, one after another, with their findings.
+
+    Parameters
+    ----------
+    chunks
+        The chunks in their order.
+    wanted
+        Names of the columns.
+    location
+        Location of the samples of the result.
+    """
     data = {}
     for name in wanted:
-        data[name] = np.concatenate([np.empty(0), *(part.data[name] for part in parts)])
-    clock_names = {name for part in parts for name in part.stamps}
+        data[name] = np.concatenate([np.empty(0), *(chunk.data[name] for chunk in chunks)])
+    clock_names = {name for chunk in chunks for name in chunk.stamps}
     stamps = {}
     for name in clock_names:
-        stamps[name] = np.concatenate([part.stamps[name] for part in parts if name in part.stamps])
-    findings = tuple(finding for part in parts for finding in part.findings)
-    return Columns(data, place, findings, stamps)
+        stamps[name] = np.concatenate(
+            [chunk.stamps[name] for chunk in chunks if name in chunk.stamps]
+        )
+    findings = tuple(finding for chunk in chunks for finding in chunk.findings)
+    return Columns(data, location, findings, stamps)
 
 
 def missing_column_error(what: str, name: str, names: Collection[str], where: str) -> InputError:
-    """Error for a column that is not among ``names``, with the most similar name."""
+    """Error for a column that does not exist, with the most similar name.
+
+    Parameters
+    ----------
+    what
+        What the column is, at the start of the message.
+    name
+        Name of the column.
+    names
+        Names of the columns that exist.
+    where
+        The file, for messages.
+    """
     near = get_close_matches(name, names, n=1, cutoff=0.6)
     return InputError(
         f"{what} {name!r} is missing",
@@ -137,10 +183,21 @@ def align(
 ) -> tuple[Array | None, dict[str, Array], list[Finding]]:
     """Put channels on one time grid.
 
+    Parameters
+    ----------
+    tracks
+        Channels by name.
+    where
+        The file, for messages.
+
     Returns
     -------
-    tuple
-        Time [s] from the common start (None if no channel has a time), channels, findings.
+    time_s
+        Time (N,) [s] from the common start; None if no channel has a time.
+    data
+        Channels (N,) by name.
+    findings
+        Warnings about what was assumed or interpolated.
 
     Raises
     ------
@@ -179,7 +236,23 @@ def align(
 def _with_assumed_times(
     tracks: Mapping[str, Track], timed: Mapping[str, Track], where: str
 ) -> tuple[dict[str, Track], list[Finding]]:
-    """The channels, those without interval with the times of one of equal length; findings."""
+    """The channels with a time for each, and findings about those whose time is assumed.
+
+    Parameters
+    ----------
+    tracks
+        Channels by name.
+    timed
+        Those of them that have an interval; one of equal length gives its times to a channel
+        without.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        For a channel without interval whose length no other channel has.
+    """
     full = dict(tracks)
     findings = []
     for name, track in tracks.items():
@@ -200,7 +273,32 @@ def _with_assumed_times(
 
 
 def _interpolate(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str, Array]]:
-    """Time [s] and channels on the grid of the fastest channel, within the common span."""
+    """Channels on the grid of the fastest channel, within the common span.
+
+    Parameters
+    ----------
+    tracks
+        Channels by name, each with its interval.
+    where
+        The file, for messages.
+
+    Returns
+    -------
+    time_s
+        Time (N,) [s] from the first sample.
+    data
+        Channels (N,) by name.
+
+    Raises
+    ------
+    InputError
+        If the channels share no time.
+
+    Notes
+    -----
+    A channel with at most two levels is a switch: its last sample at or before each time is taken.
+    Positions closer than ``SAME_START`` samples to a sample are that sample.
+    """
     begin_s = max(track.start_s for track in tracks.values())
     end_s = min(track.end_s for track in tracks.values())
     fastest = min(tracks.values(), key=lambda track: track.dt_s or np.inf)

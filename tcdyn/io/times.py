@@ -1,4 +1,10 @@
-"""Columns of time: their units, time stamps with dates, and clocks whose stamps are whole units."""
+"""Columns of time: their units, time stamps with dates, and clocks whose stamps are whole units.
+
+Used by :mod:`tcdyn.io.csv_dialect` and :mod:`tcdyn.io.read` (stamps), ``tcdyn.sensors.table`` and
+``tcdyn.identify.tables`` (units, repeated stamps). A unit is never guessed silently: where the
+header states none, only steps that are plausible in seconds are accepted. Guarded by
+``tests/io/test_times.py``.
+"""
 
 from __future__ import annotations
 
@@ -38,15 +44,20 @@ _SPELLINGS: dict[float, tuple[str, ...]] = {
 SECONDS_PER_UNIT = {
     spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings
 }
+# units as messages name them
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
+# names of a time column without their unit
 TIME_NAMES = re.compile(
     r"(time|t|time_?stamp|date[_ /]?time|time[_ ]?elapsed|elapsed([_ ]?time)?|clock)", re.IGNORECASE
 )
+# names that distinguish a header from a title, see ``tcdyn.io.csv_dialect.detect_dialect``
 TIME_COLUMN_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
+# name and unit: "Time [ms]", "t/ms", "time, s", "time in s"
 _NAME_AND_UNIT = re.compile(
     r"(?P<stem>.*?)\s*"
     r"(?:[\[(]\s*(?P<bracket>[^\])]*?)\s*[\])]|(?:/|,|\s+in\s+)\s*(?P<after>[^\W\d]+)\.?)\s*"
 )
+# name and unit: "time_ms", "time ms"
 _SUFFIX = re.compile(r"(?P<stem>.+?)[_ ](?P<suffix>[^\W\d_]+)")
 # Without a unit in the header, times are read as seconds only if the time step lies between these
 # two. Below, the rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above
@@ -96,6 +107,13 @@ class TimeColumn:
     def in_seconds(self, values: Array, is_clock: bool) -> Array:
         """Times (N,) in seconds; clock stamps, already converted, are returned unchanged.
 
+        Parameters
+        ----------
+        values
+            Times (N,) in the unit of the column.
+        is_clock
+            Whether the column holds clock stamps.
+
         Raises
         ------
         InputError
@@ -108,7 +126,7 @@ class TimeColumn:
         return values * self.seconds
 
     def check_step(self, times_s: Array, is_clock: bool) -> None:
-        """Raise InputError if no unit is stated and the time step is not plausible in seconds.
+        """Check that the time step is plausible in seconds where no unit is stated.
 
         Parameters
         ----------
@@ -116,6 +134,11 @@ class TimeColumn:
             The first times of the column [s].
         is_clock : bool
             Whether the column holds clock stamps, whose unit is known.
+
+        Raises
+        ------
+        InputError
+            If the step may be in another unit, see ``_may_be_seconds``.
         """
         if is_clock or self.is_unit_stated:
             return
@@ -131,6 +154,7 @@ class TimeColumn:
             )
 
     def _unit_request(self, problem: str) -> InputError:
+        """Error that asks the user for the unit, with the problem."""
         return InputError(
             f"column {self.name!r}: {problem}",
             where=self.where,
@@ -141,7 +165,21 @@ class TimeColumn:
 
 
 def _may_be_seconds(start: float, step: float) -> bool:
-    """Whether a start and a step without a unit are plausible in seconds, and in no other unit."""
+    """Whether a start and a step without a unit are plausible in seconds, and in no other unit.
+
+    Parameters
+    ----------
+    start
+        First time.
+    step
+        Typical step between times.
+
+    Notes
+    -----
+    A step that is a round number of seconds in minutes, hours or days (``ROUND_SECONDS``) is
+    refused, as is one that comes with a number of days. A wrong acceptance scales all lags; a wrong
+    refusal only asks the user for the unit. ``tests/io/test_times.py`` lists steps of both kinds.
+    """
     if step < DAY_STEP and any(low <= start <= high for low, high in DAY_NUMBERS):
         return False
     for seconds_per_unit, choices in ROUND_SECONDS.items():
@@ -265,7 +303,12 @@ class Stamps:
     _day_first: bool | None = None
 
     def seconds(self, texts: Sequence[str]) -> Array:
-        """Seconds (N,) since the first stamp of the column; NaN where a cell is no stamp.
+        """Seconds since the first stamp of the column; NaN where a cell is no stamp.
+
+        Parameters
+        ----------
+        texts
+            The cells (N,); chunks must come in their order.
 
         Raises
         ------
@@ -297,7 +340,7 @@ class Stamps:
         return np.asarray(np.round(of_day + SECONDS_PER_DAY * days - self.first_s, 9))
 
     def _days_by_midnights(self, of_day: Array) -> Array:
-        """Days (N,) since the first stamp, from the times of day [s]."""
+        """Days (N,) since the first stamp, from the times of day [s], counting midnights."""
         filled = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
         steps = np.diff(filled, prepend=self.last_s)
         days = self.midnights + np.cumsum(np.where(steps < -SECONDS_PER_DAY / 2, 1.0, 0.0))
@@ -325,7 +368,20 @@ class Stamps:
 
 
 def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
-    """The three fields of a date as (first, second, year); an ISO date gives (day, month, year)."""
+    """The three fields of a date as (first, second, year); an ISO date gives (day, month, year).
+
+    Parameters
+    ----------
+    text
+        The date.
+    column, where
+        Column and file, for messages.
+
+    Raises
+    ------
+    InputError
+        For a date with points whose second field is no month.
+    """
     if text.isdecimal():
         return int(text[6:]), int(text[4:6]), int(text[:4])
     numbers = [int(x) for x in re.split(r"[-./]", text)]
@@ -346,6 +402,18 @@ def _day_first(dates: Iterable[tuple[int, int, int]], column: str, where: str) -
     """True for day/month/year, False for month/day/year, None while there is one date only.
 
     A field above 12 decides. Otherwise the order in which the dates are consecutive days decides.
+
+    Parameters
+    ----------
+    dates
+        Fields of all dates so far.
+    column, where
+        Column and file, for messages.
+
+    Raises
+    ------
+    InputError
+        If neither decides.
     """
     listed = list(dates)
     if any(first > 12 for first, _, _ in listed):
@@ -372,7 +440,22 @@ def _day_first(dates: Iterable[tuple[int, int, int]], column: str, where: str) -
 
 
 def _day_number(fields: tuple[int, int, int], day_first: bool, column: str, where: str) -> int:
-    """Days since the year 1 of a date given as three fields."""
+    """Days since the year 1 of a date given as three fields.
+
+    Parameters
+    ----------
+    fields
+        First and second field, and the year.
+    day_first
+        Whether the first field is the day.
+    column, where
+        Column and file, for messages.
+
+    Raises
+    ------
+    InputError
+        If there is no such date.
+    """
     first, second, year = fields
     day, month = (first, second) if day_first else (second, first)
     try:
@@ -407,13 +490,6 @@ class EvenRows:
 def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     """Sampling interval and grid indices of rows whose clock repeats its stamps.
 
-    Notes
-    -----
-    A logger faster than its clock writes each stamp several times. The first row of each stamp was
-    taken less than one interval after the stamp, so a straight line through stamps and row numbers
-    of those rows has the interval as its slope, without bias. Where rows are lost, a new line of
-    the same slope begins. Rows are even if every stamp lies within one clock unit of its line.
-
     Parameters
     ----------
     times_s : array of shape (N,)
@@ -423,6 +499,16 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     -------
     EvenRows or None
         None if the rows are not even, or there are too few stamps.
+
+    Notes
+    -----
+    A logger faster than its clock writes each stamp several times. The first row of each stamp was
+    taken less than one interval after the stamp, so a straight line through stamps and row numbers
+    of those rows has the interval as its slope, without bias. Where rows are lost, a new line of
+    the same slope begins. Rows are even if every stamp lies within one clock unit of its line.
+
+    A wider limit would accept a clock that drifts or jumps; ``tests/io/test_times.py`` has such
+    clocks.
 
     Examples
     --------
@@ -458,17 +544,37 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     # each of the first rows is up to one interval after its stamp: a uniform error with the
     # standard deviation slope / sqrt(12)
     u_s = slope / np.sqrt(12 * lever)
-    places = np.rint((line - line[0]) / slope).astype(np.intp)
-    return EvenRows(float(np.round(slope, 12)), float(u_s), places)
+    grid_indices = np.rint((line - line[0]) / slope).astype(np.intp)
+    return EvenRows(float(np.round(slope, 12)), float(u_s), grid_indices)
 
 
 def _segments_without_lost_rows(
     times_s: Array, first_rows: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Number of the segment of each row (N,), and the rows at which the clock advances by one unit.
+    """Segments of rows between lost rows, and the rows at which the clock advances by one unit.
 
     A segment ends where the clock skips a stamp: the first row after the gap may be anywhere in its
     unit. It also ends after a stamp that is written less often than the others.
+
+    Parameters
+    ----------
+    times_s
+        Times (N,) [s] that do not go back.
+    first_rows
+        First row of each stamp but the first one.
+
+    Returns
+    -------
+    segment_of_row
+        Number (N,) of the segment of each row.
+    tick_rows
+        Those of ``first_rows`` that do not follow a gap.
+
+    Notes
+    -----
+    A gap is a step of more than 1.5 units, a stamp written less often one with at least 1.5 rows
+    less than the median: half a unit and half a row are margin. ``tests/io/test_times.py`` removes
+    rows.
     """
     step_s = np.diff(times_s)[first_rows - 1]
     after_gap = step_s > 1.5 * float(step_s.min())

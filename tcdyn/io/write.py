@@ -1,4 +1,9 @@
-"""Atomic writing of files, and writing of logs as CSV, Parquet or TDMS."""
+"""Atomic writing of files, and writing of logs as CSV, Parquet or TDMS.
+
+Used by every command that writes a file. A file is written under a temporary name and then renamed,
+so that a stopped command leaves the previous file or none. Guarded by ``tests/io/test_write.py``
+(killed writers) and ``tests/io/test_read_back.py`` (numbers survive).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +21,8 @@ from pyarrow import csv as pacsv
 
 from tcdyn.core.errors import InputError
 
-# errors that a full or read-only file system causes
+# numbers of the errors that a full or read-only file system causes: they get a sentence for the
+# user, any other error of the block is raised as it is
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 
 
@@ -38,6 +44,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     -----
     Stopped at any moment, the block leaves the previous file or none. The temporary name starts
     with a dot and keeps the ending, for writers that depend on endings.
+
+    What must stay: the temporary file is in the same folder (a rename across file systems is not
+    atomic) and is written to the disk before the rename. ``tests/io/test_write.py`` kills the
+    writer.
 
     Examples
     --------
@@ -88,11 +98,23 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def _unwritable(problem: Exception, path: str | Path, remedy: str) -> InputError:
+    """Error for a file that cannot be written.
+
+    Parameters
+    ----------
+    problem
+        The error of the system.
+    path
+        The file.
+    remedy
+        What the user may do.
+    """
     reason = " ".join(str(getattr(problem, "strerror", None) or problem).split())
     return InputError(f"cannot be written ({reason})", where=str(path), remedy=remedy)
 
 
 def _umask() -> int:
+    """The mask of permissions of this process, which can only be read by setting it."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
@@ -183,6 +205,7 @@ def log_writer(
 def _parquet_appender(
     path: Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str]
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
+    """Yield a function that appends tables to a Parquet file; parameters as for ``log_writer``."""
     from pyarrow import parquet as pq
 
     types = [(name, pa.string() if name in text else pa.float64()) for name in names]
@@ -190,6 +213,7 @@ def _parquet_appender(
     with pq.ParquetWriter(path, schema) as writer:
 
         def append(frame: pd.DataFrame) -> None:
+            """Append the rows of a table."""
             writer.write_table(_arrow(frame).replace_schema_metadata(dict(metadata)))
 
         yield append
@@ -199,10 +223,12 @@ def _parquet_appender(
 def _csv_appender(
     path: Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str]
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
+    """Yield a function that appends tables to a CSV file; parameters as for ``log_writer``."""
     with open(path, "wb") as stream:
         stream.write(_csv_head(names, metadata))
 
         def append(frame: pd.DataFrame) -> None:
+            """Append the rows of a table, with quotes where a text needs them."""
             # pyarrow puts quotes around all text or none
             needs_quotes = any(
                 frame[name].astype(str).str.contains('[",\r\n]').any() for name in text
@@ -225,6 +251,7 @@ def header_line(names: Sequence[str]) -> str:
 
 
 def _quoted(name: str) -> str:
+    """The name in quotation marks if it needs them."""
     if "," not in name and '"' not in name:
         return name
     doubled = name.replace('"', '""')
@@ -232,6 +259,7 @@ def _quoted(name: str) -> str:
 
 
 def _one_line(text: object) -> str:
+    """The text on one line, without characters that cannot be printed."""
     printable = "".join(c if c.isprintable() else " " for c in str(text))
     return " ".join(printable.split())
 
@@ -242,6 +270,7 @@ def _plain_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
 
 
 def _arrow(frame: pd.DataFrame) -> pa.Table:
+    """The table for pyarrow; NaN becomes an empty value."""
     return pa.table(
         {str(n): pa.array(frame[n].to_numpy(), from_pandas=True) for n in frame.columns}
     )
@@ -254,18 +283,21 @@ def _csv_head(names: Sequence[str], metadata: Mapping[str, str]) -> bytes:
 
 
 def _write_csv(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
+    """Write a table as CSV with its metadata above the header."""
     with open(path, "wb") as stream:
         stream.write(_csv_head(list(frame.columns), metadata))
         pacsv.write_csv(_arrow(frame), stream, pacsv.WriteOptions(include_header=False))
 
 
 def _write_parquet(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
+    """Write a table as Parquet with its metadata as key-value pairs of the file."""
     from pyarrow import parquet as pq
 
     pq.write_table(_arrow(frame).replace_schema_metadata(dict(metadata)), path)
 
 
 def _write_tdms(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
+    """Write a table as TDMS in the group "log", with its metadata as properties of the root."""
     from nptdms import ChannelObject, RootObject, TdmsWriter
 
     root = RootObject(properties=dict(metadata))

@@ -53,6 +53,11 @@ class InputFile(StrictModel):
     file: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
+    @classmethod
+    def of_path(cls, path: Path, sha256: str) -> InputFile:
+        """The file at ``path``, by its name without the folder, and the SHA-256 of its bytes."""
+        return cls(file=path.name, sha256=sha256)
+
 
 Lag = Annotated[float, Field(ge=0, lt=MAX_LAG_S)]
 Positive = Annotated[float, Field(gt=0, lt=MAX_LAG_S)]

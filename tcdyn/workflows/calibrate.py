@@ -142,7 +142,7 @@ def calibrate_disk(
             with_filled_bath(log), substance, lines, channels=setup.channels, name=log.path.name
         )
         runs.append(run)
-        inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
+        inputs.append(InputFile.of_path(log.path, log.sha256))
         findings += extrapolation_warnings(
             run.name, dict(zip(run.channels, run.readings_degC.T)), lines
         )
@@ -236,7 +236,7 @@ def _static_lines(
     log = read_log(oven, "oven", rig, disk)
     stated = rig.tables(disk).traceability.shared_u_K(parse_time(now_utc()).date())
     static = fit_static_lines(log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=stated)
-    made_from = [InputFile(file=log.path.name, sha256=log.sha256)]
+    made_from = [InputFile.of_path(log.path, log.sha256)]
     return static, static.lines, [*log.findings, *static.findings], made_from
 
 
