@@ -507,8 +507,8 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     of those rows has the interval as its slope, without bias. Where rows are lost, a new line of
     the same slope begins. Rows are even if every stamp lies within one clock unit of its line.
 
-    A wider limit would accept a clock that drifts or jumps; ``tests/io/test_times.py`` has such
-    clocks.
+    A wider limit would accept rows that are not even, such as an hour that comes twice
+    (``tests/io/test_times.py``).
 
     Examples
     --------

@@ -32,6 +32,7 @@ from tcdyn.report.page import MainResult, Section, write_page
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import (
     budget_table,
+    conditions_table,
     cooling_by_window,
     estimates_table,
     interval_table,
@@ -40,7 +41,6 @@ from tcdyn.workflows.beta_tables import (
     reference_table,
     residuals_table,
     structures_table,
-    test_table,
 )
 
 # Assumptions of all tests, for the page of a campaign.
@@ -251,7 +251,7 @@ def test_sections(p: Partition | OneDisk) -> list[Section]:
     """Return the comparison of the sensors, the conditions, and the full record."""
     test = Section(
         "the test",
-        table=test_table(p),
+        table=conditions_table(p),
         figure=panel_figure(partial(draw.draw_temperatures, p), height_in=3.8),
         caption="Vertical lines: loading, unloading.",
     )

@@ -1,4 +1,8 @@
-"""Workflows: the order of the stages of each command, as functions that return result objects."""
+"""Workflows: the order of the stages of each command, as functions that return result objects.
+
+They contain no estimator: each step is a function of a lower layer. The commands of ``tcdyn.cli``
+call them, ``tcdyn.plots`` and ``tcdyn.report`` show their results.
+"""
 
 from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk

@@ -1,4 +1,7 @@
-"""Output file of a followed log: rows are appended while others may read, rename or delete it."""
+"""Output file of a followed log: rows are appended while others may read, rename or delete it.
+
+Used by :mod:`tcdyn.workflows.follow`. Guarded by ``tests/smoothing/test_follow_files.py``.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,36 @@ from tcdyn.core.errors import InputError
 class AppendedFile:
     """The output of a followed log, open for appending; it is checked before and after each write.
 
-    ``size`` [bytes], ``hash`` of its content, ``rows`` that were written to it.
+    Attributes
+    ----------
+    path
+        The file.
+    size
+        Its size [bytes].
+    rows
+        Number of rows that were written to it.
+    hash
+        SHA-256 of its content, to be continued.
+    stream
+        The open file.
     """
 
     def __init__(self, path: Path, size: int, rows: int) -> None:
-        """Open ``path`` and cut it back to ``size`` bytes, which hold ``rows`` rows.
+        """Open a file and cut it back to what is known to be complete.
 
-        Raises InputError where it cannot be written.
+        Parameters
+        ----------
+        path
+            The file.
+        size
+            Number of bytes that are complete; the rest is cut off.
+        rows
+            Number of rows in them.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read or written.
         """
         self.path = path
         self.size = size
@@ -35,6 +61,7 @@ class AppendedFile:
             raise InputError(f"cannot be written ({problem.strerror})", where=str(path)) from None
 
     def __enter__(self) -> AppendedFile:
+        """The file itself."""
         return self
 
     def __exit__(
@@ -43,13 +70,23 @@ class AppendedFile:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """Close the file."""
         self.stream.close()
 
     def append(self, text: str, rows: int) -> None:
-        """Write ``text``, which holds ``rows`` rows, whole or not at all.
+        """Write some rows completely or not at all.
 
-        Raises InputError where it cannot be written, and where the file is no longer what was
-        written.
+        Parameters
+        ----------
+        text
+            The rows.
+        rows
+            Number of rows in it.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, or is no longer what was written.
         """
         self.check(rows)
         data = text.encode("utf-8")
@@ -68,10 +105,17 @@ class AppendedFile:
         self.check(0)
 
     def check(self, next_rows: int) -> None:
-        """Raise InputError where the file at the path is not the one that is open, or has another
-        size than it should.
+        """Check that the file at the path is the one that is open, and has the size that it should.
 
-        ``next_rows``: how many rows are to be written next.
+        Parameters
+        ----------
+        next_rows
+            Number of rows that are to be written next, for the message.
+
+        Raises
+        ------
+        InputError
+            If it was renamed, deleted, replaced or changed.
         """
         before = f"rows 1 to {self.rows}" if self.rows else "no rows"
         after = (
@@ -109,9 +153,19 @@ class AppendedFile:
 
 
 def digest(path: Path, size: int) -> Any:
-    """SHA-256 of the first ``size`` bytes of a file, to be continued.
+    """SHA-256 of the first bytes of a file, to be continued.
 
-    Raises InputError where it cannot be read.
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Number of bytes; fewer if the file is shorter.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
     """
     hasher = hashlib.sha256()
     remaining = size

@@ -1,4 +1,10 @@
-"""Heat partition: from an EHL log and two records to beta by all methods, and beta.json."""
+"""Heat partition: from an EHL log and two records to beta by all methods, and beta.json.
+
+``prepare_test`` is the first step of every analysis of a test (also of one disk, of a campaign and
+of the refinement of lags in ``compensate``); ``estimate_beta`` is the command ``tcdyn beta``.
+Limits of plausible conditions were chosen by judgement. Guarded by
+``tests/partition/test_left_out.py``, ``tests/partition/test_as_logged.py`` and ``tests/behaviour``.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +56,15 @@ from tcdyn.workflows.operating_conditions import (
     speeds_rpm,
 )
 
-# Tables of rig.toml that describe a disk.
+# Tables of rig.toml that describe a disk: a change of them after the calibration gives a warning.
 DISK_TABLES = {"disk", "washer", "thermocouples"}
-# Keys of these tables that do not affect the lags.
+# Ends of the keys of these tables that do not affect the lags.
 LAG_INDEPENDENT_KEYS = (
     "angle_deg",
     "slope_per_K",
     "reference_degC",
 )
+# result of an analysis: BetaRun or OneDiskRun
 Run = TypeVar("Run")
 # A change of speed after unloading is reported at this time [s]. Chosen by judgement.
 SPEED_CHANGE_AT_S = 3.0
@@ -65,7 +72,21 @@ SPEED_CHANGE_AT_S = 3.0
 
 @dataclass(frozen=True)
 class BetaRun(Result):
-    """Result of one analysed test, the log it came from, and how many tests that log has."""
+    """Result of one analysed test, with the log and the records that it came from.
+
+    Parameters
+    ----------
+    log
+        The log.
+    partition
+        The estimates.
+    rig_sha256
+        Fingerprint of rig and records; tests of a campaign must have the same.
+    stages
+        Number of tests in the log.
+    records
+        Record of each disk.
+    """
 
     log: Log
     partition: Partition
@@ -74,11 +95,16 @@ class BetaRun(Result):
     records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
+        """Name of the log."""
         return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
 
     @one_blas_thread
     def to_dict(self) -> dict[str, Any]:
-        """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
+        """The content of ``beta.json``, with its checksum.
+
+        Its keys are those of ``tcdyn.workflows.beta_tables.beta_file`` and ``kept``, the sufficient
+        statistics that a campaign combines.
+        """
         data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
         data["kept"] = campaign.sufficient_statistics_of(
             self.log.path.stem, self.rig_sha256, self.partition
@@ -86,11 +112,11 @@ class BetaRun(Result):
         return with_checksum(data)
 
     def summary(self) -> str:
-        """The answer in a few lines."""
+        """The recommended estimate and those by every method, in a few lines."""
         return summary_of(self.partition)
 
     def card(self) -> pd.DataFrame:
-        """The ways to beta."""
+        """Table of the estimates of beta by every method."""
         return estimates_table(self.partition)
 
 
@@ -116,10 +142,28 @@ def prepare_test(
     events
         Loading and unloading, if they are known already.
 
+    Returns
+    -------
+    EhlTest
+        Conditions of the test, heat flow and traces of each disk.
+
     Raises
     ------
     InputError
         For a log without unloading, a compensated log, a missing record, or impossible forces.
+
+    Notes
+    -----
+    Rows under load are from 5 s after loading to 0.5 s before unloading. Steady rows are those of
+    them from 150 s to 1 s before unloading; load, friction and air are their means. The ratio of the
+    surface speeds may differ by 5 % from the gear ratio without a warning. These numbers were chosen
+    by judgement. The heat is friction times the difference of the surface speeds, each with its
+    change after unloading. Constants of rig.toml that replace a column widen the uncertainties of
+    friction, half-width (by W^(1/3)) and speed exponent.
+
+    The steady rows of the fits are others: ``tcdyn.partition.window.steady_start_s``. Guarded by
+    ``tests/partition/test_running.py``, ``tests/partition/test_as_logged.py`` and
+    ``tests/behaviour``.
     """
     where = log.path.name
     if log.metadata.get("tcdyn") == COMPENSATED:
@@ -262,7 +306,22 @@ def prepare_test(
 
 
 def _changed_disk_findings(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
-    """Warn if rig.toml describes another disk than the record: its lags hold for other numbers."""
+    """Warn if rig.toml describes another disk than the record: its lags hold for other numbers.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    disk
+        Name of the disk.
+    record
+        Its calibration record.
+
+    Notes
+    -----
+    Only ``DISK_TABLES`` are compared, without ``LAG_INDEPENDENT_KEYS``. A new key of rig.toml that
+    does not affect the lags must be added there.
+    """
     if "setup" not in record.model_fields_set:
         return []
     recorded, current = (
@@ -287,7 +346,19 @@ def _changed_disk_findings(rig: Rig, disk: str, record: DiskRecord) -> list[Find
 def _left_out_finding(
     rig: Rig, name: str, why: str, left_out_by_disk: Mapping[str, Sequence[str]]
 ) -> Finding:
-    """Report a channel that is left out, and what replaces it; info where the user requested it."""
+    """Report a channel that is left out, and what replaces it.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    name
+        The channel, such as "fast_c".
+    why
+        The reason; empty where the user requested it, which gives an info and not a warning.
+    left_out_by_disk
+        All channels left out, by disk.
+    """
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
     names = setup.surrogate_weights(left_out_by_disk[disk]).get(channel, ())
@@ -349,6 +420,7 @@ def estimate_beta(
     rig = rig or rig_from_records(records)
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
+        """Analyse the log without some channels."""
         progress("reading the log")
         chunks = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
         table, count = read_stage(chunks, stage)
@@ -372,7 +444,7 @@ def retry_without_lost_channels(
     rig: Rig,
     progress: Callable[[str], None],
 ) -> Run:
-    """Run ``attempt`` without the given channels, and again without each channel that it reports lost.
+    """Run an analysis, and again without each channel that it reports lost.
 
     Parameters
     ----------
@@ -380,13 +452,26 @@ def retry_without_lost_channels(
         Analysis as a function of the channels left out and the reasons.
     without
         Channels that the user leaves out.
-    rig, progress
-        The rig; called with a message for each lost channel.
+    rig
+        The rig.
+    progress
+        Called with a message for each lost channel.
+
+    Returns
+    -------
+    Run
+        Result of the first attempt that succeeds.
 
     Raises
     ------
     InputError
-        If the remaining channels do not determine beta: the first error, which names the cause best.
+        If the remaining channels do not determine beta: the first error, which names the cause
+        best.
+
+    Notes
+    -----
+    A channel is lost if an ``InputError`` names its column. Guarded by
+    ``tests/partition/test_left_out.py``.
     """
     channels_left_out(without, rig.setups)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
@@ -418,9 +503,21 @@ def estimate_stages(
     estimate: Any = estimate_beta,
     **options: Any,
 ) -> tuple[Any, ...]:
-    """Run ``estimate`` for every loading of one log that an unloading follows, in order.
+    """Analyse every loading of one log that an unloading follows, in order.
 
-    ``options`` are passed on to ``estimate``.
+    Parameters
+    ----------
+    log, rig, records
+        As for ``estimate_beta``.
+    estimate
+        ``estimate_beta`` or ``tcdyn.workflows.single_disk.estimate_one_disk``.
+    options
+        Further arguments of ``estimate``.
+
+    Returns
+    -------
+    tuple
+        One run for each test in the log.
     """
     first = estimate(log, rig, records, stage=1, **options)
     report = options.pop("progress", lambda _: None)
@@ -429,6 +526,7 @@ def estimate_stages(
         prefix = f"test {k} of {first.stages}"
 
         def progress(what: str, prefix: str = prefix) -> None:
+            """Report a stage with the number of its test in front."""
             report(f"{prefix}: {what}")
 
         runs.append(estimate(log, rig, records, stage=k, progress=progress, **options))
@@ -436,7 +534,7 @@ def estimate_stages(
 
 
 def summary_of(partition: Partition) -> str:
-    """Return the recommended estimate, beta, h and lag by every method, and the cross-check."""
+    """Recommended estimate, beta, h and lag by every method, and the cross-check, as text."""
     answers = partition.estimates
     both = partition.both.estimates
     withheld = partition.impossible

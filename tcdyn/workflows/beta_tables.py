@@ -1,4 +1,10 @@
-"""Results of one test: beta.json, and tables of estimates, budget, conditions, cooling window."""
+"""Results of one test: beta.json, and tables of estimates, budget, conditions, cooling window.
+
+Used by the workflows of ``beta``, by ``tcdyn.plots`` and ``tcdyn.report``. Keys and columns are
+read by other programs and by ``tcdyn.workflows.campaign_table``: a new one is described in
+docs/files.md, and a test compares them. Guarded by ``tests/partition/test_windows.py``,
+``tests/partition/test_structures.py`` and ``tests/report/test_beta_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +50,8 @@ class FitComparison:
     time_since_unloading_s
         Time since the unloading, shape (R,).
     readings_degC, model_degC, sd_K
-        Readings [degC], model [degC] and standard deviation of a reading [K], shape (R, M); NaN for a
-        channel that is left out.
+        Readings [degC], model [degC] and standard deviation of a reading [K], shape (R, M); NaN
+        for a channel that is left out.
     """
 
     channels: tuple[str, ...]
@@ -56,7 +62,20 @@ class FitComparison:
 
 
 def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
-    """Compare readings and model of a disk at the optimum of the joint fit of all its disks."""
+    """Compare readings and model of a disk at the optimum of the joint fit of all its disks.
+
+    Parameters
+    ----------
+    p
+        The partition, of both disks or of one.
+    disk
+        Name of the disk.
+
+    Notes
+    -----
+    The residuals of the optimum start with those of the readings, disk by disk in the order of
+    ``tcdyn.rig.disk.DISKS``; this must stay the order of ``tcdyn.partition.joint``.
+    """
     names = [d for d in DISKS if d in p.test.disks]
     sides = [p.joint.block] if isinstance(p, OneDisk) else [p.joint[d].block for d in names]
     optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
@@ -76,7 +95,7 @@ def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
 
 
 def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
-    """Table of reading minus model [K]: mean under load, mean after unloading, rms over noise."""
+    """Table of reading minus model [mK]: mean under load, mean after unloading, rms over noise."""
     rows = []
     for disk in [d for d in DISKS if d in p.test.disks]:
         m = compare_joint_fit(p, disk)
@@ -103,7 +122,24 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
 
 
 def joint_budget(p: Partition) -> dict[str, float]:
-    """Standard uncertainty of the recommended beta by source, largest first; squares add up."""
+    """Standard uncertainty of the recommended beta by source, largest first; squares add up.
+
+    Parameters
+    ----------
+    p
+        The partition of both disks.
+
+    Returns
+    -------
+    dict
+        Standard uncertainty [1] by source.
+
+    Notes
+    -----
+    The order of the sources is that of the columns of ``tcdyn.partition.joint.main_covariance``:
+    nuisance parameters, two of the chain for each disk, and the measured surface flux if there are
+    more. Noise is scaled by the inflation factor of the fit.
+    """
     sides = [p.joint[d].block for d in DISKS]
     noise, per_sd = main_covariance(p.both.optimum, sides)
     sources = [nuisance.source for nuisance, _ in nuisance_parameters(sides)] + ["chain"] * (
@@ -116,10 +152,11 @@ def joint_budget(p: Partition) -> dict[str, float]:
     return {source: x**0.5 for source, x in sorted(square.items(), key=lambda item: -item[1])}
 
 
-SCHEMA = "tcdyn.beta/1"
+SCHEMA = "tcdyn.beta/1"  # of beta.json; it changes with the meaning of a key
 WITHHELD: dict[str, Any] = dict.fromkeys(
     ("value", "u", "low95", "high95")
 )  # an estimate that is withheld
+# headings and axis labels of the parameters of the joint fit
 COLUMN_HEADINGS = {
     "beta": "β [1]",
     "h": "h [W/m²K]",
@@ -128,9 +165,11 @@ COLUMN_HEADINGS = {
     "h_slow": "h, slow [W/m²K]",
     "exponent": "exponent n [1]",
 }
+# window lengths [s] of ``cooling_by_window``; chosen by judgement
 WINDOW_LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+# fields of a row of the budget that ``budget_table`` shows next to the recommended estimate
 BUDGET_FIELDS = ("u_beta_steady", "u_beta_transient")
-TWO_SIGMA = 2.0
+TWO_SIGMA = 2.0  # two estimates agree below so many standard uncertainties of their difference
 
 
 def estimate_row(
@@ -141,7 +180,17 @@ def estimate_row(
     n: Estimate | None = None,
     reported: bool = True,
 ) -> dict[str, str]:
-    """One way to beta in a table, empty where it is withheld."""
+    """One row of a table of estimates, empty where the estimate is withheld.
+
+    Parameters
+    ----------
+    word
+        Name of the method.
+    beta, h, lag, n
+        Estimates [1], [W/m2K], [s] and [1]; None for an empty cell.
+    reported
+        False for an estimate that is withheld.
+    """
     row = {"way": word, "β [1]": beta.text_without_interval(), "95 % of β": beta.interval_text}
     more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
     row |= {key: e.text_without_interval() if e else "" for key, e in more.items()}
@@ -149,8 +198,9 @@ def estimate_row(
 
 
 def estimates_table(partition: Partition) -> pd.DataFrame:
-    """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 %
-    interval of beta.
+    """beta, h, lag and exponent by every method, the recommended one first.
+
+    Cells have standard uncertainties, beta its 95 % interval as well.
     """
     answers = partition.estimates
     withheld = partition.impossible
@@ -186,7 +236,7 @@ def estimates_table(partition: Partition) -> pd.DataFrame:
 
 
 def structures_table(p: Partition) -> pd.DataFrame:
-    """The fit of both disks under every other structure, best supported first."""
+    """Table of the fit of both disks with every other model form, best supported first."""
     rows = []
     for a, likely in zip(p.model_forms.forms, p.model_forms.probability):
         implied = a.exponent.text_without_interval()
@@ -204,8 +254,10 @@ def structures_table(p: Partition) -> pd.DataFrame:
 
 
 def budget_table(p: Partition) -> pd.DataFrame:
-    """Source, and its standard uncertainty of beta by the fit of both disks (the headline), by the
-    speed law and by the cooling fit; the headline's largest first, last all together.
+    """Table of the uncertainty of beta by source and method, largest first.
+
+    The columns are the fit of both disks (recommended), the speed law and the cooling fit; the last
+    row is the total.
     """
     speed, cooling = p.budget.total_u
     both, by_way = joint_budget(p), {r.source: r for r in p.budget.rows}
@@ -228,8 +280,8 @@ def u_of_beta(u: float) -> str:
     return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
 
 
-def test_table(p: Partition | OneDisk) -> pd.DataFrame:
-    """The test's conditions."""
+def conditions_table(p: Partition | OneDisk) -> pd.DataFrame:
+    """Table of the conditions of the test."""
     t = p.test
     plain = [
         ("load", f"{t.load_N:.0f}", "N"),
@@ -251,8 +303,18 @@ def test_table(p: Partition | OneDisk) -> pd.DataFrame:
 
 
 def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
-    """How much deeper than stated each junction lies by the test alone, and its pull on what is
-    stated.
+    """Table of the depth of each junction by the test itself against the nominal one.
+
+    Parameters
+    ----------
+    tests
+        Test of the depths by disk.
+
+    Returns
+    -------
+    DataFrame
+        Estimated difference of the depth [mm], uncertainty of the nominal depth [mm], and
+        departure from the nominal depth in standard deviations.
     """
     rows = []
     for disk, test in tests.items():
@@ -281,14 +343,32 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
 def cooling_by_window(
     partition: Partition, lengths: Sequence[float] = WINDOW_LENGTHS_S
 ) -> pd.DataFrame:
-    """The h-only fit of both disks for each window length [s]: disk, window_s, beta, u_beta, h,
-    u_h, misfit, lag.
+    """Table of the h-only fit of both disks for each window length.
 
-    Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` hold noise,
-    nuisances, the steady line and the lag, as the budget does; ``within_lag`` marks windows shorter
-    than the disk's common lag, which hold more of the chain than of the cooling. Lengths beyond the
-    log's end are left out; a window whose fit runs away has NaN. Raises InputError when no length
-    is left, or one is not above zero.
+    Parameters
+    ----------
+    partition
+        The partition.
+    lengths
+        Window lengths [s]; those beyond the end of the log are left out.
+
+    Returns
+    -------
+    DataFrame
+        Columns disk, window_s, within_lag, beta, u_beta, h_W_m2K, u_h_W_m2K and misfit_K. NaN where a
+        fit fails.
+
+    Raises
+    ------
+    InputError
+        If no length is left, or one is not above zero.
+
+    Notes
+    -----
+    Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` include
+    noise, nuisance parameters, the steady line and the lag, as the budget does. ``within_lag``
+    marks windows shorter than the common lag of the disk, which depend more on the chain than on
+    the cooling. The lengths may be changed freely. Guarded by ``tests/partition/test_windows.py``.
     """
     test = partition.test
     cooling_s = float(test.time_s[-1] - test.events.unload_s)
@@ -308,6 +388,19 @@ def cooling_by_window(
 def _disk_rows(
     p: Partition, name: str, rows: slice, lengths: Sequence[float]
 ) -> list[dict[str, object]]:
+    """Rows of ``cooling_by_window`` for one disk.
+
+    Parameters
+    ----------
+    p
+        The partition.
+    name
+        Name of the disk.
+    rows
+        Rows of the test that the longest window uses.
+    lengths
+        Window lengths [s].
+    """
     test = p.test
     line = p.lines[name]
     lag = p.joint[name].estimates["lag_s"]
@@ -354,11 +447,22 @@ def _disk_rows(
 
 
 def reference_table(partition: Partition) -> pd.DataFrame:
-    """Compensated (cooling fit) against commuted (joint fit, no inverse) for beta and h of each
-    disk.
+    """Compare the cooling fit and the joint fit of each disk for beta and h.
 
-    ``u_difference`` is the spread of the difference of the budget's draws, so that what moves both
-    alike does not count; ``z`` = difference / u_difference; ``agree`` below two.
+    The first fits compensated temperatures, the second applies the chain to the model, without an
+    inverse.
+
+    Parameters
+    ----------
+    partition
+        The partition.
+
+    Returns
+    -------
+    DataFrame
+        ``u_difference`` is the standard deviation of the difference of the Monte Carlo samples of
+        the budget, so that errors common to both cancel; ``z`` = difference / u_difference;
+        ``agree`` where abs(z) is below ``TWO_SIGMA``.
     """
     rows = []
     for d in DISKS:
@@ -388,7 +492,10 @@ def reference_table(partition: Partition) -> pd.DataFrame:
 
 
 def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
-    """Every number of the joint fits with both intervals, and a sentence where they part."""
+    """Table of every parameter of the joint fits with both 95 % intervals, and a remark.
+
+    The remark says where the normal and the profile interval differ.
+    """
     rows = []
     for i in intervals(profiles):
         e = i.estimate
@@ -410,11 +517,25 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
 
 
 def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
-    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags
-    in s.
+    """The content of ``beta.json`` without sufficient statistics and checksum.
 
-    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on
-    the stated depth.
+    Parameters
+    ----------
+    p
+        The partition.
+    source
+        Name and SHA-256 of the log.
+
+    Returns
+    -------
+    dict
+        Every estimate is {value, u, low95, high95}, null where it is withheld; h in W/m2K, lags in
+        s, depths of junctions in mm.
+
+    Notes
+    -----
+    ``SCHEMA`` changes with the meaning of a key. ``tcdyn.workflows.campaign_table.COLUMNS`` and
+    ``tcdyn.workflows.single_disk.OneDiskRun.to_dict`` use the same keys.
     """
     test = p.test
     withheld = p.impossible
@@ -491,8 +612,10 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 
 
 def junction_depths(sensor_check: SensorCheck | None) -> dict[str, Any]:
-    """How much deeper [mm] than stated a test alone places each junction, and its pull, as
-    ``beta.json`` keeps it.
+    """Depth of each junction by the test itself, as in ``beta.json``; empty without a sensor check.
+
+    ``deeper_mm`` is the difference from the nominal depth, ``z`` the departure in standard
+    deviations, see ``tcdyn.partition.sensor_faults.DepthTest``.
     """
     return {
         d: {

@@ -1,4 +1,9 @@
-"""Calibration of a disk: oven log to static lines, plunge logs to the chain, both to a record."""
+"""Calibration of a disk: oven log to static lines, plunge logs to the chain, both to a record.
+
+The fits are :mod:`calibration.static_lines` and :mod:`immersion.plunge_fit`; here are their order
+and the checks of the logs against each other. Guarded by ``tests/cli/test_calibrate_command.py``
+and ``tests/calibration/test_new_user_run.py``.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +48,8 @@ from tcdyn.rig.static_line import StaticLine, extrapolation_warnings, identity_l
 # Two plunges whose samples all agree within this [K] are the same plunge: a file that was saved
 # again may have lost decimals.
 SAME_SAMPLES_K = 0.02
-# before an entry: kept clear of it, fewest, how alike a disk is
+# Check of a disk at rest before the entry: time [s] before the entry that is left out, fewest
+# samples, and scatter [K] of a disk at one temperature. Chosen by judgement.
 ENTRY_MARGIN_S = 0.5
 MIN_REST_SAMPLES = 20
 REST_U_K = 0.07
@@ -51,7 +57,19 @@ REST_U_K = 0.07
 
 @dataclass(frozen=True)
 class CalibrationRun(Result):
-    """Result of a calibration: the record, and the fits behind it for the report."""
+    """Result of a calibration: the record, and the fits behind it for the report.
+
+    Parameters
+    ----------
+    record
+        The disk record.
+    oven
+        Fit of the static lines; None without an oven log.
+    plunges
+        The plunges as they were fitted.
+    fit
+        Fit of the chains.
+    """
 
     record: DiskRecord
     oven: OvenFit | None
@@ -59,6 +77,7 @@ class CalibrationRun(Result):
     fit: PlungeFit
 
     def __repr__(self) -> str:
+        """Name of the disk."""
         return f"<CalibrationRun of the {self.record.disk} disk; summary() says it in words>"
 
     @property
@@ -67,7 +86,7 @@ class CalibrationRun(Result):
         return tuple(self.record.findings)
 
     def summary(self) -> str:
-        """Static errors, lags and what the plunges cannot tell, in a few lines."""
+        """Static errors, lags and what the plunges cannot determine, in a few lines."""
         return "\n".join(self.fit.lines())
 
     def to_dict(self) -> dict[str, Any]:
@@ -113,6 +132,11 @@ def calibrate_disk(
         Without an oven log: standard uncertainty of a reading as it was logged [K].
     progress
         Called with the name of each stage.
+
+    Returns
+    -------
+    CalibrationRun
+        The record and the fits.
 
     Raises
     ------
@@ -183,10 +207,20 @@ def calibrate_disk(
 
 
 def deviating_at_rest(run: PlungeRun) -> set[str]:
-    """Return channels that deviate from the disk's median by more than three u before the entry.
+    """Channels that deviate from the median of the disk by more than three u before the entry.
 
     A disk at rest has one temperature, so their static lines or columns belong to another disk. The
     set is empty for a disk that still warms or cools, whose junctions differ.
+
+    Parameters
+    ----------
+    run
+        The plunge with its readings and static lines.
+
+    Notes
+    -----
+    u is the uncertainty of the static line and ``REST_U_K``. With a larger ``REST_U_K`` fewer
+    swapped disks are reported. ``tests/calibration/test_new_user_run.py`` guards it.
     """
     before = run.readings_degC[
         run.time_s < run.entry.time_s - max(4 * run.entry.u_s, ENTRY_MARGIN_S)
@@ -216,7 +250,37 @@ def _static_lines(
     prt_u_degC: float,
     progress: Callable[[str], None],
 ) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
-    """Static lines by the oven log, or T = logged as stated, findings and the input file."""
+    """Static lines from the oven log, or readings as they are with a stated uncertainty.
+
+    Parameters
+    ----------
+    oven
+        Oven log, or None.
+    line_u_K
+        Standard uncertainty of a reading without an oven log [K], or None.
+    rig, disk
+        The rig, and the name of the disk.
+    prt_u_degC
+        Standard uncertainty of a reading of the PRT relative to its other readings [K].
+    progress
+        Called with the name of the stage.
+
+    Returns
+    -------
+    oven_fit
+        Fit of the lines, or None.
+    lines
+        Static line of each channel.
+    findings
+        Findings.
+    inputs
+        The oven log as an input file.
+
+    Raises
+    ------
+    InputError
+        Unless exactly one of ``oven`` and ``line_u_K`` is given.
+    """
     if (oven is None) == (line_u_K is None):
         raise InputError(
             "no oven log" if oven is None else "an oven log and a stated line",
@@ -241,15 +305,27 @@ def _static_lines(
 
 
 def log_findings(log: Log, entry: EntryEvent) -> list[Finding]:
-    """Return the log's findings without a bouncing switch that the entry's findings report already."""
+    """Findings of the log without a bouncing switch that those of the entry report already."""
     entry_reports_bounce = any(f.code == "entry.bounced" for f in entry.findings)
     return [f for f in log.findings if not (entry_reports_bounce and f.code == "switch.bounces")]
 
 
 def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
-    """Raise InputError for a plunge that was given before, in any file.
+    """Check that a plunge was not given before, in any file.
 
-    Counted twice, it would make the lags look better known.
+    Counted twice, it would make the uncertainty of the lags too small.
+
+    Parameters
+    ----------
+    log
+        The plunge.
+    earlier
+        The plunges before it.
+
+    Raises
+    ------
+    InputError
+        If all samples agree within ``SAME_SAMPLES_K``.
     """
     columns = [*log.channels]
     for other in earlier:
@@ -266,7 +342,21 @@ def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
 
 
 def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
-    """Raise InputError for channels in the wrong order that do not move together in the fit either."""
+    """Check that channels in the wrong order at least move together in the fit.
+
+    Parameters
+    ----------
+    logs
+        Plunge logs, with their findings about the order of junctions.
+    fit
+        Fit of the chains to them.
+
+    Raises
+    ------
+    InputError
+        If the log shows another order of the junctions, and the differences between channels do not
+        fit (variance factor above ``immersion.plunge_result.MAX_VARIANCE_FACTOR``).
+    """
     for log, factor in zip(logs, fit.optimum.problem.noise):
         swapped = [f for f in log.findings if f.code == "junctions.swapped"]
         if swapped and factor.differential > MAX_VARIANCE_FACTOR:
@@ -278,7 +368,18 @@ def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
 
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
-    """The identified chains as the record keeps them."""
+    """The identified chains in the form of the record.
+
+    The covariance of the lags is in the alphabetical order of the channels, as
+    ``tcdyn.smoothing.traces.disk_channels`` reads it.
+
+    Parameters
+    ----------
+    fit
+        Fit of the chains.
+    structure
+        Chain structure.
+    """
     channels = {
         c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c], split_u_s=fit.split_u_s[c])
         for c in sorted(fit.chains)
@@ -293,7 +394,15 @@ def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
 
 
 def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
-    """What a reader of the record needs to judge the fit, as JSON."""
+    """What a reader of the record needs to judge the fit, as JSON.
+
+    Parameters
+    ----------
+    fit
+        Fit of the chains.
+    correlation
+        Heat transfer correlation.
+    """
     return {
         "correlation": correlation,
         "sentence": fit.sentence,

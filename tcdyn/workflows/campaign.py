@@ -1,4 +1,8 @@
-"""Analysis of many EHL logs into one table: parallel, resumable, tolerant of a log that fails."""
+"""Analysis of many EHL logs into one table: parallel, resumable, tolerant of a log that fails.
+
+The command ``tcdyn campaign``. One log is :mod:`tcdyn.workflows.campaign_log`, the combined
+analysis :func:`tcdyn.campaign.joined`. Guarded by ``tests/cli/test_campaign_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +34,7 @@ from tcdyn.workflows.campaign_results import (
 )
 from tcdyn.workflows.campaign_table import AGREE_CODE, campaign_table, table_csv, table_row
 
+# files that a campaign writes into its folder, next to one result a test
 TABLE_FILE = "campaign.csv"
 PAGE_FILE = "campaign.html"
 JOINED_FILE = "campaign.json"
@@ -39,9 +44,20 @@ OUTPUTS = (TABLE_FILE, PAGE_FILE, JOINED_FILE, *PAPER_FILES)
 
 @dataclass(frozen=True)
 class LogOutcome:
-    """One test: the content of its beta.json, or the sentence that says why there is none.
+    """One test: the content of its beta.json, or the message that says why there is none.
 
-    ``stage``: which of several loadings in its log, from 1; 0 in a log with one.
+    Parameters
+    ----------
+    log
+        The log, or a beta.json that was given in its place.
+    data
+        Content of beta.json; None if the analysis failed.
+    error
+        Message of the failure.
+    from_earlier_run
+        Whether the result is one of an earlier run.
+    stage
+        Which of several loadings in its log, from 1; 0 in a log with one.
     """
 
     log: Path
@@ -52,9 +68,7 @@ class LogOutcome:
 
     @property
     def name(self) -> str:
-        """The log's name without its ending, also of an answer that was given in its place; with
-        its stage, if any.
-        """
+        """Name of the log without its ending, with the number of the loading if any."""
         if self.log.name.endswith(RESULT_SUFFIX):
             return self.log.name.removesuffix(RESULT_SUFFIX)
         return stage_name(self.log, self.stage)
@@ -62,11 +76,20 @@ class LogOutcome:
 
 @dataclass(frozen=True)
 class CampaignRun(Result):
-    """All logs in the order in which they were given, and their table; ``n_from_earlier_run`` counts answers of
-    an earlier run.
+    """All tests in the order in which their logs were given, and their table.
 
-    ``joined``: all that were analysed as one measurement, None where none was; ``altered``: logs
-    whose stored answer was not as it had been written.
+    Parameters
+    ----------
+    folder
+        Folder of the results.
+    outcomes
+        The tests.
+    table
+        One row a test.
+    joined
+        All analysed tests as one measurement; None where none was analysed.
+    altered
+        Logs whose stored result was changed after it had been written.
     """
 
     folder: Path
@@ -77,20 +100,19 @@ class CampaignRun(Result):
 
     @property
     def failed(self) -> tuple[LogOutcome, ...]:
-        """The logs that could not be analysed."""
+        """The tests that could not be analysed."""
         return tuple(o for o in self.outcomes if o.data is None)
 
     @property
     def n_from_earlier_run(self) -> int:
-        """How many answers are those of an earlier run."""
+        """Number of results of an earlier run."""
         return sum(o.from_earlier_run for o in self.outcomes)
 
     @property
     def findings(self) -> list[Finding]:
-        """What all tests together show, then the findings of each test, with its log's name; what
-        repeats is said once.
+        """Findings of all tests together, then those of each test; repeated ones once.
 
-        That the ways agree is in the table.
+        That the methods agree is left out: it is in the table.
         """
         each = [
             (o.name, Finding.from_dict(finding))
@@ -102,7 +124,7 @@ class CampaignRun(Result):
         return [*altered, *(self.joined.findings if self.joined else ()), *merge_findings(each)]
 
     def summary(self) -> str:
-        """How many logs did what, and the range of beta."""
+        """Numbers of logs analysed and failed, and the range of beta."""
         analysed = self.table[self.table["error"] == ""]
         text = f"{len(self.outcomes)} logs: {len(analysed)} analysed ({self.n_from_earlier_run} kept from before), "
         text += f"{len(self.failed)} failed"
@@ -143,16 +165,42 @@ def run_campaign(
     models: Sequence[str | Path] = (),
     progress: Progress = lambda *_: None,
 ) -> CampaignRun:
-    """Analyse every log into ``out``/<stem>.beta.json; gather ``out``/campaign.csv and, as one,
-    ``out``/campaign.json.
+    """Analyse every log, and combine the tests into a table and one measurement.
 
-    A log whose stored answer has the same log, records, rig and settings is not analysed again.
-    Each answer is written when it is ready, so a stopped campaign goes on where it was. A
-    <stem>.beta.json among ``logs`` is a test whose log is not at hand: it stands as it is.
-    ``models``: files of curves to lay over the tests. With ``dask`` (a scheduler's address) the
-    workers must see the logs under the same paths. Raises InputError for no log, two of the same
-    name, a given answer that is not as it was written or of another rig, and a curve that the tests
-    do not reach. Where no log could be analysed, the table of an earlier run stays as it is.
+    Parameters
+    ----------
+    logs
+        EHL logs. A <stem>.beta.json is a test whose log is not available: it is used as it is.
+    settings
+        Rig, records and options.
+    out
+        Folder for <stem>.beta.json, campaign.csv, campaign.json and the tables for a paper.
+    workers
+        Number of worker processes.
+    dask
+        Address of a scheduler; its workers must have the logs under the same paths.
+    models
+        Files of curves to compare with the tests.
+    progress
+        Called with the name of a log, the number of logs done, and the number of all.
+
+    Returns
+    -------
+    CampaignRun
+        All tests and their table.
+
+    Raises
+    ------
+    InputError
+        For no log, two of the same name, a given result that was changed or is of another rig, and
+        a curve that the tests do not reach.
+
+    Notes
+    -----
+    A log whose stored result has the same log, records, rig and settings
+    (``tcdyn.workflows.campaign_log.CampaignSettings.fingerprint``) is not analysed again. Each
+    result is written when it is ready, so that a stopped campaign continues where it was. Where no
+    log could be analysed, the table of an earlier run is left as it is.
     """
     paths = [Path(p) for p in logs]
     _check_names(paths)
@@ -206,8 +254,16 @@ def run_campaign(
 
 
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
-    """The stored answers of an earlier run, when all of them stand for the same log and settings;
-    else none.
+    """Results of an earlier run, if all tests of the log have the same log and settings; else none.
+
+    Parameters
+    ----------
+    path
+        The log.
+    folder
+        Folder of the results.
+    settings
+        Settings of this run.
     """
     try:
         first = 0 if _answer_file(path, folder, 0).exists() else 1
@@ -221,6 +277,20 @@ def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOut
 
 
 def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int) -> LogOutcome:
+    """Result of an earlier run for one test.
+
+    Parameters
+    ----------
+    path, folder, settings
+        As for ``_stored``.
+    stage
+        Number of the test in its log; 0 in a log with one.
+
+    Raises
+    ------
+    ValueError
+        If it is of another log or other settings.
+    """
     data = read_result(_answer_file(path, folder, stage))
     stored = data["campaign"]
     requested = settings.fingerprint()
@@ -233,7 +303,7 @@ def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int
 
 
 def stage_name(path: Path, stage: int) -> str:
-    """A test's name: its log's, with the number of its loading where there are several.
+    """Name of a test: that of its log, with the number of its loading where there are several.
 
     >>> stage_name(Path("EHL_D4.csv"), 0), stage_name(Path("EHL_D4.csv"), 2)
     ('EHL_D4', 'EHL_D4.2')
@@ -242,10 +312,12 @@ def stage_name(path: Path, stage: int) -> str:
 
 
 def _answer_file(path: Path, folder: Path, stage: int) -> Path:
+    """File of the result of one test of a log."""
     return folder / f"{stage_name(path, stage)}{RESULT_SUFFIX}"
 
 
 def _check_names(paths: Sequence[Path]) -> None:
+    """Check that there are logs, and that no two have the same name; InputError otherwise."""
     if not paths:
         raise InputError("no logs", expected="at least one EHL log")
     path_of_name: dict[str, Path] = {}

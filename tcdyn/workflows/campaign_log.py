@@ -1,4 +1,8 @@
-"""Analysis of one log of a campaign: settings, and the results of the tests in it."""
+"""Analysis of one log of a campaign: settings, and the results of the tests in it.
+
+``analyse_log`` runs in a worker process of ``tcdyn.workflows.campaign.run_campaign``, so that
+arguments and results can be pickled. Guarded by ``tests/cli/test_campaign_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +32,16 @@ from tcdyn.workflows.operating_conditions import BearingFile
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such
-    as "fast_c".
+    """Settings with which all logs of a campaign are analysed.
+
+    Parameters
+    ----------
+    rig, records
+        The rig, and the record of each disk.
+    window_s, seed, bearing
+        As for ``tcdyn.workflows.beta.estimate_beta``.
+    without
+        Channels left out of each log, such as "fast_c".
     """
 
     rig: Rig
@@ -40,8 +52,9 @@ class CampaignSettings:
     without: tuple[str, ...] = ()
 
     def fingerprint(self) -> dict[str, Any]:
-        """What must be the same for a stored answer to stand: version, rig, records, bearing file
-        and options.
+        """What must be the same for a stored result to be used: version, rig, records, options.
+
+        A new setting that changes results must be added here; otherwise old results would be kept.
         """
         return {
             "version": __version__,
@@ -55,8 +68,19 @@ class CampaignSettings:
 
 
 def analyse_log(path: Path, settings: CampaignSettings) -> list[dict[str, Any] | str]:
-    """The contents of beta.json of a log's tests with what a campaign adds, or the sentence of a
-    test's failure.
+    """Results of all tests in a log; the message of the failure where one cannot be analysed.
+
+    Parameters
+    ----------
+    path
+        The log.
+    settings
+        Settings of the campaign.
+
+    Returns
+    -------
+    list
+        For each test the content of beta.json with the key ``campaign``, or a message.
     """
     first, count = _try_stage(path, settings, 1)
     return [first, *(_try_stage(path, settings, k)[0] for k in range(2, count + 1))]
@@ -65,7 +89,22 @@ def analyse_log(path: Path, settings: CampaignSettings) -> list[dict[str, Any] |
 def _try_stage(
     path: Path, settings: CampaignSettings, stage: int
 ) -> tuple[dict[str, Any] | str, int]:
-    """One test of a log, and how many it holds as far as that is known."""
+    """Analyse one test of a log; no error ends the campaign.
+
+    Parameters
+    ----------
+    path, settings
+        As for ``analyse_log``.
+    stage
+        Number of the test in the log, from 1.
+
+    Returns
+    -------
+    result
+        Content of beta.json, or the message of the failure.
+    count
+        Number of tests in the log as far as it is known.
+    """
     try:
         return _analyse_stage(path, settings, stage)
     except InputError as problem:
@@ -76,7 +115,7 @@ def _try_stage(
 
 
 def _count_stages(path: Path, settings: CampaignSettings) -> int:
-    """How many tests a log holds whose first cannot be analysed; one where it cannot be read."""
+    """Number of tests in a log whose first cannot be analysed; one where it cannot be read."""
     try:
         pieces = iter_log(
             path, "ehl", settings.rig, without=[f"{c}_degC" for c in settings.without]
@@ -89,6 +128,11 @@ def _count_stages(path: Path, settings: CampaignSettings) -> int:
 def _analyse_stage(
     path: Path, settings: CampaignSettings, stage: int
 ) -> tuple[dict[str, Any], int]:
+    """Analyse one test of a log; parameters and result as for ``_try_stage``.
+
+    Paths in messages are shortened to the name of the log, so that results do not depend on
+    folders.
+    """
     s = settings
     run = estimate_beta(
         path,
@@ -124,8 +168,10 @@ def _analyse_stage(
 
 
 def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
-    """Mean reading of each junction when steady [degC], None of one left out; their mean is the
-    bulk one (6.4.1).
+    """Mean reading of each junction in steady state [degC], None for one that is left out.
+
+    By disk and channel. The mean of a disk is its bulk temperature (section 6.4.1). The last half
+    second before the unloading is left out.
     """
     rows = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
@@ -139,4 +185,5 @@ def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
 
 
 def _hash(text: str) -> str:
+    """SHA-256 of a text as hexadecimal digits."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -1,4 +1,8 @@
-"""Stored results of earlier runs with their checksum; findings that several tests share."""
+"""Stored results of earlier runs with their checksum; findings that several tests share.
+
+Used by :mod:`tcdyn.workflows.campaign`. Guarded by ``tests/cli/test_campaign_command.py``,
+``tests/cli/test_absurd_input.py`` and ``tests/report/test_campaign_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +15,25 @@ from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, CHECKSUM_KEY, ve
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 
-RESULT_SUFFIX = ".beta.json"
+RESULT_SUFFIX = ".beta.json"  # of the file of one test
 LOG_PREFIX = "EHL_"  # in front of a log's name, left out where many are counted
 
 
 def read_result(path: Path) -> dict[str, Any]:
-    """The content of a beta.json, checked; raises OSError, ValueError or RecursionError where it
-    cannot be read.
+    """The content of a beta.json whose checksum has been verified.
+
+    Raises
+    ------
+    OSError, ValueError, RecursionError
+        If it cannot be read.
+    InputError
+        If it has no checksum or was changed.
     """
     return verify_checksum(json.loads(path.read_text(encoding="utf-8")), path.name)
 
 
 def is_altered(path: Path) -> bool:
-    """Whether a stored answer is there, has a checksum, and is not what was written."""
+    """Whether a stored result exists, has a checksum, and was changed after it had been written."""
     try:
         text = path.read_text(encoding="utf-8")
         if f'"{CHECKSUM_KEY}"' not in text:
@@ -37,10 +47,19 @@ def is_altered(path: Path) -> bool:
 
 
 def read_given_result(path: Path, rig: str) -> dict[str, Any]:
-    """A beta.json that was given in the place of its log.
+    """The content of a beta.json that was given in the place of its log.
 
-    Raises InputError, naming it, where it cannot be read, is not as it was written, or is of a rig
-    with another fingerprint than ``rig``.
+    Parameters
+    ----------
+    path
+        The file.
+    rig
+        Fingerprint of rig and records of this campaign.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, was changed, or is of another rig or other records.
     """
     try:
         data = read_result(path)
@@ -61,8 +80,7 @@ def read_given_result(path: Path, rig: str) -> dict[str, Any]:
 
 
 def merge_findings(findings: Sequence[tuple[str, Finding]]) -> list[Finding]:
-    """Findings (test, finding), each at its test; those that differ in their numbers alone said
-    once for all.
+    """Findings of all tests, those that differ only in their numbers merged into one.
 
     >>> from tcdyn.core.findings import info
     >>> some = [(t, info("said", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]

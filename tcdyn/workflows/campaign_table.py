@@ -1,4 +1,9 @@
-"""Table of a campaign (tables 7.1 to 7.3), groups of equal sliding speed, and trend lines."""
+"""Table of a campaign (tables 7.1 to 7.3), groups of equal sliding speed, and trend lines.
+
+Used by :mod:`tcdyn.workflows.campaign`, and by plots and pages of a campaign. ``COLUMNS`` names the
+keys of ``tcdyn.workflows.beta_tables.beta_file``: change both together. Guarded by
+``tests/cli/test_campaign_command.py`` and ``tests/core/test_results.py``.
+"""
 
 from __future__ import annotations
 
@@ -53,8 +58,9 @@ COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
 
 
 def table_columns() -> list[str]:
-    """All columns of campaign.csv in their order; each estimate is followed by its standard
-    uncertainty u_...
+    """All columns of campaign.csv in their order.
+
+    Each estimate is followed by its standard uncertainty u_...
     """
     out = ["test", "log"]
     for name, (_, estimate) in COLUMNS.items():
@@ -63,8 +69,16 @@ def table_columns() -> list[str]:
 
 
 def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict[str, Any]:
-    """One row from the content of a beta.json; without it (a log that failed) the numbers stay
-    empty.
+    """One row of the table; numbers are NaN for a test that failed.
+
+    Parameters
+    ----------
+    log
+        Name of the test.
+    data
+        Content of its beta.json; None for a test that failed.
+    error
+        Message of the failure.
     """
     row: dict[str, Any] = dict.fromkeys(table_columns(), np.nan)
     row |= {
@@ -105,8 +119,7 @@ def table_csv(table: pd.DataFrame) -> str:
 
 
 def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
-    """Number of the group of nearly equal sliding speed that each test belongs to, slowest first;
-    (N,) -> (N,).
+    """Group (N,) of nearly equal sliding speed for each test (N,) [m/s], from 0 for the slowest.
 
     >>> speed_groups(np.array([10.0, 20.1, 10.2, 13.0])).tolist()
     [0, 2, 0, 1]
@@ -127,7 +140,7 @@ def analysed_rows(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def count_set_points(x: Array) -> int:
-    """How many values stand apart by more than 1 % of the largest: set points, not their wandering.
+    """Number of values that differ by more than 1 % of the largest: set points, not their scatter.
 
     >>> count_set_points(np.array([850.2, 1459.0, 849.7, 1461.0]))
     2
@@ -140,8 +153,18 @@ def count_set_points(x: Array) -> int:
 
 
 class Trend(NamedTuple):
-    """A least-squares line: intercept, slope with its standard uncertainty and 95 % interval, rms
-    of the rest.
+    """A least-squares line with the uncertainty of its slope.
+
+    Parameters
+    ----------
+    intercept, slope
+        Coefficients of the line.
+    rms
+        Root mean square of the residuals.
+    u_slope
+        Standard uncertainty of the slope.
+    low95_slope, high95_slope
+        95 % interval of the slope.
     """
 
     intercept: float
@@ -153,8 +176,7 @@ class Trend(NamedTuple):
 
 
 def trend(x: Array, y: Array) -> Trend | None:
-    """Least-squares line through points; None with fewer than three different x: two points always
-    make a line.
+    """Least-squares line through points; None with fewer than three different x.
 
     The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2
     degrees.

@@ -1,4 +1,8 @@
-"""Circumferential temperature of a disk: mean by the rim model plus first angular harmonic."""
+"""Circumferential temperature of a disk: mean by the rim model plus first angular harmonic.
+
+Used by :mod:`tcdyn.report.circumferential`. The harmonic is that of
+:mod:`tcdyn.partition.angular_harmonic`. Guarded by ``tests/partition/test_around.py``.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ N_ACROSS = 15
 
 
 def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTemperature:
-    """Return the temperature of a disk over depth and angle, mean of the last seconds under load.
+    """Temperature of a disk over depth and angle, mean of the last seconds under load.
 
     Parameters
     ----------

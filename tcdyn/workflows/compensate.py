@@ -1,4 +1,10 @@
-"""Compensation of a full log: static lines and chains removed, junction temperatures with u."""
+"""Compensation of a full log: static lines and chains removed, junction temperatures with u.
+
+The command ``tcdyn compensate`` for logs of the rig; tables of other sensors are
+:mod:`tcdyn.workflows.compensate_table`. The estimator is that of :mod:`tcdyn.smoothing`. Guarded by
+``tests/cli/test_compensate_command.py``, ``tests/smoothing/test_long_log.py`` and
+``tests/smoothing/test_traces.py``.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +46,7 @@ from tcdyn.workflows.segments import (
     with_common_lag,
 )
 
+# note in the metadata where the lag is not removed
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
 
@@ -77,6 +84,7 @@ class CompensatedLog(Result):
     segments: LogSegments | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
+        """Name and length of the log."""
         return f"<CompensatedLog of {self.raw_log.path.name}, {len(self.frame)} rows; summary() says it in words>"
 
     @property
@@ -85,7 +93,7 @@ class CompensatedLog(Result):
         return messages(self.findings)
 
     def summary(self) -> str:
-        """The lag removed and what is left uncertain, a few lines a disk."""
+        """The lag removed and the uncertainty that remains, a few lines a disk."""
         lines = []
         for disk, done in self.disks.items():
             lines += (
@@ -97,15 +105,28 @@ class CompensatedLog(Result):
         return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Metadata, warnings and what each channel is worth; the samples are in ``frame``."""
+        """Metadata, warnings and figures of each channel; the samples are in ``frame``."""
         disks = {disk: done.to_dict() for disk, done in self.disks.items()}
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
 
     def write(
         self, path: str | Path, progress: Callable[[str], None] = lambda _: None
     ) -> tuple[Path, tuple[Finding, ...]]:
-        """Write every row of the log to ``path``, whole or not at all; the path, and all that was
-        noticed.
+        """Write every row of the log to a file, completely or not at all.
+
+        Parameters
+        ----------
+        path
+            The file.
+        progress
+            Called with the name of each stage.
+
+        Returns
+        -------
+        path
+            The file.
+        findings
+            Findings of the log and of all its segments.
         """
         progress("writing")
         if self.segments is not None:
@@ -115,9 +136,7 @@ class CompensatedLog(Result):
         return write_log(self.frame, path, self.metadata), self.findings
 
     def as_log(self) -> Log:
-        """The compensated log as :func:`tcdyn.rig.log.read_log` would give it, standard deviations
-        left out.
-        """
+        """The compensated log as ``read_log`` would read it, without uncertainties."""
         frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
         return replace(
             self.raw_log, frame=frame, metadata=dict(self.metadata), findings=self.findings
@@ -130,13 +149,11 @@ class CompensatedLog(Result):
         )
 
     def channels(self, disk: str) -> list[str]:
-        """What the channels of ``disk`` are called in the log, without their unit."""
+        """Names of the channels of ``disk`` in the log, without their unit."""
         return [name.removesuffix("_degC") for name in self.traces[disk].columns]
 
     def filter_report(self, disk: str) -> FilterReport:
-        """The report on the proper inverse of this log's bandwidth, for the noisiest channel of
-        ``disk``.
-        """
+        """The report on the proper inverse for the noisiest channel of ``disk``."""
         noise = self.disks[disk].noise_sd
         dt = self._dt_s
         inverses = [
@@ -147,8 +164,19 @@ class CompensatedLog(Result):
         return report_inverse(inverses[noisiest], float(noise[noisiest]))
 
     def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
-        """Covariance between samples, and between the channels' means: see
-        ``tcdyn.smoothing.windows.window_means``.
+        """Covariance between samples, and between the means of channels, over a window.
+
+        Parameters
+        ----------
+        length_s
+            Length of the window [s].
+        start_s
+            Its start on the clock of the log [s]; the last event when left out.
+
+        Returns
+        -------
+        dict
+            As ``tcdyn.smoothing.windows.window_means``.
         """
         time_s = self.frame["time_s"].to_numpy(dtype=float)
         return window_means(
@@ -163,6 +191,7 @@ class CompensatedLog(Result):
 
     @property
     def _dt_s(self) -> float:
+        """Sampling interval [s] of ``frame``."""
         return sample_interval_s(self.frame["time_s"].to_numpy(dtype=float))
 
 
@@ -177,7 +206,7 @@ def compensate_log(
     parts: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
-    """Compensate all channels of an EHL log that a record covers, or of an immersion log (one record).
+    """Compensate all channels of an EHL or immersion log that a record covers.
 
     Parameters
     ----------
@@ -306,7 +335,10 @@ def compensate_log(
 
 
 def log_around_unloading(pieces: LogChunks) -> Log:
-    """Return the log; of a long one the rows around the unloading, or the first rows without one."""
+    """The log; of a long one the rows around the unloading, or the first rows without one.
+
+    Long is more than ``tcdyn.campaign.stages.MAX_ROWS`` rows.
+    """
     if pieces.rows <= MAX_ROWS:
         return pieces.to_log()
     try:
@@ -318,7 +350,26 @@ def log_around_unloading(pieces: LogChunks) -> Log:
 def _refine(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
 ) -> tuple[dict[str, DiskTraces], Mapping[str, SingleDiskFit], list[Finding]]:
-    """Return traces of both disks, joint fits for their lags, and a warning where they failed."""
+    """Traces and joint fits for the common lags of the disks, from the unloading.
+
+    Parameters
+    ----------
+    table
+        The log, or its rows around the unloading.
+    rig, records
+        The rig, and the record of each disk.
+    events
+        Loading and unloading, if they are known already.
+
+    Returns
+    -------
+    traces
+        Traces by disk; empty if the test could not be prepared.
+    fits
+        Joint fit of each disk; empty if a fit failed.
+    findings
+        A warning if it failed: the lags of the records are used then.
+    """
     traces: dict[str, DiskTraces] = {}
     try:
         test = prepare_test(table, rig, records, events=events)

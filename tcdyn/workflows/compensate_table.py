@@ -1,4 +1,9 @@
-"""Compensation of any table with sensor files, segment by segment, in bounded memory."""
+"""Compensation of any table with sensor files, segment by segment, in bounded memory.
+
+The command that compensates tables of sensors without a rig (``tcdyn.cli.tables``). Rows need not
+be even: they are put on a grid (``tcdyn.sensors.table.even_times``). Guarded by
+``tests/sensors/test_sensor_file.py`` and ``tests/sensors/test_sensor_silent.py``.
+"""
 
 from __future__ import annotations
 
@@ -38,17 +43,30 @@ from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
 
-# smoothed at once: an event of one column is weighed in all of them
+# values and columns that are smoothed at once: an event of one column is weighed in all of them.
+# Memory and time; chosen by judgement
 MAX_VALUES = 400_000
 MAX_COLUMNS = 8
 # Progress is reported after so many rows, then each time the count has doubled.
 PROGRESS_ROWS = 200_000
-DECIMALS = 5
+DECIMALS = 5  # of the output, as in ``tcdyn.workflows.segments``
 
 
 @dataclass(frozen=True)
 class SensorColumn:
-    """A column of a table with its sensor; ``index`` is the index of the sensor file's column."""
+    """A column of a table with its sensor.
+
+    Parameters
+    ----------
+    column
+        Name of the column.
+    file
+        The sensor file.
+    index
+        Index of the sensor among the columns of the file.
+    unit
+        Unit of the column.
+    """
 
     column: str
     file: SensorFile
@@ -67,13 +85,29 @@ class SensorColumn:
 
     @property
     def line(self) -> StaticLine | None:
-        """Its static line, None where readings stand as they are."""
+        """Static line of this column; None where readings are used as they are."""
         return self.file.static.get(self.file.columns[self.index])
 
 
 @dataclass(frozen=True)
 class CompensatedTable(Result):
-    """What was written: rows, columns with sensors, typical and largest standard deviation, findings."""
+    """What was written to a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    rows
+        Number of rows.
+    columns
+        Columns with sensors.
+    carried
+        Names of the columns that were passed through.
+    numbers
+        Noise, typical and largest standard deviation [K] of each column with a sensor.
+    metadata, findings
+        Notes in the file, and findings.
+    """
 
     path: Path
     rows: int
@@ -84,7 +118,7 @@ class CompensatedTable(Result):
     findings: tuple[Finding, ...]
 
     def summary(self) -> str:
-        """A line a column."""
+        """One line for each column."""
         s = "s" if len(self.columns) > 1 else ""
         lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
         for column, row in zip(self.columns, self.numbers.itertuples(index=False)):
@@ -99,7 +133,7 @@ class CompensatedTable(Result):
         return self.numbers
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """All fields as plain data."""
         return {
             "out": str(self.path),
             "rows": self.rows,
@@ -125,24 +159,53 @@ def compensate_table(
     cold: float | str = 0.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedTable:
-    """Compensate the columns of any table that the ``sensors`` cover, and write the table with its
-    answers to ``out``.
+    """Compensate the columns of any table that sensors cover, and write the table.
 
-    Each column of temperature is replaced by what the junction did, in its own unit (mV: degrees
-    Celsius), and a column ``<name>_u_K`` (``_u_degF``) is put beside the last one: the standard
-    deviation, noise, smoothing, lag and static line in it. Other columns pass through as numbers
-    and are named in a note.
+    Each column of temperature is replaced by the temperature of the junction in its own unit (mV:
+    degrees Celsius), and a column ``<name>_u_K`` (``_u_degF``) is added at the end: its standard
+    deviation from noise, smoothing, lag and static line. Other columns pass through and are named
+    in a finding.
 
-    Args: log: CSV, LVM, TDMS or Parquet with a column of time, rows at any rate. sensors: of one or
-        several files; each column belongs to one. out: .csv or .parquet. columns: those that a
-        single sensor covers here, instead of its own. time: the time column, where its name does
-        not say so. time_unit: its unit (s, ms, us, ns, min, h or days), where neither its name nor
-        a row of units says so. unit: "degC", "K", "degF" or "mV" for all columns, or by column;
-        otherwise as the names say. couple, cold: of millivolts: the thermocouple's type, and the
-        reference junction [degC] or its column.
+    Parameters
+    ----------
+    log
+        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate.
+    sensors
+        Sensors of one or several files; each column belongs to one.
+    out
+        File to write, .csv or .parquet.
+    columns
+        Columns that a single sensor covers here, instead of its own.
+    time
+        The time column, where its name does not say so.
+    time_unit
+        Its unit (s, ms, us, ns, min, h or days), where neither its name nor a row of units says so.
+    unit
+        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as names or a row of
+        units say.
+    couple
+        Type of the thermocouple for columns in millivolts.
+    cold
+        Reference junction of columns in millivolts [degC], or its column.
+    progress
+        Called with the row that is reached.
 
-    Raises: InputError: no such column, two sensors for one, a table that is compensated, time that
-        does not rise.
+    Returns
+    -------
+    CompensatedTable
+        What was written.
+
+    Raises
+    ------
+    InputError
+        For a missing column, two sensors for one column, a table that is compensated already, an
+        output column that would occur twice, or time that does not rise.
+
+    Notes
+    -----
+    A segment whose margin is too short for the smoother to settle is read again with a longer one,
+    as in ``tcdyn.workflows.segments.LogSegments.write``. Noise and intensity are estimated in each
+    segment; ``numbers`` are medians and maxima over the segments.
     """
     source = open_source(log, time, time_unit=time_unit)
     cold = cold_column(cold, source.table.names, source.table.where)
@@ -250,7 +313,31 @@ def sensor_columns(
     cold: float | str,
     unit_row: Mapping[str, str] | None = None,
 ) -> tuple[list[SensorColumn], list[Finding]]:
-    """Return the columns that sensors cover, in their order; raises InputError as compensate_table."""
+    """The columns of a table that sensors cover, in their order.
+
+    Parameters
+    ----------
+    names
+        Names of the columns of the table.
+    where
+        The table, for messages.
+    sensors, columns, unit, couple, cold
+        As for ``compensate_table``.
+    unit_row
+        Units from a row below the header, by column.
+
+    Returns
+    -------
+    columns
+        Each column with its sensor and unit.
+    findings
+        Findings about units and altered sensor files.
+
+    Raises
+    ------
+    InputError
+        For no sensor, two sensors for one column, or columns that are named for several sensors.
+    """
     if not sensors:
         raise InputError(
             "no sensor was given",
@@ -281,9 +368,33 @@ def sensor_columns(
 def _compensate_segment(
     segment: TableSegment, sensor_cols: Sequence[SensorColumn], where: str
 ) -> tuple[dict[str, Array], dict[str, Array], list[Finding], int]:
-    """Return output columns, (noise, typical sd, largest sd) [K] of each column, findings, margin.
+    """Compensate one segment of the table.
 
-    The margin is the number of rows on each side that the smoother needs to settle.
+    Parameters
+    ----------
+    segment
+        Rows of the segment with its margins.
+    sensor_cols
+        Columns with sensors.
+    where
+        The table, for messages.
+
+    Returns
+    -------
+    out
+        Output columns by name, for the rows without the margins.
+    numbers
+        Noise, typical and largest standard deviation [K] of each column.
+    findings
+        Findings of the segment.
+    margin
+        Number of rows on each side that the smoother needs to settle.
+
+    Notes
+    -----
+    Columns are smoothed in groups of at most ``MAX_COLUMNS`` and about ``MAX_VALUES`` values. Fewer
+    than 10 samples of a segment or column are not compensated (chosen by judgement). A warning
+    comes where rows are farther apart than half of the lag.
     """
     keep = segment.keep
     findings = list(segment.findings)
@@ -346,7 +457,28 @@ def _smooth_columns(
     size: int,
     findings: list[Finding],
 ) -> Iterator[tuple[Sequence[SensorColumn], Compensated]]:
-    """Smooth columns together; one by one, with a warning, where one of them cannot be smoothed."""
+    """Smooth columns together; one by one, with a warning, where one of them cannot be smoothed.
+
+    Parameters
+    ----------
+    sensor_cols
+        The columns.
+    readings
+        Readings [degC] after the static line, by column.
+    grid
+        Even times of the rows.
+    size
+        Number of points of the grid.
+    findings
+        Findings, to which a warning is appended.
+
+    Yields
+    ------
+    columns
+        Columns that were smoothed together.
+    result
+        Their compensated record on the grid.
+    """
     y = np.stack([on_grid(readings[w.column], grid, size) for w in sensor_cols], axis=1)
     covariance = np.zeros((len(sensor_cols), len(sensor_cols)))
     for i, a in enumerate(sensor_cols):
@@ -380,7 +512,7 @@ def _smooth_columns(
 
 
 def _readings_degC(column: SensorColumn, segment: TableSegment) -> Array:
-    """Return the readings of a column (N,) [degC] after its static line."""
+    """Readings of a column (N,) [degC] after its static line."""
     cold = (
         segment.data[column.unit.reference_junction]
         if isinstance(column.unit.reference_junction, str)

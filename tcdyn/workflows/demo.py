@@ -1,4 +1,8 @@
-"""Demonstration on a simulated campaign: simulate, calibrate, compensate, analyse, compare."""
+"""Demonstration on a simulated campaign: simulate, calibrate, compensate, analyse, compare.
+
+The command ``tcdyn demo``. Guarded by ``tests/core/test_results.py`` and
+``tests/cli/test_main_job.py``.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +28,24 @@ from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
 
-ERROR_WINDOW_S = 5.0
-FLUID = "mobil-jet-ii"
+ERROR_WINDOW_S = 5.0  # after unloading, where errors are compared; the labels name it
+FLUID = "mobil-jet-ii"  # of the simulated plunges
 
 
 @dataclass(frozen=True)
 class DemoRun(Result):
-    """What the demo made: files, fits by disk and test, and the truth of the simulation beside the
-    answers.
+    """Files and fits of the demonstration, and their comparison with the truth of the simulation.
+
+    Parameters
+    ----------
+    files
+        Files of the simulated campaign.
+    calibrations
+        Calibration of each disk.
+    tests, compensated
+        Partition and compensated log of each test.
+    comparison
+        Table of ``compare_with_truth``.
     """
 
     files: CampaignFiles
@@ -41,9 +55,7 @@ class DemoRun(Result):
     comparison: pd.DataFrame
 
     def summary(self) -> str:
-        """The answers with the truth of the simulation beside them, and the verdict of every
-        test.
-        """
+        """The estimates next to the truth of the simulation, and the cross-check of every test."""
         sentences = [
             f"{name}: {run.partition.crosscheck.sentence}" for name, run in self.tests.items()
         ]
@@ -81,9 +93,26 @@ def run_demo(
     tests: Sequence[str] = ("B3",),
     progress: Callable[[str], None] = lambda _: None,
 ) -> DemoRun:
-    """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the
-    command line.
+    """Simulate a campaign and run every stage on its files, as a user would.
 
+    Parameters
+    ----------
+    out
+        Folder for all files.
+    seed
+        Seed of the simulation.
+    tests
+        Names of the tests.
+    progress
+        Called with the name of each stage.
+
+    Returns
+    -------
+    DemoRun
+        Files, fits and comparison.
+
+    Notes
+    -----
     No stage reads the truth; it is read last, for the ``comparison``.
     """
     folder = Path(out)
@@ -107,6 +136,7 @@ def run_demo(
 
 
 def _calibrate(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
+    """Calibrate one disk and write its record."""
     run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], [FLUID])
     write_record(run.record, files.folder / f"{disk}.disk.json")
     return run
@@ -115,12 +145,14 @@ def _calibrate(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
 def _compensate(
     log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path
 ) -> CompensatedLog:
+    """Compensate one log and write it next to the other results."""
     done = compensate_log(log, records, rig)
     write_log(done.frame, out.with_name(f"{out.name}.compensated.csv"), done.metadata)
     return done
 
 
 def _partition(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> BetaRun:
+    """Estimate beta of one log and write its beta.json."""
     beta = estimate_beta(log, rig, records)
     write_text(out.with_name(f"{out.name}.beta.json"), json_text(beta.to_dict()))
     return beta
@@ -132,13 +164,25 @@ def compare_with_truth(
     tests: Mapping[str, BetaRun],
     compensated: Mapping[str, CompensatedLog],
 ) -> pd.DataFrame:
-    """Each answer with its uncertainty beside the simulation's truth; columns quantity, unit,
-    estimate, u, truth.
+    """Table of each estimate with its uncertainty and the truth of the simulation.
+
+    Parameters
+    ----------
+    files
+        Files of the campaign, with the truth.
+    calibrations, tests, compensated
+        Results by disk, and by test.
+
+    Returns
+    -------
+    DataFrame
+        Columns quantity, unit, estimate, u and truth.
     """
     truth = json.loads(files.truth.read_text(encoding="utf-8"))
     rows: list[dict[str, Any]] = []
 
     def add(quantity: str, unit: str, value: float, u: float | None, true: float) -> None:
+        """Append one row."""
         rows.append({"quantity": quantity, "unit": unit, "estimate": value, "u": u, "truth": true})
 
     for disk, run in calibrations.items():
@@ -173,8 +217,25 @@ def compare_with_truth(
 def errors_after_unloading(
     files: CampaignFiles, test: str, compensated_log: CompensatedLog, column: str, unload_s: float
 ) -> tuple[float, float]:
-    """Rms error of the logged and of the compensated trace against the simulated one, over
-    ``SWITCH_SETTLE_S`` [K].
+    """Rms errors of the logged and the compensated trace in the ``ERROR_WINDOW_S`` after unloading.
+
+    Parameters
+    ----------
+    files
+        Files of the campaign, with the simulated traces.
+    test
+        Name of the test.
+    compensated_log
+        The compensated log.
+    column
+        Column of the junction.
+    unload_s
+        Time of the unloading [s].
+
+    Returns
+    -------
+    raw, compensated
+        Rms errors [K].
     """
     traces = pd.read_parquet(files.folder / "truth" / f"EHL_{test}_traces.parquet")
     after = (

@@ -1,4 +1,9 @@
-"""A growing log of the rig or any growing table: its junction columns and their calibration."""
+"""A growing log of the rig or any growing table: its junction columns and their calibration.
+
+Used by :mod:`tcdyn.workflows.follow`. The two kinds of log correspond to
+:mod:`tcdyn.workflows.compensate` and :mod:`tcdyn.workflows.compensate_table`. Guarded by
+``tests/smoothing/test_follow.py`` and ``tests/smoothing/test_follow_invalid.py``.
+"""
 
 from __future__ import annotations
 
@@ -33,24 +38,27 @@ from tcdyn.sensors.units import Unit, cold_column, uncertainty_column
 from tcdyn.smoothing.traces import DiskChannels, disk_channels
 from tcdyn.workflows.compensate_table import sensor_columns
 
+# process-noise intensity [K2/s3] by kind of log
 INTENSITY_K2_S3 = {
     "ehl": 30.0,
     "immersion": 3000.0,
-}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
+}  # an unloading changes the slope by 10 K/s in a second, a plunge by 100 K/s
+# static line of a sensor without one: readings as they are, without uncertainty
 IDENTITY_LINE = StaticLine(
     gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(-273.15, 5000.0)
 )
+# records by disk, or sensors with their columns
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
 
 
 @dataclass(frozen=True)
 class GrowingLog:
-    """A growing log: canonical column to field, and how its junctions are measured.
+    """A growing log: its columns by their standard names, and how its junctions are measured.
 
     Attributes
     ----------
     table, column_indices
-        The growing table, and the field index of each canonical column.
+        The growing table, and the field index of each column by its standard name.
     channels
         Junctions with static lines, chains and uncertainties, by disk.
     level_K2_s3
@@ -59,6 +67,8 @@ class GrowingLog:
         Conversions of columns in another unit to seconds and degrees Celsius.
     units
         Units of the columns that the output has in their own unit.
+    findings
+        Findings about records and units.
     """
 
     table: GrowingTable
@@ -70,9 +80,10 @@ class GrowingLog:
     findings: tuple[Finding, ...] = ()
 
     def new_rows(self) -> list[list[float]] | None:
-        """Return new rows of canonical columns [s, degC]; None without a complete line.
+        """New rows in the order of ``column_indices`` [s, degC]; None without a complete line.
 
-        NaN stands for an emf outside the range of the thermocouple type.
+        An infinite number is NaN, except in a junction column: there it is an emf outside the range
+        of the thermocouple type, and is counted as impossible later.
         """
         names = list(self.column_indices)
         read_rows = self.table.new_rows(list(self.column_indices.values()))
@@ -97,7 +108,15 @@ class GrowingLog:
         return [list(map(float, row)) for row in np.where(infinite, np.nan, converted)]
 
     def in_table_units(self, rows: Array, names: Sequence[str]) -> Array:
-        """Return the output (k, columns ``names``) in the units of the table."""
+        """The output in the units of the table.
+
+        Parameters
+        ----------
+        rows
+            Rows (k, columns) in degrees Celsius and kelvin.
+        names
+            Names of the columns of the output.
+        """
         out = np.array(rows)
         for name, unit in self.units.items():
             at = names.index(name)
@@ -106,14 +125,14 @@ class GrowingLog:
         return out
 
     def output_names(self, names: Sequence[str]) -> list[str]:
-        """Return the output's column names with the table's units; degrees Celsius for millivolts."""
+        """Column names of the output, with the units of the table (mV: degrees Celsius)."""
         own_names = {uncertainty_column(n): unit.names(n)[1] for n, unit in self.units.items()}
         own_names |= {n: unit.names(n)[0] for n, unit in self.units.items()}
         return [own_names.get(n, n) for n in names]
 
 
 class TableOptions(TypedDict, total=False):
-    """How any table is read where its names do not say it, as ``compensate_table`` takes it."""
+    """How a table is read where its names do not say it; keys as for ``compensate_table``."""
 
     time: str | None
     time_unit: str | None
@@ -125,9 +144,28 @@ class TableOptions(TypedDict, total=False):
 def growing_log(
     log: Path, rig: Rig | None, records: Calibrations, options: TableOptions | None = None
 ) -> GrowingLog | None:
-    """Open the log once it has two complete rows.
+    """Open a growing log once it has two complete rows.
 
-    Raises InputError for a log that is compensated already, and for missing columns.
+    Parameters
+    ----------
+    log
+        The log.
+    rig
+        The rig; None for a table of sensors.
+    records
+        Records by disk, or sensors.
+    options
+        How to read a table of sensors.
+
+    Returns
+    -------
+    GrowingLog or None
+        None as long as the log is too short.
+
+    Raises
+    ------
+    InputError
+        For a log that is compensated already, missing columns, or a time that is no number.
     """
     wanted = (*KNOWN_COLUMNS, *TIME_COLUMN_NAMES)
     if rig and isinstance(records, Mapping):
@@ -180,7 +218,29 @@ def growing_log(
 def _table_source(
     growing: GrowingTable, sensors: Sequence[SensorFile], where: str, options: TableOptions
 ) -> GrowingLog:
-    """Open any growing table: all its columns, time in seconds, sensor columns in their units."""
+    """A growing table of sensors: all its columns, time in seconds, sensor columns in their units.
+
+    Parameters
+    ----------
+    growing
+        The table.
+    sensors
+        The sensors.
+    where
+        The file, for messages.
+    options
+        How to read the table.
+
+    Raises
+    ------
+    InputError
+        If the time is no number or its unit is not known, or a column does not fit the sensors.
+
+    Notes
+    -----
+    The lags of different columns are taken as independent here: only the diagonal of the covariance
+    is used.
+    """
     names = growing.table.names
     dialect = growing.table.dialect
     units = growing.table.units

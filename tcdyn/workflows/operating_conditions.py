@@ -1,4 +1,8 @@
-"""Operating conditions of a test: forces, speeds and air from the log, else from rig.toml."""
+"""Operating conditions of a test: forces, speeds and air from the log, else from rig.toml.
+
+Steps of ``tcdyn.workflows.beta.prepare_test``. Guarded by ``tests/partition/test_running.py`` and
+``tests/partition/test_as_logged.py``.
+"""
 
 from __future__ import annotations
 
@@ -26,22 +30,41 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.tables import Constant, air_name
 from tcdyn.smoothing.traces import interpolate_gaps
 
+# columns of the table of the bearing friction, in the order of ``fit_bearing_friction``
 BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
 
 @dataclass(frozen=True)
 class BearingFile:
-    """Lines of figure 2.25 and the file they came from."""
+    """Lines of the bearing friction (figure 2.25) and the file that they came from.
+
+    Parameters
+    ----------
+    friction
+        The lines.
+    file, sha256
+        Name and SHA-256 of the file.
+    """
 
     friction: BearingFriction
     file: str
     sha256: str
 
     def friction_added(self, load_N: float, speed_rpm: float) -> FrictionCorrection:
-        """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm],
-        for ``prepare_test``.
+        """Half of the bearing friction of both shafts, for ``prepare_test``.
 
-        Says so when load or speed lies outside what was measured.
+        Parameters
+        ----------
+        load_N
+            Load [N].
+        speed_rpm
+            Speed of the slow shaft [rpm].
+
+        Returns
+        -------
+        FrictionCorrection
+            Value and uncertainty [N]; with a warning where load or speed lies outside what was
+            measured.
         """
         value, u = (float(x) for x in self.friction.correction_N(load_N, speed_rpm))
         if not bool(self.friction.outside(load_N, speed_rpm)):
@@ -59,11 +82,15 @@ class BearingFile:
 
 
 def read_bearing(path: str | Path) -> BearingFile:
-    """Read a table with the columns load_N, friction_N (both shafts, pure rolling) and
-    speed_slow_rpm.
+    """Read a table of the bearing friction: load_N, friction_N and speed_slow_rpm.
 
-    Raises InputError for an unreadable file, a missing column, a value that is no number, or too
-    few loads a speed.
+    The friction is that of both shafts in pure rolling.
+
+    Raises
+    ------
+    InputError
+        For an unreadable file, a missing column, a value that is no number, or too few loads for a
+        speed.
     """
     values = read_numbers(path, BEARING_COLUMNS)
     try:
@@ -73,11 +100,27 @@ def read_bearing(path: str | Path) -> BearingFile:
     return BearingFile(lines, Path(path).name, sha256(path))
 
 
+# mask (N,) of the rows of a log
 RowMask = NDArray[np.bool_]
 
 
 def rig_constants(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
-    """Return the ``[constants]`` of columns that the log does not have; a logged column has priority."""
+    """The ``[constants]`` of columns that the log does not have; a logged column has priority.
+
+    Parameters
+    ----------
+    frame
+        Table of the log.
+    rig
+        The rig.
+
+    Returns
+    -------
+    used
+        Constants that replace a column.
+    findings
+        A finding for each constant.
+    """
     used: dict[str, Constant] = {
         name: c for name, c in rig.common.constants.items() if name not in frame
     }
@@ -92,9 +135,28 @@ def rig_constants(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], l
 def forces_N(
     frame: pd.DataFrame, events: Events, steady: RowMask, stated: Mapping[str, Constant]
 ) -> tuple[Array, Array]:
-    """Return load and friction during contact, zero elsewhere, shape (N,) each.
+    """Load and friction during contact, zero elsewhere.
 
-    A constant load is scaled with the friction; it is its mean over the rows of ``steady``.
+    Parameters
+    ----------
+    frame
+        Table of the log.
+    events
+        Loading and unloading.
+    steady
+        Mask (N,) of the steady rows.
+    stated
+        Constants of rig.toml that replace columns.
+
+    Returns
+    -------
+    load, friction
+        Forces (N,) [N].
+
+    Notes
+    -----
+    A constant load is scaled with the friction, so that it is its mean over the steady rows: the
+    coefficient of friction is assumed constant.
     """
     t = frame["time_s"].to_numpy(dtype=float)
     friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
@@ -106,8 +168,23 @@ def forces_N(
 def speeds_rpm(
     frame: pd.DataFrame, under_load: RowMask, stated: Mapping[str, Constant]
 ) -> tuple[list[float], list[float]]:
-    """Speed of the fast and the slow shaft under load and, where stated, its standard uncertainty,
-    else zero [rpm].
+    """Speeds of both shafts under load, and their standard uncertainties.
+
+    Parameters
+    ----------
+    frame
+        Table of the log.
+    under_load
+        Mask (N,) of the rows under load, whose median is used.
+    stated
+        Constants of rig.toml that replace columns.
+
+    Returns
+    -------
+    rpm
+        Speed of the fast and of the slow shaft [rpm].
+    u
+        Their standard uncertainties [rpm]; zero for a logged speed.
     """
     names = [f"speed_{d}_rpm" for d in DISKS]
     logged = {
@@ -122,8 +199,22 @@ def speeds_rpm(
 def constants_rel_u(
     rpm: Sequence[float], rpm_u: Sequence[float], stated: Mapping[str, Constant]
 ) -> tuple[float, float, float]:
-    """Return the relative u of load, sliding speed and speed ratio due to constants of rig.toml.
+    """Relative uncertainties of load, sliding speed and speed ratio due to constants of rig.toml.
 
+    Parameters
+    ----------
+    rpm, rpm_u
+        Speeds of both shafts and their standard uncertainties [rpm].
+    stated
+        Constants of rig.toml that replace columns.
+
+    Returns
+    -------
+    load, sliding, ratio
+        Relative standard uncertainties [1].
+
+    Notes
+    -----
     The radii of the disks are taken as equal.
     """
     load = stated["load_N"].u / stated["load_N"].value if "load_N" in stated else 0.0
@@ -134,14 +225,39 @@ def constants_rel_u(
 def disk_air(
     frame: pd.DataFrame, disk: str, rig: Rig, steady: RowMask, stated: Mapping[str, Constant]
 ) -> tuple[DiskAir, list[Finding]]:
-    """The air about a disk, and what to say of its channels.
+    """The air around a disk, and findings about its channels.
 
-    It is the means of those that ``[ambient]`` names, else the ambient that was logged or is
-    stated.
+    Parameters
+    ----------
+    frame
+        Table of the log.
+    disk
+        Name of the disk.
+    rig
+        The rig, whose ``[ambient]`` names channels at the surface and at the faces.
+    steady
+        Mask (N,) of the steady rows.
+    stated
+        Constants of rig.toml that replace columns.
 
-    A place without channels has that ambient, or without one the other place's air. A channel that
-    never changes is left out. The mean of n channels whose means under load have the standard
-    deviation s is known to s / sqrt(n).
+    Returns
+    -------
+    air
+        Temperature (N,) [degC] at surface and faces, and its uncertainty [K].
+    findings
+        One for each location with channels.
+
+    Raises
+    ------
+    InputError
+        If there is neither a channel that changes nor an ambient temperature.
+
+    Notes
+    -----
+    The temperature is the mean of the channels. A location without channels has the ambient
+    temperature that was logged or stated, or without one the air of the other location. A channel
+    that never changes is left out. The mean of n channels whose means in steady state have the
+    standard deviation s has the standard uncertainty s / sqrt(n).
     """
     channels = rig.tables(disk).ambient
     ambient: Array | None = None
@@ -187,7 +303,22 @@ def disk_air(
 
 
 def check_no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
-    """Raise InputError if two junctions have the same numbers: one of them is not measured."""
+    """Check that no two junctions have the same numbers: one of them would not be measured.
+
+    Parameters
+    ----------
+    frame
+        Table of the log.
+    left_out
+        Channels that are not used.
+    where
+        The log, for messages.
+
+    Raises
+    ------
+    InputError
+        If two columns are equal in every row and not constant.
+    """
     names = [n for n in junction_columns_in(frame) if n.removesuffix("_degC") not in left_out]
     for first, second in combinations(names, 2):
         if frame[first].equals(frame[second]) and frame[first].nunique() > 1:

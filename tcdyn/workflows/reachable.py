@@ -1,8 +1,12 @@
-"""Which readings a chain of lags can have produced from any physical temperature, and which it
-cannot.
+"""Readings that a chain of lags cannot have produced from any physical temperature.
 
 A reading that jumps further than the largest lag of its chain allows is no temperature: an open or
 unplugged thermocouple, or the value that a logger writes for an overload. It is treated as missing.
+
+Used by the live compensation (:mod:`tcdyn.workflows.live`, :mod:`tcdyn.workflows.warm_up`). A log
+that is complete is examined by ``tcdyn.rig.plausible.impossible_changes``, which has the same
+bound. Limits without a source were chosen by judgement. Guarded by
+``tests/smoothing/test_follow_invalid.py``.
 """
 
 from __future__ import annotations
@@ -44,9 +48,16 @@ QUARTILE_OF_DIFFERENCES = 0.3186 * np.sqrt(
 class ReadingTrack:
     """The levels of M channels.
 
-    ``value`` (M,): last accepted reading [degC], ``age`` (M,): samples since then, ``count`` (M,):
-    accepted readings. ``rival``, ``rival_age``, ``rival_count``: the same of the last rejected
-    readings that agree with each other.
+    Parameters
+    ----------
+    value
+        Last accepted reading (M,) [degC].
+    age
+        Number of samples since then (M,).
+    count
+        Number of accepted readings (M,).
+    rival, rival_age, rival_count
+        The same of the last rejected readings that agree with each other.
     """
 
     value: Array
@@ -58,8 +69,15 @@ class ReadingTrack:
 
     @classmethod
     def begin(cls, value: Array, count: float = 0.0) -> ReadingTrack:
-        """The track of channels whose first readings are about ``value (M,)``, backed by ``count``
-        readings.
+        """The track of channels before their first reading.
+
+        Parameters
+        ----------
+        value
+            Level (M,) [degC].
+        count
+            Number of readings that it comes from: so many rejected readings must agree to replace
+            it.
         """
         nothing = np.zeros(len(value))
         no_value = np.full(len(value), np.nan)
@@ -68,12 +86,12 @@ class ReadingTrack:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Plain lists."""
+        """The fields as lists."""
         return {f.name: getattr(self, f.name).tolist() for f in fields(self)}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ReadingTrack:
-        """The track that ``to_json`` gave."""
+        """The track from the result of ``to_json``."""
         return cls(**{name: np.array(values, dtype=float) for name, values in data.items()})
 
 
@@ -93,10 +111,16 @@ class _Channel:
 class Reach:
     """How far the readings of M channels can move.
 
-    ``remaining_share`` (M,): share of a deviation that is left after one sample; 0 where the chain sets no
-    bound. ``margin_K`` (M,): for the noise. ``low_degC``, ``high_degC`` (M,): range of what enters
-    the largest lag. ``patience`` (M,): samples without an acceptable reading after which a channel
-    starts anew.
+    Parameters
+    ----------
+    remaining_share
+        Share (M,) of a deviation that remains after one sample; 0 where the chain sets no bound.
+    margin_K
+        Margin (M,) for the noise [K].
+    low_degC, high_degC
+        Range (M,) of the input of the largest lag [degC].
+    patience
+        Number of samples (M,) without an acceptable reading after which a channel starts anew.
 
     Notes
     -----
@@ -105,7 +129,8 @@ class Reach:
         low + (y0 - low) k <= y <= high + (y0 - high) k,    k = exp(-n dt / tau).
 
     The other lags of the chain have positive impulse responses, so w stays in the physical range of
-    the temperature.
+    the temperature. A conditioning filter that overshoots widens the range by ``OVERSHOOT_SHARE``.
+    ``tests/smoothing/test_follow_invalid.py`` checks that no physical input is rejected.
     """
 
     remaining_share: Array
@@ -118,10 +143,26 @@ class Reach:
     def create(
         cls, chains: Sequence[Chain], lag_u_s: Array, split_u_s: Array, noise_K: Array, dt_s: float
     ) -> Reach:
-        """For ``chains``, their standard uncertainties [s], the noise [K] and the sample interval
-        [s].
+        """The bounds of some channels.
 
+        Parameters
+        ----------
+        chains
+            Chain of each channel (M,).
+        lag_u_s, split_u_s
+            Standard uncertainties (M,) of the lags and of their division [s].
+        noise_K
+            Standard deviation of the noise (M,) [K].
+        dt_s
+            Sampling interval [s].
+
+        Notes
+        -----
         A zero or a complex pair makes a chain quicker than its largest lag: no bound is set for it.
+        The lag is taken ``LAG_SIGMAS`` standard uncertainties shorter, and the margin is
+        ``MARGIN_NOISES`` times the noise. With smaller values valid readings may be rejected, with
+        larger ones fewer faults are noticed. ``MARGIN_NOISES`` follows
+        ``tcdyn.smoothing.live.BURST_SD_RATIO``.
         """
         keep = np.zeros(len(chains))
         patience = np.zeros(len(chains))
@@ -140,8 +181,16 @@ class Reach:
         return cls(keep, margin_K, LOWEST_DEGC - overshoot, HIGHEST_DEGC + overshoot, patience)
 
     def possible(self, i: int, before: Any, after: Any, samples: Any) -> Any:
-        """Whether channel ``i`` can read ``after`` [degC] so many ``samples`` later than ``before``
-        [degC].
+        """Whether a channel can have one reading some samples after another.
+
+        Parameters
+        ----------
+        i
+            Index of the channel.
+        before, after
+            The readings [degC].
+        samples
+            Number of samples between them. Arrays of these three are allowed.
         """
         if self.remaining_share[i] == 0:
             return np.isfinite(after)
@@ -153,11 +202,29 @@ class Reach:
     def examine(
         self, track: ReadingTrack, y: Array
     ) -> tuple[ReadingTrack, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Continue ``track`` with the readings ``y (N, M)`` [degC], NaN where missing.
+        """Continue a track with new readings.
 
-        Returns the track after them, which of them are rejected (N, M), and where a channel starts
-        anew (N, M): rejected readings that agree with each other outnumber the accepted ones, or
-        none was accepted for too long.
+        Parameters
+        ----------
+        track
+            The track so far.
+        y
+            Readings (N, M) [degC], NaN where missing.
+
+        Returns
+        -------
+        track
+            The track after them.
+        rejected
+            Readings that are rejected (N, M).
+        anew
+            Where a channel starts anew (N, M): rejected readings that agree with each other
+            outnumber the accepted ones, or none was accepted for too long.
+
+        Notes
+        -----
+        The result does not depend on how the readings are divided into calls;
+        ``tests/smoothing/test_follow_invalid.py`` checks this.
         """
         rejected = np.zeros(y.shape, dtype=bool)
         anew = np.zeros(y.shape, dtype=bool)
@@ -172,8 +239,20 @@ class Reach:
         return replace(track, **after), rejected, anew
 
     def _all_follow(self, i: int, channel: _Channel, y: Array) -> bool:
-        """Whether each reading can follow from the one before; the channel is moved on then. The
-        usual case.
+        """Whether each reading can follow from the one before; the channel is then moved on.
+
+        Parameters
+        ----------
+        i
+            Index of the channel.
+        channel
+            Its track, changed if the result is True.
+        y
+            Readings (N,) [degC], NaN where missing.
+
+        Notes
+        -----
+        It must give the same track as ``_step`` for every reading: it exists for speed.
         """
         at = np.flatnonzero(np.isfinite(y))
         rival_is_newer = np.isfinite(channel.rival) and channel.rival_age < channel.age
@@ -191,7 +270,24 @@ class Reach:
         return True
 
     def _step(self, i: int, channel: _Channel, reading: float) -> tuple[bool, bool]:
-        """Whether one reading is rejected, and whether the channel starts anew with it."""
+        """Continue the track of one channel with one reading.
+
+        Parameters
+        ----------
+        i
+            Index of the channel.
+        channel
+            Its track, which is changed.
+        reading
+            The reading [degC], NaN if missing.
+
+        Returns
+        -------
+        rejected
+            Whether the reading is rejected.
+        anew
+            Whether the channel starts anew with it.
+        """
         channel.age += 1.0
         channel.rival_age += 1.0
         if not np.isfinite(reading):
@@ -226,9 +322,17 @@ class Reach:
         return True, False
 
     def rejected_at_start(self, i: int, y: Array) -> NDArray[np.bool_]:
-        """Which of the first readings ``y (N,)`` [degC] of channel ``i`` are rejected.
+        """Which of the first readings of a channel are rejected.
 
-        The first valid one is the one that most of the others can follow from.
+        The first valid one is the one that most of the others can follow from. ``START_CANDIDATES``
+        are tried.
+
+        Parameters
+        ----------
+        i
+            Index of the channel.
+        y
+            Readings (N,) [degC], NaN where missing.
         """
         finite = np.flatnonzero(np.isfinite(y))
         best = np.zeros(len(y), dtype=bool)
@@ -253,12 +357,20 @@ class Reach:
 
 @dataclass(frozen=True)
 class Screening:
-    """What was treated as missing so far, in M channels, and the track that tells it.
+    """What was treated as missing so far in M channels, and their track.
 
-    ``impossible``, ``unreachable`` (M,): readings outside the physical range, and beyond what the
-    chain allows; ``restarts`` (M,): times that a channel started anew; ``blank`` (M,): answers left
-    empty because they lie outside the physical range. ``first_s``: time of the first such reading
-    [s], NaN without one.
+    Parameters
+    ----------
+    track
+        The track.
+    impossible, unreachable
+        Number of readings (M,) outside the physical range, and beyond what the chain allows.
+    restarts
+        Number of times (M,) that a channel started anew.
+    blank
+        Number of results (M,) left empty because they lie outside the physical range.
+    first_s
+        Time of the first reading that was treated as missing [s]; NaN without one.
     """
 
     track: ReadingTrack
@@ -275,7 +387,7 @@ class Screening:
         return cls(track, none, none, none, none)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain lists and numbers."""
+        """The fields as lists and numbers."""
         counts = {
             name: getattr(self, name).tolist()
             for name in ("impossible", "unreachable", "restarts", "blank")
@@ -284,7 +396,7 @@ class Screening:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Screening:
-        """The screening that ``to_json`` gave."""
+        """The screening from the result of ``to_json``."""
         counts = {
             n: np.array(data[n], dtype=float)
             for n in ("impossible", "unreachable", "restarts", "blank")
@@ -294,11 +406,27 @@ class Screening:
     def examined(
         self, reach: Reach, time_s: Array, y: Array, outside: NDArray[np.bool_]
     ) -> tuple[Screening, Array, NDArray[np.bool_]]:
-        """Continue with the readings ``y (N, M)`` [degC] at ``time_s (N,)``, of which some lie
-        ``outside`` (N, M).
+        """Continue with new readings.
 
-        Returns the screening after them, the readings with NaN for what is treated as missing, and
-        where a channel starts anew (N, M).
+        Parameters
+        ----------
+        reach
+            Bounds of the channels.
+        time_s
+            Times (N,) [s].
+        y
+            Readings (N, M) [degC].
+        outside
+            Readings (N, M) outside the physical range.
+
+        Returns
+        -------
+        screening
+            The screening after them.
+        readings
+            Readings (N, M) with NaN for what is treated as missing.
+        anew
+            Where a channel starts anew (N, M).
         """
         valid = np.where(outside, np.nan, y)
         track, rejected, anew = reach.examine(self.track, valid)
@@ -317,7 +445,7 @@ class Screening:
         return after, np.where(rejected, np.nan, valid), anew
 
     def blanked(self, bad: NDArray[np.bool_]) -> Screening:
-        """The same with the answers ``bad (N, M)`` counted as left empty."""
+        """The same with the results ``bad`` (N, M) counted as left empty."""
         return replace(self, blank=self.blank + np.count_nonzero(bad, axis=0))
 
     def findings(self, names: Sequence[str]) -> tuple[Finding, ...]:
@@ -356,8 +484,7 @@ def _listed(names: Sequence[str], counts: Array) -> str:
 
 
 def noise_bound_K(y: Array) -> float:
-    """A noise [K] of the trace ``y (N,)`` that up to half of the readings being invalid does not
-    change much.
+    """Noise [K] of a trace (N,) that hardly changes if up to half of the readings are invalid.
 
     The lower quartile of the differences between readings one, two and three samples apart,
     whichever is smallest; at least the rounding error of the logger.

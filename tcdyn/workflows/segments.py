@@ -1,4 +1,8 @@
-"""Compensation of one disk, and of logs that do not fit into memory, by overlapping segments."""
+"""Compensation of one disk, and of logs that do not fit into memory, by overlapping segments.
+
+Used by :mod:`tcdyn.workflows.compensate`. A segment has margins in which the smoother settles
+(``tcdyn.smoothing.intervals.settling_time_s``). Guarded by ``tests/smoothing/test_long_log.py``.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +37,7 @@ from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 
 # Decimals of the output: 0.01 mK, far below the uncertainty of any sample.
 DECIMALS = 5
+# rows of a segment without its margins: memory; chosen by judgement
 SEGMENT_ROWS = 50_000
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -56,19 +61,37 @@ class CompensationMethod:
     bandwidth_Hz: float = 0.5
 
     def __post_init__(self) -> None:
+        """Check the name of the method; InputError for another one."""
         if self.method not in METHODS:
             raise InputError(f"method {self.method!r}", expected=" or ".join(METHODS))
 
     @property
     def removes_lag(self) -> bool:
-        """Whether the answer is the temperature at the junction."""
+        """Whether the result is the temperature at the junction."""
         return self.method != "noise-only"
 
 
 def with_common_lag(
     traces: DiskTraces, record: DiskRecord, fit: SingleDiskFit | None
 ) -> tuple[DiskTraces, str]:
-    """Return the traces with the common lag of the fit, if there is one, and a note about it."""
+    """Traces with the common lag of a fit, if there is one, and a note about it.
+
+    Parameters
+    ----------
+    traces
+        Traces of the disk, with the chains of the record.
+    record
+        Its record.
+    fit
+        Joint fit of the disk, or None.
+
+    Returns
+    -------
+    traces
+        Traces with the chains and the covariance of the lags to use.
+    note
+        The common lag and where it comes from, for the metadata of the output.
+    """
     if fit is not None:
         lag = fit.estimates["lag_s"]
         chains = refined_chains(traces.chains, fit.chain)
@@ -86,9 +109,24 @@ def with_common_lag(
 def compensate_disk(
     traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: CompensationMethod
 ) -> Compensated:
-    """Compensate one disk's traces.
+    """Compensate the traces of one disk.
 
-    ``events``: time [s] of each event of the log, and its standard uncertainty [s].
+    Parameters
+    ----------
+    traces
+        The traces.
+    frame
+        Table of the log, for its times.
+    events
+        Standard uncertainty [s] by time of each event of the log [s]. Without events the smoother
+        looks for them.
+    way
+        The method.
+
+    Notes
+    -----
+    The uncertainty of the static lines includes what they have in common. Events are used by the
+    smoother only.
     """
     time = frame["time_s"].to_numpy(dtype=float)
     y = traces.measured_degC
@@ -120,7 +158,22 @@ def compensate_disk(
 def output_columns(
     traces: DiskTraces, result: Compensated, way: CompensationMethod, parts: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the output columns (N,) of one disk by name."""
+    """Output columns (N,) of one disk by name.
+
+    Parameters
+    ----------
+    traces, result
+        Traces and compensated record of the disk.
+    way
+        The method; without removal of the lag there are no columns of uncertainty.
+    parts
+        Whether to add the components of the uncertainty.
+
+    Notes
+    -----
+    The names must be those that docs/files.md describes. ``_noise_u_K`` is ``sd_noise``;
+    ``_common_u_K`` is the common lag and what the static lines have in common.
+    """
     columns: dict[str, NDArray[np.float64]] = {}
     common_u = (
         np.hypot(result.common_sd(), shared_u_K(traces.lines))
@@ -144,6 +197,25 @@ class LogSegments:
 
     Noise and process-noise intensity are estimated in each segment. Lags are those of the unloading
     (``fits``) or of the records.
+
+    Parameters
+    ----------
+    log
+        The log.
+    rig, records, method
+        The rig, the record of each disk and the method.
+    fits
+        Joint fits by disk; empty where the lags of the records are used.
+    events
+        Standard uncertainty [s] by time of each event [s].
+    components
+        Whether to add columns with the components of the uncertainty.
+    canonical_names
+        Whether the columns contain the name of the disk.
+    columns, header
+        Columns of the log, and of the output.
+    notes
+        Metadata of the output.
     """
 
     log: LogChunks
@@ -161,7 +233,7 @@ class LogSegments:
     def read_chunks(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Iterate over chunks of the log: time, columns and findings."""
+        """Yield chunks of the log: times [s], columns by name, and findings."""
         for piece in self.log:
             yield (
                 piece.frame["time_s"].to_numpy(),
@@ -170,7 +242,26 @@ class LogSegments:
             )
 
     def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
-        """Write the ``header`` and all rows to ``out``, atomically; return the findings."""
+        """Write the header and all rows to a file, completely or not at all.
+
+        Parameters
+        ----------
+        out
+            The file.
+        progress
+            Called after each tenth of the rows.
+
+        Returns
+        -------
+        list of Finding
+            Findings of all segments.
+
+        Notes
+        -----
+        A segment whose margin is too short for the smoother to settle is read again with a longer
+        one. ``SEGMENT_ROWS`` may be changed (memory). ``tests/smoothing/test_long_log.py`` compares
+        the result with that of the log in one piece.
+        """
         rows = 0
         reported_percent = 0
         findings = list[Finding]()
@@ -198,7 +289,22 @@ class LogSegments:
         return findings
 
     def _compensate_segment(self, segment: TableSegment) -> tuple[pd.DataFrame, list[Finding], int]:
-        """Return the rows to write, findings, and how many margin rows the RTS smoother needs to settle."""
+        """Compensate one segment of the log.
+
+        Parameters
+        ----------
+        segment
+            Rows of the segment with its margins.
+
+        Returns
+        -------
+        frame
+            The rows to write, without margins.
+        findings
+            Findings of the segment.
+        margin_rows
+            Number of rows on each side that the smoother needs to settle.
+        """
         frame = pd.DataFrame(segment.data)
         where = self.log.path.name
         findings = list(segment.findings)

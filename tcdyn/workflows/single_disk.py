@@ -1,4 +1,8 @@
-"""Heat partition with one disk: from an EHL log and one record to beta, and beta.json."""
+"""Heat partition with one disk: from an EHL log and one record to beta, and beta.json.
+
+The command ``tcdyn beta`` where one record is given; the fits are
+:mod:`tcdyn.partition.single_disk`. Guarded by ``tests/partition/test_one_disk.py``.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +34,20 @@ from tcdyn.workflows.operating_conditions import BearingFile
 
 @dataclass(frozen=True)
 class OneDiskRun(Result):
-    """One analysed test of one disk: the numbers, the log they came from, and how many tests that
-    log holds in all.
+    """Result of one analysed test of one disk, with the log and the record that it came from.
+
+    Parameters
+    ----------
+    log
+        The log.
+    partition
+        The estimates.
+    rig_sha256
+        Fingerprint of rig and record.
+    stages
+        Number of tests in the log.
+    records
+        Record of the disk.
     """
 
     log: Log
@@ -41,11 +57,13 @@ class OneDiskRun(Result):
     records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
+        """Name of the log."""
         return f"<OneDiskRun of {self.log.path.name}; summary() says it in words>"
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of ``beta.json``, null where a number needs both disks, sealed with its
-        checksum.
+        """The content of ``beta.json`` with its checksum, null where a number needs both disks.
+
+        Its keys must be those of ``tcdyn.workflows.beta_tables.beta_file``.
         """
         partition = self.partition
         disk = self.partition.disk
@@ -130,7 +148,7 @@ class OneDiskRun(Result):
         )
 
     def summary(self) -> str:
-        """The answer in a few lines."""
+        """The recommended estimate and those by every method, in a few lines."""
         partition = self.partition
         answers = self.partition.estimates
         lag = {"joint": f"   lag {answers['lag_s']} s", "cooling": ""}
@@ -146,13 +164,14 @@ class OneDiskRun(Result):
         return "\n".join([partition.recommendation.sentence, *rows, partition.crosscheck.sentence])
 
     def card(self) -> pd.DataFrame:
-        """The ways to beta."""
+        """Table of the estimates of beta by every method."""
         return one_disk_estimates_table(self.partition)
 
 
 def one_disk_estimates_table(p: OneDisk) -> pd.DataFrame:
-    """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true
-    is withheld.
+    """Table of beta, h and lag by the methods that one disk allows, the recommended one first.
+
+    Physically impossible results are withheld.
     """
     rows = []
     a = p.estimates
@@ -184,12 +203,33 @@ def estimate_one_disk(
     stage: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> OneDiskRun:
-    """Read an EHL log of one disk and find beta by its joint and its cooling fit; arguments as of
-    ``estimate_beta``.
+    """Read an EHL log of one disk and estimate beta by its joint and its cooling fit.
 
-    Both speeds are needed all the same: the heat is friction times sliding speed. Nothing is drawn,
-    so ``seed`` changes nothing. Raises InputError as ``estimate_beta`` does, and where the log
-    holds the other disk's columns, too.
+    Parameters
+    ----------
+    log, rig
+        As for ``tcdyn.workflows.beta.estimate_beta``.
+    records
+        The record of one disk.
+    without, window_s, sensor_check, bearing, stage, progress
+        As for ``tcdyn.workflows.beta.estimate_beta``.
+    seed
+        Not used: there are no Monte Carlo samples. It makes the arguments those of
+        ``estimate_beta``.
+
+    Returns
+    -------
+    OneDiskRun
+        The estimates.
+
+    Raises
+    ------
+    InputError
+        As ``estimate_beta``, and where the log also has columns of the other disk.
+
+    Notes
+    -----
+    Both speeds are needed all the same: the heat is friction times sliding speed.
     """
     rig = rig or rig_from_records(records)
     (name,) = records
@@ -204,6 +244,7 @@ def estimate_one_disk(
         )
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
+        """Analyse the log without some channels."""
         progress("reading the log")
         chunks = iter_log(
             log, "ehl", rig, without=[*other_columns, *(f"{name}_degC" for name in left_out)]

@@ -1,4 +1,9 @@
-"""Warm-up of the live compensation: sample interval, noise and initial level of each channel."""
+"""Warm-up of the live compensation: sample interval, noise and initial level of each channel.
+
+Used by :mod:`tcdyn.workflows.follow`. The noise model is that of :mod:`tcdyn.chain.logger_noise`.
+Limits without a source were chosen by judgement. Guarded by ``tests/smoothing/test_follow.py`` and
+``tests/smoothing/test_follow_invalid.py``.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +23,14 @@ from tcdyn.smoothing.traces import DiskChannels
 from tcdyn.workflows.live import LiveCompensator, LiveCompensatorState, LiveSettings
 from tcdyn.workflows.reachable import Reach, noise_bound_K
 
+# fewest steps of the clock, and fewest valid readings of a channel
 MIN_SAMPLES = 16
+# smallest noise [K], for a channel whose readings do not scatter
 MIN_NOISE_K = 1e-3
+# readings whose median is the first level: a single one may be a spike
 N_LEVEL_SAMPLES = 5
-MIN_NOISE_RATIO = (
-    0.03  # of the noise from before the filter: less of it after the filter no samples show
-)
+# smallest noise after the filter, as a share of that before it: samples do not show less
+MIN_NOISE_RATIO = 0.03
 
 
 def warm_up(
@@ -33,8 +40,38 @@ def warm_up(
     level_K2_s3: float | None,
     settings: LiveSettings,
 ) -> tuple[LiveCompensator, LiveCompensatorState]:
-    """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise,
-    starting level.
+    """Compensator and its first state from the first seconds of a log.
+
+    Parameters
+    ----------
+    names
+        Names of the columns.
+    rows
+        The first rows (n, columns).
+    channels
+        Thermocouples of each disk.
+    level_K2_s3
+        Process-noise intensity for a log of this kind [K2/s3]; None where it is unknown.
+    settings
+        Settings of the live compensation.
+
+    Returns
+    -------
+    compensator
+        The compensator.
+    state
+        Its first state.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than ``MIN_SAMPLES`` steps, or no channel shows a temperature.
+
+    Notes
+    -----
+    Rows are put on even times first. Readings that cannot be temperatures are left out, see
+    ``tcdyn.workflows.reachable.Reach.rejected_at_start``. The first level is the median of
+    ``N_LEVEL_SAMPLES`` readings.
     """
     time = rows[:, list(names).index("time_s")]
     steps = np.diff(time[np.isfinite(time)])
@@ -85,11 +122,30 @@ def _noise(
     dt_s: float,
     given_K: float | None,
 ) -> dict[str, Any]:
-    """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before
-    it.
+    """Noise of each trace behind and before its filter.
 
-    Of the traces ``screened`` so many readings may be missing that only those left, one after the
-    other, tell it.
+    Parameters
+    ----------
+    traces
+        Trace (N,) [degC] and conditioning filter by name.
+    screened
+        Names of traces with invalid readings. So many may be missing that only the remaining ones,
+        one after the other, show the noise.
+    dt_s
+        Sampling interval [s].
+    given_K
+        Standard deviation of the noise of all traces [K]; None to estimate it.
+
+    Returns
+    -------
+    dict
+        ``noise_K``: white noise after the filter [K] by name; ``before_K``: white noise before it.
+
+    Notes
+    -----
+    Where the noise is coloured by another shape than that of the filter, it is taken as white noise
+    of the same level at low frequency, because the states of the live smoother are those of the
+    filter.
     """
     valid = {name: y[np.isfinite(y)] if name in screened else y for name, (y, _) in traces.items()}
     after = {name: given_K or max(trace_noise_sd(y), MIN_NOISE_K) for name, y in valid.items()}

@@ -41,7 +41,7 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
 
 def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) -> None:
     cells = [c for column in beta_tables.estimates_table(partition).to_numpy().T for c in column]
-    cells += list(beta_tables.test_table(partition)["value"])
+    cells += list(beta_tables.conditions_table(partition)["value"])
     pairs = [c.split(" +- ") for c in cells if "+-" in c]
     assert len(pairs) > 20
     for value, u in pairs:
