@@ -412,6 +412,13 @@ def _rows_and_data(
 ) -> tuple[list[tuple[int, list[str]]], list[int]]:
     """Rows below the comments, and which of them are data.
 
+    Parameters
+    ----------
+    lines
+        First lines of the text.
+    separator, decimal
+        Separator of the columns and decimal mark.
+
     Returns
     -------
     rows

@@ -248,6 +248,13 @@ def _with_assumed_times(
     where
         The file, for messages.
 
+    Returns
+    -------
+    tracks
+        All channels by name, each with its interval.
+    findings
+        A warning for each channel whose time is assumed.
+
     Raises
     ------
     InputError

@@ -305,16 +305,15 @@ def likelihood(
     Returns
     -------
     value
-        Log likelihood (M, Q), up to a constant that depends neither on noise nor on intensity.
+        Log likelihood (M, Q) without the constant -n/2 log(2 pi) of n samples.
     ratio
         Factor (M, Q) by which the noise variance would have to change so that the chi-square equals
         the number of samples minus two minus the number of events.
 
     Notes
     -----
-    The prior mean is left out of the quadratic form, which is negligible because the prior is
-    diffuse. ``tests/smoothing/test_states.py`` compares both results with the dense covariance of
-    all samples.
+    Prior mean and covariance are those of ``prior``. ``tests/smoothing/test_states.py`` compares
+    both results with the dense covariance of all samples.
     """
     model = full_model(record, noise_var, proposals, fine)
     log_det = np.zeros(model.mean0.shape[:2])
