@@ -162,8 +162,7 @@ def prepare_test(
     friction, half-width (by W^(1/3)) and speed exponent.
 
     The steady rows of the fits are others: ``tcdyn.partition.window.steady_start_s``. Guarded by
-    ``tests/partition/test_running.py``, ``tests/partition/test_as_logged.py`` and
-    ``tests/behaviour``.
+    ``tests/partition/test_as_logged.py`` and ``tests/behaviour``.
     """
     where = log.path.name
     if log.metadata.get("tcdyn") == COMPENSATED:

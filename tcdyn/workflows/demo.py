@@ -1,7 +1,6 @@
 """Demonstration on a simulated campaign: simulate, calibrate, compensate, analyse, compare.
 
-The command ``tcdyn demo``. Guarded by ``tests/core/test_results.py`` and
-``tests/cli/test_main_job.py``.
+The command ``tcdyn demo``. Guarded by ``tests/core/test_results.py``.
 """
 
 from __future__ import annotations
