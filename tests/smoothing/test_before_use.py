@@ -147,3 +147,14 @@ def test_a_common_chain_is_shown_after_a_second_s_mean() -> None:
     assert (
         np.abs(out - exact)[t > 3.5].max() < 0.06
     )  # a sample's rounding of the held step: 0.05 of a second's lag
+
+
+def test_the_step_of_a_slowly_sampled_chain_is_exact_at_the_samples() -> None:
+    """Five samples in one lag: the step passes the chain on a finer grid."""
+    dt = TAU / 5
+    report = report_inverse(proper_inverse(ONE, dt, 0.5), 0.01)
+    after = report.step_time_s >= 0
+    assert 50 < len(report.raw_step) < 400
+    expected = 1 - np.exp(-report.step_time_s[after] / TAU)
+    assert report.raw_step[after] == pytest.approx(expected, abs=1e-9)
+    assert report.raw_rise_s == pytest.approx(np.log(9) * TAU, rel=0.05)
