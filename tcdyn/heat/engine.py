@@ -82,8 +82,8 @@ class RimInputs:
         Notes
         -----
         The order is that of ``tcdyn.heat.modal.inputs_of(3)``: power, then d, b and f, then the
-        air. ``map_beta_h`` and ``fields_at`` take column 0 for the power; keep the two functions
-        consistent.
+        air. ``temperature_map`` and ``fields_at`` take column 0 for the power; keep the two
+        functions consistent.
         """
         columns = (self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC)
         return np.stack(columns, axis=1).astype(float)
@@ -113,7 +113,7 @@ class RimInputs:
         return lag_basis(u, self.dt_s, rates)
 
 
-def map_beta_h(
+def temperature_map(
     rim: Rim,
     drive: RimInputs,
     share: ArrayLike,
@@ -126,6 +126,8 @@ def map_beta_h(
     mesh: Mesh = MESH_IV,
 ) -> Array:
     """Temperatures (H, B, P, N) [degC] for every h and every share: the map of section 3.5.
+
+    A share is beta or 1 - beta, whichever is that of this disk.
 
     Starts in steady state with the first sample. The result is linear in the share, so each h needs
     two weighted sums of the filtered inputs, which do not depend on h.
@@ -154,6 +156,11 @@ def map_beta_h(
     Returns
     -------
     Temperatures, (H, B, P, N) [degC].
+
+    Raises
+    ------
+    InputError
+        As :func:`tcdyn.heat.modal.rim_gains`.
 
     Notes
     -----
@@ -226,7 +233,7 @@ def fields_at(
     The amplitude of a mode is its steady amplitude for each input times the input through the
     mode's lag. Modes faster than the basis use its fastest lag, as in
     ``tcdyn.heat.modal.rim_gains``; change both alike. ``tests/heat/test_rim_engine.py`` checks that
-    the fields pass through the temperatures of ``map_beta_h``.
+    the fields pass through the temperatures of ``temperature_map``.
     """
     rates = basis_rates(drive.dt_s)
     rows = np.asarray(samples, dtype=int)

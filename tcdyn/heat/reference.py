@@ -6,8 +6,9 @@ from its operators, so that the two are independent.
 
 Used by ``tcdyn.verify`` (the published numbers) and by the tests in ``tests/heat``; no fit uses it.
 Keep it independent of ``tcdyn.heat.modal``, otherwise an error in both would not be seen. The
-closed forms are guarded by ``tests/heat/test_rim_closed_forms.py``, the scheme by
-``tests/heat/test_rim_reference.py``.
+closed forms are guarded by ``tests/heat/test_rim_closed_forms.py``, the time steps of the scheme by
+``tests/heat/test_rim_reference.py``, its steady field by
+``test_steady_state_is_the_schemes_own`` in ``tests/heat/test_rim_engine.py``.
 """
 
 from __future__ import annotations
@@ -518,11 +519,18 @@ def steady_field(s: Scheme, forcing: Array) -> Array:
     s
         The semi-discrete rim.
     forcing
-        Constant forcing g, (n,) [K/s].
+        Constant forcing, (n,) [K/s]: g = G_in T_inner + g_q q plus the terms of the air of
+        :class:`Scheme`.
 
     Returns
     -------
-    Field, (n,) [degC].
+    Field, (n,) [degC]; n = (nr-1) nz: the row r = R_i, which is imposed, is left out.
+
+    Notes
+    -----
+    The order of elimination may change. Guarded by ``test_steady_state_is_the_schemes_own`` in
+    ``tests/heat/test_rim_engine.py``. The runs of ``tests/heat/reference_run.py`` and of
+    ``tcdyn.verify.studies`` start from it; ``tcdyn.verify.studies`` also compares meshes by it.
     """
     return np.asarray(splu(s.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(forcing))
 

@@ -155,11 +155,28 @@ class AngularHarmonic:
         return Estimate(value=size, u=u, low95=max(size - Z95 * u, 0.0), high95=size + Z95 * u)
 
     @property
-    def angle_deg(self) -> Estimate:
+    def hottest_angle_deg(self) -> Estimate:
         """Angle of the hottest side in the frame of the junctions' ``angle_deg`` [deg].
 
         Where the harmonic is not significant, or its angle is as uncertain as an unknown one, the
         interval is the full circle.
+
+        Returns
+        -------
+        Estimate
+            Value from 0 to 360. The limits are not wrapped: they may be negative or above 360.
+
+        Notes
+        -----
+        u = sqrt(n'Cn) / |level|, to first order, for the covariance C of the level and the unit
+        vector n at right angles to it. u is at most ``UNKNOWN_ANGLE_U_DEG``. Where the harmonic is
+        not significant only the interval is widened, not u.
+
+        ``SIGNIFICANT_Z`` may change; it must stay the limit of :meth:`finding`. The key of
+        ``beta.json`` is ``angle_deg``, which must stay.
+        ``test_amplitude_and_angle_are_recovered_within_their_interval`` in
+        ``tests/partition/test_uneven.py`` (marked study) compares amplitude and angle with the
+        truth.
         """
         level = self.level_K
         size = float(np.hypot(*level))
@@ -184,7 +201,7 @@ class AngularHarmonic:
         if self.significance < SIGNIFICANT_Z:
             return None
         size = self.amplitude_K
-        angle = self.angle_deg
+        angle = self.hottest_angle_deg
         return info(
             "unevenness",
             subject=disk,
@@ -198,7 +215,7 @@ class AngularHarmonic:
         """The entry of ``beta.json``."""
         return {
             "amplitude_K": self.amplitude_K.model_dump(),
-            "angle_deg": self.angle_deg.model_dump(),
+            "angle_deg": self.hottest_angle_deg.model_dump(),
         }
 
     @property

@@ -45,9 +45,9 @@ from tcdyn.plots.identify import (
     draw_step,
 )
 from tcdyn.plots.partition import (
+    draw_beta_by_exponent,
     draw_beta_estimates,
     draw_budget,
-    draw_exponent,
     draw_lines,
     draw_map,
     draw_temperatures,
@@ -72,6 +72,7 @@ __all__ = [
     "draw_band",
     "draw_bearing",
     "draw_beta",
+    "draw_beta_by_exponent",
     "draw_beta_estimates",
     "draw_bode",
     "draw_budget",
@@ -86,7 +87,6 @@ __all__ = [
     "draw_differential_lags",
     "draw_entry",
     "draw_error_histogram",
-    "draw_exponent",
     "draw_field",
     "draw_filter_report",
     "draw_fit",

@@ -2,7 +2,8 @@
 
 Used by the pages of one test (``tcdyn/report/beta.py``, ``single_disk.py``), by
 :func:`tcdyn.plots.pick.draw` and by the gallery of the manual. The functions take a ``Partition``
-(two disks) or, where they say so, a ``OneDisk``. Constants are for the eye only. Tests:
+(two disks) or, where they say so, a ``OneDisk``. Constants are for the eye only, except
+``LITERATURE_EXPONENTS``, which is data. Tests:
 ``tests/report/test_pictures.py`` and ``tests/report/test_beta_page.py``.
 """
 
@@ -44,7 +45,10 @@ X_UNLOADING = "time from unloading [s]"
 Y_TEMPERATURE = "temperature [°C]"
 TRUTH_LABEL = "truth of the simulation"
 LEGEND_OVER_LINES: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}
-LITERATURE_EXPONENTS = (0.571, 0.8)  # range of the exponent n of h ~ u^n in the literature
+# Range of the exponent n of h ~ u^n in the literature, by section 7.4 of the thesis (0.57 and 0.8).
+# Data; equal to the defaults of ``speed_exponent_low`` and ``speed_exponent_high`` in
+# ``tcdyn.rig.tables.UncertaintyTable``.
+LITERATURE_EXPONENTS = (0.571, 0.8)
 RUNNING_MEAN_S = 0.5  # window of the running mean of the residuals [s]; chosen by judgement
 MIN_PLOTTED_U = 5e-5  # sources with a smaller u(beta) [1] are in the table only; judgement
 MIN_SCALE_K = 0.5  # half of the colour range, so that an even disk has one tone; judgement
@@ -447,10 +451,12 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     )
 
 
-def draw_exponent(p: Partition, ax: Axes) -> Axes:
+def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
     """Plot beta by the speed law against its exponent (figure 4.17).
 
-    The triangle is the exponent that the joint fit of both disks implies, without the speed law.
+    The triangle is the exponent that the joint fit of both disks implies, without the speed law;
+    its bars are the 95 % intervals of exponent and beta, each by itself. The shaded band is
+    ``LITERATURE_EXPONENTS``. The black dot is beta by the speed law at the exponent of rig.toml.
 
     Parameters
     ----------
@@ -463,6 +469,13 @@ def draw_exponent(p: Partition, ax: Axes) -> Axes:
     -------
     ax
         The same axes.
+
+    Notes
+    -----
+    Style and range of n may change. The band is not that of rig.toml: ``speed_exponent_low`` and
+    ``speed_exponent_high`` may differ from it. :func:`tcdyn.plots.campaign.draw_exponent` plots the
+    exponent itself, of many tests. No test asserts on this figure; the tests of the page draw it
+    (``tests/report/test_beta_page.py``).
     """
     low, high = LITERATURE_EXPONENTS
     n = np.linspace(low - 0.05, high + 0.05, 60)
@@ -537,7 +550,7 @@ def draw_angular_harmonic(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     harmonic = p.harmonic if isinstance(p, OneDisk) else p.both.harmonics[disk]
     setup = p.test.disks[disk].setup
     amplitude = harmonic.amplitude_K
-    angle = harmonic.angle_deg
+    angle = harmonic.hottest_angle_deg
     _draw_field_of_harmonic(setup, harmonic, ax)
     outer_mm = setup.outer_radius_m * 1e3
     for name, junction in setup.junctions.items():
@@ -599,7 +612,7 @@ def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axe
     r = np.linspace(inner_mm, outer_mm, 40)
     angle = np.linspace(0.0, 2 * np.pi, 181)
     shape = radial_shape(setup, harmonic.h_W_m2K, 1e-3 * (outer_mm - r))
-    hottest_rad = np.deg2rad(harmonic.angle_deg.value)
+    hottest_rad = np.deg2rad(harmonic.hottest_angle_deg.value)
     field = harmonic.amplitude_K.value * np.outer(shape, np.cos(angle - hottest_rad))
     scale = max(float(np.abs(field).max()), MIN_SCALE_K)
     filled = ax.pcolormesh(

@@ -232,7 +232,7 @@ def uncertainty_sections(p: Partition) -> list[Section]:
         ),
         Section(
             "influence of the exponent",
-            figure=panel_figure(partial(draw.draw_exponent, p), height_in=3.4),
+            figure=panel_figure(partial(draw.draw_beta_by_exponent, p), height_in=3.4),
             caption="The joint fit of both disks assumes no speed law and so estimates the "
             "exponent. Bars are 95 %.",
             folded=True,

@@ -19,7 +19,7 @@ from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.beta import ASSUMPTIONS
 from tcdyn.report.campaign_joint import joined_result, joined_sections
-from tcdyn.report.page import Section, pm, write_page
+from tcdyn.report.page import Section, cells_with_u, write_page
 from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 from tcdyn.workflows.campaign import CampaignRun
@@ -207,7 +207,7 @@ def partition_table(good: pd.DataFrame) -> pd.DataFrame:
         "beta_joint_slow": "joint fit, slow disk",
         "beta_both": "joint fit, both disks",
     }
-    columns = {title: _pm(good, name) for name, title in titles.items()}
+    columns = {title: _cells_of_estimate(good, name) for name, title in titles.items()}
     agree = [f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])]
     return pd.DataFrame({"test": good["test"].to_list(), **columns, "agree, largest z": agree})
 
@@ -221,7 +221,7 @@ def heat_transfer_table(good: pd.DataFrame) -> pd.DataFrame:
         "lag_joint_slow_s": "common lag slow [s]",
         "exponent": "implied exponent n [1]",
     }
-    columns = {title: _pm(good, name) for name, title in titles.items()}
+    columns = {title: _cells_of_estimate(good, name) for name, title in titles.items()}
     return pd.DataFrame({"test": good["test"].to_list(), **columns})
 
 
@@ -237,7 +237,7 @@ def condition_table(good: pd.DataFrame) -> pd.DataFrame:
     columns = {"test": good["test"].to_list()}
     for name, (title, digits) in formats.items():
         columns[title] = [f"{value:.{digits}f}" for value in good[name]]
-    columns["ΔT u_s [K m/s]"] = _pm(good, "delta_T_us_K_m_s")
+    columns["ΔT u_s [K m/s]"] = _cells_of_estimate(good, "delta_T_us_K_m_s")
     columns["warnings and notes"] = [f"{count:.0f}" for count in good["warnings"]]
     return pd.DataFrame(columns)
 
@@ -248,7 +248,9 @@ def temperature_table(good: pd.DataFrame) -> pd.DataFrame:
     for disk in DISKS:
         columns[f"{disk} disk, a [°C]"] = _temperature_cells(good[f"{disk}_a_degC"])
         columns[f"{disk} disk, bulk [°C]"] = _temperature_cells(good[f"{disk}_bulk_degC"])
-        columns[f"{disk} disk, hottest surface [°C]"] = _pm(good, f"{disk}_surface_max_degC")
+        columns[f"{disk} disk, hottest surface [°C]"] = _cells_of_estimate(
+            good, f"{disk}_surface_max_degC"
+        )
     return pd.DataFrame(columns)
 
 
@@ -269,7 +271,7 @@ def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
                 "quantity": QUANTITY_LABELS[line["quantity"]],
                 "over": "load [N]",
                 "tests": f"{line['number']} at {line['tests']}",
-                "slope": pm([line["slope"]], [u_slope])[0],
+                "slope": cells_with_u([line["slope"]], [u_slope])[0],
                 "95 % interval of the slope": f"{low} to {high}",
                 "value at zero": f"{line['intercept']:.4g}",
                 "scatter (rms)": f"{line['rms']:.2g}",
@@ -278,7 +280,7 @@ def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _pm(good: pd.DataFrame, name: str) -> list[str]:
+def _cells_of_estimate(good: pd.DataFrame, name: str) -> list[str]:
     """Return the cells of a column with its uncertainty.
 
     Parameters
@@ -288,4 +290,4 @@ def _pm(good: pd.DataFrame, name: str) -> list[str]:
     name
         Column; that of the uncertainty is ``u_<name>``.
     """
-    return pm(good[name], good[f"u_{name}"])
+    return cells_with_u(good[name], good[f"u_{name}"])

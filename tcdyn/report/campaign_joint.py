@@ -16,7 +16,7 @@ from tcdyn.campaign.trends import CurveTest
 from tcdyn.core.estimate import rounded_texts
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import panel_figure
-from tcdyn.report.page import MainResult, Section, pm, typeset
+from tcdyn.report.page import MainResult, Section, cells_with_u, typeset
 from tcdyn.rig.disk import DISKS
 
 # Text below the first table.
@@ -125,9 +125,11 @@ def beta_table(joined: JoinedCampaign) -> pd.DataFrame:
             "u absolute [1]": u_absolute,
         }
         for disk in DISKS:
-            row[f"h {disk} [W/m²K]"] = pm([r[f"h_{disk}_W_m2K"]], [r[f"u_h_{disk}_W_m2K"]])[0]
+            row[f"h {disk} [W/m²K]"] = cells_with_u(
+                [r[f"h_{disk}_W_m2K"]], [r[f"u_h_{disk}_W_m2K"]]
+            )[0]
         for disk in DISKS:
-            row[f"lag {disk} [s]"] = pm([r[f"lag_{disk}_s"]], [r[f"u_lag_{disk}_s"]])[0]
+            row[f"lag {disk} [s]"] = cells_with_u([r[f"lag_{disk}_s"]], [r[f"u_lag_{disk}_s"]])[0]
         row["β by the speed law at this n [1]"] = f"{r['beta_by_speed_law']:.4f}"
         rows.append(row)
     return pd.DataFrame(rows)

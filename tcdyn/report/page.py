@@ -327,7 +327,7 @@ def typeset(text: str) -> str:
     return text
 
 
-def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
+def cells_with_u(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
     """Return cells "value ± u"; empty for nan.
 
     The standard uncertainty has two digits, and the value is rounded to match.
@@ -339,7 +339,7 @@ def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
 
     Examples
     --------
-    >>> pm([0.68149, float("nan")], [0.0093, 0.1])
+    >>> cells_with_u([0.68149, float("nan")], [0.0093, 0.1])
     ['0.6815 ± 0.0093', '']
     """
     cells = []

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.heat.engine import RimInputs, map_beta_h
+from tcdyn.heat.engine import RimInputs, temperature_map
 from tcdyn.heat.rim import MESHES, Rim, junction_points
 from tcdyn.partition.steady import H_GRID_W_M2K, steady_map
 from tcdyn.rig.contact import half_width_m
@@ -94,7 +94,7 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     measured = np.stack([true[c] for c in setup.outer])
     points = junction_points(setup, setup.outer)
     mesh = MESHES["III"]
-    computed = map_beta_h(rim, drive, SHARES, H_W_m2K, points, half_width, mesh=mesh)
+    computed = temperature_map(rim, drive, SHARES, H_W_m2K, points, half_width, mesh=mesh)
     # (7.1), loading and unloading
     misfit = np.abs(computed - measured)[..., time > 1.0].mean(axis=(2, 3))
     i, j = np.unravel_index(np.argmin(misfit), misfit.shape)
@@ -123,7 +123,7 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     )
     loaded = (time > LOADED_s - 3.0) & (time < LOADED_s - 0.1)
     unit_shares = [0.0, 1.0]
-    at_h = map_beta_h(rim, drive, unit_shares, H_GRID_W_M2K, points, half_width, mesh=mesh)
+    at_h = temperature_map(rim, drive, unit_shares, H_GRID_W_M2K, points, half_width, mesh=mesh)
     by_share = np.moveaxis(np.swapaxes(at_h[..., loaded], 2, 3), 1, 0)
     without_heat = by_share[0]
     with_heat = by_share[1]

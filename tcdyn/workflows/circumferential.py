@@ -55,7 +55,7 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     even -= setup.steel.kirchhoff_temperature(even) - even
     angles = np.deg2rad(ANGLES_DEG)
     directions = np.stack([np.cos(angles), np.sin(angles)])
-    hottest = np.deg2rad(harmonic.angle_deg.value)
+    hottest = np.deg2rad(harmonic.hottest_angle_deg.value)
     level = harmonic.amplitude_K.value * np.array([np.cos(hottest), np.sin(hottest)])
     shape = radial_shape(setup, h, depth)
     variance = np.einsum("ia,ij,ja->a", directions, harmonic.level_covariance_K2, directions)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcdyn.heat.engine import RimInputs, map_beta_h
+from tcdyn.heat.engine import RimInputs, temperature_map
 from tcdyn.heat.modal import rim_gains, spectrum
 from tcdyn.heat.reference import CrankNicolson, scheme
 from tcdyn.heat.rim import Mesh, Rim, basis_rates, junction_points
@@ -61,7 +61,7 @@ def time_map(duration_s: float, mesh: Mesh) -> float:
     setup = load_rig().disk_setup("fast")
     rim, record = Rim.from_setup(setup), drive(duration_s)
     start = time.perf_counter()
-    out = map_beta_h(
+    out = temperature_map(
         rim, record, SHARES, FILMS, junction_points(setup, "ace"), HALF_WIDTH_M, mesh=mesh
     )
     took = time.perf_counter() - start

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from tcdyn.heat.engine import RimInputs, map_beta_h
+from tcdyn.heat.engine import RimInputs, temperature_map
 from tcdyn.heat.modal import RimGains, spectrum
 from tcdyn.heat.reference import CrankNicolson, Scheme, steady_field
 from tcdyn.heat.rim import Mesh, Point, Rim
@@ -35,7 +35,7 @@ def simulate_rim(
     **options,
 ):
     """Temperatures (N, P) of one pair of the map."""
-    return map_beta_h(rim, drive, share, h, points, half_width_m, **options)[0, 0].T
+    return temperature_map(rim, drive, share, h, points, half_width_m, **options)[0, 0].T
 
 
 def respond(gains: RimGains, banks: list[np.ndarray], inputs: np.ndarray) -> np.ndarray:

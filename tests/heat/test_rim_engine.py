@@ -14,7 +14,7 @@ from reference_run import (
 )
 
 from tcdyn.core.errors import InputError
-from tcdyn.heat.engine import RimInputs, fields_at, map_beta_h
+from tcdyn.heat.engine import RimInputs, fields_at, temperature_map
 from tcdyn.heat.modal import rim_gains
 from tcdyn.heat.reference import scheme, steady_field
 from tcdyn.heat.rim import InputJump, Mesh, Rim, basis_rates
@@ -121,7 +121,7 @@ def test_fields_pass_through_the_junctions(rim, points, setup):
 
 def test_a_map_is_the_single_runs(rim, points):
     drive = heating_and_cooling(30.0, 1.0, 20.0)
-    table = map_beta_h(rim, drive, [0.3, 0.8], [300.0, 900.0], points, B, mesh=MESH)
+    table = temperature_map(rim, drive, [0.3, 0.8], [300.0, 900.0], points, B, mesh=MESH)
     rates = basis_rates(DT)
     banks, inputs = (
         [drive.lag_responses(k, rates) for k in range(5)],

@@ -130,7 +130,7 @@ def vector_z(made: StudyRig, p: Partition, disk: str) -> float:
         a * np.array([np.cos(np.deg2rad(w)), np.sin(np.deg2rad(w))])
         for a, w in (
             (told["amplitude_K"], told["angle_deg"]),
-            (found.amplitude_K.value, found.angle_deg.value),
+            (found.amplitude_K.value, found.hottest_angle_deg.value),
         )
     ]
     return found.level_z(ends[1] - ends[0])

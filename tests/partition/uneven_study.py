@@ -52,7 +52,7 @@ def one(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str, obj
     for d in DISKS:
         told, found = made.told["unevenness"][d], p.both.harmonics[d]
         out[f"true K {d}"], out[f"found K {d}"] = told["amplitude_K"], found.amplitude_K.value
-        angles = np.deg2rad([told["angle_deg"], found.angle_deg.value])
+        angles = np.deg2rad([told["angle_deg"], found.hottest_angle_deg.value])
         size = np.array([told["amplitude_K"], found.amplitude_K.value])
         off = np.array([-1.0, 1.0]) @ (
             size[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])

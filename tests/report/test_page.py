@@ -17,7 +17,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
-from tcdyn.report.page import Section, figure_data_uri, pm, render_page, table_html
+from tcdyn.report.page import Section, cells_with_u, figure_data_uri, render_page, table_html
 from tcdyn.report.sources import log_row, record_rows
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import read_record
@@ -134,7 +134,7 @@ def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_pat
 
 
 def test_a_value_is_rounded_to_its_uncertainty() -> None:
-    assert pm([0.681487, 747.3], [0.00934, 60.2]) == ["0.6815 ± 0.0093", "747 ± 60"]
+    assert cells_with_u([0.681487, 747.3], [0.00934, 60.2]) == ["0.6815 ± 0.0093", "747 ± 60"]
     html = table_html(pd.DataFrame({"lag": [Estimate.normal(0.74512, 0.0163)]}))
     assert ">0.745 ± 0.016<" in html
 
