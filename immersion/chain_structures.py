@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from immersion.plunge_data import RunNoise
-from immersion.plunge_parameters import BURST_KINDS, PlungePriors, lag_u_s
+from immersion.plunge_parameters import BURST_KINDS, PlungePriors, common_and_differential_u_s
 from immersion.plunge_posterior import LagScan, PlungeOptimum, scan_common_lag
 from tcdyn.chain import STRUCTURES, ChainStructure
 from tcdyn.core import Array
@@ -115,7 +115,7 @@ class StructureComparison:
     @property
     def u_structure_s(self) -> float:
         """Standard uncertainty of the common lag from the choice of structure [s]."""
-        return lag_u_s(self.covariance)[0]
+        return common_and_differential_u_s(self.covariance)[0]
 
     @property
     def u_after_s(self) -> float:

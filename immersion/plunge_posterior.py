@@ -19,7 +19,12 @@ from scipy.interpolate import PchipInterpolator
 
 from immersion.plunge_data import RunNoise, block_sd
 from immersion.plunge_model import RunModel, RunSurface, predict
-from immersion.plunge_parameters import BURST_KINDS, H_KINDS, PlungeParameters, lag_u_s
+from immersion.plunge_parameters import (
+    BURST_KINDS,
+    H_KINDS,
+    PlungeParameters,
+    common_and_differential_u_s,
+)
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.estimation import Optimum, Problem, inverse, minimise, minimise_constrained, profile
@@ -431,4 +436,4 @@ class ModelForm:
     @property
     def u_common_s(self) -> float:
         """Standard uncertainty of the common lag from the choice of correlation [s]."""
-        return lag_u_s(self.covariance)[0]
+        return common_and_differential_u_s(self.covariance)[0]

@@ -24,8 +24,8 @@ from immersion.plunge_parameters import (
     RUN_KINDS,
     PlungeParameters,
     PlungePriors,
+    common_and_differential_u_s,
     differential_covariance,
-    lag_u_s,
     stages,
 )
 from immersion.plunge_posterior import LagScan, ModelForm, PlungeOptimum
@@ -283,7 +283,10 @@ class PlungeFit:
         shares["choice of correlation"] = self.model_form.covariance
         if self.structures is not None:
             shares["choice of chain structure"] = self.structures.covariance
-        return tuple(LagShare(source, *lag_u_s(share)) for source, share in shares.items())
+        return tuple(
+            LagShare(source, *common_and_differential_u_s(share))
+            for source, share in shares.items()
+        )
 
     @cached_property
     def lag_finding(self) -> Finding:
@@ -296,7 +299,9 @@ class PlungeFit:
         """
         common = self.common_lag_s
         u_without_structure = self._common(self.model_form.covariance).u
-        known_burst_u_s = lag_u_s(self._covariance_with_fixed(*BURST_KINDS, "entry"))[0]
+        known_burst_u_s = common_and_differential_u_s(
+            self._covariance_with_fixed(*BURST_KINDS, "entry")
+        )[0]
         separated = u_without_structure <= max(SEPARATED_U_S, SEPARATED_U_REL * common.value)
         return info(
             "plunge.lag",
@@ -445,7 +450,9 @@ class PlungeFit:
 
     def _common(self, extra: Array) -> Estimate:
         """The common lag, widened by the covariance ``extra`` (C, C) of the lags."""
-        return self.scan.estimate(self.setup.conditioning.lag_s, lag_u_s(extra)[0])
+        return self.scan.estimate(
+            self.setup.conditioning.lag_s, common_and_differential_u_s(extra)[0]
+        )
 
     def _covariance_with_fixed(self, *kinds: str) -> Array:
         """Covariance (C, C) of the lags if all parameters of ``kinds`` are fixed.

@@ -346,7 +346,7 @@ def estimate_logger_noise(
     w = 2 * np.pi * f
     signal_ = _power_gain(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))
     flat = np.ones(len(f))
-    masks = [_background(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
+    masks = [_is_background(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
     # hum is in most channels; a single odd channel does not count
     background = np.mean(masks, axis=0) >= 0.5
     lines = _spectral_lines(f, power, ~background)
@@ -463,7 +463,7 @@ def _power_gain(f: Array, filter_: Conditioning) -> Array:
     )
 
 
-def _background(power: Array, shapes: Array, count: int) -> Flags:
+def _is_background(power: Array, shapes: Array, count: int) -> Flags:
     """Mark the frequencies whose power does not stand out from their neighbours.
 
     Parameters
@@ -482,7 +482,9 @@ def _background(power: Array, shapes: Array, count: int) -> Flags:
     Notes
     -----
     The limit is ``LINE_SD`` standard deviations above the median of ``NEIGHBOURS`` frequencies,
-    relative to the fit.
+    relative to the fit. With a smaller ``LINE_SD`` a temperature signal is called hum, with a
+    larger one hum enters the fit. ``test_a_temperature_that_swings_is_not_called_hum`` in
+    ``tests/smoothing/test_noise.py`` (study) guards the first.
     """
     expected = shapes @ _levels(power, shapes)[0]
     expected *= median_filter(power / expected, NEIGHBOURS, mode="nearest")

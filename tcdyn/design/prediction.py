@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from immersion.plunge_parameters import lag_u_s
+from immersion.plunge_parameters import common_and_differential_u_s
 from tcdyn.core import Array
 from tcdyn.estimation import inverse
 
@@ -81,11 +81,14 @@ def from_covariances(
 
     Notes
     -----
-    Common and differential parts are those of ``immersion.plunge_parameters.lag_u_s``.
+    Common and differential parts are those of
+    ``immersion.plunge_parameters.common_and_differential_u_s``.
     """
     mean = np.mean(np.array(covariances), axis=0)
-    low, high = np.quantile([lag_u_s(c)[0] for c in covariances], [0.1, 0.9])
-    return PredictedTest(name, kind, *lag_u_s(mean), mean, float(low), float(high), other_u or {})
+    low, high = np.quantile([common_and_differential_u_s(c)[0] for c in covariances], [0.1, 0.9])
+    return PredictedTest(
+        name, kind, *common_and_differential_u_s(mean), mean, float(low), float(high), other_u or {}
+    )
 
 
 def combine_tests(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:

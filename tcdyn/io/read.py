@@ -69,7 +69,7 @@ class CsvTable(Table):
 
 
 def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
-    """Open a log: TDMS, LVM or Parquet by its ending or first bytes, otherwise text.
+    """Open a log: TDMS or Parquet by ending or first bytes, LVM by its first bytes, otherwise text.
 
     Parameters
     ----------
@@ -102,10 +102,24 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
     known
         Column names that the header may contain.
 
+    Returns
+    -------
+    Table
+        The table of the reader; a ``CsvTable`` for text other than LVM.
+
     Raises
     ------
     InputError
         For a spreadsheet, an archive, or an ending of another kind of file; and as the readers do.
+
+    Notes
+    -----
+    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM by its first bytes;
+    refusal of spreadsheets and archives by their first bytes, then of ``OTHER_ENDINGS``; text. Keep
+    it: first bytes of one format and the ending of another must not change their reader, and any
+    file could be text. A new format goes before the refusals. Guarded by
+    ``tests/io/test_file_formats.py`` (each format), ``tests/io/test_damaged_files.py`` (a
+    spreadsheet) and ``tests/cli/test_options.py`` (another ending).
     """
     where = display_path(file)
     head = _first_bytes(file, where)

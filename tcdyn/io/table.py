@@ -208,7 +208,8 @@ def align(
     -----
     Channels with equal times are returned as they are. Others are cut to their common span and put
     on the grid of the fastest: linear interpolation, but zero-order hold for two-level channels. A
-    channel without interval gets the times of a channel with the same number of samples.
+    channel without interval gets the times of a channel with the same number of samples. The rule
+    of the grid is that of :func:`_resample_on_fastest_grid`; keep this text equal to it.
     """
     timed = {name: track for name, track in tracks.items() if track.dt_s}
     if not timed:
@@ -225,7 +226,7 @@ def align(
         track = next(iter(full.values()))
         time_s = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0))
         return time_s, {name: track.values for name, track in full.items()}, findings
-    time_s, data = _interpolate(full, where)
+    time_s, data = _resample_on_fastest_grid(full, where)
     last = max(full, key=lambda name: full[name].start_s)
     spread_s = full[last].start_s - min(track.start_s for track in full.values())
     rates_Hz = sorted({round(1 / track.dt_s, 6) for track in full.values() if track.dt_s})
@@ -279,7 +280,9 @@ def _with_assumed_times(
     return full, findings
 
 
-def _interpolate(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str, Array]]:
+def _resample_on_fastest_grid(
+    tracks: Mapping[str, Track], where: str
+) -> tuple[Array, dict[str, Array]]:
     """Channels on the grid of the fastest channel, within the common span.
 
     Parameters
@@ -299,12 +302,20 @@ def _interpolate(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[s
     Raises
     ------
     InputError
-        If the channels share no time.
+        If fewer than two samples of the fastest channel lie in the common span.
 
     Notes
     -----
-    A channel with at most two levels is a switch: its last sample at or before each time is taken.
-    Positions closer than ``SAME_START`` samples to a sample are that sample.
+    A channel with at most two levels among its first ``LEVEL_SAMPLES`` finite samples is a switch:
+    its last sample at or before each time is taken. Other channels are interpolated linearly.
+    Positions closer than ``SAME_START`` samples to a sample are that sample. NaN is not
+    interpolated: between two samples of which one is NaN the result is NaN; in a switch a NaN lasts
+    until the next sample.
+
+    Keep the text of :func:`align` equal to the rule. Guarded by
+    ``test_tdms_channels_that_start_later_are_put_where_they_belong`` and
+    ``test_a_slow_tdms_channel_is_interpolated_onto_the_fast_ones`` in
+    ``tests/io/test_file_formats.py``.
     """
     begin_s = max(track.start_s for track in tracks.values())
     end_s = min(track.end_s for track in tracks.values())

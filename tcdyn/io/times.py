@@ -253,14 +253,18 @@ def find_time_column(
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Name of a time column without its unit, and the unit as written (empty if there is none).
+    """Name of a time column without its unit, and the unit (empty if there is none).
 
-    A suffix such as ``_ms`` is a unit only if it is a known one; text in brackets always is.
+    Text in brackets always is a unit; what follows "/", a comma or "in", or a suffix such as
+    ``_ms``, only if it is a known one (a key of ``SECONDS_PER_UNIT``). The unit is as written,
+    without a dot at its end.
 
     >>> split_unit("Time (minutes)"), split_unit("t/ms")
     (('Time', 'minutes'), ('t', 'ms'))
     >>> split_unit("elapsed_time"), split_unit("Time_h")
     (('elapsed_time', ''), ('Time', 'h'))
+    >>> split_unit("Time (min.)"), split_unit("time in ticks")
+    (('Time', 'min'), ('time in ticks', ''))
     """
     match = _NAME_AND_UNIT.fullmatch(name)
     if match is not None:

@@ -126,7 +126,12 @@ class DiskTraces(DiskChannels):
     common_lag_u_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Set mean lag and its uncertainty from the chains and the covariance of the lags."""
+        """Set mean lag and its uncertainty from the chains and the covariance of the lags.
+
+        Notes
+        -----
+        u is that of ``immersion.plunge_parameters.common_and_differential_u_s``.
+        """
         lag = np.mean([c.lag_s for c in self.chains])
         u = np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
         object.__setattr__(self, "common_lag_s", float(lag))
@@ -389,7 +394,9 @@ def disk_traces(
     Raises
     ------
     InputError
-        For the record of another disk, and as :func:`disk_channels`.
+        For the record of another disk, as :func:`disk_channels`, and as
+        :func:`tcdyn.rig.disk.channels_left_out` for an excluded channel that does not exist or too
+        few channels left.
 
     Notes
     -----

@@ -366,9 +366,12 @@ def cooling_by_window(
     Notes
     -----
     Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` include
-    noise, nuisance parameters, the steady line and the lag, as the budget does. ``within_lag``
-    marks windows shorter than the common lag of the disk, which depend more on the chain than on
-    the cooling. The lengths may be changed freely. Guarded by ``tests/partition/test_windows.py``.
+    noise, nuisance parameters, the steady line and the lag. The lag counts as independent; the
+    budget draws it with the correlations of the joint fit. ``within_lag`` marks windows shorter
+    than the common lag of the disk, which depend more on the chain than on the cooling. The lengths
+    may be changed freely. Guarded by ``tests/partition/test_windows.py``:
+    ``test_five_seconds_give_the_cooling_fit_s_own_answer`` compares ``u_beta`` with the budget
+    (within 20 %).
     """
     test = partition.test
     cooling_s = float(test.time_s[-1] - test.events.unload_s)
@@ -380,13 +383,13 @@ def cooling_by_window(
             f"the log holds {cooling_s:.2f} s of cooling",
             expected=f"at least {min(lengths, default=0):g} s",
         )
-    rows = fit_rows(test, lengths_s[-1])
-    of_disks = [_disk_rows(partition, disk, rows, lengths_s) for disk in DISKS]
+    fit_rows_slice = fit_rows(test, lengths_s[-1])
+    of_disks = [_cooling_rows_of_disk(partition, disk, fit_rows_slice, lengths_s) for disk in DISKS]
     return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
 
-def _disk_rows(
-    p: Partition, name: str, rows: slice, lengths: Sequence[float]
+def _cooling_rows_of_disk(
+    p: Partition, name: str, fit_rows_slice: slice, lengths: Sequence[float]
 ) -> list[dict[str, object]]:
     """Rows of ``cooling_by_window`` for one disk.
 
@@ -396,20 +399,34 @@ def _disk_rows(
         The partition.
     name
         Name of the disk.
-    rows
+    fit_rows_slice
         Rows of the test that the longest window uses.
     lengths
         Window lengths [s].
+
+    Returns
+    -------
+    list
+        For each length disk, window_s [s], within_lag (whether the window is shorter than the
+        common lag), beta and u_beta [1] (of the share of the fast disk), h_W_m2K and u_h_W_m2K
+        [W/m2K], misfit_K [K]. The last five are NaN where the fit fails.
+
+    Notes
+    -----
+    u^2 = sum per_sd^2 + noise + (u_lag by_lag)^2, by
+    ``tcdyn.partition.cooling.cooling_sensitivity``; u_lag is that of the joint fit of the disk. The
+    keys are the columns of :func:`cooling_by_window`, which
+    ``tcdyn.plots.transient.draw_window_study`` reads; change both.
     """
     test = p.test
     line = p.lines[name]
     lag = p.joint[name].estimates["lag_s"]
     nominal = p.cooling[name]
     smoothed_traces = smooth_traces(
-        test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name]
+        test, test.disks[name], fit_rows_slice, p.chains[name], lag.u, p.compensated[name]
     )
     cooling_data = compensate_disk(
-        test, test.disks[name], rows, smoothed_traces, p.windows[name].rim.profile
+        test, test.disks[name], fit_rows_slice, smoothed_traces, p.windows[name].rim.profile
     )
     errors = cooling_effects(cooling_data, nominal.share, nominal.h_W_m2K)
     out: list[dict[str, object]] = []

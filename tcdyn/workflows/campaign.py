@@ -110,9 +110,11 @@ class CampaignRun(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """Findings of all tests together, then those of each test; repeated ones once.
+        """Altered results first, then findings of the joint fit, then those of the tests.
 
-        That the methods agree is left out: it is in the table.
+        Those of the tests are merged by :func:`merge_findings`: one that several tests have comes
+        once. That the methods agree (``AGREE_CODE``) is left out: it is in the table. The same code
+        is left out of the count in ``tcdyn.workflows.campaign_table.table_row``; change both.
         """
         each = [
             (o.name, Finding.from_dict(finding))

@@ -21,7 +21,8 @@ from tcdyn.core.findings import GRADES_OF_0_2
 from tcdyn.estimation.line_fit import fit_line
 from tcdyn.rig.disk import DISKS
 
-# This finding has its own column in the table.
+# This finding has its own column in the table; ``table_row`` does not count it as a warning, and
+# ``tcdyn.workflows.campaign.CampaignRun.findings`` leaves it out.
 AGREE_CODE = "ways.agree"
 # Sliding speeds within 5 % belong to one group. Chosen by judgement.
 SAME_SPEED = 0.05
