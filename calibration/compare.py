@@ -1,8 +1,9 @@
 """Compare two records of one disk: which quantities drifted significantly (Holm's correction).
 
 :func:`compare_records` is ``tcdyn record diff``, :func:`check_record` is ``tcdyn record check``
-(``tcdyn.cli.record``); both are used by the certificate, too. Thresholds decide warnings only;
-they are chosen by judgement where no other reason is given. Tests: ``tests/rig/test_record.py`` and
+(``tcdyn.cli.record``); both are used by the certificate, too. ``SIGNIFICANCE`` decides which
+changes are significant; the other thresholds decide warnings only. They are chosen by judgement
+where no other reason is given. Tests: ``tests/rig/test_record.py`` and
 ``tests/calibration/test_budget.py``.
 """
 
@@ -28,7 +29,8 @@ from tcdyn.rig.static_line import (
     static_u,
 )
 
-# Level of the family of tests.
+# Level of the family of tests: decides ``RecordComparison.significant``, the sentence and what
+# ``tcdyn record diff`` lists.
 SIGNIFICANCE = 0.05
 # Tables of rig.toml that describe logs and people, not the disk.
 LOG_TABLES = {"columns", "logger", "traceability", "constants", "ambient"}
@@ -119,12 +121,19 @@ class RecordComparison(Result):
 def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     """Changes from ``old`` to ``new``; the two calibrations are taken as independent.
 
-    Compared are each channel's reading at both ends of the common range [degC], and its lags [s].
+    Compared are each channel's reading at both ends of the common range [degC], its lag and its
+    differential lag [s].
 
     Parameters
     ----------
     old, new
         Two calibrations of one disk.
+
+    Returns
+    -------
+    RecordComparison
+        One row for each quantity. The findings name channels without a common range, changed keys
+        of rig.toml except those of ``LOG_TABLES``, and channels that only one record has.
 
     Raises
     ------
@@ -134,7 +143,12 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     Notes
     -----
     An error of one common reference cancels in the change; with two references both enter. The
-    quantities of one channel are correlated, for which Holm's correction is valid.
+    quantities of one channel are correlated, for which Holm's correction is valid. References are
+    the same where name and certificate in ``[traceability]`` are equal, also if both are empty.
+
+    The day of the next calibration (``tcdyn.report.signed.next_calibration``) reads the rows whose
+    name ends in "degC": keep these names. Guarded by ``tests/rig/test_record.py`` and
+    ``tests/calibration/test_budget.py``.
     """
     if old.disk != new.disk:
         raise InputError(

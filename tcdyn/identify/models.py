@@ -139,8 +139,9 @@ class Model:
     -----
     A new parameter of process models needs an entry in ``UNITS``, perhaps in ``POSITIVE``, a term
     in :meth:`coefficients`, a name in ``tcdyn.chain.ChainStructure`` and starting values in
-    ``tcdyn.identify.starting_values.share_lag``. ``tests/identify/test_identify_fit.py`` then must
-    recover it without a start.
+    ``tcdyn.identify.starting_values.share_lag``. A positive one that is no lag needs a branch in
+    :meth:`bounds` too; otherwise it gets the bounds of a lag without a message.
+    ``tests/identify/test_identify_fit.py`` then must recover it without a start.
     """
 
     name: str
@@ -266,7 +267,15 @@ class Model:
         Returns
         -------
         lower, upper
-            Bounds (P,), infinite where there is none.
+            Bounds (P,), infinite where there is none; logarithms where :meth:`positive`.
+
+        Notes
+        -----
+        The dead time is between 0 and ``delay_s``, Zeta in ``DAMPING_BOUNDS``, every other positive
+        parameter in ``lags_s``; the others have no bounds. ``DAMPING_BOUNDS`` may change. What is a
+        logarithm must agree with :meth:`theta` and :meth:`vector`. Guarded by
+        ``test_a_sum_of_models_is_bounded_and_scaled_by_input`` in
+        ``tests/identify/test_identify_closed_forms.py`` (lag, dead time and gain; not Zeta).
         """
         rows: list[tuple[float, ...]] = []
         for name in self.free:

@@ -112,6 +112,11 @@ class Narx:
         -------
         number or array
             Of the type that ``signal`` returns.
+
+        Notes
+        -----
+        It must stay analytic in the signals: :meth:`local_lag_s` differentiates it by a complex
+        step.
         """
         weights = self.theta if theta is None else theta
         total: Any = 0
@@ -222,7 +227,22 @@ class Narx:
         k = self.order
 
         def derivative(signal: str, lag: int) -> float:
-            """Return the derivative of the prediction with a signal at a lag, by a complex step."""
+            """Return the derivative of the prediction with a signal at a lag, by a complex step.
+
+            Parameters
+            ----------
+            signal
+                "u" or "y", scaled.
+            lag
+                Lag in samples.
+
+            Notes
+            -----
+            :meth:`predict` must stay analytic: with ``abs``, ``float`` or clipping in it the
+            imaginary step is lost. Guarded by
+            ``test_a_lag_is_that_of_the_recursion_linearised_about_its_level`` in
+            ``tests/identify/test_identify_narx.py``.
+            """
 
             def shifted(name: str, at: int) -> complex:
                 """Return the steady state, with an imaginary step of that signal at that lag."""

@@ -40,7 +40,9 @@ from tcdyn.smoothing.traces import DiskTraces
 
 # A fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults.
 FAULT_LOG_ODDS = 8.0
-RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it
+# Rivals within e^4 = 55 times are named with it. A swap between the disks must be as much likelier
+# than the best hypotheses of both disks together.
+RIVAL_LOG_ODDS = 4.0
 # Swaps within e^4 of a sound disk cannot be distinguished from it.
 INDISTINGUISHABLE_LOG_ODDS = 4.0
 # A dead channel rises and falls by less than this part of the median of the disk's channels.
@@ -383,7 +385,23 @@ def _swap_between_disks(
     features
         Features of both disks.
     log_likelihood
-        Sum of the log likelihoods of the best hypotheses of the two disks.
+        Sum of the log likelihoods of the best hypotheses of the two disks: that of the most likely
+        fault after ``tcdyn.partition.sensor_faults.refine_fault``, or that of a sound disk where
+        no fault explains the readings.
+
+    Returns
+    -------
+    Suspect or None
+        For the disk "both", with channels such as "fast_a" and "slow_c".
+
+    Notes
+    -----
+    The swap is compared as it is, without refinement. ``RIVAL_LOG_ODDS`` may change, which also
+    changes the rivals that ``_most_likely_fault`` names: a smaller value reports a swap where two
+    faults explain the readings nearly as well. Guarded by
+    ``test_channels_swapped_between_the_disks_are_named`` and
+    ``test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart`` in
+    ``tests/partition/test_sensors.py``, all marked study.
     """
     fast, slow = (features[d] for d in DISKS)
     fast_used, slow_used = (np.flatnonzero(~test.disks[d].excluded_mask) for d in DISKS)

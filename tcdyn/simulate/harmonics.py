@@ -2,8 +2,9 @@
 
 With the conductance of the bore h0 (1 + a cos(psi)), psi the angle from where the fit is best, the
 temperature is T0 + T1 cos(psi) + T2 cos(2 psi). Where rig.toml has keyways and patches, sines are
-added. Each T_n obeys conduction in (r, z) with -n^2 T/r^2 added, in the disk and in the shaft under
-and beside it. The harmonics exchange heat where the conductance makes products of their angles.
+added, and psi = 0 is the maximum of the first harmonic of the conductance. Each T_n obeys
+conduction in (r, z) with -n^2 T/r^2 added, in the disk and in the shaft under and beside it. The
+harmonics exchange heat where the conductance makes products of their angles.
 
 ``tcdyn.simulate.ehl`` and ``tcdyn.simulate.field`` use it. Harmonics above the second are left out.
 ``tests/simulate/test_disk.py`` checks balances, symmetry and the radial equation;
@@ -141,7 +142,24 @@ def harmonic_system(
 def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
     """Return order and shape of the disk's harmonics, in the order of the unknowns.
 
-    Their angle counts from where the press fit is best.
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+
+    Returns
+    -------
+    tuple
+        (n, cos or sin) for each harmonic; the argument of cos and sin is n psi [rad]. Empty for an
+        even disk. psi counts from ``disk.uneven.angle_deg``: where the fit is best, or with sectors
+        from rig.toml the maximum of the first harmonic of the conductance.
+
+    Notes
+    -----
+    The order must be that of the blocks of :func:`harmonic_system` and is read by
+    ``tcdyn.simulate.field``. That cos comes before sin is read by :func:`unevenness_effects`.
+    Guarded by ``tests/simulate/test_disk.py``, the sines by
+    ``test_sectors_that_follow_a_cosine_conduct_as_it_does_about_any_angle``.
     """
     if disk.uneven.even:
         return ()

@@ -1,6 +1,7 @@
 """Compensation: estimate the junction temperature from the readings, with its uncertainty.
 
-Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smoother.
+Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smoother. The way from
+a log and a record to the traces of a disk is :mod:`tcdyn.smoothing.traces`.
 
 >>> import numpy as np
 >>> from tcdyn.chain import Chain
