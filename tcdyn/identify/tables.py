@@ -7,7 +7,7 @@ with them. ``tests/identify/test_identify_data.py`` checks tables and errors,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,19 +20,21 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.identify.iodata import Hold, IOData, check_hold
 from tcdyn.identify.segments import MIN_REPEATED_SHARE
-from tcdyn.io.csv_dialect import CLOCK_PATTERN, TextColumn
-from tcdyn.io.read import CsvTable, Table, open_table, open_text, read_all_rows
-from tcdyn.io.table import missing_column_error
+from tcdyn.io.cells import TextColumn
+from tcdyn.io.read import Table, open_table, read_all_rows
+from tcdyn.io.stamps import is_stamp
+from tcdyn.io.table import Columns, missing_column_error
 from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
-    TIME_NAMES,
     TimeColumn,
     find_time_column,
+    is_time_name,
     rows_of_repeated_stamps,
-    split_unit,
 )
 from tcdyn.rig.plausible import dropout_codes, overload_codes
 
+# Findings of the reader about values and times, which the data keep
+LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
 # Thresholds, chosen by judgement.
 # Share of repeated time stamps, above which the clock has too few decimals.
 MAX_REPEATED_STAMPS = 0.02
@@ -275,13 +277,8 @@ def _time_column(
         Without a time column; it names both ways to give the time.
     """
     names = list(map(str, frame.columns))
-    if time is None and not any(TIME_NAMES.fullmatch(split_unit(n)[0]) for n in names):
-        raise InputError(
-            "no time column found",
-            where=where,
-            remedy="name it ({time}) or give the sampling interval ({dt_s})",
-            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
-        )
+    if time is None and not any(map(is_time_name, names)):
+        raise _no_time_column(where)
     return find_time_column(names, where, requested=time, unit=time_unit)
 
 
@@ -425,69 +422,86 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
         elif names is not None:
             requested |= set(names)
     table = open_table(path, (*TIME_COLUMN_NAMES, *requested))
+    clock = None
+    if options.get("time") is not None or options.get("dt_s") is None:
+        clock = _clock_of_table(table, path.name, options)
+        requested.add(clock.name)
+    raw = read_requested(table, requested)
+    frame = _frame(table, raw)
+    run = options.get("run")
+    if run is not None and run in raw.data and run not in raw.stamps:
+        frame[run] = _whole_numbers(frame[run])
+    given = {"name": path.name, **options}
+    if clock is not None:
+        unit = options.get("time_unit")
+        if not unit and clock.is_unit_stated and clock.seconds is not None:
+            unit = clock.unit_text
+        if clock.name in raw.stamps:
+            frame[clock.name] = raw.data[clock.name]
+            unit = "s"
+        given |= {"time": clock.name, "time_unit": unit}
+    data = from_frame(frame, **given)
+    lost = [finding for finding in raw.findings if finding.code in LOST_CODES]
+    return replace(data, findings=(*lost, *data.findings))
+
+
+def _clock_of_table(table: Table, where: str, options: Mapping[str, Any]) -> TimeColumn:
+    """Return the time column of a file; the InputError names both ways to give the time."""
     time = options.get("time")
-    if time is None and options.get("dt_s") is None:
-        time_names = (n for n in table.names if TIME_NAMES.fullmatch(split_unit(n)[0]))
-        time = next(time_names, None)
-    if time is not None:
-        requested.add(time)
-    frame = read_columns(table, requested)
-    if time is None or list(table.names).count(time) != 1:
-        return from_frame(frame, **{"name": path.name, **options})
-    clock = find_time_column(
-        table.names, path.name, requested=time, unit=options.get("time_unit"), unit_row=table.units
+    if time is None and not table.clock_columns and not any(map(is_time_name, table.names)):
+        raise _no_time_column(where)
+    return find_time_column(
+        table.names,
+        where,
+        requested=time,
+        unit=options.get("time_unit"),
+        unit_row=table.units,
+        clock_columns=table.clock_columns,
     )
-    unit = options.get("time_unit")
-    if not unit and clock.is_unit_stated and clock.seconds is not None:
-        unit = clock.unit_text
-    # of a text table only the clock stamps are read here; other files have one time for all columns
-    if isinstance(table, CsvTable):
-        names = [time]
-    else:
-        names = [n for n in table.names if n in requested]
-    raw = read_all_rows(table, names)
-    if time in raw.stamps and len(raw.data[time]) == len(frame):
-        frame[time] = raw.data[time]
-        unit = "s"
-    return from_frame(frame, **{"name": path.name, **options, "time": time, "time_unit": unit})
+
+
+def _no_time_column(where: str) -> InputError:
+    """Error for a table without a time column."""
+    return InputError(
+        "no time column found",
+        where=where,
+        remedy="name it ({time}) or give the sampling interval ({dt_s})",
+        parameters={"time": "COLUMN", "dt_s": "SECONDS"},
+    )
 
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
-    """Return a table's columns; where it is not text, those not requested stay empty."""
-    if isinstance(table, CsvTable):
-        return _text_frame(table)
-    raw = read_all_rows(table, [n for n in table.names if n in requested])
-    return pd.DataFrame(raw.data, columns=list(table.names))
+    """Return a table's columns; those that are not requested stay empty."""
+    return _frame(table, read_requested(table, requested))
 
 
-def _text_frame(table: CsvTable) -> pd.DataFrame:
-    """Return all columns of a text table without conversion: names of runs may be words.
+def read_requested(table: Table, requested: Collection[str]) -> Columns:
+    """Return the requested columns of a table that it has.
 
     Raises
     ------
     InputError
-        Where the text is no table.
+        For a requested column that stands twice.
     """
-    dialect = table.dialect
-    encoding = dialect.encoding
-    if encoding.startswith("utf-16"):  # such text is converted when it is opened
-        encoding = "utf-8"
-    try:
-        with open_text(dialect) as stream:
-            frame = pd.read_csv(
-                stream,
-                sep=dialect.separator,
-                decimal=dialect.decimal,
-                header=None,
-                skiprows=dialect.skip,
-                encoding=encoding,
+    for name in requested:
+        if list(table.names).count(name) > 1:
+            raise InputError(
+                f"column {name!r} stands twice", where=table.where, remedy="rename one of them"
             )
-    except (pd.errors.ParserError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"is not a table ({error})", where=table.where, expected="a table with a header"
-        ) from error
-    frame.columns = list(table.names)
-    return frame
+    return read_all_rows(table, [name for name in table.names if name in requested])
+
+
+def _frame(table: Table, raw: Columns) -> pd.DataFrame:
+    """Return columns as a table: numbers, and text as it is in the file."""
+    columns = {**raw.data, **raw.stamps}
+    names = list(dict.fromkeys(table.names))
+    return pd.DataFrame(columns, columns=names)
+
+
+def _whole_numbers(values: pd.Series) -> pd.Series:
+    """Return numbers of runs without decimals if they have none, so that they name the runs."""
+    is_whole = values.notna().all() and bool((values == values.round()).all())
+    return values.astype(int) if is_whole else values
 
 
 def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -> Array:
@@ -518,7 +532,7 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
         if values.dtype.kind == "M":
             return np.asarray((values - values.iloc[0]).dt.total_seconds(), dtype=float)
         texts = [str(v).strip() for v in values]
-        n_clock = sum(CLOCK_PATTERN.fullmatch(text) is not None for text in texts)
+        n_clock = sum(is_stamp(text) for text in texts)
         if n_clock > 0.5 * len(texts):
             return TextColumn(column, ".", SampleLocation(where)).numbers(texts, 0)
     converted = pd.to_numeric(values, errors="coerce")

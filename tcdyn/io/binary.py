@@ -27,7 +27,7 @@ from pyarrow import parquet as pq
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
-from tcdyn.io.csv_dialect import TextColumn
+from tcdyn.io.cells import TextColumn
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, Track, align, in_chunks
 
 log_manager.set_level(logging.ERROR)
@@ -63,9 +63,10 @@ def tdms_table(path: Path, where: str) -> Table:
     metadata: dict[str, str] = {}
     with _open_tdms(path, where) as file:
         _check_size(file, path, where)
-        channels = _channels(file)
-        names = [str(channel.name).strip() for channel in channels]
-        has_tracks = any("wf_increment" in channel.properties for channel in channels)
+        channels = _channels_by_name(file)
+        names = list(channels)
+        has_tracks = any("wf_increment" in c.properties for c in channels.values())
+        clocks = [n for n, c in channels.items() if np.issubdtype(c.dtype, np.datetime64)]
         for owner in (file, *file.groups()):
             for key, value in owner.properties.items():
                 metadata.setdefault(str(key)[:200], str(value)[:2000])
@@ -74,12 +75,23 @@ def tdms_table(path: Path, where: str) -> Table:
     make_time = has_tracks and not any(name in names for name in TIME_NAMES)
     all_names = ["time_s", *names] if make_time else names
     chunks = partial(_tdms_chunks, path, where, make_time)
-    return Table(where, tuple(all_names), metadata, chunks)
+    return Table(where, tuple(all_names), metadata, chunks, clock_columns=tuple(clocks))
 
 
 def _channels(file: Any) -> list[Any]:
     """All channels of all groups of an open TDMS file."""
     return [channel for group in file.groups() for channel in group.channels()]
+
+
+def _channels_by_name(file: Any) -> dict[str, Any]:
+    """The channels by name; group/name where several groups have a channel of one name."""
+    channels = _channels(file)
+    names = [str(channel.name).strip() for channel in channels]
+    by_name = {}
+    for name, channel in zip(names, channels):
+        unique = name if names.count(name) == 1 else f"{str(channel.group_name).strip()}/{name}"
+        by_name[unique] = channel
+    return by_name
 
 
 def _tdms_chunks(
@@ -109,7 +121,7 @@ def _tdms_chunks(
     """
     add_time = make_time and "time_s" in wanted
     with _open_tdms(path, where) as file:
-        by_name = {str(channel.name).strip(): channel for channel in _channels(file)}
+        by_name = _channels_by_name(file)
         channels = {name: by_name[name] for name in wanted if name in by_name}
         lengths = {len(channel) for channel in channels.values()}
         clock = next((name for name in channels if name in TIME_NAMES), None)
@@ -119,7 +131,10 @@ def _tdms_chunks(
                 where=where,
                 expected="channels as long as the time, or a wf_increment on each",
             )
-        first_samples = {name: _track(c, where, 0, 1) for name, c in channels.items()}
+        first_samples = {}
+        for name, channel in channels.items():
+            if not _is_text(channel):
+                first_samples[name] = _track(channel, where, 0, 1)
         intervals_s = [track.dt_s for track in first_samples.values()]
         if add_time and not any(intervals_s):
             raise InputError(
@@ -173,6 +188,11 @@ def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
     data = {}
     stamps = {}
     for name, channel in channels.items():
+        if _is_text(channel):
+            cells = np.asarray(channel[rows])
+            stamps[name] = np.array([str(cell) for cell in cells], dtype=object)
+            data[name] = np.full(len(cells), np.nan)
+            continue
         data[name] = _track(channel, where, rows.start, rows.stop).values
         if np.issubdtype(channel.dtype, np.datetime64):
             stamps[name] = np.asarray(channel[rows]).astype(str).astype(object)
@@ -180,6 +200,11 @@ def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
         count = len(next(iter(data.values())))
         data["time_s"] = (rows.start + np.arange(count)) * dt_s
     return Columns(data, SampleLocation(where), (), stamps)
+
+
+def _is_text(channel: Any) -> bool:
+    """Whether a channel holds words, such as a comment for each sample."""
+    return channel.dtype is not None and np.dtype(channel.dtype).kind in "OSU"
 
 
 @contextmanager
@@ -346,7 +371,8 @@ def parquet_table(path: Path, where: str) -> Table:
         if name not in ("pandas", "ARROW:schema"):
             metadata[name] = value.decode("utf-8", "replace")
     chunks = partial(_parquet_chunks, path, where)
-    return Table(where, tuple(schema.names), metadata, chunks)
+    clocks = tuple(f.name for f in schema if pa.types.is_timestamp(f.type))
+    return Table(where, tuple(schema.names), metadata, chunks, clock_columns=clocks)
 
 
 def _parquet_chunks(
@@ -438,7 +464,7 @@ class _ParquetReader:
                     self.text_columns[name] = TextColumn(name, ".", self.location)
                 text_column = self.text_columns[name]
                 data[name] = text_column.numbers(cells, self.rows_done)
-                if text_column.clock:
+                if text_column.clock or text_column.words:
                     stamps[name] = np.array(cells, dtype=object)
             else:
                 raise InputError(f"column {name} holds {kind}, not numbers", where=self.where)

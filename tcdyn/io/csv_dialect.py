@@ -1,42 +1,27 @@
-"""Dialect of a text log (encoding, separator, decimal mark, header); meaning of its cells.
+"""Dialect of a text log: encoding, separator, decimal mark, header, units.
 
-Used by :mod:`tcdyn.io.read`, :mod:`tcdyn.io.growing`, :mod:`tcdyn.io.lvm` and
-:mod:`tcdyn.io.binary`. Each combination of separator and decimal mark is tried on the first rows,
-and the one that reads most rows is taken. The shares below were chosen by judgement; the damaged
-and the sound files of ``tests/io/test_damaged_files.py`` and the dialects of
-``tests/io/test_file_formats.py`` decide whether they hold.
+Used by :mod:`tcdyn.io.read`, :mod:`tcdyn.io.growing` and :mod:`tcdyn.io.lvm`. Each combination of
+separator and decimal mark is tried on the first rows, and the one that reads most rows is taken.
+The shares below were chosen by judgement; the damaged and the sound files of
+``tests/io/test_damaged_files.py``, the dialects of ``tests/io/test_file_formats.py`` and the
+loggers of ``tests/io/test_logger_families.py`` decide whether they hold.
 """
 
 from __future__ import annotations
 
 import codecs
+import csv
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, SampleLocation, info, warning
-from tcdyn.io.times import SECONDS_PER_UNIT, Stamps
+from tcdyn.io.cells import ABSENT, is_number, is_unit, kind_of_cell, number_and_unit
+from tcdyn.io.stamps import is_date
+from tcdyn.io.times import is_time_name
 
-NUMBER = {  # by decimal mark
-    ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
-    ",": re.compile(r"\s*[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?\s*"),
-}
-# a clock time, with or without a date; ``tcdyn.io.times._STAMP`` reads its fields
-CLOCK_PATTERN = re.compile(
-    r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?"
-    r"\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
-)
-# lower-case cells without a value
-NOT_A_NUMBER = ("nan", "+nan", "-nan", "1.#qnan", "-1.#ind")
-INFINITE = ("inf", "-inf", "+inf")
-ABSENT = frozenset(("", "null", "na", "n/a", "#n/a", "none", *NOT_A_NUMBER, *INFINITE))
 LINE_END = re.compile(r"\r\n|\n|\r")  # str.splitlines would also split at form feeds and the like
 HEAD_BYTES = 1 << 17  # read to detect the dialect: header and some rows must fit
 DATA_ROWS = 150  # rows of data that suffice to detect the dialect; chosen by judgement
@@ -45,24 +30,11 @@ DATA_SHARE = 0.6
 # a row below the header with more than this share of numbers is data, damaged or not; chosen by
 # judgement
 NUMERIC_SHARE = 0.25
-# a text column may have this share of cells that are no numbers, or this number of them if it is
-# short; more are an error. Chosen by judgement
-BAD_SHARE = 0.01
-BAD_CELLS = 3
-FLAGS = {  # lower-case words for a switch
-    "true": 1.0,
-    "on": 1.0,
-    "yes": 1.0,
-    "high": 1.0,
-    "false": 0.0,
-    "off": 0.0,
-    "no": 0.0,
-    "low": 0.0,
-}
-# units as the cells of a row of units may write them, in lower case and without degree signs
-TEMPERATURE_UNITS = frozenset(
-    ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
-)
+UNREADABLE = ("word", "other")  # kinds of cells that are no data
+COMMENT = "#"  # begins a line of comment
+# physical lines that a quoted cell of the header may span; chosen by judgement
+LONGEST_CELL_LINES = 8
+ROW_NUMBERS = 5  # rows that must be numbered from 1 to take the first column for row names
 
 
 @dataclass(frozen=True)
@@ -88,7 +60,7 @@ class Dialect:
     body
         The text as UTF-8, where it had to be rewritten (UTF-16, columns separated by spaces).
     units
-        Units by column, from a row below the header.
+        Units by column, from a row below the header or behind the numbers of the first row.
     """
 
     where: str
@@ -116,6 +88,8 @@ class _Layout:
     first_row: tuple[str, ...]
     fields: int
     units: tuple[str, ...]
+    has_row_names: bool = False
+    ambiguous_cell: str = ""
 
 
 def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
@@ -163,6 +137,12 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
             expected="a header row, then rows of numbers separated by comma, semicolon, tab or "
             "spaces",
         )
+    if layout.ambiguous_cell:
+        raise InputError(
+            f"{layout.ambiguous_cell!r} may have a decimal comma or a comma between thousands",
+            where=where,
+            expected="semicolons or tabs between columns with decimal commas",
+        )
     names = _column_names(layout, where)
     first_row = (*layout.first_row, *[""] * layout.fields)[: layout.fields]
     body = None
@@ -189,7 +169,7 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
 
 
 def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
-    """A name for each column, empty for a column without one.
+    """A name for each column; one without a name is called by its number.
 
     Parameters
     ----------
@@ -202,7 +182,7 @@ def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
     ------
     InputError
         If there is no header, or it has another number of names than the rows have fields. One name
-        less is accepted: the last column then has no name.
+        less is accepted: the last column then has no name, or the first one if it numbers the rows.
     """
     row = layout.skip + 1
     fields = layout.fields
@@ -213,7 +193,7 @@ def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
             expected="a header row with the column names",
             remedy="write the names into the first row",
         )
-    names = list(layout.header)
+    names = [" ".join(name.split()) for name in layout.header]
     while len(names) > fields and not names[-1]:
         names.pop()
     if len(names) > fields or fields > len(names) + 1:
@@ -226,7 +206,9 @@ def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
             expected="one name for each column",
             remedy=remedy,
         )
-    return (*names, *[""] * (fields - len(names)))
+    if len(names) < fields:
+        names = ["", *names] if layout.has_row_names else [*names, ""]
+    return tuple(name or f"column {k}" for k, name in enumerate(names, 1))
 
 
 def _utf16_as_utf8(path: Path, encoding: str, where: str) -> bytes:
@@ -245,7 +227,7 @@ def _tabs_for_spaces(text: bytes) -> bytes:
 
 @lru_cache(maxsize=4)
 def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | None:
-    """The layout with the best score; the first of equal ones, in the order tab, semicolon, comma.
+    """The layout with the best score; the first of equal ones: tab, semicolon, comma, bar.
 
     Parameters
     ----------
@@ -256,11 +238,17 @@ def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | Non
 
     Notes
     -----
-    Cached, because a log may be opened several times. A comma that separates columns is never also
-    the decimal mark. Spaces separate columns only if nothing else does.
+    Cached, because a log may be opened several times. A comma that separates columns is the decimal
+    mark only inside quotes. Spaces separate columns only if nothing else does.
     """
+    has_quotes = any('"' in line for line in lines)
     layouts: list[_Layout] = []
-    for separator, decimals in (("\t", ".,"), (";", ".,"), (",", ".")):
+    for separator, decimals in (
+        ("\t", ".,"),
+        (";", ".,"),
+        (",", ".," if has_quotes else "."),
+        ("|", ".,"),
+    ):
         layouts += _layouts(lines, separator, decimals, known)
     if not layouts:  # spaces separate columns only if nothing else does
         layouts = _layouts(lines, " ", ".,", known)
@@ -273,11 +261,6 @@ def _layouts(
     """The layouts with data for one separator and each of the decimal marks."""
     candidates = [_layout(lines, separator, decimal, known) for decimal in decimals]
     return [layout for layout in candidates if layout is not None]
-
-
-def is_number(text: str, decimal: str = ".") -> bool:
-    """Whether ``text`` is one number with this decimal mark."""
-    return NUMBER[decimal].fullmatch(text) is not None
 
 
 def _encoding(head: bytes, where: str) -> str:
@@ -304,8 +287,10 @@ def _encoding(head: bytes, where: str) -> str:
         return "utf-8-sig"
     zeros = head.count(0)
     if zeros:
-        if zeros > 0.3 * len(head) and head[1:200:2].count(0) > 80:
-            return "utf-16-le"
+        if zeros > 0.3 * len(head):
+            for start, name in ((1, "utf-16-le"), (0, "utf-16-be")):
+                if head[start:200:2].count(0) > 80:
+                    return name
         line = head[: head.index(0)].count(b"\n") + 1
         raise InputError(
             f"a zero byte in row {line}: this is not text, or the file is damaged",
@@ -333,36 +318,63 @@ def _metadata(lines: list[str]) -> dict[str, str]:
     return metadata
 
 
-def is_temperature_unit(text: str) -> bool:
-    """Whether a cell is a unit of a temperature or of the voltage of a thermocouple.
-
-    >>> is_temperature_unit("Deg. F"), is_temperature_unit("%")
-    (True, False)
-    """
-    return re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower()) in TEMPERATURE_UNITS
-
-
 def split(line: str, separator: str) -> list[str]:
-    """Fields of a line without quotes and spaces around them; spaces separate in any number."""
-    fields = line.split() if separator == " " else line.split(separator)
+    """Fields of a line without quotes and spaces around them; spaces separate in any number.
+
+    >>> split('"Temp, °C";1', ";"), split('"Temp, °C", 1', ",")
+    (['Temp, °C', '1'], ['Temp, °C', '1'])
+    """
+    if '"' in line:
+        line = line.replace("\r", " ").replace("\n", " ")
+        fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        if separator == " ":
+            fields = [text for text in fields if text]
+    else:
+        fields = line.split() if separator == " " else line.split(separator)
     return [text.strip().strip('"').strip() for text in fields]
 
 
-def _is_cell(text: str, decimal: str) -> bool:
-    """Whether a cell is a number, a clock time, a word for a switch, or has no value."""
-    if is_number(text, decimal):
-        return True
-    lower = text.lower()
-    return lower in ABSENT or lower in FLAGS or CLOCK_PATTERN.fullmatch(text) is not None
+def has_open_quote(text: str, separator: str) -> bool:
+    """Whether a field that begins with a quotation mark goes on in the next line.
+
+    >>> has_open_quote('1;"two', ";"), has_open_quote('1;6" pipe', ";")
+    (True, False)
+    """
+    if text.count('"') % 2 == 0:
+        return False
+    begin = rf"(?:^|{re.escape(separator)})\s*"
+    return re.search(begin + r'"(?:[^"]|"")*$', text) is not None
+
+
+def _kind(text: str, decimal: str) -> str:
+    """Kind of a cell; a date counts as a stamp."""
+    kind = kind_of_cell(text, decimal)
+    return "stamp" if kind in UNREADABLE and is_date(text) else kind
+
+
+def _is_plain_word(text: str) -> bool:
+    """Whether a cell is a word, and not a number or several cells of another dialect."""
+    has_letter = re.search(r"[^\W\d_]", text) is not None
+    has_separator = re.search(r"[;\t|]", text) is not None
+    return has_letter and not has_separator and not any(is_number(text, mark) for mark in ".,")
 
 
 def _is_data(cells: list[str], decimal: str) -> bool:
-    """Whether a row is data: most filled cells can be read, and one of them is a number."""
+    """Whether a row is data: it has a number, and most filled cells can be read.
+
+    If the first filled cell is a number or a stamp, two such cells are enough: the others may be
+    text. A row with the name of a time column is none.
+    """
     filled = [cell for cell in cells if cell.lower() not in ABSENT]
-    readable = sum(_is_cell(cell, decimal) for cell in filled)
-    if readable < max(1.0, DATA_SHARE * len(filled)):
+    kinds = [_kind(cell, decimal) for cell in filled]
+    if "number" not in kinds:
         return False
-    return any(is_number(cell, decimal) for cell in filled)
+    if any(kind == "word" and is_time_name(cell) for cell, kind in zip(filled, kinds)):
+        return False
+    readable = sum(kind not in UNREADABLE for kind in kinds)
+    if readable >= DATA_SHARE * len(filled):
+        return True
+    return kinds[0] in ("number", "stamp") and sum(k in ("number", "stamp") for k in kinds) > 1
 
 
 def _layout(
@@ -385,12 +397,13 @@ def _layout(
     such row. A row below the header with more numbers than ``NUMERIC_SHARE`` is data too, so that a
     damaged first row is reported and not skipped.
     """
-    rows, data = _rows_and_data(lines, separator, decimal)
+    comments, rows, data = _rows_and_data(lines, separator, decimal)
     if not data:
         return None
     widths = [len(rows[k][1]) for k in data]
     fields = max(set(widths), key=widths.count)
-    first = next(k for k in data if len(rows[k][1]) == fields)
+    complete = [k for k in data if len(rows[k][1]) == fields]
+    first = _first_row(rows, complete, decimal)
     header = _header(rows[:first], fields, decimal, known)
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
@@ -402,15 +415,62 @@ def _layout(
                 first = k
                 break
         units = _unit_row([cells for _, cells in rows[header + 1 : first]], fields)
+    elif comments and len(comments[-1]) == fields:
+        names = tuple(comments[-1])
     line, cells = rows[first]
-    score = _score([rows[k][1] for k in data], fields, decimal)
-    return _Layout(score, separator, decimal, names, line, tuple(cells), fields, units)
+    if not units:
+        units = tuple(number_and_unit(cell, decimal)[1] for cell in cells)
+    score = _score([rows[k][1] for k in data], len(rows) - complete[0], fields, decimal)
+    numbers = [rows[k][1][0] for k in complete[:ROW_NUMBERS]]
+    has_row_names = numbers == [str(k) for k in range(1, ROW_NUMBERS + 1)]
+    ambiguous = ""
+    if separator == decimal:
+        ambiguous = _ambiguous_cell([rows[k][1] for k in complete])
+    return _Layout(
+        score,
+        separator,
+        decimal,
+        names,
+        line,
+        tuple(cells),
+        fields,
+        units,
+        has_row_names,
+        ambiguous,
+    )
+
+
+def _ambiguous_cell(data: list[list[str]]) -> str:
+    """A cell such as "1,234" if all cells with a comma are like it; else empty."""
+    with_comma = [cell for cells in data for cell in cells if is_number(cell, ",") and "," in cell]
+    if all(re.fullmatch(r"[-+]?[1-9]\d{0,2}(,\d{3})+", cell) for cell in with_comma):
+        return next(iter(with_comma), "")
+    return ""
+
+
+def _first_row(rows: list[tuple[int, list[str]]], complete: list[int], decimal: str) -> int:
+    """Index of the first row of data: the first cell is of the kind that most rows have there.
+
+    Above it, rows of numbers can be names: "Ch; 1; 2".
+
+    Parameters
+    ----------
+    rows
+        Line number and cells of each row.
+    complete
+        Indices of the rows of data with all fields.
+    decimal
+        Decimal mark.
+    """
+    kinds = [_kind(rows[k][1][0], decimal) for k in complete]
+    usual = max(set(kinds), key=kinds.count)
+    return next(k for k, kind in zip(complete, kinds) if kind in (usual, "absent"))
 
 
 def _rows_and_data(
     lines: Sequence[str], separator: str, decimal: str
-) -> tuple[list[tuple[int, list[str]]], list[int]]:
-    """Rows below the comments, and which of them are data.
+) -> tuple[list[list[str]], list[tuple[int, list[str]]], list[int]]:
+    """Comments above the table, rows below them, and which of the rows are data.
 
     Parameters
     ----------
@@ -421,35 +481,54 @@ def _rows_and_data(
 
     Returns
     -------
+    comments
+        Cells of each comment above the table, without the mark of a comment.
     rows
         Line number and cells of each row.
     data
         Indices in ``rows`` of the rows of data, at most ``DATA_ROWS``.
     """
     top = 0
-    while top < len(lines) and (not lines[top].strip() or lines[top].startswith("#")):
+    comments: list[list[str]] = []
+    while top < len(lines) and (not lines[top].strip() or lines[top].startswith(COMMENT)):
+        if lines[top].strip():
+            comments.append(split(lines[top].lstrip(COMMENT), separator))
         top += 1
     rows: list[tuple[int, list[str]]] = []
     data: list[int] = []
-    for number, line in enumerate(lines[top:], top):
-        if not line.strip():
-            continue
-        cells = split(line, separator)
-        rows.append((number, cells))
-        if len(cells) > 1 and _is_data(cells, decimal):
-            data.append(len(rows) - 1)
-        if len(data) == DATA_ROWS:
-            break
-    return rows, data
+    number = top
+    while number < len(lines) and len(data) < DATA_ROWS:
+        line, count = _joined(lines, number, separator)
+        if line.strip() and not line.startswith(COMMENT):
+            cells = split(line, separator)
+            rows.append((number, cells))
+            if len(cells) > 1 and _is_data(cells, decimal):
+                data.append(len(rows) - 1)
+        number += count
+    return comments, rows, data
 
 
-def _score(data: list[list[str]], fields: int, decimal: str) -> float:
+def _joined(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
+    """A line with those that continue its quoted cell, and how many lines these are."""
+    line = lines[number]
+    count = 1
+    while has_open_quote(line, separator):
+        if count == LONGEST_CELL_LINES or number + count == len(lines):
+            return lines[number], 1
+        line += "\n" + lines[number + count]
+        count += 1
+    return line, count
+
+
+def _score(data: list[list[str]], count: int, fields: int, decimal: str) -> float:
     """Share of rows that can be read completely; columns and a decimal mark in use add a little.
 
     Parameters
     ----------
     data
         Cells of the rows of data.
+    count
+        Number of rows from the first of them on, with those that are no data.
     fields
         Number of fields of a complete row.
     decimal
@@ -462,23 +541,19 @@ def _score(data: list[list[str]], fields: int, decimal: str) -> float:
     """
     exact = 0
     for cells in data:
-        exact += len(cells) == fields and all(_is_cell(cell, decimal) for cell in cells)
+        is_read = [_kind(cell, decimal) not in UNREADABLE or _is_plain_word(cell) for cell in cells]
+        exact += len(cells) == fields and all(is_read)
     has_decimal_mark = any(decimal in cell for cells in data[:50] for cell in cells)
-    return exact / len(data) + 0.01 * fields + (0.001 if has_decimal_mark else 0.0)
+    return exact / count + 0.01 * fields + (0.001 if has_decimal_mark else 0.0)
 
 
 def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
     """Cells of the row of units below the header, without brackets; empty if there is none."""
     for row in rows:
         cells = [re.sub(r"^[\[(]\s*(.*?)\s*[\])]$", r"\1", cell.strip()) for cell in row]
-        if len(cells) == fields and any(_is_unit(cell) for cell in cells):
+        if len(cells) == fields and any(is_unit(cell) for cell in cells):
             return tuple(cell if re.search(r"[^\W\d_]|°", cell) else "" for cell in cells)
     return ()
-
-
-def _is_unit(cell: str) -> bool:
-    """Whether a cell is a unit of time, of temperature or of the voltage of a thermocouple."""
-    return cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
 
 
 def _header(
@@ -487,8 +562,9 @@ def _header(
     """Index of the header in ``rows``; None if there is none.
 
     Of the rows of text with the number of fields of the data, or one more or less, it is the one
-    with most known names, and the first of equal ones. Without such a row, a last row of text is
-    taken, so that the message about its number of names is about the right row.
+    with most known names and names of time columns. Of equal ones it is that with fewest units,
+    then with most filled cells, then the last of them. Without such a row, a last row of text is taken, so
+    that the message about its number of names is about the right row.
 
     Parameters
     ----------
@@ -506,114 +582,19 @@ def _header(
     ]
     candidates = [k for k in texts if abs(len(rows[k][1]) - fields) <= 1]
     if candidates:
-        return max(candidates, key=lambda k: sum(cell.lower() in known for cell in rows[k][1]))
+        return max(candidates, key=lambda k: (*_likeness(rows[k][1], known), k))
     last = len(rows) - 1
     return last if last in texts else None
+
+
+def _likeness(cells: list[str], known: Collection[str]) -> tuple[int, int, int]:
+    """How much a row is like a header: known names, few units, filled cells."""
+    names = sum(cell.lower() in known or is_time_name(cell) for cell in cells)
+    units = sum(is_unit(cell) for cell in cells)
+    return names, -units, sum(bool(cell) for cell in cells)
 
 
 def _numeric_share(cells: list[str], decimal: str) -> float:
     """Share of the filled cells that are numbers."""
     filled = [cell for cell in cells if cell]
     return sum(is_number(cell, decimal) for cell in filled) / max(len(filled), 1)
-
-
-class TextColumn:
-    """A column of cells of text, in one chunk or in many, with the same result.
-
-    Parameters
-    ----------
-    name, decimal
-        Name of the column and decimal mark.
-    location
-        Location of the samples, for messages.
-    clock
-        Whether the column holds clock times; None: decided by the first chunk that is not empty.
-
-    Notes
-    -----
-    Clock times are seconds since the first one; see ``Stamps`` for dates and midnight.
-
-    Examples
-    --------
-    >>> TextColumn("time", ".", SampleLocation("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
-    array([0.  , 0.75])
-    """
-
-    def __init__(
-        self, name: str, decimal: str, location: SampleLocation, clock: bool | None = None
-    ) -> None:
-        """Start before the first cell; the parameters are those of the class."""
-        self.name = name
-        self.decimal = decimal
-        self.location = location
-        self.clock = clock
-        self.bad_cells = 0
-        self.first_bad_cell: dict[str, Any] = {}
-        self.stamps = Stamps(name, location.where)
-
-    def numbers(self, texts: list[str], first_index: int) -> Array:
-        """Numbers (N,) from the cells of a chunk.
-
-        Parameters
-        ----------
-        texts
-            The cells; chunks must come in their order.
-        first_index
-            Index in the file of the first of them.
-        """
-        if self.clock is None:
-            filled = [text for text in texts if text.lower() not in ABSENT]
-            if filled:
-                clock_cells = sum(CLOCK_PATTERN.fullmatch(text) is not None for text in filled)
-                self.clock = clock_cells > 0.5 * len(filled)
-        if self.clock:
-            return self.stamps.seconds(texts)
-        values = np.full(len(texts), np.nan)
-        for i, text in enumerate(texts):
-            values[i] = self._number(text, first_index + i)
-        return values
-
-    def _number(self, text: str, index: int) -> float:
-        """Number in a cell; NaN, and counted as bad, if it holds something else.
-
-        Parameters
-        ----------
-        text
-            The cell.
-        index
-            Index of the cell in the file.
-        """
-        lower = text.lower()
-        if is_number(text, self.decimal):
-            return float(text.replace(",", "."))
-        if lower in FLAGS:
-            return FLAGS[lower]
-        if lower in ABSENT:
-            return np.inf if "inf" in lower else np.nan
-        if not self.bad_cells:
-            self.first_bad_cell = {"row": self.location.row(index), "text": text[:40]}
-        self.bad_cells += 1
-        return np.nan
-
-    def findings(self, cells: int) -> list[Finding]:
-        """Findings about the column, which has ``cells`` cells.
-
-        Raises
-        ------
-        InputError
-            If more than one cell in a hundred (and more than three) is no number.
-        """
-        if self.clock:
-            return [info("text.midnight", subject=self.name)] if self.stamps.midnights else []
-        if not self.bad_cells:
-            return []
-        first = self.first_bad_cell
-        if self.bad_cells > max(BAD_CELLS, BAD_SHARE * cells):
-            mark = "comma" if self.decimal == "," else "point"
-            raise InputError(
-                f"column {self.name}, row {first['row']}: {first['text']!r} is no number "
-                f"({self.bad_cells} of {cells} cells)",
-                where=self.location.where,
-                expected=f"numbers with decimal {mark}",
-            )
-        return [warning("text.no_number", subject=self.name, count=self.bad_cells, **first)]

@@ -19,7 +19,8 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.io.csv_dialect import FLAGS, split
+from tcdyn.io.cells import FLAGS, is_number, to_number
+from tcdyn.io.csv_dialect import split
 from tcdyn.io.read import CsvTable, display_path, open_table
 
 READ_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows
@@ -256,8 +257,10 @@ def _read_to(stream: BinaryIO, offset: int) -> tuple[bool, Any, bytes]:
 
 
 def _number(text: str, decimal: str) -> float:
-    """Number in a cell as ``float`` reads it, a switch word as 0 or 1; NaN for anything else."""
+    """Number in a cell, a switch word as 0 or 1; NaN for anything else."""
+    if is_number(text, decimal):
+        return to_number(text, decimal)
     try:
-        return float(text if decimal == "." else text.replace(",", "."))
+        return float(text)  # nan and infinity
     except ValueError:
         return FLAGS.get(text.lower(), np.nan)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -23,11 +24,13 @@ from pyarrow import csv as pacsv
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, printable
-from tcdyn.core.findings import Finding, SampleLocation, warning
-from tcdyn.io.csv_dialect import ABSENT, Dialect, TextColumn, detect_dialect, is_number
+from tcdyn.core.findings import Finding
+from tcdyn.io.cells import ABSENT, TextColumn, is_number, is_text, kind_of_cell
+from tcdyn.io.csv_dialect import Dialect, detect_dialect
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
+from tcdyn.io.rows import CheckedRows, check_rows
+from tcdyn.io.stamps import has_fraction, is_date, is_stamp, is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
-from tcdyn.io.times import is_date, is_time_of_day
 
 __all__ = [
     "CsvTable",
@@ -49,7 +52,8 @@ MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
 LEAST_BLOCK_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 21
-COUNT_BYTES = 1 << 17  # text whose rows are counted at once
+# names of a column with the milliseconds of the stamps in another column
+MILLISECOND_COLUMNS = ("ms", "msec", "millis", "millisecond", "milliseconds", "millisekunden")
 # spellings of a missing value that pyarrow reads as NaN; infinite ones it reads as numbers
 NULL_VALUES = sorted(
     {
@@ -145,7 +149,16 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
         )
     dialect = detect_dialect(file, where, known)
     chunks = partial(text_chunks, dialect)
-    return CsvTable(where, dialect.names, dialect.metadata, chunks, dialect, units=dialect.units)
+    clocks = tuple(name for name, cell in zip(dialect.names, dialect.first_row) if is_stamp(cell))
+    return CsvTable(
+        where,
+        dialect.names,
+        dialect.metadata,
+        chunks,
+        dialect,
+        units=dialect.units,
+        clock_columns=clocks,
+    )
 
 
 def _first_bytes(file: Path, where: str) -> bytes:
@@ -275,10 +288,12 @@ def text_chunks(
     are expected, every column is read as text.
     """
     with open_text(dialect) as stream:
-        count, location, findings = check_rows(stream, dialect)
-    if count == 0:
+        checked = check_rows(stream, dialect)
+    if checked.rows == 0:
         raise InputError("no rows below the header", where=dialect.where)
-    reader = _TextReader(dialect, wanted, location)
+    if checked.comment_lines:
+        dialect = replace(dialect, body=_without_lines(dialect, checked.comment_lines))
+    reader = _TextReader(dialect, wanted, checked)
     try:
         yield from reader.chunks(rows, as_text=False)
     except pa.ArrowInvalid:
@@ -288,16 +303,48 @@ def text_chunks(
         except pa.ArrowInvalid as problem:
             reason = str(problem).splitlines()[0][:160]
             raise InputError(f"the table cannot be read ({reason})", where=dialect.where) from None
-    findings += reader.findings()
+    findings = [*checked.findings, *reader.findings()]
     if findings:
-        yield Columns({name: np.empty(0) for name in wanted}, location, tuple(findings))
+        yield Columns({name: np.empty(0) for name in wanted}, checked.location, tuple(findings))
+
+
+def _without_lines(dialect: Dialect, numbers: Sequence[int]) -> bytes:
+    """The text with some of its lines blank; it is read into memory."""
+    with open_text(dialect) as stream:
+        lines = stream.readlines()
+    for number in numbers:
+        lines[number - 1] = b"\n"
+    return b"".join(lines)
+
+
+class _FirstBytes:
+    """The first bytes of a stream, for pyarrow."""
+
+    closed = False
+
+    def __init__(self, stream: IO[bytes], count: int | None) -> None:
+        """Begin at the position of the stream; without ``count`` to its end."""
+        self.stream = stream
+        self.left = count
+
+    def read(self, size: int = -1) -> bytes:
+        """At most ``size`` bytes; all if it is negative."""
+        if self.left is None:
+            return self.stream.read(size)
+        count = self.left if size < 0 else min(size, self.left)
+        block = self.stream.read(count)
+        self.left -= len(block)
+        return block
+
+    def close(self) -> None:
+        """Do nothing: the stream is closed by its owner."""
 
 
 class _TextReader:
     """Columns of one text log, with the state that its text columns keep from chunk to chunk."""
 
-    def __init__(self, dialect: Dialect, wanted: Sequence[str], location: SampleLocation) -> None:
-        """Decide which columns are dates, times of day and texts, from the first row.
+    def __init__(self, dialect: Dialect, wanted: Sequence[str], checked: CheckedRows) -> None:
+        """Decide which columns are dates, times of day and texts.
 
         Parameters
         ----------
@@ -305,13 +352,15 @@ class _TextReader:
             Dialect of the file.
         wanted
             Names of the columns.
-        location
-            Location of the rows, for messages.
+        checked
+            The rows of data.
         """
         self.dialect = dialect
         self.wanted = wanted
-        self.location = location
+        self.checked = checked
+        self.location = checked.location
         self.rows_done = 0
+        self.last_day = ""
         self.text_columns: dict[str, TextColumn] = {}
         first_cells = dict(zip(reversed(dialect.names), reversed(dialect.first_row)))
         self.date_columns = [name for name in dialect.names if is_date(first_cells[name], name)]
@@ -322,13 +371,53 @@ class _TextReader:
         names = list(wanted)
         if self.dated_columns:
             names += self.date_columns
+        self.millisecond_column = _millisecond_column(first_cells)
+        if self.millisecond_column:
+            names.append(self.millisecond_column)
         # names may repeat in a file, so pyarrow gets numbered ones
         self.keys = {name: f"c{dialect.names.index(name)}" for name in dict.fromkeys(names)}
-        self.word_columns = set(self.date_columns)
+        self.word_columns = {*self.date_columns, self.millisecond_column}
+        undecided = []
         for name in self.keys:
             cell = first_cells[name]
-            if not is_number(cell, dialect.decimal) and cell.lower() not in ABSENT:
+            kind = kind_of_cell(cell, dialect.decimal)
+            if kind not in ("number", "absent") or is_stamp(cell):
                 self.word_columns.add(name)
+            is_plain_number = is_number(cell, dialect.decimal)
+            if not is_plain_number and kind != "stamp" and name not in self.date_columns:
+                undecided.append(name)
+        self.columns_of_words = self._columns_of_words(undecided)
+        self.word_columns |= self.columns_of_words
+
+    def _columns_of_words(self, names: Sequence[str]) -> set[str]:
+        """Those of the columns that hold text, by all their cells; their first one is no number."""
+        if not names:
+            return set()
+        counts: dict[str, Counter[str]] = {name: Counter() for name in names}
+        types = {self.keys[name]: pa.string() for name in names}
+        try:
+            for batch in self._batches(CHUNK_ROWS, types):
+                for name in names:
+                    cells = Counter(_cells(batch.column(self.keys[name])))
+                    for cell, count in cells.items():
+                        counts[name][kind_of_cell(cell, self.dialect.decimal)] += count
+        except pa.ArrowInvalid:
+            pass  # the error comes again, with its row, when the columns are read
+        return {name for name in names if is_text(counts[name])}
+
+    def _batches(self, rows: int, types: dict[str, Any]) -> Iterator[pa.RecordBatch]:
+        """Yield columns of these types by key, in batches of about so many rows."""
+        with open_text(self.dialect) as stream:
+            limited = _FirstBytes(stream, self.checked.end)
+            parse_options = pacsv.ParseOptions(
+                delimiter=self.dialect.separator,
+                newlines_in_values=self.checked.has_line_breaks,
+            )
+            # closed here, since a thread of pyarrow may not outlive the interpreter
+            with pacsv.open_csv(
+                limited, self._read_options(rows), parse_options, self._convert_options(types)
+            ) as batches:
+                yield from batches
 
     def chunks(self, rows: int, as_text: bool) -> Iterator[Columns]:
         """Yield the chunks after the rows that are done.
@@ -341,19 +430,16 @@ class _TextReader:
             Read every column as text.
         """
         skip = self.rows_done
-        with open_text(self.dialect) as stream:
-            batches = pacsv.open_csv(
-                stream,
-                self._read_options(rows),
-                pacsv.ParseOptions(delimiter=self.dialect.separator),
-                self._convert_options(as_text),
-            )
-            for batch in batches:
-                new_rows = batch.slice(min(skip, batch.num_rows))
-                skip -= batch.num_rows - new_rows.num_rows
-                if new_rows.num_rows:
-                    yield self._columns(new_rows)
-                    self.rows_done += new_rows.num_rows
+        types = {}
+        for name, key in self.keys.items():
+            is_string = as_text or name in self.word_columns
+            types[key] = pa.string() if is_string else pa.float64()
+        for batch in self._batches(rows, types):
+            new_rows = batch.slice(min(skip, batch.num_rows))
+            skip -= batch.num_rows - new_rows.num_rows
+            if new_rows.num_rows:
+                yield self._columns(new_rows)
+                self.rows_done += new_rows.num_rows
 
     def expect_text(self) -> None:
         """Read columns of numbers as text from here on; they hold no clock times."""
@@ -384,14 +470,10 @@ class _TextReader:
             use_threads=False,
         )
 
-    def _convert_options(self, as_text: bool) -> pacsv.ConvertOptions:
-        """Types of the columns for pyarrow; with ``as_text`` all of them are text."""
-        types = {}
-        for name, key in self.keys.items():
-            is_text = as_text or name in self.word_columns
-            types[key] = pa.string() if is_text else pa.float64()
+    def _convert_options(self, types: dict[str, Any]) -> pacsv.ConvertOptions:
+        """Options of pyarrow for columns of these types by key."""
         return pacsv.ConvertOptions(
-            include_columns=list(self.keys.values()),
+            include_columns=list(types),
             column_types=types,
             decimal_point=self.dialect.decimal,
             null_values=NULL_VALUES,
@@ -404,24 +486,48 @@ class _TextReader:
         stamps: dict[str, NDArray[Any]] = {}
         for name in self.wanted:
             column = batch.column(self.keys[name])
-            if name in self.date_columns:
-                data[name] = np.full(batch.num_rows, np.nan)
-                stamps[name] = np.array(_cells(column), dtype=object)
-                continue
             if pa.types.is_floating(column.type):
                 data[name] = np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
                 continue
-            cells = texts = _cells(column)
-            if name in self.dated_columns:
-                days = _cells(batch.column(self.keys[self.date_columns[0]]))
-                texts = [f"{day} {cell}" if cell else "" for day, cell in zip(days, cells)]
-            if name not in self.text_columns:
-                self.text_columns[name] = TextColumn(name, self.dialect.decimal, self.location)
-            text_column = self.text_columns[name]
+            cells = _cells(column)
+            if name in self.date_columns or name in self.columns_of_words:
+                data[name] = np.full(batch.num_rows, np.nan)
+                stamps[name] = np.array(cells, dtype=object)
+                continue
+            text_column = self.text_columns.get(name)
+            if text_column is None:
+                text_column = TextColumn(name, self.dialect.decimal, self.location, words=False)
+                self.text_columns[name] = text_column
+            texts = self._with_dates(batch, cells) if name in self.dated_columns else cells
             data[name] = text_column.numbers(texts, self.rows_done)
             if text_column.clock:
                 stamps[name] = np.array(cells, dtype=object)
+                if self.millisecond_column and not has_fraction(cells[0]):
+                    data[name] = data[name] + self._milliseconds(batch)
         return Columns(data, self.location, (), stamps)
+
+    def _with_dates(self, batch: pa.RecordBatch, cells: list[str]) -> list[str]:
+        """Times of day with the date of their row, or the last one above it."""
+        texts = []
+        for day, cell in zip(_cells(batch.column(self.keys[self.date_columns[0]])), cells):
+            self.last_day = day or self.last_day
+            texts.append(f"{self.last_day} {cell}" if cell else "")
+        return texts
+
+    def _milliseconds(self, batch: pa.RecordBatch) -> Array:
+        """Milliseconds (N,) in a column of their own [s]; NaN where there are none."""
+        texts = _cells(batch.column(self.keys[self.millisecond_column]))
+        return np.array([1e-3 * float(t) if is_number(t) else np.nan for t in texts])
+
+
+def _millisecond_column(first_cells: dict[str, str]) -> str:
+    """The one column with the milliseconds of stamps in whole seconds; empty if there is none."""
+    found = []
+    for name, cell in first_cells.items():
+        plain_name = name.strip().lower()
+        if plain_name in MILLISECOND_COLUMNS and cell.isdecimal() and int(cell) < 1000:
+            found.append(name)
+    return found[0] if len(found) == 1 else ""
 
 
 def _cells(column: pa.Array) -> list[str]:
@@ -431,125 +537,3 @@ def _cells(column: pa.Array) -> list[str]:
         text = "" if cell is None else cell.decode("utf-8", errors="replace")
         cells.append(text.strip().strip('"').strip())
     return cells
-
-
-def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, SampleLocation, list[Finding]]:
-    """Count the rows of data and the fields of every row.
-
-    Parameters
-    ----------
-    stream
-        The text from its first byte.
-    dialect
-        Its dialect.
-
-    Returns
-    -------
-    rows
-        Number of rows.
-    location
-        Their location in the file.
-    findings
-        A last row without a line end, which may have lost digits, gives a warning.
-
-    Raises
-    ------
-    InputError
-        For a row with too few or too many fields; a last short one means a truncated file. For zero
-        bytes.
-
-    Notes
-    -----
-    Blocks in which every row is complete are counted at once (``_complete_rows``); the rest row by
-    row. A row with more separators than expected is accepted if it has a quotation mark, since
-    separators may stand inside quotes.
-    """
-    separator = dialect.separator.encode()
-    where = dialect.where
-    fields = len(dialect.names)
-    blank_lines: list[int] = []
-    rows = 0
-    lines_done = dialect.skip
-    line = b"\n"
-    short_row: tuple[int, int] | None = None
-    for _ in range(dialect.skip):
-        line = stream.readline() or line
-    while block := stream.read(COUNT_BYTES) + stream.readline():
-        if short_row is None:
-            complete_rows = _complete_rows(block, separator, fields)
-            if complete_rows:
-                rows += complete_rows
-                lines_done += complete_rows
-                line = block[-1:]
-                continue
-        for number, line in enumerate(io.BytesIO(block), lines_done + 1):
-            if short_row is not None and line.strip():
-                raise _row_error(short_row, fields, where)
-            count = line.count(separator)
-            if count == fields - 1:
-                rows += 1
-            elif not line.strip():
-                blank_lines.append(number)
-            elif count < fields - 1:
-                short_row = (number, count + 1)
-            elif b'"' not in line:
-                raise _row_error((number, count + 1), fields, where)
-            if b"\x00" in line:
-                raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
-        lines_done = number
-    if short_row is not None:
-        raise InputError(
-            f"row {short_row[0]}, the last, has {short_row[1]} of {fields} fields: the file is "
-            "truncated",
-            where=where,
-            expected="a complete last row",
-            remedy="copy the file again, or delete the last row",
-        )
-    findings = []
-    if not line.endswith((b"\n", b"\r")):
-        last_row = dialect.skip + rows + len(blank_lines)
-        findings.append(warning("text.no_line_end", row=last_row))
-    return rows, SampleLocation(where, dialect.skip + 1, tuple(blank_lines)), findings
-
-
-def _complete_rows(block: bytes, separator: bytes, fields: int) -> int:
-    """Number of rows of a block in which every row has all fields, as nearly always; else 0.
-
-    Parameters
-    ----------
-    block
-        Some complete lines of text.
-    separator
-        Separator of the columns, one byte.
-    fields
-        Number of fields of a row.
-    """
-    is_regular = len(block) < 2 * COUNT_BYTES and block.endswith(b"\n") and b"\x00" not in block
-    if not is_regular:
-        return 0
-    characters = np.frombuffer(block, np.uint8)
-    line_ends = np.flatnonzero(characters == ord("\n"))
-    separators = np.flatnonzero(characters == ord(separator))
-    separators_before = np.searchsorted(separators, line_ends)
-    expected = np.arange(1, len(line_ends) + 1) * (fields - 1)
-    return len(line_ends) if np.array_equal(separators_before, expected) else 0
-
-
-def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
-    """Error for a row with another number of fields.
-
-    Parameters
-    ----------
-    row
-        Number of the row in the file, and its number of fields.
-    fields
-        Number of fields expected.
-    where
-        The file, for messages.
-    """
-    return InputError(
-        f"row {row[0]} has {row[1]} fields",
-        where=where,
-        expected=f"{fields} as in the first row",
-        remedy="repair or delete that row",
-    )

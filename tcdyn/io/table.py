@@ -37,8 +37,8 @@ class Columns:
     findings
         What was corrected while reading.
     stamps
-        Cells (N,) of columns with clock stamps as in the file; their ``data`` are seconds since the
-        first stamp.
+        Cells (N,) of columns with clock stamps or other text as in the file. The ``data`` of stamps
+        are seconds since the first one, those of other text are NaN.
     """
 
     data: dict[str, Array]
@@ -64,6 +64,8 @@ class Table:
         so many rows. It can be called several times.
     units
         Units by column, from a row below the header.
+    clock_columns
+        Columns whose first cell is a clock time.
     """
 
     where: str
@@ -71,6 +73,7 @@ class Table:
     metadata: dict[str, str]
     chunks: Callable[[Sequence[str], int], Iterator[Columns]]
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    clock_columns: tuple[str, ...] = field(default=(), kw_only=True)
 
 
 def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:

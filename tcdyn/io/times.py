@@ -1,7 +1,7 @@
-"""Columns of time: their units, time stamps with dates, and clocks whose stamps are whole units.
+"""Columns of time: their names and units, and clocks whose stamps are whole units.
 
-Used by :mod:`tcdyn.io.csv_dialect` and :mod:`tcdyn.io.read` (stamps), ``tcdyn.sensors.table`` and
-``tcdyn.identify.tables`` (units, repeated stamps). A unit is never guessed silently: where the
+Used by :mod:`tcdyn.io.csv_dialect`, ``tcdyn.sensors.table`` and ``tcdyn.identify.tables``. The
+stamps themselves are read by :mod:`tcdyn.io.stamps`. A unit is never guessed silently: where the
 header states none, only steps that are plausible in seconds are accepted. Guarded by
 ``tests/io/test_times.py``.
 """
@@ -9,14 +9,11 @@ header states none, only steps that are plausible in seconds are accepted. Guard
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import date
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
-from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
@@ -24,22 +21,25 @@ from tcdyn.core.errors import InputError
 
 # by seconds per unit; messages use the first spelling of each unit
 _SPELLINGS: dict[float, tuple[str, ...]] = {
-    1.0: ("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"),
+    1.0: (
+        *("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden", "seconde"),
+        *("secondes", "segundo", "segundos", "secondo", "secondi", "seconden"),
+    ),
     1e-3: (
-        "ms",
-        "msec",
-        "msecs",
-        "millis",
-        "millisecond",
-        "milliseconds",
-        "milli",
-        "millisekunden",
+        *("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "milli"),
+        *("millisekunde", "millisekunden", "millisecondes", "milisegundos", "millisecondi"),
     ),
     1e-6: ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"),
     1e-9: ("ns", "nsec", "nanosecond", "nanoseconds"),
-    60.0: ("min", "mins", "minute", "minutes", "minuten"),
-    3600.0: ("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden"),
-    86400.0: ("days", "d", "day", "tag", "tage"),
+    60.0: ("min", "mins", "minute", "minutes", "minuten", "minuto", "minutos", "minuti"),
+    3600.0: (
+        *("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden", "heure", "heures"),
+        *("hora", "horas", "ora", "ore", "uur"),
+    ),
+    86400.0: (
+        *("days", "d", "day", "tag", "tage", "jour", "jours", "día", "días", "dia", "dias"),
+        *("giorno", "giorni"),
+    ),
 }
 SECONDS_PER_UNIT = {
     spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings
@@ -48,7 +48,15 @@ SECONDS_PER_UNIT = {
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"(time|t|time_?stamp|date[_ /]?time|time[_ ]?elapsed|elapsed([_ ]?time)?|clock)", re.IGNORECASE
+    r"t|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times|x_value"
+    r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
+    r"|(sample|sampling|scan|log|local|measurement|recording)[_ ]?time|created[_ ]?at"
+    r"|zeit|uhrzeit|zeitstempel|zeitpunkt|messzeit|laufzeit|datum[_ /-]*(und )?(uhr)?zeit"
+    r"|temps|heure|horodatage|horodate|date[_ /-]*(et )?heure"
+    r"|tiempo|hora|fecha[_ /-]*(y )?hora|tempo|ora|data[_ /-]*(e )?(ora|hora)"
+    r"|tijd|tijdstip|datum[_ /-]*(en )?tijd|tid|tidspunkt|klokkeslett|aika|czas|čas|idő"
+    r"|время|дата[_ /-]*(и )?время|時刻|時間|日時|日付[ /]?(時間|時刻)|时间|日期时间",
+    re.IGNORECASE,
 )
 # names that distinguish a header from a title, see ``tcdyn.io.csv_dialect.detect_dialect``
 TIME_COLUMN_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
@@ -68,6 +76,7 @@ LONGEST_PLAUSIBLE_STEP_S = 1.5
 # for the years 1968 to 2064. With such a start, a step below 0.1 may be minutes.
 DAY_NUMBERS = ((25_000.0, 60_000.0), (718_700.0, 754_000.0), (2_439_800.0, 2_475_000.0))
 DAY_STEP = 0.1
+EARLIEST_EPOCH_S = 6e8  # seconds since 1970: the year 1989
 LATEST_EPOCH_S = 4e9  # seconds since 1970: the year 2096; larger numbers are milliseconds
 # Steps that are a round number of seconds in minutes, hours or days, and seldom a round number in
 # seconds
@@ -150,18 +159,27 @@ class TimeColumn:
         step = float(np.median(steps))
         if not _may_be_seconds(float(finite[0]), step):
             raise self._unit_request(
-                f"no unit is stated, and a time step of {step:.4g} may be in any unit"
+                f"no unit is stated, and a time step of {step:.4g} may be in any unit",
+                _unit_of_epoch(float(finite[0])),
             )
 
-    def _unit_request(self, problem: str) -> InputError:
-        """Error that asks the user for the unit, with the problem."""
+    def _unit_request(self, problem: str, likely: str = "") -> InputError:
+        """Error that asks the user for the unit, with the problem and the most likely unit."""
         return InputError(
             f"column {self.name!r}: {problem}",
             where=self.where,
             expected=f"one of {', '.join(TIME_UNITS)}",
             remedy="name the unit, {time_unit}",
-            parameters={"time_unit": "UNIT"},
+            parameters={"time_unit": likely or "UNIT"},
         )
+
+
+def _unit_of_epoch(start: float) -> str:
+    """Unit of a number that counts from 1970, or in days from 1900, year 0 or the Julian epoch."""
+    for unit in ("s", "ms", "us", "ns"):
+        if EARLIEST_EPOCH_S <= start * SECONDS_PER_UNIT[unit] <= LATEST_EPOCH_S:
+            return unit
+    return "days" if any(low <= start <= high for low, high in DAY_NUMBERS) else ""
 
 
 def _may_be_seconds(start: float, step: float) -> bool:
@@ -190,6 +208,15 @@ def _may_be_seconds(start: float, step: float) -> bool:
     return is_plausible_step and start < LATEST_EPOCH_S
 
 
+def is_time_name(name: str) -> bool:
+    """Whether the name of a column is one of a time column, with or without its unit.
+
+    >>> is_time_name("Uhrzeit"), is_time_name("Time [ms]"), is_time_name("T1")
+    (True, True, False)
+    """
+    return TIME_NAMES.fullmatch(split_unit(name)[0]) is not None
+
+
 def find_time_column(
     names: Sequence[str],
     where: str,
@@ -197,6 +224,7 @@ def find_time_column(
     requested: str | None = None,
     unit: str | None = None,
     unit_row: Mapping[str, str] | None = None,
+    clock_columns: Collection[str] = (),
 ) -> TimeColumn:
     """Find the time column of a table and its unit.
 
@@ -212,11 +240,18 @@ def find_time_column(
         The unit as the caller states it; it overrides the header.
     unit_row : mapping, optional
         Units from a row below the header, by column.
+    clock_columns : collection of str, optional
+        Columns whose first cell is a clock time.
 
     Raises
     ------
     InputError
         If no column is found, the requested one is missing, or ``unit`` is not a unit of time.
+
+    Notes
+    -----
+    The first column with the name of a time column and a known unit or a clock is taken; then the
+    first column with a clock; then the first one with the name of a time column.
 
     Examples
     --------
@@ -224,6 +259,8 @@ def find_time_column(
     0.001
     >>> find_time_column(["t", "T1"], "log.csv", unit_row={"t": "min"}).seconds
     60.0
+    >>> find_time_column(["T", "Moment"], "log.csv", clock_columns=["Moment"]).name
+    'Moment'
     """
     if unit is not None and unit.lower() not in SECONDS_PER_UNIT:
         raise InputError(f"time unit {unit!r}", where=where, expected=" or ".join(TIME_UNITS))
@@ -235,9 +272,10 @@ def find_time_column(
             expected=f"one of {', '.join(map(repr, names))}",
             remedy=f"did you mean {near[0]!r}?" if near else "",
         )
+    units = unit_row or {}
     name = requested
     if name is None:
-        name = next((n for n in names if TIME_NAMES.fullmatch(split_unit(n)[0])), None)
+        name = _time_column_name(names, units, clock_columns)
     if name is None:
         raise InputError(
             "no time column found",
@@ -246,10 +284,23 @@ def find_time_column(
             remedy="name it, {time}",
             parameters={"time": "COLUMN"},
         )
-    written = unit or split_unit(name)[1] or (unit_row or {}).get(name, "")
+    written = unit or split_unit(name)[1] or units.get(name, "")
     if not written:
         return TimeColumn(name, 1.0, False, "", where)
     return TimeColumn(name, SECONDS_PER_UNIT.get(written.lower()), True, written, where)
+
+
+def _time_column_name(
+    names: Sequence[str], units: Mapping[str, str], clock_columns: Collection[str]
+) -> str | None:
+    """The most probable time column; None if no name and no clock tells of one."""
+    named = [name for name in names if is_time_name(name)]
+    for name in named:
+        unit = split_unit(name)[1] or units.get(name, "")
+        if name in clock_columns or unit.lower() in SECONDS_PER_UNIT:
+            return name
+    clocks = [name for name in names if name in clock_columns]
+    return next(iter([*clocks, *named]), None)
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -277,199 +328,6 @@ def split_unit(name: str) -> tuple[str, str]:
     if match is not None and match["suffix"].lower() in SECONDS_PER_UNIT:
         return match["stem"], match["suffix"]
     return name.strip(), ""
-
-
-# ISO dates, day.month.year, and day/month/year or month/day/year
-_STAMP = (
-    r"^\s*(?:(?P<date>\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|(?:19|20)\d{6})[T ]\s*)?"
-    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?"
-)
-_DATE_ONLY = re.compile(r"\s*(\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4})\s*")
-SECONDS_PER_DAY = 86400.0
-
-
-@dataclass
-class Stamps:
-    """Converts clock stamps to seconds since the first one, in one chunk or in many.
-
-    Notes
-    -----
-    Stamps with a date count days by the calendar. In a column without dates the clock passes
-    midnight where it goes back by more than half a day.
-    """
-
-    column: str
-    where: str
-    first_s: float = np.nan
-    last_s: float = np.nan
-    midnights: float = 0.0
-    _dates: list[tuple[int, int, int]] = field(default_factory=list)
-    _day_first: bool | None = None
-
-    def seconds(self, texts: Sequence[str]) -> Array:
-        """Seconds since the first stamp of the column; NaN where a cell is no stamp.
-
-        Parameters
-        ----------
-        texts
-            The cells (N,); chunks must come in their order.
-
-        Raises
-        ------
-        InputError
-            If the first stamp cannot be read, or dates such as 03/04/2021 can be read in two ways.
-        """
-        series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
-        parts = series.str.extract(_STAMP)
-        hour = pd.to_numeric(parts["hour"]).to_numpy(dtype=float)
-        afternoon = (parts["half"] == "PM").to_numpy(dtype=bool)
-        morning = (parts["half"] == "AM").to_numpy(dtype=bool)
-        hour = np.where(afternoon | morning, hour % 12, hour) + 12.0 * afternoon
-        minute = pd.to_numeric(parts["minute"]).to_numpy(dtype=float)
-        second = pd.to_numeric(parts["second"]).to_numpy(dtype=float)
-        of_day = hour * 3600 + minute * 60 + second
-        if len(of_day) == 0:
-            return of_day
-        if np.isnan(self.first_s):
-            if not np.isfinite(of_day[0]):
-                raise InputError(
-                    f"column {self.column}: {texts[0]!r} is no clock time", where=self.where
-                )
-            self.first_s = float(of_day[0])
-            self.last_s = self.first_s
-        if parts["date"].notna().any():
-            days = self._days(parts["date"])
-        else:
-            days = self._days_by_midnights(of_day)
-        return np.asarray(np.round(of_day + SECONDS_PER_DAY * days - self.first_s, 9))
-
-    def _days_by_midnights(self, of_day: Array) -> Array:
-        """Days (N,) since the first stamp, from the times of day [s], counting midnights."""
-        filled = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
-        steps = np.diff(filled, prepend=self.last_s)
-        days = self.midnights + np.cumsum(np.where(steps < -SECONDS_PER_DAY / 2, 1.0, 0.0))
-        self.last_s = float(filled[-1])
-        self.midnights = float(days[-1])
-        return days
-
-    def _days(self, dates: pd.Series) -> Array:
-        """Days (N,) since the first date of the column, NaN where a stamp has no date."""
-        codes, texts = pd.factorize(dates)
-        fields = [_date_fields(text, self.column, self.where) for text in texts]
-        slashed = any("/" in text for text in texts)
-        self._dates += [f for f in fields if f not in self._dates]
-        day_first = self._is_day_first() if slashed else True
-        numbers = [_day_number(f, day_first, self.column, self.where) for f in fields]
-        first = _day_number(self._dates[0], day_first, self.column, self.where)
-        days = np.array([*numbers, np.nan], dtype=float)  # code -1, no date, takes the last
-        return days[codes] - first
-
-    def _is_day_first(self) -> bool:
-        """Whether dates with slashes have the day first; True while the dates do not decide."""
-        if self._day_first is None:
-            self._day_first = _day_first(self._dates, self.column, self.where)
-        return True if self._day_first is None else self._day_first
-
-
-def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
-    """The three fields of a date as (first, second, year); an ISO date gives (day, month, year).
-
-    Parameters
-    ----------
-    text
-        The date.
-    column, where
-        Column and file, for messages.
-
-    Raises
-    ------
-    InputError
-        For a date with points whose second field is no month.
-    """
-    if text.isdecimal():
-        return int(text[6:]), int(text[4:6]), int(text[:4])
-    numbers = [int(x) for x in re.split(r"[-./]", text)]
-    if "-" in text:
-        year, month, day = numbers
-        return day, month, year
-    first, second, year = numbers
-    if "." in text and second > 12:
-        raise InputError(
-            f"column {column}: {text!r} is no date", where=where, expected="day.month.year"
-        )
-    if year < 100:
-        year += 2000
-    return first, second, year
-
-
-def _day_first(dates: Iterable[tuple[int, int, int]], column: str, where: str) -> bool | None:
-    """True for day/month/year, False for month/day/year, None while there is one date only.
-
-    A field above 12 decides. Otherwise the order in which the dates are consecutive days decides.
-
-    Parameters
-    ----------
-    dates
-        Fields of all dates so far.
-    column, where
-        Column and file, for messages.
-
-    Raises
-    ------
-    InputError
-        If neither decides.
-    """
-    listed = list(dates)
-    if any(first > 12 for first, _, _ in listed):
-        return True
-    if any(second > 12 for _, second, _ in listed):
-        return False
-    if len(listed) < 2:
-        return None
-    consecutive = []
-    for day_first in (True, False):
-        numbers = [_day_number(f, day_first, column, where) for f in listed]
-        if all(later - earlier == 1 for earlier, later in pairwise(numbers)):
-            consecutive.append(day_first)
-    if len(consecutive) == 1:
-        return consecutive[0]
-    first, second, year = listed[1]
-    raise InputError(
-        f"column {column}: a date such as {first:02}/{second:02}/{year} may be day/month or "
-        "month/day",
-        where=where,
-        expected="dates as year-month-day",
-        remedy="write the dates in this form in the file",
-    )
-
-
-def _day_number(fields: tuple[int, int, int], day_first: bool, column: str, where: str) -> int:
-    """Days since the year 1 of a date given as three fields.
-
-    Parameters
-    ----------
-    fields
-        First and second field, and the year.
-    day_first
-        Whether the first field is the day.
-    column, where
-        Column and file, for messages.
-
-    Raises
-    ------
-    InputError
-        If there is no such date.
-    """
-    first, second, year = fields
-    day, month = (first, second) if day_first else (second, first)
-    try:
-        return date(year, month, day).toordinal()
-    except ValueError:
-        raise InputError(
-            f"column {column}: {first:02}/{second:02}/{year} is no date in the order of the others",
-            where=where,
-            expected="one form of date in the column",
-        ) from None
 
 
 @dataclass(frozen=True)
@@ -588,27 +446,3 @@ def _segments_without_lost_rows(
     marks = np.zeros(len(times_s), dtype=np.intp)
     marks[first_rows[after_gap | after_short]] = 1
     return np.cumsum(marks), first_rows[~after_gap]
-
-
-def is_date(text: str, column: str = "") -> bool:
-    """Whether a cell is a date without a time; eight digits are one in a column named "date".
-
-    >>> is_date("26.11.2021"), is_date("2021-11-26 10:00:00"), is_date("20211126", "Date")
-    (True, False, True)
-    """
-    if _DATE_ONLY.fullmatch(text) is not None:
-        return True
-    return (
-        column.strip().lower() in ("date", "datum")
-        and re.fullmatch(r"(19|20)\d{6}", text) is not None
-    )
-
-
-def is_time_of_day(text: str) -> bool:
-    """Whether a cell is a time of the day without a date.
-
-    >>> is_time_of_day("10:00:00.5"), is_time_of_day("2021-11-26 10:00:00")
-    (True, False)
-    """
-    match = re.match(_STAMP, text.replace(",", "."))
-    return match is not None and match["date"] is None

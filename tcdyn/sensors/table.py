@@ -9,9 +9,9 @@ values are reported.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,17 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.read import Table, display_path, open_table
-from tcdyn.io.table import CHUNK_ROWS, missing_column_error
-from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn, find_time_column, rows_of_repeated_stamps
+from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
+from tcdyn.io.times import (
+    TIME_COLUMN_NAMES,
+    TimeColumn,
+    find_time_column,
+    is_time_name,
+    rows_of_repeated_stamps,
+)
 from tcdyn.rig.log import COMPENSATED
 from tcdyn.rig.plausible import dropout_codes, out_of_range
-from tcdyn.sensors.units import Unit, unit_findings
+from tcdyn.sensors.units import Unit, is_match, unit_findings
 
 # Margin of a segment: rows on either side that are only used to settle the smoother. Chosen by
 # judgement; a caller asks for more where the smoother needs it.
@@ -122,14 +128,20 @@ class Source:
         """
         names = list(dict.fromkeys([self.time, *columns]))
         checked = False
-        for chunk in self.table.chunks(names, rows):
-            values = chunk.data[self.time]
-            is_clock = self.time in chunk.stamps
-            times_s = self.clock.in_seconds(values, is_clock)
-            if not checked and len(times_s) > 1:
-                self.clock.check_step(times_s, is_clock)
-                checked = True
-            yield times_s, {**chunk.data, **chunk.stamps}, chunk.findings
+        chunks = self.table.chunks(names, rows)
+        try:
+            for chunk in chunks:
+                values = chunk.data[self.time]
+                # a chunk without rows, which carries findings, has no stamps
+                is_clock = self.time in chunk.stamps or len(values) == 0
+                times_s = self.clock.in_seconds(values, is_clock)
+                if not checked and len(times_s) > 1:
+                    self.clock.check_step(times_s, is_clock)
+                    checked = True
+                yield times_s, {**chunk.data, **chunk.stamps}, chunk.findings
+        finally:
+            if isinstance(chunks, Generator):
+                chunks.close()  # an error leaves no reader of the file behind
 
 
 class ChunkSource(Protocol):
@@ -156,15 +168,16 @@ def open_source(
     time
         Name of its time column; None: found.
     known
-        Names of columns that the caller needs; they help to find the header.
+        Names or patterns of the columns that the caller needs; they help to find the header. Other
+        columns may have one name; it gets a number.
     time_unit
         Unit of time; None: from the name or the row of units.
 
     Raises
     ------
     InputError
-        Without a time column, for a column that stands twice, and for a table that is compensated
-        already.
+        Without a time column, for a needed column that stands twice (any column, if none is
+        named), and for a table that is compensated already.
     """
     table = open_table(path, (*TIME_COLUMN_NAMES, *known))
     if table.metadata.get("tcdyn") == COMPENSATED:
@@ -174,15 +187,51 @@ def open_source(
             expected="a table as the logger wrote it",
             remedy="give the raw table; a chain must not be removed twice",
         )
-    duplicates = [n for n in table.names if table.names.count(n) > 1]
-    if duplicates:
-        raise InputError(
-            f"column {duplicates[0]!r} stands twice", where=table.where, remedy="rename one of them"
-        )
+    table = _with_unique_names(table, [*known, *([time] if time else [])])
     clock = find_time_column(
-        table.names, table.where, requested=time, unit=time_unit, unit_row=table.units
+        table.names,
+        table.where,
+        requested=time,
+        unit=time_unit,
+        unit_row=table.units,
+        clock_columns=table.clock_columns,
     )
     return Source(Path(path), table, clock)
+
+
+def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:
+    """The table with a number behind each name that stands twice.
+
+    Parameters
+    ----------
+    table
+        The table.
+    needed
+        Names or patterns of the columns that are needed; none: all.
+
+    Raises
+    ------
+    InputError
+        If a needed column or one of time stands twice.
+    """
+    duplicates = [name for name in dict.fromkeys(table.names) if table.names.count(name) > 1]
+    for name in duplicates:
+        is_needed = not needed or is_time_name(name)
+        if is_needed or any(is_match(pattern, name) for pattern in needed):
+            raise InputError(
+                f"column {name!r} stands twice", where=table.where, remedy="rename one of them"
+            )
+    if not duplicates:
+        return table
+    names = []
+    for k, name in enumerate(table.names):
+        count = table.names[: k + 1].count(name)
+        names.append(f"{name} ({count})" if count > 1 else name)
+
+    def chunks(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        yield from table.chunks([name for name in wanted if name in table.names], rows)
+
+    return replace(table, names=tuple(names), chunks=chunks)
 
 
 def read_columns(
@@ -230,6 +279,8 @@ def read_columns(
     chunks = list(source.read_chunks(names))
     t = np.concatenate([times_s for times_s, _, _ in chunks])
     raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}
+    for name, values in raw.items():
+        _check_numbers(name, values, source)
     findings = [finding for _, _, noted in chunks for finding in noted]
     grid, grid_findings = even_times(t, where)
     check_gaps(t, grid.dt_s, where)
@@ -249,6 +300,18 @@ def read_columns(
             findings += codes
         out[name] = on_grid(values, grid, size)
     return t[0] + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
+
+
+def _check_numbers(column: str, values: NDArray[Any], source: Source) -> None:
+    """Raise InputError for a column of text, with its first cell."""
+    if values.dtype != object:
+        return
+    row = next((k for k, cell in enumerate(values) if cell), 0)
+    raise InputError(
+        f"column {column!r} holds text, such as {values[row]!r} in row {row + 1} below the header",
+        where=source.table.where,
+        expected="numbers",
+    )
 
 
 def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:

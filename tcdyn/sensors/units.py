@@ -16,29 +16,30 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.io.cells import plain_unit
 from tcdyn.io.table import missing_column_error
 from tcdyn.rig.thermocouple_types import to_degC
 
 UNITS = ("degC", "K", "degF", "mV")  # Units of a temperature that are known.
-# By the usual spelling, in lower case.
+# By the spelling in lower case, without degree signs.
 _UNIT_NAMES = {
-    "degc": "degC",
-    "°c": "degC",
     "c": "degC",
     "celsius": "degC",
-    "deg c": "degC",
     "k": "K",
     "kelvin": "K",
-    "degf": "degF",
-    "°f": "degF",
     "f": "degF",
     "fahrenheit": "degF",
-    "deg f": "degF",
     "mv": "mV",
     "millivolt": "mV",
+    "millivolts": "mV",
 }
-# A unit at the end of a column's name: ``_degC``, ``[K]`` or ``(°F)``.
-_SUFFIX = re.compile(r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])])$")
+# A unit at the end of a column's name: ``_degC``, ``[K]``, ``(°F)``, ``/°C`` or ``in °C``.
+_SUFFIX = re.compile(
+    r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])]"
+    r"|(?:\s*[/,]|\s+in|)\s*((?:[°ºﾟ˚]\s?|deg\s?)[CFK]|[℃℉])|\s*/\s*(K|mV))$"
+)
+# A unit in front of a remark: ``Temp, °F (serial number)``.
+_BEFORE_REMARK = re.compile(r",\s*((?:[°ºﾟ˚]\s?|deg\s?)[CFK]|K|mV)\s*[(\[]")
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
 # by judgement.
 COLDEST_K = 100.0
@@ -144,7 +145,7 @@ def without_unit(column: str) -> str:
     ('T1', 'kiln_3', 'gas')
     """
     suffix = _SUFFIX.search(column)
-    if suffix and (suffix[1] or suffix[2].lower() in _UNIT_NAMES):
+    if suffix and suffix.start() and _unit_of(suffix):
         return column[: suffix.start()]
     return column
 
@@ -155,8 +156,7 @@ def written_unit(text: str) -> str:
     >>> written_unit("Deg. F"), written_unit("mV"), written_unit("%")
     ('degF', 'mV', '')
     """
-    plain = re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower())
-    return _UNIT_NAMES.get(plain, "mV" if plain == "millivolts" else "")
+    return _UNIT_NAMES.get(plain_unit(text), "")
 
 
 def unit_in(column: str) -> str:
@@ -164,11 +164,20 @@ def unit_in(column: str) -> str:
 
     >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
     ('degF', 'K', '')
+    >>> unit_in("T1/°C"), unit_in("Temp, °F (serial number 7)")
+    ('degC', 'degF')
     """
     suffix = _SUFFIX.search(column)
-    if not suffix:
-        return ""
-    return suffix[1] or _UNIT_NAMES.get(suffix[2].lower(), "")
+    unit = _unit_of(suffix) if suffix else ""
+    if unit:
+        return unit
+    remark = _BEFORE_REMARK.search(column)
+    return written_unit(remark[1]) if remark else ""
+
+
+def _unit_of(suffix: re.Match[str]) -> str:
+    """Return the unit of an end of a name; empty where it is none."""
+    return written_unit(next((text for text in suffix.groups() if text), ""))
 
 
 def units_of(
@@ -221,7 +230,7 @@ def units_of(
             requested = declared.get(name, declared.get(without_unit(name), ""))
         below_header = (unit_row or {}).get(name, "")
         in_file = unit_in(name) or written_unit(below_header)
-        unit = _UNIT_NAMES.get(requested.lower(), requested) or in_file
+        unit = written_unit(requested) or requested or in_file
         if below_header and not unit:
             raise InputError(
                 f"column {name!r}: its unit {below_header!r} in the row below the header is not known",
@@ -264,6 +273,17 @@ def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:
     return []
 
 
+def is_match(pattern: str, name: str) -> bool:
+    """Whether a sensor's column means a column of a table, with or without its unit.
+
+    >>> is_match("TC*", "TC1 (°C)"), is_match("TC1", "TC1_degC"), is_match("TC1", "TC10")
+    (True, True, False)
+    """
+    plain = without_unit(name)
+    is_pattern = fnmatchcase(name, pattern) or fnmatchcase(plain, pattern)
+    return is_pattern or plain == without_unit(pattern)
+
+
 def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
     """Return the columns that match a sensor's column by name.
 
@@ -288,13 +308,7 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     """
     if pattern in names:
         return [pattern]
-    matches = [
-        name
-        for name in names
-        if fnmatchcase(name, pattern)
-        or fnmatchcase(without_unit(name), pattern)
-        or without_unit(name) == without_unit(pattern)
-    ]
+    matches = [name for name in names if is_match(pattern, name)]
     if not matches:
         raise missing_column_error("column", pattern, names, where)
     return list(dict.fromkeys(matches))

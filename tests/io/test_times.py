@@ -9,7 +9,8 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.read import open_table, read_all_rows
-from tcdyn.io.times import TIME_UNITS, Stamps, find_time_column, rows_of_repeated_stamps, split_unit
+from tcdyn.io.stamps import Stamps
+from tcdyn.io.times import TIME_UNITS, find_time_column, rows_of_repeated_stamps, split_unit
 
 
 @pytest.mark.parametrize(

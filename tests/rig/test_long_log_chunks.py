@@ -16,6 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from tcdyn.core.errors import InputError
 from tcdyn.io import read as files
+from tcdyn.io import rows as row_check
 from tcdyn.rig import log as reading
 from tcdyn.rig.log import iter_log, read_log, write_log
 from tests.rig.log_cases import csv_text, ehl_frame, immersion_frame, lvm_text, write
@@ -191,7 +192,7 @@ REFUSED = {
     "a long gap": (at(range(1000, 1100), "fast_e_degC", np.nan), "100 values in a row"),
     "load missing for long": (at(range(1000, 1200), "load_N", np.nan), "7 % of the column"),
     "words for numbers": (
-        lambda f: f.assign(fast_c_degC=["---", "50.1"] * (len(f) // 2)),
+        lambda f: f.assign(fast_c_degC=["warm", "50.1"] * (len(f) // 2)),
         "no number",
     ),
 }
@@ -314,7 +315,7 @@ def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
 @pytest.mark.parametrize("size", [16, 4096, 1 << 20])
 def test_rows_are_counted_alike_in_blocks_of_any_size(size, tmp_path, monkeypatch):
     """A bad row is named by its line wherever a block ends; blank lines count as lines, not as rows."""
-    monkeypatch.setattr(files, "COUNT_BYTES", size)
+    monkeypatch.setattr(row_check, "COUNT_BYTES", size)
     lines = csv_text(ehl_frame(3000)).splitlines()
     sound = read_log(
         write(tmp_path, "x.csv", "\n".join([*lines[:900], "", *lines[900:]]) + "\n"), "ehl"

@@ -22,6 +22,10 @@ def _no_number(place: str, text: str, count: int, **_: Any) -> str:
     return f"{place}: {text!r} is no number{others}; taken as missing"
 
 
+def _error_word(place: str, text: str, count: int, **_: Any) -> str:
+    return f"{place}: {count} cell(s) hold no reading but a word such as {text!r}; taken as missing"
+
+
 def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: Any) -> str:
     """Message of ``tracks.aligned``; the arguments are the fields of the finding."""
     rates = ", ".join(f"{rate:g}" for rate in rates_Hz)
@@ -52,6 +56,11 @@ READER: dict[str, Message] = {
     "text.midnight": "column {subject}: the clock passes midnight; the time continues on the next "
     "day",
     "text.no_number": _no_number,
+    "text.error_word": _error_word,
+    "text.clock_change": "column {subject}: the clock changes by one hour ({dates}), as to or from "
+    "daylight saving time; the time continues without the change",
+    "text.section_below": "the table ends above row {row} ({text!r}); the rest of the file is not "
+    "read",
     "tracks.assumed": "channel {subject} has no time track; that of {of} is assumed",
     "tracks.aligned": _aligned,
     "log.long": "of {count} rows, only those from {begin_s:.7g} to {end_s:.7g} s, around one "

@@ -1,0 +1,311 @@
+"""Meaning of the cells of a text table: numbers, words for a switch, error words, clock times.
+
+Used by :mod:`tcdyn.io.csv_dialect` to detect the dialect, and by :mod:`tcdyn.io.read` and
+:mod:`tcdyn.io.binary` to read columns of text. Guarded by ``tests/io/test_logger_families.py``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, SampleLocation, info, warning
+from tcdyn.io.stamps import Stamps, is_stamp
+from tcdyn.io.times import SECONDS_PER_UNIT
+
+# groups of three digits: 1,234.5 or 1.234,5 (both marks are needed), 1 234.5 and 1'234.5
+_SPACES = " '’\u00a0\u202f"
+_DIGITS = {
+    ".": rf"\d+\.?\d*|\.\d+|\d{{1,3}}(?:,\d{{3}})+\.\d*|\d{{1,3}}(?:[{_SPACES}]\d{{3}})+(?:\.\d*)?",
+    ",": rf"\d+,?\d*|,\d+|\d{{1,3}}(?:\.\d{{3}})+,\d*|\d{{1,3}}(?:[{_SPACES}]\d{{3}})+(?:,\d*)?",
+}
+NUMBER = {  # by decimal mark; U+2212 is the minus sign of some spreadsheets
+    decimal: re.compile(rf"\s*[-+\u2212]?(?:{digits})(?:[eE][-+]?\d+)?\s*")
+    for decimal, digits in _DIGITS.items()
+}
+_WITHOUT_GROUPS = {
+    ".": str.maketrans({**dict.fromkeys("," + _SPACES, ""), "\u2212": "-"}),
+    ",": str.maketrans({**dict.fromkeys("." + _SPACES, ""), "\u2212": "-", ",": "."}),
+}
+# a number with its unit in one cell: "21.5 °C", "3 sec", "40 %"
+_WITH_UNIT = re.compile(
+    r"\s*(?P<number>.*?\d[.,]?)\s?(?P<unit>(?:[°ºﾟ]|[Dd]eg(?:rees?)?\.?)\s?[CFK]|[℃℉%]|[^\W\d_]{1,12}\.?)\s*"
+)
+# lower-case cells without a value
+NOT_A_NUMBER = ("nan", "+nan", "-nan", "1.#qnan", "-1.#ind")
+INFINITE = ("inf", "-inf", "+inf")
+ABSENT = frozenset(
+    ("", "null", "na", "n/a", "#n/a", "#nv", "#null!", "none", *NOT_A_NUMBER, *INFINITE)
+)
+FLAGS = {  # lower-case words for a switch
+    "true": 1.0,
+    "on": 1.0,
+    "yes": 1.0,
+    "high": 1.0,
+    "false": 0.0,
+    "off": 0.0,
+    "no": 0.0,
+    "low": 0.0,
+}
+# what loggers write instead of a reading: strokes, overload, open input
+ERROR_WORD = re.compile(
+    r"[-+*?#=_.]+|[-+]?\s?(over|under)\s?(flow|load|range|run|limit)?|[-+]?\s?(ovld|ovl|ovr|ovrg|ol)"
+    r"|open(\s?(tc|circuit|input|sensor))?|burn\s?out|[-+]?bo|err(or)?\W*\d*|fault|fail(ed|ure)?"
+    r"|invalid|bad|short(ed)?|break|off|no\s?data|missing|unplugged|calc\s?error|#div/0!|#value!"
+)
+# units as the cells of a row of units may write them, in lower case and without degree signs
+TEMPERATURE_UNITS = frozenset(
+    ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
+)
+# a text column may have this share of cells that are no numbers, or this number of them if it is
+# short; more are an error. Chosen by judgement
+BAD_SHARE = 0.01
+BAD_CELLS = 3
+DECISION_CELLS = 1000  # filled cells that decide what a column holds; chosen by judgement
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Whether ``text`` is one number with this decimal mark.
+
+    >>> is_number("1,234.5"), is_number("1.234,5", ","), is_number("1,234")
+    (True, True, False)
+    """
+    return NUMBER[decimal].fullmatch(text) is not None
+
+
+def to_number(text: str, decimal: str = ".") -> float:
+    """The number in a cell for which :func:`is_number` is true.
+
+    >>> to_number("1'234.5"), to_number("-1.234,5", ",")
+    (1234.5, -1234.5)
+    """
+    return float(text.strip().translate(_WITHOUT_GROUPS[decimal]))
+
+
+def plain_unit(text: str) -> str:
+    """A unit in lower case without degree signs, blanks and the word "degree".
+
+    >>> plain_unit("Deg. F"), plain_unit("°C"), plain_unit("℃")
+    ('f', 'c', 'c')
+    """
+    plain = text.lower().replace("℃", "c").replace("℉", "f")
+    return re.sub(r"[\s.°ºﾟ˚]|deg(rees?)?|grad", "", plain)
+
+
+def is_temperature_unit(text: str) -> bool:
+    """Whether a cell is a unit of a temperature or of the voltage of a thermocouple.
+
+    >>> is_temperature_unit("Deg. F"), is_temperature_unit("%")
+    (True, False)
+    """
+    return plain_unit(text) in TEMPERATURE_UNITS
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell is a unit of time, of temperature or of the voltage of a thermocouple."""
+    return cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
+
+
+def number_and_unit(text: str, decimal: str) -> tuple[str, str]:
+    """Number and unit of a cell with both; two empty texts for any other cell.
+
+    >>> number_and_unit("12.5 °C", "."), number_and_unit("3 sec", "."), number_and_unit("7 OK", ".")
+    (('12.5', '°C'), ('3', 'sec'), ('', ''))
+    """
+    match = _WITH_UNIT.fullmatch(text)
+    if match is None or not is_number(match["number"], decimal):
+        return "", ""
+    unit = match["unit"]
+    return (match["number"], unit) if unit == "%" or is_unit(unit) else ("", "")
+
+
+@lru_cache(maxsize=20_000)
+def kind_of_cell(text: str, decimal: str) -> str:
+    """What a cell is: "number", "stamp", "flag", "absent", "error", "word", or "other" without letters.
+
+    >>> [kind_of_cell(text, ".") for text in ("1.5", "10:00:00", "on", "")]
+    ['number', 'stamp', 'flag', 'absent']
+    >>> [kind_of_cell(text, ".") for text in ("--.--", "OK", "1,5")]
+    ['error', 'word', 'other']
+    """
+    lower = text.lower()
+    if is_number(text, decimal):
+        return "number"
+    if lower in ABSENT:
+        return "absent"
+    if is_stamp(text):
+        return "stamp"
+    if lower in FLAGS:
+        return "flag"
+    if ERROR_WORD.fullmatch(lower):
+        return "error"
+    if number_and_unit(text, decimal)[1]:
+        return "number"
+    return "word" if re.search(r"[^\W\d_]", text) else "other"
+
+
+def is_text(counts: Mapping[str, int]) -> bool:
+    """Whether a column with these numbers of cells of each kind holds text."""
+    others = sum(counts.get(kind, 0) for kind in ("number", "flag", "stamp", "other"))
+    return counts.get("word", 0) > others
+
+
+class TextColumn:
+    """A column of cells of text, in one chunk or in many, with the same result.
+
+    Parameters
+    ----------
+    name, decimal
+        Name of the column and decimal mark.
+    location
+        Location of the samples, for messages.
+    clock
+        Whether the column holds clock times; None: decided by the first chunk that is not empty.
+    words
+        Whether it holds text, which is no error and has no numbers; None: decided in the same way.
+
+    Notes
+    -----
+    Clock times are seconds since the first one; see ``Stamps`` for dates and midnight. A word for a
+    switch counts as 0 or 1 only in a column without other numbers.
+
+    Examples
+    --------
+    >>> TextColumn("time", ".", SampleLocation("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
+    array([0.  , 0.75])
+    """
+
+    def __init__(
+        self,
+        name: str,
+        decimal: str,
+        location: SampleLocation,
+        clock: bool | None = None,
+        words: bool | None = None,
+    ) -> None:
+        """Start before the first cell; the parameters are those of the class."""
+        self.name = name
+        self.decimal = decimal
+        self.location = location
+        self.clock = clock
+        self.words = words
+        self.is_switch: bool | None = None
+        self.unit = ""
+        self.bad_cells = 0
+        self.error_cells = 0
+        self.first_cells: dict[str, dict[str, Any]] = {}
+        self.stamps = Stamps(name, location.where)
+
+    def numbers(self, texts: list[str], first_index: int) -> Array:
+        """Numbers (N,) from the cells of a chunk.
+
+        Parameters
+        ----------
+        texts
+            The cells; chunks must come in their order.
+        first_index
+            Index in the file of the first of them.
+        """
+        if self.is_switch is None:
+            self._decide(text for text in texts if text.lower() not in ABSENT)
+        if self.words:
+            return np.full(len(texts), np.nan)
+        if self.clock:
+            return self.stamps.seconds(texts)
+        values = np.full(len(texts), np.nan)
+        for i, text in enumerate(texts):
+            values[i] = self._number(text, first_index + i)
+        return values
+
+    def _decide(self, filled: Iterable[str]) -> None:
+        """Decide what the column holds, by the filled cells of a chunk; not if there is none."""
+        cells = list(islice(filled, DECISION_CELLS))
+        if not cells:
+            return
+        counts = Counter(kind_of_cell(text, self.decimal) for text in cells)
+        if self.clock is None:
+            self.clock = counts["stamp"] > 0.5 * len(cells)
+        if self.words is None:
+            self.words = not self.clock and is_text(counts)
+        plain = [text for text in cells if is_number(text, self.decimal)]
+        self.is_switch = all(to_number(text, self.decimal) in (0.0, 1.0) for text in plain)
+        if not plain:
+            self.unit = number_and_unit(cells[0], self.decimal)[1]
+
+    def _number(self, text: str, index: int) -> float:
+        """Number in a cell; NaN, and counted, if it holds something else.
+
+        Parameters
+        ----------
+        text
+            The cell.
+        index
+            Index of the cell in the file.
+        """
+        if is_number(text, self.decimal):
+            return to_number(text, self.decimal)
+        lower = text.lower()
+        if lower in ABSENT:
+            return np.inf if "inf" in lower else np.nan
+        if self.is_switch and lower in FLAGS:
+            return FLAGS[lower]
+        if self.unit:
+            number, unit = number_and_unit(text, self.decimal)
+            if unit == self.unit:
+                return to_number(number, self.decimal)
+        kind = "error" if ERROR_WORD.fullmatch(lower) else "bad"
+        self.first_cells.setdefault(kind, {"row": self.location.row(index), "text": text[:40]})
+        if kind == "error":
+            self.error_cells += 1
+        else:
+            self.bad_cells += 1
+        return np.nan
+
+    def findings(self, cells: int) -> list[Finding]:
+        """Findings about the column, which has ``cells`` cells.
+
+        Raises
+        ------
+        InputError
+            If more than one cell in a hundred (and more than three) is no number. Error words of
+            loggers are missing values in any number.
+        """
+        if self.clock:
+            return self._clock_findings()
+        findings = []
+        if self.error_cells:
+            first = self.first_cells["error"]
+            findings.append(
+                warning("text.error_word", subject=self.name, count=self.error_cells, **first)
+            )
+        if not self.bad_cells:
+            return findings
+        first = self.first_cells["bad"]
+        if self.bad_cells > max(BAD_CELLS, BAD_SHARE * cells):
+            mark = "comma" if self.decimal == "," else "point"
+            raise InputError(
+                f"column {self.name}, row {first['row']}: {first['text']!r} is no number "
+                f"({self.bad_cells} of {cells} cells)",
+                where=self.location.where,
+                expected=f"numbers with decimal {mark}",
+            )
+        bad = warning("text.no_number", subject=self.name, count=self.bad_cells, **first)
+        return [*findings, bad]
+
+    def _clock_findings(self) -> list[Finding]:
+        """Findings about a column of clock times."""
+        findings = []
+        if self.stamps.midnights:
+            findings.append(info("text.midnight", subject=self.name))
+        if self.stamps.clock_changes:
+            dates = ", ".join(self.stamps.clock_changes)
+            findings.append(warning("text.clock_change", subject=self.name, dates=dates))
+        return findings

@@ -1,0 +1,468 @@
+"""Dates and clock times in the forms that loggers write, as seconds since the first one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import date
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.core import Array, Flags
+from tcdyn.core.errors import InputError
+
+SECONDS_PER_DAY = 86400.0
+SECONDS_PER_HOUR = 3600.0
+ORDERS = ("dmy", "mdy", "ymd")  # of day, month and year
+# Local hour at which clocks change to or from daylight saving time, between 1 and 3 everywhere
+CHANGE_HOURS = (1, 2, 3)
+# A step that is an hour too long or too short is a change of the clock if the rest is at most this
+# multiple of the step before it; chosen by judgement.
+LONGEST_REST = 1.5
+# Hours east of Greenwich of the abbreviations that loggers write. Only changes of the offset matter,
+# so an abbreviation that other countries use for another zone does no harm.
+_ZONES = {
+    "Z": 0,
+    "UTC": 0,
+    "GMT": 0,
+    "WET": 0,
+    "WEST": 1,
+    "BST": 1,
+    "CET": 1,
+    "MEZ": 1,
+    "CEST": 2,
+    "MESZ": 2,
+    "EET": 2,
+    "EEST": 3,
+    "JST": 9,
+    "EST": -5,
+    "EDT": -4,
+    "CST": -6,
+    "CDT": -5,
+    "MST": -7,
+    "MDT": -6,
+    "PST": -8,
+    "PDT": -7,
+}
+# First letters of the months in English, German, French, Spanish, Italian and Dutch
+_MONTHS: tuple[tuple[str, ...], ...] = (
+    ("jan", "ene", "gen"),
+    ("feb", "fev", "fév"),
+    ("mar", "mär", "mrz", "maa", "mrt"),
+    ("apr", "avr", "abr"),
+    ("may", "mai", "mag", "mei"),
+    ("jun", "jui", "giu"),
+    ("jul", "juil", "lug"),
+    ("aug", "aou", "aoû", "ago"),
+    ("sep", "set"),
+    ("oct", "okt", "ott"),
+    ("nov",),
+    ("dec", "déc", "dez", "dic"),
+)
+_MONTH_BEGINNINGS = "|".join(beginning for names in _MONTHS for beginning in names)
+DATE_COLUMN_NAMES = (
+    "date",
+    "datum",
+    "fecha",
+    "data",
+    "jour",
+    "dia",
+    "giorno",
+    "day",
+    "tag",
+    "dato",
+)
+
+_MONTH_NAME = rf"(?i:(?:{_MONTH_BEGINNINGS})[^\W\d_]{{0,8}}\.?)"
+_DATE = (
+    r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}"  # 2021-11-26
+    r"|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2})"  # 26.11.2021, 11/26/21
+    rf"|\d{{1,2}}[-/ .]{{1,2}}{_MONTH_NAME}[-/ ,]{{1,2}}(?:\d{{4}}|\d{{2}})"  # 26-Nov-2021
+    rf"|{_MONTH_NAME}[- ]\d{{1,2}},?[- ]\d{{4}}"  # Nov 26, 2021
+    r"|(?:19|20)\d{6})"  # 20211126
+)
+_WEEKDAY = r"(?:[^\W\d_]{2,10}\.?,?\s+)?"
+_ZONE = rf"(?:{'|'.join(_ZONES)}|(?:UTC|GMT)?[+-]\d{{1,2}}(?::?\d\d)?)"
+_CLOCK = (
+    r"(?:(?P<days>\d{1,4})(?:[:.]|\s?d(?:ays?)?,?\s?))??"
+    r"(?P<hour>\d{1,3}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3})?"
+    rf"\s?(?P<half>[AaPp]\.?\s?[Mm]\.?)?\s?(?P<zone>{_ZONE})?"
+)
+_STAMP = re.compile(
+    rf"\s*'?(?:{_WEEKDAY}(?P<date>{_DATE})(?:[T_:]|,?\s*-?\s+|,))?{_CLOCK}\s*", re.ASCII
+)
+_STAMP_UNICODE = re.compile(_STAMP.pattern)
+# 20211126T095950.5Z and 20211126095950, which is no number of seconds
+_COMPACT_STAMP = re.compile(
+    r"\s*((?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01]))[T_ ]?"
+    r"([01]\d|2[0-3])([0-5]\d)([0-5]\d)([.,]\d+)?"
+    rf"\s?({_ZONE})?\s*"
+)
+_OPEN_ORDER = re.compile(r"\d{1,2}[-/]\d{1,2}[-/]")  # the day or the month may be first
+_DATE_ONLY = re.compile(rf"\s*'?{_WEEKDAY}({_DATE})\s*")
+
+
+class _Stamp(NamedTuple):
+    """Fields of one stamp: the date as text, seconds of the day, seconds east of Greenwich.
+
+    ``first_field`` is the first of two fields without seconds, which are hours and minutes or
+    minutes and seconds; -1 for other stamps.
+    """
+
+    date: str
+    of_day_s: float
+    zone_s: float | None
+    first_field: int = -1
+
+
+_NO_STAMP = _Stamp("", np.nan, None)
+
+
+def is_stamp(text: str) -> bool:
+    """Whether a cell is a clock time, with or without a date.
+
+    >>> is_stamp("26-Nov-2021 10:00:00.5"), is_stamp("20211126T100000Z"), is_stamp("12.5")
+    (True, True, False)
+    """
+    return _parse(text) is not _NO_STAMP
+
+
+def is_date(text: str, column: str = "") -> bool:
+    """Whether a cell is a date without a time; eight digits are one in a column named "date".
+
+    >>> is_date("26.11.2021"), is_date("2021-11-26 10:00:00"), is_date("20211126", "Date")
+    (True, False, True)
+    """
+    match = _DATE_ONLY.fullmatch(text)
+    if match is None:
+        return False
+    return not match[1].isdecimal() or column.strip().lower() in DATE_COLUMN_NAMES
+
+
+def is_time_of_day(text: str) -> bool:
+    """Whether a cell is a time of the day without a date.
+
+    >>> is_time_of_day("10:00:00.5"), is_time_of_day("2021-11-26 10:00:00")
+    (True, False)
+    """
+    stamp = _parse(text)
+    return stamp is not _NO_STAMP and not stamp.date
+
+
+def has_fraction(text: str) -> bool:
+    """Whether a stamp has a fraction of a second.
+
+    >>> has_fraction("26.11.2021 10:00:00"), has_fraction("10:00:00.5 AM")
+    (False, True)
+    """
+    return re.search(r":\d\d(?:[.,]\d|:\d{3})", text) is not None
+
+
+def _parse(text: str) -> _Stamp:
+    """The fields of a stamp; ``_NO_STAMP`` for any other text."""
+    match = (_STAMP if text.isascii() else _STAMP_UNICODE).fullmatch(text)
+    if match is None:
+        return _parse_compact(text)
+    day, days, hour, minute, second, fraction, half, zone = match.groups()
+    part = float("0." + fraction[1:]) if fraction else 0.0
+    hours = float(hour)
+    if half:
+        hours = hours % 12 + (12.0 if half[0] in "Pp" else 0.0)
+    first_field = -1
+    if second is not None:
+        of_day_s = SECONDS_PER_HOUR * hours + 60 * float(minute) + float(second) + part
+    elif fraction:  # minutes:seconds.fraction
+        of_day_s = 60 * hours + float(minute) + part
+    else:
+        of_day_s = SECONDS_PER_HOUR * hours + 60 * float(minute)
+        if not day and not half:
+            first_field = int(hour)
+    if days:
+        of_day_s += SECONDS_PER_DAY * float(days)
+    return _Stamp(day or "", of_day_s, _zone_s(zone), first_field)
+
+
+def _parse_compact(text: str) -> _Stamp:
+    """The fields of a stamp without marks."""
+    match = _COMPACT_STAMP.fullmatch(text)
+    if match is None:
+        return _NO_STAMP
+    day, hour, minute, second, fraction, zone = match.groups()
+    part = float("0." + fraction[1:]) if fraction else 0.0
+    of_day_s = SECONDS_PER_HOUR * float(hour) + 60 * float(minute) + float(second) + part
+    return _Stamp(day, of_day_s, _zone_s(zone))
+
+
+def _zone_s(zone: str | None) -> float | None:
+    """Seconds east of Greenwich; None without a zone."""
+    if not zone:
+        return None
+    if zone in _ZONES:
+        return SECONDS_PER_HOUR * _ZONES[zone]
+    digits = re.sub(r"\D", "", zone)
+    hours = float(digits[:2] if len(digits) in (2, 4) else digits[:1])
+    minutes = float(digits[-2:]) if len(digits) > 2 else 0.0
+    sign = -1.0 if "-" in zone else 1.0
+    return sign * (SECONDS_PER_HOUR * hours + 60 * minutes)
+
+
+def _month(name: str) -> int:
+    """Number of a month by its name; the longest beginning that fits decides."""
+    fits = []
+    for month, beginnings in enumerate(_MONTHS, 1):
+        for beginning in beginnings:
+            if name.lower().startswith(beginning):
+                fits.append((len(beginning), month))
+    return max(fits)[1]
+
+
+@dataclass
+class Stamps:
+    """Converts stamps to seconds since the first one, in one chunk or in many.
+
+    Attributes
+    ----------
+    column, where
+        Column and file, for messages.
+    first_s
+        Seconds of the first stamp.
+    midnights
+        Days counted in a column without dates, where the clock passes midnight.
+    clock_changes
+        Dates at which a local clock changed to or from daylight saving time.
+
+    Notes
+    -----
+    Stamps with a date count days by the calendar. In a column without dates the clock passes
+    midnight where it goes back by more than half a day. An offset from UTC is subtracted. In a
+    column of local times without an offset, a step that is one hour too short or too long on a
+    Sunday night is a change of the clock, and the time continues without it.
+    """
+
+    column: str
+    where: str
+    first_s: float = np.nan
+    last_s: float = np.nan
+    midnights: float = 0.0
+    clock_changes: list[str] = field(default_factory=list)
+    _dates: list[tuple[int, int, int]] = field(default_factory=list)
+    _order: str = ""
+    _is_minutes: bool | None = None
+    _last_wall_s: float = np.nan
+    _last_step_s: float = np.nan
+    _shift_s: float = 0.0
+
+    def seconds(self, texts: Sequence[str]) -> Array:
+        """Seconds (N,) since the first stamp of the column; NaN where a cell is no stamp.
+
+        Raises
+        ------
+        InputError
+            If the first stamp cannot be read, dates such as 03/04/2021 can be read in two ways, or
+            times such as 10:05 may be minutes and seconds.
+        """
+        stamps = [_parse(text) for text in texts]
+        of_day = np.array([stamp.of_day_s for stamp in stamps], dtype=float)
+        if len(of_day) == 0:
+            return of_day
+        of_day = self._with_two_fields(of_day, stamps)
+        zones = [stamp.zone_s for stamp in stamps]
+        has_zone = zones[0] is not None
+        zone_s = np.array([zone or 0.0 for zone in zones])
+        if np.isnan(self.first_s):
+            if not np.isfinite(of_day[0]):
+                raise InputError(
+                    f"column {self.column}: {texts[0]!r} is no clock time", where=self.where
+                )
+            self.first_s = float(of_day[0] - zone_s[0])
+            self.last_s = float(of_day[0])
+        if any(stamp.date for stamp in stamps):
+            dates = pd.Series([stamp.date or None for stamp in stamps], dtype="str")
+            days, is_sunday = self._days(dates)
+            wall_s = of_day + SECONDS_PER_DAY * days
+            if not has_zone:
+                wall_s = self._without_clock_changes(wall_s, dates, is_sunday)
+        else:
+            wall_s = of_day + SECONDS_PER_DAY * self._days_by_midnights(of_day)
+        return np.asarray(np.round(wall_s - zone_s - self.first_s, 9))
+
+    def _with_two_fields(self, of_day: Array, stamps: Sequence[_Stamp]) -> Array:
+        """Seconds of the day (N,), those of two fields as hours and minutes or minutes and seconds.
+
+        More than 23 in the first field are minutes. Otherwise both are possible.
+        """
+        first = np.array([stamp.first_field for stamp in stamps])
+        if not np.any(first >= 0):
+            return of_day
+        if self._is_minutes is None:
+            if first.max() <= 23:
+                raise InputError(
+                    f"column {self.column}: times such as {first[first >= 0][0]:02}:.. may be hours "
+                    "and minutes or minutes and seconds",
+                    where=self.where,
+                    expected="hours:minutes:seconds, or a date in the same row",
+                )
+            self._is_minutes = True
+        return np.where(first >= 0, of_day / 60, of_day)
+
+    def _days_by_midnights(self, of_day: Array) -> Array:
+        """Days (N,) since the first stamp, from the times of day [s]."""
+        filled = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
+        steps = np.diff(filled, prepend=self.last_s)
+        days = self.midnights + np.cumsum(np.where(steps < -SECONDS_PER_DAY / 2, 1.0, 0.0))
+        self.last_s = float(filled[-1])
+        self.midnights = float(days[-1])
+        return days
+
+    def _days(self, dates: pd.Series) -> tuple[Array, Flags]:
+        """Days (N,) since the first date of the column, NaN without a date; whether it is a Sunday.
+
+        A date that can be read in two ways is a Sunday if it is one in either.
+        """
+        codes, texts = pd.factorize(dates)
+        fields = [_date_fields(text, self.column, self.where) for text in texts]
+        if not any(_OPEN_ORDER.match(text) for text in texts):
+            self._order = self._order or "dmy"  # _date_fields has put them into this order
+        self._dates += [f for f in fields if f not in self._dates]
+        order = self._order_of_dates()
+        numbers = [_day_number(f, order, self.column, self.where) for f in fields]
+        first = _day_number(self._dates[0], order, self.column, self.where)
+        orders = (self._order,) if self._order else ORDERS
+        sundays = [any(_is_sunday(_by_order(f, order)) for order in orders) for f in fields]
+        # code -1, no date, takes the last
+        days = np.array([*numbers, np.nan], dtype=float)[codes] - first
+        return days, np.array([*sundays, False])[codes]
+
+    def _order_of_dates(self) -> str:
+        """Order of day, month and year; day first while the dates do not decide."""
+        if not self._order:
+            self._order = _date_order(self._dates, self.column, self.where)
+        return self._order or "dmy"
+
+    def _without_clock_changes(self, wall_s: Array, dates: pd.Series, is_sunday: Flags) -> Array:
+        """Times (N,) [s] that continue where the local clock jumps by an hour on a Sunday night."""
+        steps = np.diff(wall_s, prepend=self._last_wall_s)
+        shift_s = np.full(len(wall_s), self._shift_s)
+        is_jump = ((steps < 0) & (steps > -SECONDS_PER_HOUR)) | (steps > SECONDS_PER_HOUR)
+        for k in np.flatnonzero(is_jump & is_sunday):
+            rising = steps[:k][steps[:k] > 0]
+            usual_s = float(rising[-1]) if len(rising) else self._last_step_s
+            correction_s = SECONDS_PER_HOUR if steps[k] < 0 else -SECONDS_PER_HOUR
+            rest_s = steps[k] + correction_s
+            hour = np.ceil((wall_s[k] - steps[k]) / SECONDS_PER_HOUR + 1e-9) % 24
+            is_better = abs(rest_s - usual_s) < abs(steps[k] - usual_s)
+            if 0 < rest_s <= LONGEST_REST * usual_s and is_better and hour in CHANGE_HOURS:
+                shift_s[k:] += correction_s
+                self.clock_changes.append(str(dates.iloc[k]))
+        finite = wall_s[np.isfinite(wall_s)]
+        rising = steps[steps > 0]
+        if len(finite):
+            self._last_wall_s = float(finite[-1])
+        if len(rising):
+            self._last_step_s = float(rising[-1])
+        self._shift_s = float(shift_s[-1])
+        return np.asarray(wall_s + shift_s)
+
+
+def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
+    """The three fields of a date as (first, second, third).
+
+    A date whose order is known is (day, month, year), with the year above 31.
+    """
+    if text.isdecimal():
+        return int(text[6:]), int(text[4:6]), int(text[:4])
+    name = re.search(r"[^\W\d_]+", text)
+    numbers = [int(x) for x in re.findall(r"\d+", text)]
+    if name is not None:
+        day, year = numbers
+        return day, _month(name[0]), year if year > 99 else year + 2000
+    if numbers[0] > 99:
+        year, month, day = numbers
+        return day, month, year
+    first, second, third = numbers
+    if "." in text:
+        if second > 12:
+            raise InputError(
+                f"column {column}: {text!r} is no date", where=where, expected="day.month.year"
+            )
+        return first, second, third if third > 99 else third + 2000
+    return first, second, -third if third < 100 else third
+
+
+def _by_order(fields: tuple[int, int, int], order: str) -> tuple[int, int, int]:
+    """(year, month, day) of three fields; a negative third field is a year of two digits."""
+    first, second, third = fields
+    if order == "ymd":
+        return first + 2000, second, -third
+    year = third if third > 0 else 2000 - third
+    return (year, second, first) if order == "dmy" else (year, first, second)
+
+
+def _date_order(dates: Iterable[tuple[int, int, int]], column: str, where: str) -> str:
+    """Order of the fields: "dmy", "mdy" or "ymd"; empty while one date can be read in several ways.
+
+    An order in which a field is no day or month is excluded. Otherwise the order in which the dates
+    are consecutive days decides.
+    """
+    listed = list(dates)
+    possible = []
+    for order in ORDERS:
+        if order == "ymd" and any(third > 0 for _, _, third in listed):
+            continue
+        if all(_is_date(_by_order(f, order)) for f in listed):
+            possible.append(order)
+    if not possible:
+        return "dmy"  # the error names the date
+    if len(possible) == 1:
+        return possible[0]
+    if len(listed) < 2:
+        return ""
+    consecutive = []
+    for order in possible:
+        numbers = [date(*_by_order(f, order)).toordinal() for f in listed]
+        if all(later - earlier == 1 for earlier, later in pairwise(numbers)):
+            consecutive.append(order)
+    if len(consecutive) == 1:
+        return consecutive[0]
+    if len({(first, second) for first, second, _ in listed}) == 1:
+        return ""
+    first, second, third = listed[1]
+    raise InputError(
+        f"column {column}: a date such as {first:02}/{second:02}/{abs(third):02} may be day/month "
+        "or month/day",
+        where=where,
+        expected="dates as year-month-day",
+        remedy="write the dates in this form in the file",
+    )
+
+
+def _is_sunday(fields: tuple[int, int, int]) -> bool:
+    """Whether (year, month, day) is a date and a Sunday."""
+    return _is_date(fields) and date(*fields).isoweekday() == 7
+
+
+def _is_date(fields: tuple[int, int, int]) -> bool:
+    """Whether (year, month, day) is a date."""
+    try:
+        date(*fields)
+    except ValueError:
+        return False
+    return True
+
+
+def _day_number(fields: tuple[int, int, int], order: str, column: str, where: str) -> int:
+    """Days since the year 1 of a date given as three fields in this order."""
+    parts = _by_order(fields, order)
+    if not _is_date(parts):
+        first, second, third = fields
+        raise InputError(
+            f"column {column}: {first:02}/{second:02}/{abs(third):02} is no date in the order of "
+            "the others",
+            where=where,
+            expected="one form of date in the column",
+        )
+    return date(*parts).toordinal()
