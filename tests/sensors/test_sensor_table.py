@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.sensors.table import even_times, on_grid, open_source, read_columns, read_segments
+from tcdyn.core.findings import SampleLocation
+from tcdyn.io.table import Columns, Table
+from tcdyn.io.times import find_time_column
+from tcdyn.sensors.table import (
+    Source,
+    even_times,
+    on_grid,
+    open_source,
+    read_columns,
+    read_segments,
+)
 from tests.sensors.sensor_world import Array
 
 T = np.arange(60) / 8  # eighths of a second are exact
@@ -148,3 +158,23 @@ def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
         assert p.keep.start >= p.margin_rows or rows[0] in ends[0]
         assert len(rows) - p.keep.stop >= p.margin_rows or rows[-1] in ends[1]
         assert p.margin_rows >= 560  # ten lags and 400 rows
+
+
+def test_an_error_leaves_no_open_reader_behind() -> None:
+    """The traceback keeps the frames alive; a reader in them would abort the interpreter at its end."""
+    closed = []
+
+    def chunks(wanted, rows):  # type: ignore[no-untyped-def]
+        try:
+            for start in (0.0, 20.0):
+                time = 60.0 * (start + np.arange(20.0))
+                yield Columns(dict.fromkeys(wanted, time), SampleLocation("log.csv"))
+        finally:
+            closed.append(True)
+
+    table = Table("log.csv", ("Time", "T1"), {}, chunks)
+    source = Source(Path("log.csv"), table, find_time_column(table.names, "log.csv"))
+    with pytest.raises(InputError, match="no unit is stated") as caught:
+        list(source.read_chunks(["T1"]))
+    assert closed == [True]
+    assert caught.tb is not None
