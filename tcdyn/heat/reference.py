@@ -8,7 +8,7 @@ Used by ``tcdyn.verify`` (the published numbers) and by the tests in ``tests/hea
 Keep it independent of ``tcdyn.heat.modal``, otherwise an error in both would not be seen. The
 closed forms are guarded by ``tests/heat/test_rim_closed_forms.py``, the time steps of the scheme by
 ``tests/heat/test_rim_reference.py``, its steady field by
-``test_steady_state_is_the_schemes_own`` in ``tests/heat/test_rim_engine.py``.
+``test_static_gain_matches_the_steady_state_of_the_scheme`` in ``tests/heat/test_rim_engine.py``.
 """
 
 from __future__ import annotations
@@ -528,7 +528,7 @@ def steady_field(s: Scheme, forcing: Array) -> Array:
 
     Notes
     -----
-    The order of elimination may change. Guarded by ``test_steady_state_is_the_schemes_own`` in
+    The order of elimination may change. Guarded by ``test_static_gain_matches_the_steady_state_of_the_scheme`` in
     ``tests/heat/test_rim_engine.py``. The runs of ``tests/heat/reference_run.py`` and of
     ``tcdyn.verify.studies`` start from it; ``tcdyn.verify.studies`` also compares meshes by it.
     """

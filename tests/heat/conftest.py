@@ -1,4 +1,4 @@
-"""The rim that most statements are about."""
+"""The rim that most tests use."""
 
 import pytest
 

@@ -1,6 +1,6 @@
-"""Which boundary profile is best? Rim fits of (beta, h) on noise-free junctions of the rig's whole-disk model.
+"""Bias of the boundary profiles: rim fits of (beta, h) to noise-free junctions of the full-disk model.
 
-``python -m tests.heat.profile_study`` prints the bias of each profile, disk by disk.
+``python -m tests.heat.profile_study`` prints the bias of each profile and disk.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from tcdyn.simulate.mesh import DiskMesh, build_system
 from tcdyn.simulate.truth import DiskTruth, draw_truth
 from tests.heat.reference_run import respond
 
-DT_S, OFF_S, AMBIENT = 1 / 75, 400.0, 55.0
+DT_S = 1 / 75
+UNLOAD_S = 400.0
+AMBIENT = 55.0
 
 
 @dataclass(frozen=True)
@@ -32,28 +34,28 @@ class ProfileBias:
     rms_K: float
 
 
-def whole_disk_record(
+def simulated_record(
     disk: DiskTruth, h: float, power_W: float, half_width_m: float, mesh: DiskMesh
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) and true junction temperatures (N, 6) about the unloading at ``OFF_S``, heat on since zero."""
+    """Times (N,) and true junction temperatures (N, 6) around the unloading at ``UNLOAD_S``; heat is on from zero."""
     system = build_system(disk, h, half_width_m, mesh)
     start = steady_state(system, 0.0, AMBIENT)
     stepping = Stepping(first_s=1 / 300, largest_s=1.0, growth=0.05)
     solution = integrate(
         system,
-        lambda t: np.where(t < OFF_S, power_W, 0.0),
+        lambda t: np.where(t < UNLOAD_S, power_W, 0.0),
         lambda t: np.full(np.shape(t), AMBIENT),
-        (0.0, OFF_S, OFF_S + 15.0),
+        (0.0, UNLOAD_S, UNLOAD_S + 15.0),
         start,
         stepping,
     )
-    time = OFF_S - 20.0 + DT_S * np.arange(int(32 / DT_S))
+    time = UNLOAD_S - 20.0 + DT_S * np.arange(int(32 / DT_S))
     return time, solution.at(time)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One disk's clean record and what made it."""
+    """A noise-free record of one disk and its true parameters."""
 
     disk: DiskTruth
     h: float
@@ -63,30 +65,32 @@ class Case:
     traces: np.ndarray  # (N, 6), channels a to f
 
     def read(self, channels: str) -> list[np.ndarray]:
-        """Traces of the named channels."""
+        """Traces of these channels."""
         return [self.traces[:, "abcdef".index(c)] for c in channels]
 
 
 def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
-    """Fit share and h to the outer row from 10 s before to 10 s after parting, and compare with the truth."""
+    """Fit share and h to the outer row from 10 s before to 10 s after unloading, and compare with the truth."""
     n = len(case.time_s)
-    steps = (OFF_S - case.time_s[0]) / DT_S
+    steps = (UNLOAD_S - case.time_s[0]) / DT_S
     index = int(steps)
     heat = np.where(np.arange(n) <= index, case.power_W, 0.0)
-    switch = InputJump(index, steps - index, case.power_W, 0.0)
-    drive = RimInputs(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), jumps=(switch,))
+    unloading = InputJump(index, steps - index, case.power_W, 0.0)
+    drive = RimInputs(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), jumps=(unloading,))
     rates = basis_rates(DT_S)
     window = slice(int(10 / DT_S), int(30 / DT_S))
-    banks, inputs = [drive.lag_responses(k, rates)[window] for k in range(5)], drive.inputs[window]
-    seen = np.stack(case.read("ace"), axis=1)[window]
-    rim, points = Rim.from_setup(case.disk.setup), junction_points(case.disk.setup, "ace")
+    bases = [drive.lag_responses(k, rates)[window] for k in range(5)]
+    inputs = drive.inputs[window]
+    observed = np.stack(case.read("ace"), axis=1)[window]
+    rim = Rim.from_setup(case.disk.setup)
+    points = junction_points(case.disk.setup, "ace")
 
     def misfit(p: np.ndarray) -> np.ndarray:
         gains = rim_gains(
             rim, p[1] * case.h, points, case.half_width_m, rates, profile=profile, mesh=mesh
         )
         scaled = replace(gains, gains=gains.gains * np.array([p[0], 1, 1, 1, 1])[:, None, None])
-        return (respond(scaled, banks, inputs) - seen).ravel()
+        return (respond(scaled, bases, inputs) - observed).ravel()
 
     fit = least_squares(misfit, [1.0, 1.0])
     rms = float(np.sqrt(np.mean(fit.fun**2)))
@@ -94,14 +98,14 @@ def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
 
 
 def cases(mesh: DiskMesh | None = None) -> list[Case]:
-    """Both disks of a rig about as in test B3: half-width 1.63 mm, 230 W and 100 W."""
+    """Both disks of a rig similar to test B3: half-width 1.63 mm, 230 W and 100 W."""
     truth = draw_truth(3, exponent=0.667)
-    made = []
+    result = []
     for name, h, power in (("fast", 740.0, 230.0), ("slow", 282.0, 100.0)):
         disk = truth.disk(name)
-        time, traces = whole_disk_record(disk, h, power, 1.63e-3, mesh or DiskMesh())
-        made.append(Case(disk, h, power, 1.63e-3, time, traces))
-    return made
+        time, traces = simulated_record(disk, h, power, 1.63e-3, mesh or DiskMesh())
+        result.append(Case(disk, h, power, 1.63e-3, time, traces))
+    return result
 
 
 if __name__ == "__main__":

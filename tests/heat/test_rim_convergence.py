@@ -1,4 +1,4 @@
-"""Orders of convergence in the mesh, against closed forms: second order, as section 3.3.2 promises."""
+"""Order of convergence in the mesh, against closed forms: second order, as section 3.3.2 states."""
 
 from dataclasses import replace
 
@@ -14,15 +14,18 @@ H = 700.0
 
 
 def order(errors):
-    """Fitted slope of log error against log mesh size, meshes doubling."""
+    """Fitted slope of log error against log mesh size, for meshes that double."""
     return -np.polyfit(np.arange(len(errors)), np.log2(errors), 1)[0]
 
 
-def test_second_order_against_the_hollow_cylinder_series(rim):
-    """Inner surface fixed, uniform flux and film outside, from one temperature (sections 3.6.2 and 3.6.3 in one)."""
+def test_convergence_is_second_order_for_a_hollow_cylinder(rim):
+    """Fixed inner surface, uniform flux and surface cooling, from one temperature (sections 3.6.2 and 3.6.3)."""
     rim = replace(rim, washer_W_m2K=0.0)
-    ri, ro, w = rim.inner_radius_m, rim.outer_radius_m, rim.width_m
-    power, errors = 300.0, []
+    ri = rim.inner_radius_m
+    ro = rim.outer_radius_m
+    w = rim.width_m
+    power = 300.0
+    errors = []
     flux = power / (2 * np.pi * ro * w)
     for n in (9, 17, 33, 65):
         r = np.linspace(ri, ro, n)
@@ -39,26 +42,32 @@ def test_second_order_against_the_hollow_cylinder_series(rim):
         exact = ring_transient_degC(rim, r, [0.3, 2.0], H, flux, 20, 10, 20)
         errors.append(np.abs(field[:, :, 4] - exact).max())
     assert order(errors) > 1.9  # issue 3
-    assert errors[-1] < 1e-3  # of a 30 K rise
+    assert errors[-1] < 1e-3  # of a rise of 30 K
 
 
 @pytest.mark.parametrize("washer", [182.5, 5000.0])
-def test_second_order_for_a_field_that_varies_in_z(rim, washer):
-    """The product solution: what the thesis says it could not test (section 3.6.3)."""
+def test_convergence_is_second_order_for_a_field_that_varies_in_z(rim, washer):
+    """The product solution, a case that the thesis does not test (section 3.6.3)."""
     rim = replace(rim, washer_W_m2K=washer)
-    ri, ro, w, errors = rim.inner_radius_m, rim.outer_radius_m, rim.width_m, []
+    ri = rim.inner_radius_m
+    ro = rim.outer_radius_m
+    w = rim.width_m
+    errors = []
     for n in (9, 17, 33, 65):
         mesh = Mesh(n, int(1.625 * (n - 1)) + 1)
-        r, z = np.linspace(ri, ro, mesh.nr), np.linspace(0, w, mesh.nz)
+        r = np.linspace(ri, ro, mesh.nr)
+        z = np.linspace(0, w, mesh.nz)
         start, later = (product_decay_K(rim, r, z, t, H) for t in (0.0, 1.0))
         errors.append(np.abs(free_decay(rim, H, start, 1.0, mesh) - later).max())
     assert order(errors) > 1.9  # issue 3
 
 
-def test_steady_ring_is_the_logarithm(rim):
-    """(3.36) as corrected and (3.37); the scheme's own error at 65 nodes is below a millikelvin."""
+def test_steady_ring_matches_the_logarithmic_solution(rim):
+    """Equations (3.36), corrected, and (3.37); the error of the scheme with 65 nodes is below a millikelvin."""
     rim = replace(rim, washer_W_m2K=0.0)
-    ri, ro, w = rim.inner_radius_m, rim.outer_radius_m, rim.width_m
+    ri = rim.inner_radius_m
+    ro = rim.outer_radius_m
+    w = rim.width_m
     inputs = [300.0, 20, 20, 20, 15]
     field = step_fields(rim, H, w / 2, inputs, inputs, [0.0], flux="uniform", mesh=Mesh(65, 9))[0]
     exact = ring_steady_degC(
@@ -67,15 +76,15 @@ def test_steady_ring_is_the_logarithm(rim):
     assert np.abs(field[:, 4] - exact).max() < 1e-3
 
 
-def test_second_order_at_the_junctions_under_a_hertz_track(rim, points):
-    """The parabola's kinks do not spoil the order, because every cell gets its exact integral of the flux."""
+def test_convergence_at_the_junctions_is_second_order_for_a_hertz_track(rim, points):
+    """The kinks of the parabola do not reduce the order, because each cell uses the exact integral of the flux."""
     inputs = np.array([230.0, 121.0, 124.0, 122.0, 70.0])
     meshes = [Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(257, 417)]
-    *ours, finest = (
+    *results, finest = (
         rim_gains(rim, H, points, 1.63e-3, basis_rates(1 / 75), mesh=mesh).static.T @ inputs
         for mesh in meshes
     )
-    errors = [np.abs(x - finest).max() for x in ours]
+    errors = [np.abs(result - finest).max() for result in results]
     assert order(errors) > 1.9
-    assert errors[1] < 3e-3  # mesh III serves a fit of 0.1 K noise
+    assert errors[1] < 3e-3  # mesh III is used for fits with 0.1 K noise
     assert errors[2] < 1e-3

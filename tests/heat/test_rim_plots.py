@@ -1,4 +1,4 @@
-"""Pictures are drawn from results and return their axes."""
+"""Plots are drawn from results and return their axes."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ def axes():
     return Figure().subplots()
 
 
-def test_every_picture_returns_the_axes_it_was_given(rim, points):
+def test_every_plot_returns_the_given_axes(rim, points):
     x = np.linspace(1.0, 2.0, 5)
     comparison = ClosedForm("t", "x", x, x, x + 0.01)
     errors = {"I": MeshErrors((1.0, 0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))}
@@ -29,7 +29,7 @@ def test_every_picture_returns_the_axes_it_was_given(rim, points):
         assert draw(*args, ax) is ax
 
 
-def test_isotherms_name_the_junctions_and_put_the_running_surface_on_top(rim, points):
+def test_field_plot_labels_the_junctions_and_has_the_running_surface_on_top(rim, points):
     ax = axes()
     plots.draw_field(
         np.add.outer(np.arange(9.0), np.zeros(14)),
@@ -44,12 +44,13 @@ def test_isotherms_name_the_junctions_and_put_the_running_surface_on_top(rim, po
     assert ax.yaxis_inverted()
 
 
-def test_three_profiles_pass_through_the_readings(rim):
+def test_profile_plot_passes_through_the_readings(rim):
     ax = axes()
     plots.draw_profiles(rim, [80.0, 83.0, 81.0], 55.0, ax, Mesh(9, 105))
     for line in ax.lines[:3]:
+        # tolerance: linear interpolation between nodes
         np.testing.assert_allclose(
             np.interp(np.array(rim.boundary_z_m) * 1e3, *line.get_data()),
             [80.0, 83.0, 81.0],
             atol=5e-3,
-        )  # read between nodes by straight lines
+        )

@@ -1,4 +1,4 @@
-"""The reference scheme: its order in time, its start-up, and the explicit scheme's limit."""
+"""The reference scheme: order in time, damped start, and stability limit of the explicit scheme."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from tcdyn.heat.rim import MESHES, Mesh, correction_factor
 MESH = Mesh(17, 27)
 
 
-def jump(rim, steps, damped):
-    """Field 0.5 s after the boundary jumps by one, in so many steps."""
+def field_after_jump(rim, steps, damped):
+    """Field 0.5 s after a unit jump of the boundary temperature, in ``steps`` steps."""
     s = scheme(rim, 700.0, MESH)
     stepper = CrankNicolson.prepare(s, 0.5 / steps)
     g = np.asarray(s.inner @ np.ones(27))
@@ -21,22 +21,25 @@ def jump(rim, steps, damped):
     return field
 
 
-def test_second_order_in_time_after_a_damped_start(rim):
-    best = jump(rim, 2048, 2)
-    errors = [np.abs(jump(rim, n, 2) - best).max() for n in (16, 32, 64, 128)]
+def test_scheme_is_second_order_in_time_after_a_damped_start(rim):
+    best = field_after_jump(rim, 2048, 2)
+    errors = [np.abs(field_after_jump(rim, n, 2) - best).max() for n in (16, 32, 64, 128)]
     assert -np.polyfit(range(4), np.log2(errors), 1)[0] > 1.9
 
 
-def test_an_undamped_start_rings_and_a_damped_one_does_not(rim):
-    """With long steps Crank-Nicolson turns the stiff part of a jump by -1 each step (Rannacher 1984)."""
-    best = jump(rim, 2048, 2)
-    assert np.abs(jump(rim, 4, 0) - best).max() > 5 * np.abs(jump(rim, 4, 2) - best).max()
+def test_undamped_start_oscillates_and_a_damped_one_does_not(rim):
+    """With long steps, Crank-Nicolson multiplies the stiff part of a jump by -1 in each step (Rannacher 1984)."""
+    best = field_after_jump(rim, 2048, 2)
+    assert (
+        np.abs(field_after_jump(rim, 4, 0) - best).max()
+        > 5 * np.abs(field_after_jump(rim, 4, 2) - best).max()
+    )
 
 
-def test_explicit_scheme_is_stable_below_its_limit_and_not_above(rim):
+def test_explicit_scheme_is_stable_below_its_limit_only(rim):
     limit = explicit_limit_s(rim, MESH)
     assert explicit_growth(rim, MESH, 0.98 * limit) < 1.0
-    # the track's film and washers stiffen the edge only a little
+    # surface cooling and washers stiffen the edge only slightly
     assert explicit_growth(rim, MESH, 1.05 * limit) > 10.0
     with pytest.raises(InputError):
         explicit_growth(rim, MESH, 0.0)
@@ -51,8 +54,8 @@ PUBLISHED = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_all_cells_of_table_3_4_follow_the_rule(name):
-    ours = [
+def test_correction_factors_match_table_3_4(name):
+    factors = [
         correction_factor(b, MESHES[name].nz, 9.53e-3) for b in (1.25e-3, 1.50e-3, 1.62e-3, 1.75e-3)
     ]
-    assert [round(x, 4) for x in ours] == list(PUBLISHED[name])
+    assert [round(x, 4) for x in factors] == list(PUBLISHED[name])
