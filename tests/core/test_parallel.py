@@ -1,4 +1,4 @@
-"""Parallel map of a campaign, and calls of the library from worker processes and threads of the caller."""
+"""Parallel map, and calls of the library from worker processes and threads of the caller."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.parallel import parallel_map
 from tcdyn.identify import IOData, fit, process, profile, simulate
 
-WAIT_S = 60.0  # upper bound of each wait, far above what it takes
+WAIT_S = 60.0  # upper bound of each wait, far above the usual duration
 NOWHERE = "tcp://127.0.0.1:9"  # the discard port: no Dask scheduler
 
 
@@ -44,13 +44,13 @@ def cluster() -> Iterator[str]:
         yield local.scheduler_address
 
 
-def kill_own_process(job: int) -> int:
+def kill_process_of_job_1(job: int) -> int:
     if job == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return job
 
 
-def wait_for_the_other(folder: Path, job: int) -> int:
+def wait_for_other_job(folder: Path, job: int) -> int:
     """Job 0 ends after job 1."""
     until = time.monotonic() + WAIT_S
     while job == 0 and not (folder / "1").exists() and time.monotonic() < until:
@@ -76,7 +76,7 @@ def interval_of_lag(seed: int) -> tuple[float, float, float]:
 
 
 def lag_and_environment(seed: int) -> tuple[tuple[float, float, float], bool]:
-    """The interval, and whether the call left the environment of its process as it was."""
+    """The interval, and whether the call left the environment of its process unchanged."""
     before = dict(os.environ)
     return interval_of_lag(seed), dict(os.environ) == before
 
@@ -85,22 +85,22 @@ def lag_and_environment(seed: int) -> tuple[tuple[float, float, float], bool]:
 @pytest.mark.usefixtures("workers_ended")
 def test_one_worker_two_workers_and_dask_give_the_same_results(cluster: str) -> None:
     jobs = [float(x) for x in range(7)]
-    one = dict(parallel_map(np.cosh, jobs))
-    assert dict(parallel_map(np.cosh, jobs, workers=2)) == one
-    assert dict(parallel_map(np.cosh, jobs, dask=cluster)) == one
+    expected = dict(parallel_map(np.cosh, jobs))
+    assert dict(parallel_map(np.cosh, jobs, workers=2)) == expected
+    assert dict(parallel_map(np.cosh, jobs, dask=cluster)) == expected
 
 
 @pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
-def test_results_come_in_the_order_in_which_they_are_ready(tmp_path: Path) -> None:
-    assert [*parallel_map(partial(wait_for_the_other, tmp_path), [0, 1], workers=2)] == [
+def test_results_are_returned_in_order_of_completion(tmp_path: Path) -> None:
+    assert [*parallel_map(partial(wait_for_other_job, tmp_path), [0, 1], workers=2)] == [
         (1, 1),
         (0, 0),
     ]
 
 
 @pytest.mark.usefixtures("workers_ended")
-def test_no_more_processes_work_than_there_are_workers() -> None:
+def test_number_of_processes_is_at_most_that_of_workers() -> None:
     def process_id(_: int) -> int:
         return os.getpid()
 
@@ -122,7 +122,7 @@ def test_workers_use_one_blas_thread(cluster: str) -> None:
 
 
 @pytest.mark.usefixtures("workers_ended")
-def test_an_exception_in_a_worker_process_is_raised_here() -> None:
+def test_exception_in_a_worker_process_is_raised() -> None:
     with pytest.raises(ValueError, match="invalid literal"):
         list(parallel_map(int, ["7", "x"], workers=2))
 
@@ -130,17 +130,17 @@ def test_an_exception_in_a_worker_process_is_raised_here() -> None:
 @pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
-def test_a_killed_worker_process_is_an_error_with_advice() -> None:
+def test_killed_worker_process_raises_with_advice() -> None:
     with pytest.raises(InputError, match=r"worker process was killed.*fewer workers"):
-        list(parallel_map(kill_own_process, range(3), workers=2))
+        list(parallel_map(kill_process_of_job_1, range(3), workers=2))
 
 
-def test_less_than_one_worker_is_refused() -> None:
+def test_less_than_one_worker_raises() -> None:
     with pytest.raises(InputError, match="at least 1"):
         list(parallel_map(abs, [1], workers=0))
 
 
-def test_an_exception_in_a_dask_worker_is_the_result_of_its_job(cluster: str) -> None:
+def test_exception_in_a_dask_worker_is_the_result_of_its_job(cluster: str) -> None:
     results = dict(parallel_map(int, ["7", "x"], dask=cluster))
     assert results[0] == 7
     assert isinstance(results[1], ValueError)
@@ -148,7 +148,7 @@ def test_an_exception_in_a_dask_worker_is_the_result_of_its_job(cluster: str) ->
 
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
-def test_a_killed_dask_worker_fails_its_own_job_only() -> None:
+def test_killed_dask_worker_fails_its_own_job_only() -> None:
     distributed = pytest.importorskip("dask.distributed")
     dask = pytest.importorskip("dask")
     no_retry = {"distributed.scheduler.allowed-failures": 0}
@@ -158,12 +158,12 @@ def test_a_killed_dask_worker_fails_its_own_job_only() -> None:
             n_workers=1, threads_per_worker=1, dashboard_address=":0"
         ) as local,
     ):
-        results = dict(parallel_map(kill_own_process, [1, 2], dask=local.scheduler_address))
+        results = dict(parallel_map(kill_process_of_job_1, [1, 2], dask=local.scheduler_address))
     assert isinstance(results[0], distributed.KilledWorker)
     assert len(results) == 2
 
 
-def test_a_scheduler_that_does_not_answer_is_an_error_with_advice(
+def test_unreachable_scheduler_raises_with_advice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("dask.distributed")
@@ -172,7 +172,7 @@ def test_a_scheduler_that_does_not_answer_is_an_error_with_advice(
         list(parallel_map(abs, [1], dask=NOWHERE))
 
 
-def test_dask_that_is_not_installed_is_an_error_with_advice(
+def test_missing_dask_raises_with_advice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
@@ -182,12 +182,12 @@ def test_dask_that_is_not_installed_is_an_error_with_advice(
 
 @pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
-def test_worker_processes_and_threads_of_the_caller_give_the_numbers_of_this_process() -> None:
-    """Workers of multiprocessing.Pool are daemonic: they may not start processes of their own."""
+def test_processes_and_threads_of_the_caller_give_the_same_numbers() -> None:
+    """Workers of multiprocessing.Pool are daemonic and may not start processes of their own."""
     before = dict(os.environ)
-    here = interval_of_lag(1)
-    assert np.isfinite(here).all()
-    expected = (here, True)
+    interval = interval_of_lag(1)
+    assert np.isfinite(interval).all()
+    expected = (interval, True)
     fork = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
     with fork.Pool(1) as pool:
         assert pool.apply(lag_and_environment, (1,)) == expected
@@ -198,11 +198,11 @@ def test_worker_processes_and_threads_of_the_caller_give_the_numbers_of_this_pro
         expected,
     ]
     with ThreadPoolExecutor(2) as threads:
-        assert [*threads.map(interval_of_lag, [1, 1])] == [here, here]
+        assert [*threads.map(interval_of_lag, [1, 1])] == [interval, interval]
     assert dict(os.environ) == before
 
 
-def test_the_library_starts_no_process_and_no_thread() -> None:
+def test_library_starts_no_process_and_no_thread() -> None:
     threads = threading.active_count()
     children = {child.pid for child in multiprocessing.active_children()}
     interval_of_lag(1)

@@ -1,4 +1,4 @@
-"""Every result of the workflow says itself in words, as JSON, in a notebook, and in a picture where one makes sense."""
+"""Every result of the workflow has a summary, JSON, a notebook view and, if useful, a plot."""
 
 from __future__ import annotations
 
@@ -30,21 +30,23 @@ import tcdyn.plots
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
-WITHOUT_PICTURE = {"Rig", "CampaignFiles", "RecordComparison"}
+WITHOUT_PLOT = {"Rig", "CampaignFiles", "RecordComparison"}
 
 
 @pytest.fixture(scope="module")
 def results(
     campaign: Campaign, calibrations: dict[str, CalibrationRun], beta_run: BetaRun
 ) -> dict[str, Any]:
-    """What the names of ``import tcdyn`` return on a small campaign, by class name."""
+    """Results of the functions of ``import tcdyn`` on a small campaign, by class name."""
     from immersion.hole import compare_holes
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan
     from tcdyn.simulate.plunge import simulate_hole
     from tcdyn.smoothing import proper_inverse, report_inverse
 
-    rig, records, log = campaign.rig, campaign.records, campaign.files.ehl["B3"]
+    rig = campaign.rig
+    records = campaign.records
+    log = campaign.files.ehl["B3"]
     chain = tcdyn.Chain((0.6, 0.1), conditioning=RIG_FILTER)
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([25.0, 75.0], 40), 20)
@@ -55,12 +57,12 @@ def results(
     beta = beta_run
     comparison = compare_with_truth(campaign.files, calibrations, {"B3": beta}, {"B3": compensated})
     steady = steady_degC(beta.partition.test)
-    more = {
+    campaign_data = {
         "friction_coefficient": 0.03,
         "bulk_degC": {d: s["d"] for d, s in steady.items()},
         "steady_degC": steady,
     }
-    made = [
+    instances = [
         rig,
         tcdyn.read_log(log, "ehl", rig),
         records["fast"],
@@ -81,14 +83,16 @@ def results(
         compare_holes(simulate_hole(2)[0]),
         compare_tests(rig.disk_setup("fast"), [PlungePlan("mobil-jet-ii", 110.0)], draws=2),
         CampaignRun(
-            log.parent, (), campaign_table([table_row("B3", {**beta.to_dict(), "campaign": more})])
+            log.parent,
+            (),
+            campaign_table([table_row("B3", {**beta.to_dict(), "campaign": campaign_data})]),
         ),
     ]
-    return {type(one).__name__: one for one in made}
+    return {type(result).__name__: result for result in instances}
 
 
-class Balanced(HTMLParser):
-    """Whether every tag that opens is closed."""
+class TagChecker(HTMLParser):
+    """Check that every opened tag is closed."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -102,75 +106,73 @@ class Balanced(HTMLParser):
 
 
 @pytest.mark.e2e
-def test_the_demo_s_comparison_is_that_of_the_files(
-    results: dict[str, Any], campaign: Campaign
-) -> None:
-    done, demo = results["CompensatedLog"], results["DemoRun"]
+def test_demo_comparison_matches_the_files(results: dict[str, Any], campaign: Campaign) -> None:
+    compensated = results["CompensatedLog"]
+    demo = results["DemoRun"]
     unload_s = campaign.truth["tests"]["B3"]["unload_s"]
     true = pd.read_parquet(campaign.files.folder / "truth" / "EHL_B3_traces.parquet")
     t = true["time_s"]
-    after = (t >= unload_s) & (t < unload_s + 5.0)
-    told = demo.comparison.set_index("quantity")["estimate"]
+    after_unloading = (t >= unload_s) & (t < unload_s + 5.0)
+    estimates = demo.comparison.set_index("quantity")["estimate"]
     for disk in ("fast", "slow"):
         column = f"{disk}_e_degC"
-        for frame, what in (
-            (done.raw_log.frame, "raw, 5 s after unloading"),
-            (done.frame, "compensated"),
+        for frame, quantity in (
+            (compensated.raw_log.frame, "raw, 5 s after unloading"),
+            (compensated.frame, "compensated"),
         ):
-            left = (frame[column] - true[column])[after]
-            assert told[f"B3 {disk} e, rms error {what}"] == pytest.approx(
-                np.sqrt(left.pow(2).mean())
+            residual = (frame[column] - true[column])[after_unloading]
+            assert estimates[f"B3 {disk} e, rms error {quantity}"] == pytest.approx(
+                np.sqrt(residual.pow(2).mean())
             )
 
 
-def test_every_result_speaks_words_json_and_html(results: dict[str, Any]) -> None:
+def test_every_result_has_a_summary_json_and_html(results: dict[str, Any]) -> None:
     assert len(results) >= 20
-    for name, one in results.items():
-        assert isinstance(one, Result), name
-        words = one.summary()
-        assert len(words) > 20, name
-        assert "nan" not in words.lower().split(), name
-        plain = one.to_dict()
-        assert plain
-        assert json.loads(json.dumps(plain, allow_nan=False)) == plain, (
-            name
-        )  # no NaN, no tuple, no key but text
-        page = one._repr_html_()
-        parser = Balanced()
-        parser.feed(page)
+    for name, result in results.items():
+        assert isinstance(result, Result), name
+        summary = result.summary()
+        assert len(summary) > 20, name
+        assert "nan" not in summary.lower().split(), name
+        data = result.to_dict()
+        assert data
+        # no NaN, no tuples, string keys only
+        assert json.loads(json.dumps(data, allow_nan=False)) == data, name
+        html = result._repr_html_()
+        parser = TagChecker()
+        parser.feed(html)
         assert not parser.open, name
-        assert name in page
+        assert name in html
 
 
-def test_every_result_has_its_picture_or_says_that_it_has_none(results: dict[str, Any]) -> None:
+def test_every_result_has_a_plot_or_raises(results: dict[str, Any]) -> None:
     from tcdyn.plots.style import figure
 
-    for name, one in results.items():
+    for name, result in results.items():
         drawing, (ax,) = figure()
-        more = {"logged": one.temperature} if name == "Compensated" else {}
-        if name in WITHOUT_PICTURE:
+        options = {"logged": result.temperature} if name == "Compensated" else {}
+        if name in WITHOUT_PLOT:
             with pytest.raises(InputError, match="has no picture"):
-                tcdyn.plots.draw(one, ax)
+                tcdyn.plots.draw(result, ax)
         else:
-            assert tcdyn.plots.draw(one, ax, **more) is ax, name
+            assert tcdyn.plots.draw(result, ax, **options) is ax, name
             assert ax.has_data(), name
             assert ax.get_xlabel(), name
         del drawing
 
 
-def test_a_notebook_shows_each_result_with_its_picture(results: dict[str, Any]) -> None:
+def test_notebook_view_of_each_result_contains_its_plot(results: dict[str, Any]) -> None:
     from tcdyn.report.page import card_html
 
-    for name, one in results.items():
-        assert card_html(one).count("<img") == (name not in WITHOUT_PICTURE), name
+    for name, result in results.items():
+        assert card_html(result).count("<img") == (name not in WITHOUT_PLOT), name
 
 
-def test_every_exported_picture_exists_under_its_name() -> None:
+def test_every_exported_plot_function_exists() -> None:
     for name in tcdyn.plots.__all__:
         assert callable(getattr(tcdyn.plots, name)), name
 
 
-def test_a_result_s_json_is_its_file_s(
+def test_json_of_a_result_equals_its_file(
     results: dict[str, Any], campaign: Campaign, calibrations: dict[str, CalibrationRun]
 ) -> None:
     written = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
