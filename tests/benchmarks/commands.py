@@ -119,7 +119,7 @@ def main(folder: Path, lengths: list[int]) -> None:
     )
     took = best_s(lambda: smooth(y, 1 / 75, 0.7, events_s=[rows / 100], noise_sd=0.15), 2)
     print(f"{'smoother alone':14} {took:6.2f} s {took / base:6.2f}")
-    counts, kept = np.array([1, 5, 20, 100, 500]), toy(1, 500).kept
+    counts, kept = np.array([1, 5, 20, 100, 500]), toy(1, 500).tests
     spans = [best_s(lambda n=n: solve_campaign(kept[:n])) for n in counts.tolist()]
     said = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
     slope = np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]

@@ -1,7 +1,8 @@
-"""How well a campaign knows differences, n and trends, over rigs drawn from the stated uncertainties.
+"""Uncertainties of differences, n and trends in a campaign, over rigs drawn from the specified uncertainties.
 
-`python -m tests.campaign.campaign_study draw FOLDER 30` draws and fits (a minute or two a rig, kept in FOLDER; run it
-again to go on); `python -m tests.campaign.campaign_study FOLDER` prints what the kept campaigns show.
+`python -m tests.campaign.campaign_study draw FOLDER 30` draws and fits campaigns (one or two minutes a rig, stored in
+FOLDER; a second run continues). `python -m tests.campaign.campaign_study FOLDER` prints the figures of the stored
+campaigns.
 """
 
 from __future__ import annotations
@@ -19,69 +20,76 @@ from tcdyn.campaign.outliers import outlying_tests
 from tcdyn.campaign.result import POWER_LAW_REJECTED_P, junction_depths
 from tcdyn.campaign.trends import trend
 from tcdyn.core.estimate import Z95
-from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, drawn
+from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, draw_campaign
 
 
 def draw(folder: Path, count: int, first: int = 3000) -> None:
-    """Write ``count`` drawn campaigns into ``folder``, those that are not there."""
+    """Write ``count`` drawn campaigns into ``folder`` unless they exist."""
     folder.mkdir(parents=True, exist_ok=True)
     for seed in range(first, first + count):
         path = folder / f"{seed}.json"
         if not path.exists():
-            path.write_text(json.dumps(drawn(seed).to_dict()), encoding="utf-8")
+            path.write_text(json.dumps(draw_campaign(seed).to_dict()), encoding="utf-8")
 
 
-def told(made: DrawnCampaign) -> dict[str, float]:
-    """Errors of one drawn campaign, in the uncertainties that it states."""
-    p = solve_campaign(made.kept)
-    true = np.array([made.truth[n]["beta"] for n in p.test_names])
-    off = p.beta[0] - true
-    alone = np.array([made.single_beta[n][0] for n in p.test_names]) - true
-    pairs = np.triu_indices(len(off), 1)
-    between = off[:, None] - off[None, :]
-    variance = np.diag(p.beta[1])[:, None] + np.diag(p.beta[1])[None, :] - 2 * p.beta[1]
-    z = (between / np.sqrt(np.where(variance > 0, variance, 1.0)))[pairs]
-    law, both = speed_law(p), trend(p, "load_N", "sliding_speed_m_s")
-    assert both is not None
-    sound, low = (
-        outlying_tests(p),
-        outlying_tests(
-            solve_campaign([made.low if k.name == made.low.name else k for k in made.kept])
-        ),
+def study_errors(campaign: DrawnCampaign) -> dict[str, float]:
+    """Errors of one drawn campaign in its standard uncertainties."""
+    posterior = solve_campaign(campaign.tests)
+    true_beta = np.array([campaign.truth[n]["beta"] for n in posterior.test_names])
+    error = posterior.beta[0] - true_beta
+    single_test_error = (
+        np.array([campaign.single_beta[n][0] for n in posterior.test_names]) - true_beta
     )
-    within = np.array([e["beta_within"].u for e in p.estimates])
-    u = np.sqrt(np.diag(p.beta[1]))
+    pairs = np.triu_indices(len(error), 1)
+    differences = error[:, None] - error[None, :]
+    variance = (
+        np.diag(posterior.beta[1])[:, None]
+        + np.diag(posterior.beta[1])[None, :]
+        - 2 * posterior.beta[1]
+    )
+    z = (differences / np.sqrt(np.where(variance > 0, variance, 1.0)))[pairs]
+    law = speed_law(posterior)
+    trend_fit = trend(posterior, "load_N", "sliding_speed_m_s")
+    assert trend_fit is not None
+    outliers = outlying_tests(posterior)
+    outliers_low_friction = outlying_tests(
+        solve_campaign([campaign.low if k.name == campaign.low.name else k for k in campaign.tests])
+    )
+    within = np.array([e["beta_within"].u for e in posterior.estimates])
+    u = np.sqrt(np.diag(posterior.beta[1]))
     return {
-        "rms of differences, campaign": float(np.std(off)),
-        "rms of differences, alone": float(np.std(alone)),
+        "rms of differences, campaign": float(np.std(error)),
+        "rms of differences, alone": float(np.std(single_test_error)),
         "u within, mean": float(within.mean()),
         "u within, largest": float(within.max()),
         "differences covered by 95 %": float(np.mean(np.abs(z) < Z95)),
-        "level error": float(off.mean()),
-        "level error, alone": float(alone.mean()),
+        "level error": float(error.mean()),
+        "level error, alone": float(single_test_error.mean()),
         "u absolute": float(u.mean()),
-        "absolute covered by 95 %": float(np.mean(np.abs(off / u) < Z95)),
+        "absolute covered by 95 %": float(np.mean(np.abs(error / u) < Z95)),
         "n error": law.exponent.value - EXPONENT,
         "u of n": law.exponent.u,
         "n covered by 95 %": float(law.exponent.low95 <= EXPONENT <= law.exponent.high95),
-        "slope over load, z": (both.slopes[0].value - PER_N) / both.slopes[0].u,
-        "slope over load, u / slope": both.slopes[0].u / abs(PER_N),
-        "slope over speed, z": (both.slopes[1].value - PER_M_S) / both.slopes[1].u,
-        "slope over speed, u / slope": both.slopes[1].u / abs(PER_M_S),
+        "slope over load, z": (trend_fit.slopes[0].value - PER_N) / trend_fit.slopes[0].u,
+        "slope over load, u / slope": trend_fit.slopes[0].u / abs(PER_N),
+        "slope over speed, z": (trend_fit.slopes[1].value - PER_M_S) / trend_fit.slopes[1].u,
+        "slope over speed, u / slope": trend_fit.slopes[1].u / abs(PER_M_S),
         "largest pull of a junction": max(
-            abs(z) for own in junction_depths(p)[1].values() for z in own.values()
+            abs(z) for pulls in junction_depths(posterior)[1].values() for z in pulls.values()
         ),
-        "power law doubted": float((law.p_value or 1.0) < POWER_LAW_REJECTED_P),
-        "sound campaigns that name a test": float(bool(sound)),
-        "low friction named": float(
-            [(s.name, s.cause) for s in low] == [(made.low.name, "friction")]
+        "power law rejected": float((law.p_value or 1.0) < POWER_LAW_REJECTED_P),
+        "campaigns without a fault with an outlier": float(bool(outliers)),
+        "low friction identified": float(
+            [(s.name, s.cause) for s in outliers_low_friction] == [(campaign.low.name, "friction")]
         ),
     }
 
 
 def report(folder: Path) -> pd.DataFrame:
     """Mean, rms, least and largest over the drawn campaigns in ``folder``."""
-    table = pd.DataFrame([told(DrawnCampaign.read(path)) for path in sorted(folder.glob("*.json"))])
+    table = pd.DataFrame(
+        [study_errors(DrawnCampaign.read(path)) for path in sorted(folder.glob("*.json"))]
+    )
     rms = np.sqrt((table**2).mean())
     return pd.DataFrame(
         {"mean": table.mean(), "rms": rms, "least": table.min(), "largest": table.max()}

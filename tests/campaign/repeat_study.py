@@ -1,8 +1,8 @@
-"""Does a second unloading tell a bubble in one junction's cement from a lag common to all?
+"""Does a second unloading separate the lag of one junction (a bubble in its cement) from the common lag?
 
-`python -m tests.campaign.repeat_study` prints, for a junction whose lag nobody knows (prior 0.3 s instead of what the
-plunges tell), how well one to four unloadings tell it, its correlation with the disk's common lag, and u of beta, h and
-lag beside it; for a disk that is rolled (unloadings under other conditions) and one that is unloaded again as before.
+`python -m tests.campaign.repeat_study` prints results for a junction with an unknown lag (prior 0.3 s instead of that
+of the plunges): u of its lag after one to four unloadings, its correlation with the common lag, and u of beta, h and
+lag. The unloadings are under the same or under other conditions.
 """
 
 from __future__ import annotations
@@ -20,51 +20,58 @@ from tests.campaign.test_planned import plan_of
 BUBBLE_S = 0.3
 
 
-def unknown_lag(kept: SufficientStatistics, name: str, common_u_s: float) -> SufficientStatistics:
-    """The same test, the lag of one junction all but unknown, and the disks' common lags known to ``common_u_s``."""
-    at = kept.names.index(name)
-    factor = BUBBLE_S / (
-        CHANNEL_LAG_U_S * float(np.sqrt(5 / 6))
-    )  # a record tells each lag from the mean of six
-    rows, centre = kept.rows.copy(), kept.centre.copy()
-    rows[:, at] *= factor
-    centre[at] /= factor
-    return replace(kept, rows=rows, centre=centre, lag_u_s=dict.fromkeys(kept.lag_u_s, common_u_s))
+def with_unknown_lag(
+    statistics: SufficientStatistics, name: str, common_u_s: float
+) -> SufficientStatistics:
+    """The same test with a wide prior of the lag of one junction and ``common_u_s`` for the common lags."""
+    column = statistics.names.index(name)
+    # a record contains each lag relative to the mean of six
+    factor = BUBBLE_S / (CHANNEL_LAG_U_S * float(np.sqrt(5 / 6)))
+    rows = statistics.rows.copy()
+    centre = statistics.centre.copy()
+    rows[:, column] *= factor
+    centre[column] /= factor
+    return replace(
+        statistics, rows=rows, centre=centre, lag_u_s=dict.fromkeys(statistics.lag_u_s, common_u_s)
+    )
 
 
 def table() -> pd.DataFrame:
-    """One row a junction, a prior of the common lag, and a number of unloadings."""
-    rig, rows = load_rig(), []
+    """One row for each junction, prior of the common lag and number of unloadings."""
+    rig = load_rig()
+    rows = []
     plans = {
         "repeated": plan_of(("D4",)) * 4,
         "other conditions": plan_of(("D4", "A4", "D2", "B3")),
     }
-    for how, plan in plans.items():
-        kept = [
-            planned_statistics(p, rig, Logging()) for p in (plan if how != "repeated" else plan[:1])
-        ]
-        kept = kept * 4 if how == "repeated" else kept
+    for conditions, plan in plans.items():
+        if conditions == "repeated":
+            statistics = [planned_statistics(plan[0], rig, Logging())] * 4
+        else:
+            statistics = [planned_statistics(p, rig, Logging()) for p in plan]
         for name in ("lag e fast", "lag c fast", "lag b fast"):
             for u_s in (COMMON_LAG_U_S, 0.5):
                 for count in (1, 2, 4):
                     tests = [
-                        replace(unknown_lag(k, name, u_s), name=f"D4.{i}")
-                        for i, k in enumerate(kept[:count])
+                        replace(with_unknown_lag(k, name, u_s), name=f"D4.{i}")
+                        for i, k in enumerate(statistics[:count])
                     ]
-                    found = solve_campaign(tests)
-                    k, common = (found.shared.index(n) for n in (name, "common lag fast"))
-                    c = found.shared_covariance
-                    one = found.estimates[0]
+                    campaign = solve_campaign(tests)
+                    k = campaign.shared.index(name)
+                    common = campaign.shared.index("common lag fast")
+                    covariance = campaign.shared_covariance
+                    first = campaign.estimates[0]
                     rows.append(
                         {
-                            "unloadings": f"{count}, {how}",
+                            "unloadings": f"{count}, {conditions}",
                             "junction": name,
-                            "u of common lag known before [s]": u_s,
-                            "u of its lag [s]": BUBBLE_S * np.sqrt(c[k, k]),
-                            "correlation": c[k, common] / np.sqrt(c[k, k] * c[common, common]),
-                            "u(lag) [s]": one["lag_fast_s"].u,
-                            "u(beta)": one["beta"].u,
-                            "u(h)/h": one["h_fast"].u / one["h_fast"].value,
+                            "prior u of common lag [s]": u_s,
+                            "u of its lag [s]": BUBBLE_S * np.sqrt(covariance[k, k]),
+                            "correlation": covariance[k, common]
+                            / np.sqrt(covariance[k, k] * covariance[common, common]),
+                            "u(lag) [s]": first["lag_fast_s"].u,
+                            "u(beta)": first["beta"].u,
+                            "u(h)/h": first["h_fast"].u / first["h_fast"].value,
                         }
                     )
     return pd.DataFrame(rows)

@@ -1,4 +1,4 @@
-"""One posterior for all tests of a rig: as the dense normal equations have it, honest, quick, and of one rig only."""
+"""One posterior for all tests of a rig: equal to the dense normal equations, with correct coverage, and fast."""
 
 from __future__ import annotations
 
@@ -35,173 +35,180 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, now_utc
 from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.simulate.measure import simulate_oven
-from tests.campaign.toy import EXPONENT, PER_M_S, PER_N, Toy, answer_of, toy
+from tests.campaign.toy import EXPONENT, PER_M_S, PER_N, Toy, beta_json, toy
 
-CHANCE = 1e-4  # of a false failure of a count below
+FALSE_FAILURE_P = 1e-4  # probability of a false failure of a count below
 
 
-def dense(tests: tuple[SufficientStatistics, ...]) -> tuple[Array, Array]:
-    """Answers (5 N,) and covariance by one least-squares problem in all unknowns, nothing eliminated."""
-    shared = list(
-        dict.fromkeys(
-            [
-                *(
-                    s
-                    for t in tests
-                    for n in t.names[N_QUANTITIES:]
-                    for s in t.loading.get(n, Loading({n: 1.0})).shared
-                ),
-                *(f"common lag {d}" for d in DISKS),
-            ]
-        )
-    )
-    own = sum(len(t.names) - N_QUANTITIES for t in tests)
-    size, at = N_QUANTITIES * len(tests) + own + len(shared), N_QUANTITIES * len(tests)
-    rows, right = [], []
+def dense_solution(tests: tuple[SufficientStatistics, ...]) -> tuple[Array, Array]:
+    """Estimates (5 N,) and covariance by one least-squares problem in all parameters, without elimination."""
+    names = []
+    for t in tests:
+        for name in t.names[N_QUANTITIES:]:
+            names += t.loading.get(name, Loading({name: 1.0})).shared
+    names += [f"common lag {d}" for d in DISKS]
+    shared = list(dict.fromkeys(names))
+    n_specific = sum(len(t.names) - N_QUANTITIES for t in tests)
+    size = N_QUANTITIES * len(tests) + n_specific + len(shared)
+    column = N_QUANTITIES * len(tests)
+    rows = []
+    rhs = []
     for i, t in enumerate(tests):
-        q = t.names[N_QUANTITIES:]
+        nuisance_names = t.names[N_QUANTITIES:]
         block = np.zeros((len(t.rows), size))
         block[:, N_QUANTITIES * i : N_QUANTITIES * (i + 1)] = t.rows[:, :N_QUANTITIES]
-        for k, name in enumerate(q):
-            each = t.loading.get(name, Loading({name: 1.0}))
-            block[:, at + k] = each.specific * t.rows[:, N_QUANTITIES + k]
-            for s, x in each.shared.items():
-                block[:, N_QUANTITIES * len(tests) + own + shared.index(s)] += (
+        for k, name in enumerate(nuisance_names):
+            loading = t.loading.get(name, Loading({name: 1.0}))
+            block[:, column + k] = loading.specific * t.rows[:, N_QUANTITIES + k]
+            for s, x in loading.shared.items():
+                block[:, N_QUANTITIES * len(tests) + n_specific + shared.index(s)] += (
                     x * t.rows[:, N_QUANTITIES + k]
                 )
-        at += len(q)
+        column += len(nuisance_names)
         rows.append(block)
-        right.append(t.rhs + t.rows @ t.centre)
-        for k, d in enumerate(DISKS):  # lag - prior = sqrt(u^2 - own^2) s + own e
-            line = np.zeros(size)
-            line[N_QUANTITIES * i + 3 + k] = 1 / LAG_TEST_SD_S
-            line[N_QUANTITIES * len(tests) + own + shared.index(f"common lag {d}")] = (
+        rhs.append(t.rhs + t.rows @ t.centre)
+        for k, d in enumerate(DISKS):  # lag - prior = sqrt(u^2 - specific^2) s + specific e
+            row = np.zeros(size)
+            row[N_QUANTITIES * i + 3 + k] = 1 / LAG_TEST_SD_S
+            row[N_QUANTITIES * len(tests) + n_specific + shared.index(f"common lag {d}")] = (
                 -np.sqrt(t.lag_u_s[d] ** 2 - LAG_TEST_SD_S**2) / LAG_TEST_SD_S
             )
-            rows.append(line[None])
-            right.append(np.array([t.lag_prior_s[d] / LAG_TEST_SD_S]))
+            rows.append(row[None])
+            rhs.append(np.array([t.lag_prior_s[d] / LAG_TEST_SD_S]))
     priors = np.eye(size)[N_QUANTITIES * len(tests) :]
-    table, values = np.vstack([*rows, priors]), np.concatenate([*right, np.zeros(len(priors))])
-    scale = np.abs(table).max(axis=0)
-    covariance = np.linalg.inv((table / scale).T @ (table / scale)) / np.outer(scale, scale)
+    design = np.vstack([*rows, priors])
+    targets = np.concatenate([*rhs, np.zeros(len(priors))])
+    scale = np.abs(design).max(axis=0)
+    covariance = np.linalg.inv((design / scale).T @ (design / scale)) / np.outer(scale, scale)
     n = N_QUANTITIES * len(tests)
-    return (covariance @ (table.T @ values))[:n], covariance[:n, :n]
+    return (covariance @ (design.T @ targets))[:n], covariance[:n, :n]
 
 
-def test_eliminating_test_by_test_gives_what_all_unknowns_at_once_give() -> None:
-    made = toy(1, 5)
-    found = solve_campaign(made.kept)
-    answers, covariance = dense(made.kept)
-    assert found.values.ravel() == pytest.approx(answers, abs=1e-8)
-    assert found.covariance == pytest.approx(covariance, rel=1e-5, abs=1e-12)
+def test_elimination_test_by_test_matches_the_dense_solution() -> None:
+    campaign = toy(1, 5)
+    result = solve_campaign(campaign.tests)
+    expected, covariance = dense_solution(campaign.tests)
+    assert result.values.ravel() == pytest.approx(expected, abs=1e-8)
+    assert result.covariance == pytest.approx(covariance, rel=1e-5, abs=1e-12)
 
 
-def errors(made: Toy, found: Posterior) -> tuple[float, float]:
-    """Squared lengths of the errors of all beta, and of their differences from the mean, by their own covariance."""
-    off, c = found.beta[0] - made.answers[:, 0], found.beta[1]
-    h = np.eye(len(off)) - 1 / len(off)
-    apart = h @ off
-    return float(off @ np.linalg.solve(c, off)), float(apart @ np.linalg.pinv(h @ c @ h) @ apart)
-
-
-def test_intervals_hold_absolute_and_within_the_campaign() -> None:
-    """Chi-squared of both over forty rigs drawn from what they state: 16 and 15 degrees of freedom each."""
-    whole, inside = np.sum(
-        [errors(made, solve_campaign(made.kept)) for made in map(toy, range(40))], axis=0
+def squared_errors(campaign: Toy, posterior: Posterior) -> tuple[float, float]:
+    """Squared lengths of the errors of all beta, and of their differences from the mean, by their covariance."""
+    error = posterior.beta[0] - campaign.true_values[:, 0]
+    covariance = posterior.beta[1]
+    centring = np.eye(len(error)) - 1 / len(error)
+    difference = centring @ error
+    return float(error @ np.linalg.solve(covariance, error)), float(
+        difference @ np.linalg.pinv(centring @ covariance @ centring) @ difference
     )
-    for total, freedom in ((whole, 640), (inside, 600)):
-        low, high = stats.chi2.ppf([0.5 * CHANCE, 1 - 0.5 * CHANCE], freedom)
+
+
+def test_absolute_and_within_campaign_intervals_have_the_stated_coverage() -> None:
+    """Chi-squared of both over forty rigs drawn from their uncertainties: 16 and 15 degrees of freedom each."""
+    absolute, within = np.sum(
+        [
+            squared_errors(campaign, solve_campaign(campaign.tests))
+            for campaign in map(toy, range(40))
+        ],
+        axis=0,
+    )
+    for total, freedom in ((absolute, 640), (within, 600)):
+        low, high = stats.chi2.ppf([0.5 * FALSE_FAILURE_P, 1 - 0.5 * FALSE_FAILURE_P], freedom)
         assert low < total < high
 
 
-def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_are_standard() -> (
-    None
-):
-    """Of 40 standard deviates the rms is within 0.35 of one, three sigma, their 0.1 mm being the statement's own u."""
-    off, pull = [], []
+def test_junction_depths_match_the_truth_and_pulls_are_standard_normal() -> None:
+    """The rms of 40 standard deviates is within 0.35 of one, three sigma. Their 0.1 mm is the nominal u."""
+    z = []
+    pull = []
     for seed in range(20):
-        made = toy(seed, 8)
-        deeper, pulls = junction_depths(solve_campaign(made.kept))
+        campaign = toy(seed, 8)
+        deeper, pulls = junction_depths(solve_campaign(campaign.tests))
         for d in DISKS:
             assert set(deeper[d]) == {"e"}
-            off.append(
-                (deeper[d]["e"].value - 0.1 * made.shared[f"depth e {d}"]) / deeper[d]["e"].u
+            z.append(
+                (deeper[d]["e"].value - 0.1 * campaign.shared[f"depth e {d}"]) / deeper[d]["e"].u
             )
             pull.append(pulls[d]["e"])
-    assert np.sqrt(np.mean(np.square([off, pull]), axis=1)) == pytest.approx([1.0, 1.0], abs=0.35)
+    assert np.sqrt(np.mean(np.square([z, pull]), axis=1)) == pytest.approx([1.0, 1.0], abs=0.35)
 
 
-def test_differences_are_known_better_than_levels_and_a_campaign_better_than_one_test() -> None:
-    made = toy(2)
-    one, many = solve_campaign(made.kept[:1]).estimates[0], solve_campaign(made.kept).estimates[0]
-    assert many["beta"].u < one["beta"].u
-    assert many["beta_within"].u < 0.5 * many["beta"].u
-    assert one["beta_within"].u == one["beta"].u  # alone there is nothing to differ from
+def test_differences_have_smaller_u_than_levels_and_a_campaign_than_one_test() -> None:
+    campaign = toy(2)
+    of_one_test = solve_campaign(campaign.tests[:1]).estimates[0]
+    of_all_tests = solve_campaign(campaign.tests).estimates[0]
+    assert of_all_tests["beta"].u < of_one_test["beta"].u
+    assert of_all_tests["beta_within"].u < 0.5 * of_all_tests["beta"].u
+    assert of_one_test["beta_within"].u == of_one_test["beta"].u  # a single test has no differences
 
 
-def test_a_hundred_tests_take_less_than_two_seconds_and_one_more_a_tenth() -> None:
-    """Processor time of this process, the least of three: other programs may use the machine."""
-    made = toy(3, 101)
-    solved, seconds = best_of_three(lambda: solve_campaign(made.kept[:100]))
+def test_hundred_tests_take_less_than_two_seconds_and_one_more_a_tenth() -> None:
+    """Processor time of this process, minimum of three runs, because other programs may use the machine."""
+    campaign = toy(3, 101)
+    solved, seconds = best_of_three(lambda: solve_campaign(campaign.tests[:100]))
     assert seconds < 2.0
-    more, seconds = best_of_three(lambda: solve_campaign(made.kept, solved.reduced_tests))
+    extended, seconds = best_of_three(lambda: solve_campaign(campaign.tests, solved.reduced_tests))
     assert seconds < 0.1
-    assert more.values == pytest.approx(solve_campaign(made.kept).values)
+    assert extended.values == pytest.approx(solve_campaign(campaign.tests).values)
 
 
 def best_of_three(job: Callable[[], Posterior]) -> tuple[Posterior, float]:
-    """Result of ``job``, and the least processor time [s] of three calls."""
+    """Result of ``job`` and the minimum processor time [s] of three calls."""
     seconds = []
     for _ in range(3):
-        begin = process_time()
+        start = process_time()
         result = job()
-        seconds.append(process_time() - begin)
+        seconds.append(process_time() - start)
     return result, min(seconds)
 
 
-def test_what_was_kept_reads_back() -> None:
-    kept = toy(4, 2).kept[0]
-    again = SufficientStatistics.from_dict(kept.name, json.loads(json.dumps(kept.to_dict())))
-    assert again.names == kept.names
-    assert again.rows == pytest.approx(kept.rows, rel=1e-7)
-    assert again.loading.keys() == kept.loading.keys()
-    for spoilt in ({"schema": "tcdyn.kept/9"}, {"rows": [[1.0]]}, {"centre": None}, {"names": []}):
+def test_statistics_survive_a_json_round_trip() -> None:
+    statistics = toy(4, 2).tests[0]
+    restored = SufficientStatistics.from_dict(
+        statistics.name, json.loads(json.dumps(statistics.to_dict()))
+    )
+    assert restored.names == statistics.names
+    assert restored.rows == pytest.approx(statistics.rows, rel=1e-7)
+    assert restored.loading.keys() == statistics.loading.keys()
+    for invalid in ({"schema": "tcdyn.kept/9"}, {"rows": [[1.0]]}, {"centre": None}, {"names": []}):
         with pytest.raises(InputError, match=r"EHL_A1: .*tcdyn beta"):
-            SufficientStatistics.from_dict(kept.name, {**kept.to_dict(), **spoilt})
+            SufficientStatistics.from_dict(statistics.name, {**statistics.to_dict(), **invalid})
 
 
-def test_an_answer_altered_by_one_digit_is_refused_by_name() -> None:
-    answer = with_checksum(answer_of(toy(5, 1).kept[0]))
-    text = json.dumps(answer)
-    assert verify_checksum(json.loads(text), "D4.beta.json") == answer
+def test_file_altered_by_one_digit_raises_with_its_name() -> None:
+    data = with_checksum(beta_json(toy(5, 1).tests[0]))
+    text = json.dumps(data)
+    assert verify_checksum(json.loads(text), "D4.beta.json") == data
     digits = [k for k, c in enumerate(text) if c.isdigit()]
     rng = np.random.default_rng(0)
     for k in rng.choice(digits, 200, replace=False):
-        other = text[:k] + str((int(text[k]) + 1) % 10) + text[k + 1 :]
-        if json.loads(other) == answer:
-            continue  # the last digit of a number that a double cannot tell apart
+        altered = text[:k] + str((int(text[k]) + 1) % 10) + text[k + 1 :]
+        if json.loads(altered) == data:
+            continue  # the last digit of a number may be beyond double precision
         with pytest.raises(InputError, match=r"^D4\.beta\.json: "):
-            verify_checksum(json.loads(other), "D4.beta.json")
+            verify_checksum(json.loads(altered), "D4.beta.json")
     with pytest.raises(InputError, match="no checksum"):
         verify_checksum({"beta": 1}, "old.beta.json")
 
 
-def test_tests_of_two_rigs_are_not_mixed() -> None:
-    one, other = toy(6, 2).kept, toy(7, 3, rig="another").kept
+def test_tests_of_two_rigs_raise() -> None:
+    first = toy(6, 2).tests
+    second = toy(7, 3, rig="another").tests
     with pytest.raises(InputError, match=r"EHL_A3 was analysed with another rig\.toml"):
-        solve_campaign([*one, other[2]])
+        solve_campaign([*first, second[2]])
 
 
-def test_a_fingerprint_is_of_the_physics() -> None:
-    plain, named = load_rig(), parse_rig({"columns": {"fast_a_degC": "TC 1"}}, "rig.toml")
+def test_fingerprint_depends_on_the_physics_only() -> None:
+    default = load_rig()
+    with_column_names = parse_rig({"columns": {"fast_a_degC": "TC 1"}}, "rig.toml")
     deeper = parse_rig({"thermocouples": {"e": {"depth_mm": 1.3, "z_mm": 4.765}}}, "rig.toml")
     records = {d: _record(d) for d in DISKS}
-    assert rig_fingerprint(plain, records) == rig_fingerprint(named, records)
-    assert rig_fingerprint(plain, records) != rig_fingerprint(deeper, records)
-    later = {
+    assert rig_fingerprint(default, records) == rig_fingerprint(with_column_names, records)
+    assert rig_fingerprint(default, records) != rig_fingerprint(deeper, records)
+    later_records = {
         d: r.model_copy(update={"created": "2030-01-01T00:00:00Z"}) for d, r in records.items()
     }
-    assert rig_fingerprint(plain, records) == rig_fingerprint(plain, later)
+    assert rig_fingerprint(default, records) == rig_fingerprint(default, later_records)
 
 
 def _record(disk: str) -> DiskRecord:
@@ -210,18 +217,20 @@ def _record(disk: str) -> DiskRecord:
     )
 
 
-def test_the_exponent_is_found_from_all_tests() -> None:
+def test_exponent_is_recovered_from_all_tests() -> None:
     z = []
     for seed in range(30):
-        law = speed_law(solve_campaign(toy(seed).kept))
+        law = speed_law(solve_campaign(toy(seed).tests))
         z.append((law.exponent.value - EXPONENT) / law.exponent.u)
         assert law.by_speed is not None
-    assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(0.5, abs=0.5 - CHANCE)
+    assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(
+        0.5, abs=0.5 - FALSE_FAILURE_P
+    )
 
 
-def test_what_would_be_left_if_a_kind_were_known_is_what_is_left_when_it_is_known() -> None:
-    made = toy(0)
-    known = [
+def test_u_if_known_matches_a_campaign_with_known_parameters() -> None:
+    campaign = toy(0)
+    known_depths = [
         replace(
             t,
             loading={
@@ -229,56 +238,58 @@ def test_what_would_be_left_if_a_kind_were_known_is_what_is_left_when_it_is_know
                 **{n: Loading({}, 0.0) for n in t.names if n.startswith("depth")},
             },
         )
-        for t in made.kept
+        for t in campaign.tests
     ]
-    before, after = solve_campaign(made.kept), solve_campaign(known)
+    before = solve_campaign(campaign.tests)
+    after = solve_campaign(known_depths)
     assert before.inflation == after.inflation == 1.0
-    toward = np.zeros(before.values.size)
-    toward[::N_QUANTITIES] = 1 / len(made.kept)
-    left = float(np.sqrt(toward @ after.covariance @ toward))
-    assert u_if_known(before, toward)["depth"] == pytest.approx(left, rel=1e-9)
-    assert left < 0.9 * np.sqrt(toward @ before.covariance @ toward)
+    mean_weights = np.zeros(before.values.size)
+    mean_weights[::N_QUANTITIES] = 1 / len(campaign.tests)
+    u_known = float(np.sqrt(mean_weights @ after.covariance @ mean_weights))
+    assert u_if_known(before, mean_weights)["depth"] == pytest.approx(u_known, rel=1e-9)
+    assert u_known < 0.9 * np.sqrt(mean_weights @ before.covariance @ mean_weights)
     limits = speed_law(before).u_if_known
     assert min(limits.values()) == next(iter(limits.values())) < speed_law(before).exponent.u
 
 
-def test_a_power_law_that_is_not_enough_is_seen() -> None:
-    """h_slow made to rise with the speed faster than by one power: n falls by 0.2 while the speed doubles."""
-    made = toy(8, noise=0.3)
-    bent = []
-    for t in made.kept:
+def test_insufficient_power_law_is_detected() -> None:
+    """h_slow increases faster with speed than by one power: n decreases by 0.2 while the speed doubles."""
+    campaign = toy(8, noise=0.3)
+    tests = []
+    for t in campaign.tests:
         centre = t.centre.copy()
         doubled = np.log2(t.conditions["entraining_speed_m_s"] / 11.0)
         centre[2] += 0.2 * doubled * np.log(t.conditions["speed_ratio"])
-        bent.append(replace(t, centre=centre))
-    law = speed_law(solve_campaign(bent))
+        tests.append(replace(t, centre=centre))
+    law = speed_law(solve_campaign(tests))
     assert law.by_speed is not None
     assert law.p_value is not None
     assert law.by_speed.low95 < -0.2 < law.by_speed.high95
     assert law.p_value < 0.01
 
 
-def test_a_trend_over_load_and_speed_together_is_that_of_the_truth() -> None:
+def test_trend_over_load_and_speed_recovers_the_truth() -> None:
     z = []
     for seed in range(30):
-        found = trend(solve_campaign(toy(seed).kept), "load_N", "sliding_speed_m_s")
-        assert found is not None
-        z += [(s.value - true) / s.u for s, true in zip(found.slopes, (PER_N, PER_M_S))]
-    assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(0.5, abs=0.5 - CHANCE)
+        result = trend(solve_campaign(toy(seed).tests), "load_N", "sliding_speed_m_s")
+        assert result is not None
+        z += [(s.value - true) / s.u for s, true in zip(result.slopes, (PER_N, PER_M_S))]
+    assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(
+        0.5, abs=0.5 - FALSE_FAILURE_P
+    )
 
 
-def test_a_line_that_leaves_something_out_says_so() -> None:
-    found = trend(solve_campaign(toy(9).kept), "load_N")
-    assert found is not None
-    assert (
-        found.scatter > 0.005
-    )  # the sliding speed's part: 3e-3 times the spread of speeds, 3.7 m/s rms
-    assert found.line_p_value < 1e-6
-    assert trend(solve_campaign(toy(9).kept[:2]), "load_N") is None
+def test_trend_that_omits_a_condition_has_scatter_and_a_small_p_value() -> None:
+    result = trend(solve_campaign(toy(9).tests), "load_N")
+    assert result is not None
+    # contribution of the sliding speed: 3e-3 times the spread of speeds, 3.7 m/s rms
+    assert result.scatter > 0.005
+    assert result.line_p_value < 1e-6
+    assert trend(solve_campaign(toy(9).tests[:2]), "load_N") is None
 
 
-def test_a_known_covariance_beats_equal_weights_where_errors_are_common() -> None:
-    """A level error of 0.1 common to all leaves the slope as it is; with it unknown the slope's u is that of noise."""
+def test_generalised_line_removes_a_common_error_from_the_slope() -> None:
+    """A common level error of 0.1 does not affect the slope, whose u is that of the noise."""
     x = np.column_stack([np.ones(5), np.arange(5.0) - 2.0])
     line = fit_generalised_line(
         x, 0.5 + 0.02 * x[:, 1], 0.1**2 * np.ones((5, 5)) + 0.001**2 * np.eye(5)
@@ -288,79 +299,82 @@ def test_a_known_covariance_beats_equal_weights_where_errors_are_common() -> Non
     assert line.scatter == 0
 
 
-@pytest.mark.parametrize("low", [0.95, 1.05])
-def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
-    """The log's friction is ``low`` times what it was: the friction gain of that test is 1/low - 1 off all others'."""
-    made = toy(10)
-    at = made.kept[6]
-    k = at.names.index("friction")
-    off = (1 / low - 1) / at.units["friction"]
-    odd = replace(at, rhs=at.rhs + at.rows[:, k] * off)
-    tests = [odd if t is at else t for t in made.kept]
-    found = outlying_tests(solve_campaign(tests))
-    assert [(s.name, s.cause) for s in found] == [(at.name, "friction")]
-    assert abs(found[0].size.value - (1 / low - 1)) < 4 * found[0].size.u
-    assert found[0].explained
-    whole = joined({t.name: answer_of(t) for t in tests})
-    assert whole is not None
-    said = next(f.sentence for f in whole.findings if f.code == "campaign.stranger")
-    assert f"{at.name} does not agree with the other tests" in said
-    assert ("% low" in said) == (low < 1)
-    assert at.name not in whole.to_dict()["order"]
-    assert whole.to_dict()["do_not_belong"][0]["test"] == at.name
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+def test_friction_error_of_one_test_is_an_outlier_with_its_size(factor: float) -> None:
+    """The logged friction is ``factor`` times the true one: the friction gain of that test is off by 1/factor - 1."""
+    campaign = toy(10)
+    statistics = campaign.tests[6]
+    k = statistics.names.index("friction")
+    offset = (1 / factor - 1) / statistics.units["friction"]
+    outlier = replace(statistics, rhs=statistics.rhs + statistics.rows[:, k] * offset)
+    tests = [outlier if t is statistics else t for t in campaign.tests]
+    outliers = outlying_tests(solve_campaign(tests))
+    assert [(s.name, s.cause) for s in outliers] == [(statistics.name, "friction")]
+    assert abs(outliers[0].size.value - (1 / factor - 1)) < 4 * outliers[0].size.u
+    assert outliers[0].explained
+    result = joined({t.name: beta_json(t) for t in tests})
+    assert result is not None
+    message = next(f.sentence for f in result.findings if f.code == "campaign.stranger")
+    assert f"{statistics.name} does not agree with the other tests" in message
+    assert ("% low" in message) == (factor < 1)
+    assert statistics.name not in result.to_dict()["order"]
+    assert result.to_dict()["do_not_belong"][0]["test"] == statistics.name
 
 
-def test_sound_campaigns_name_no_test() -> None:
-    named = sum(bool(outlying_tests(solve_campaign(toy(seed).kept))) for seed in range(60))
-    assert named <= stats.binom.ppf(1 - CHANCE, 60, 0.05)
+def test_consistent_campaigns_have_outliers_at_the_stated_rate() -> None:
+    n_with_outliers = sum(
+        bool(outlying_tests(solve_campaign(toy(seed).tests))) for seed in range(60)
+    )
+    assert n_with_outliers <= stats.binom.ppf(1 - FALSE_FAILURE_P, 60, 0.05)
 
 
-def test_a_model_s_curve_is_laid_over_the_tests(tmp_path: Path) -> None:
-    found = solve_campaign(toy(11).kept)
+def test_model_curve_is_compared_with_the_tests(tmp_path: Path) -> None:
+    posterior = solve_campaign(toy(11).tests)
     load = np.array([800.0, 2400.0])
-    speed = np.array([t.conditions["sliding_speed_m_s"] for t in found.tests])
-    at_one_speed = solve_campaign([t for t, u in zip(found.tests, speed) if u == 13.0])
+    speed = np.array([t.conditions["sliding_speed_m_s"] for t in posterior.tests])
+    at_one_speed = solve_campaign([t for t, u in zip(posterior.tests, speed) if u == 13.0])
     line = 0.70 + PER_N * (load - 1620.0) + PER_M_S * (13.0 - 15.0)
-    right = curve_test(at_one_speed, Curve("m.csv", "load_N", load, line, np.zeros(2)))
+    correct = curve_test(at_one_speed, Curve("m.csv", "load_N", load, line, np.zeros(2)))
     wrong = curve_test(at_one_speed, Curve("m.csv", "load_N", load, line[::-1], np.zeros(2)))
     higher = curve_test(at_one_speed, Curve("m.csv", "load_N", load, line + 0.2, np.zeros(2)))
-    assert right.p_value > 1e-3
+    assert correct.p_value > 1e-3
     assert wrong.shape_p_value < 1e-6
     assert higher.p_value < 1e-6 < higher.shape_p_value
     assert higher.offset.value == pytest.approx(-0.2, abs=0.05)
     with pytest.raises(InputError, match="0 tests lie within"):
-        curve_test(found, Curve("m.csv", "load_N", load * 10, line, np.zeros(2)))
+        curve_test(posterior, Curve("m.csv", "load_N", load * 10, line, np.zeros(2)))
     path = tmp_path / "model.csv"
     path.write_text("load_N,beta\n800,0.72\n2400,0.68\n", encoding="utf-8")
     assert read_curve(path).against == "load_N"
-    for text, said in (
+    for text, message in (
         ("load,beta\n800,0.7\n", "nothing to lay beta over"),
         ("load_N,share\n800,1\n", "column beta is missing"),
         ("load_N,beta\n900,0.7\n800,0.7\n", "does not rise"),
         ("load_N,beta\n800,70\n900,71\n", "not a share"),
     ):
         path.write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             read_curve(path)
 
 
-def test_the_answer_of_a_campaign_is_data_and_tables() -> None:
-    made = toy(12)
-    whole = joined(
-        {t.name: answer_of(t) for t in made.kept} | {"EHL_X": {"status": "withheld", "kept": None}}
+def test_campaign_result_is_data_and_tables() -> None:
+    campaign = toy(12)
+    result = joined(
+        {t.name: beta_json(t) for t in campaign.tests}
+        | {"EHL_X": {"status": "withheld", "kept": None}}
     )
-    assert whole is not None
-    data = whole.to_dict()
-    assert list(data["tests"]) == data["order"] == [t.name for t in made.kept]
+    assert result is not None
+    data = result.to_dict()
+    assert list(data["tests"]) == data["order"] == [t.name for t in campaign.tests]
     assert np.array(data["covariance"]).shape == (16, 16)
     assert data["apart"] == {"EHL_X": "its answer is withheld"}
     assert data["trend"]["against"] == "delta_T_us_K_m_s"
-    table = paper_table(whole)
+    table = paper_table(result)
     assert (table["u_beta_within"] < table["u_beta"]).all()
-    assert paper_csv(whole).count("\n") == 17
-    text = paper_latex(whole)
+    assert paper_csv(result).count("\n") == 17
+    text = paper_latex(result)
     assert text.count(r" \\") == 18
     assert text.count("{") == text.count("}")
     assert joined({"EHL_X": {"status": "withheld", "kept": None}}) is None
-    deeper = whole.deeper_mm["fast"]["e"]
-    assert abs(deeper.value - 0.1 * made.shared["depth e fast"]) < 4 * deeper.u
+    deeper = result.deeper_mm["fast"]["e"]
+    assert abs(deeper.value - 0.1 * campaign.shared["depth e fast"]) < 4 * deeper.u

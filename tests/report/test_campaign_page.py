@@ -32,7 +32,7 @@ from tcdyn.report.page import table_html
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_results import merge_findings
 from tcdyn.workflows.campaign_table import table_columns
-from tests.campaign.toy import answer_of, toy
+from tests.campaign.toy import beta_json, toy
 
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]
 
@@ -106,7 +106,7 @@ def test_tables_speak_words_and_units_not_column_names() -> None:
 
 @pytest.fixture(scope="module")
 def whole() -> JoinedCampaign:
-    found = joined({t.name: answer_of(t) for t in toy(1).kept})
+    found = joined({t.name: beta_json(t) for t in toy(1).tests})
     assert found is not None
     return found
 
@@ -197,7 +197,7 @@ def test_a_campaign_of_one_test_is_not_told_in_the_plural_nor_as_one_measurement
     monkeypatch.setattr("tcdyn.report.campaign.campaign_pictures", lambda table: [])
     for count, title in ((1, "Campaign of 1 test<"), (2, "Campaign of 2 tests<")):
         run = CampaignRun(
-            tmp_path, (), sixteen().head(count), joined({"EHL_A1": answer_of(toy(1).kept[0])})
+            tmp_path, (), sixteen().head(count), joined({"EHL_A1": beta_json(toy(1).tests[0])})
         )
         page = write_campaign_report(tmp_path / "p.html", run).read_text(encoding="utf-8")
         assert title in page
