@@ -399,8 +399,8 @@ def _swap_between_disks(
     The swap is compared as it is, without refinement. ``RIVAL_LOG_ODDS`` may change, which also
     changes the rivals that ``_most_likely_fault`` names: a smaller value reports a swap where two
     faults explain the readings nearly as well. Guarded by
-    ``test_channels_swapped_between_the_disks_are_named`` and
-    ``test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart`` in
+    ``test_channels_swapped_between_disks_are_identified`` and
+    ``test_channels_swapped_between_disks_are_identified_when_their_lines_differ`` in
     ``tests/partition/test_sensors.py``, all marked study.
     """
     fast, slow = (features[d] for d in DISKS)

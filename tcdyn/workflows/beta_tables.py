@@ -370,7 +370,7 @@ def cooling_by_window(
     budget draws it with the correlations of the joint fit. ``within_lag`` marks windows shorter
     than the common lag of the disk, which depend more on the chain than on the cooling. The lengths
     may be changed freely. Guarded by ``tests/partition/test_windows.py``:
-    ``test_five_seconds_give_the_cooling_fit_s_own_answer`` compares ``u_beta`` with the budget
+    ``test_window_of_five_seconds_reproduces_the_cooling_fit`` compares ``u_beta`` with the budget
     (within 20 %).
     """
     test = partition.test

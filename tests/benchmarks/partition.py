@@ -23,7 +23,7 @@ def one(seed: int, test: str) -> dict[str, float | str]:
     start = time.process_time()
     p = made.analyse()
     seconds = time.process_time() - start
-    told = made.told
+    told = made.true_values
     out: dict[str, float | str] = {"test": test, "seed": seed}
     out |= {way: value.value - told["beta"] for way, value in p.beta_by_estimator.items()}
     out["both"] = p.both.estimates["beta"].value - told["beta"]

@@ -1,8 +1,8 @@
-"""One simulated test, logged as rigs have it: beta by each form against beta by the full log, and against the truth.
+"""One simulated test, logged in different forms: beta of each form against beta of the full log and the truth.
 
-`python -m tests.partition.as_logged_study 30 7000` prints, for 30 rigs drawn from seed 7000 on, how far beta of each
-form lies from the full log's in its standard uncertainties, and how often its 95 % interval holds the truth. What is
-stated in place of a column is drawn from the uncertainty that is stated with it. Every log is written and read.
+`python -m tests.partition.as_logged_study 30 7000` prints for 30 rigs drawn from seed 7000 on how far beta of each form
+is from that of the full log in standard uncertainties, and the coverage of its 95 % interval. A constant in place of a
+column is drawn from its specified uncertainty. Every log is written to a file and read.
 """
 
 from __future__ import annotations
@@ -26,8 +26,11 @@ from tcdyn.rig.rigfile import parse_rig
 from tcdyn.workflows.beta import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
-LOAD_REL, SPEED_REL, AMBIENT_U_K = 0.03, 0.005, 2.0
-CHANNEL_SD_K, PLACE_CHANNELS = 1.5, 4  # sixteen in all: two disks, surface and faces
+LOAD_REL = 0.03
+SPEED_REL = 0.005
+AMBIENT_U_K = 2.0
+CHANNEL_SD_K = 1.5
+CHANNELS_PER_LOCATION = 4  # sixteen in all: two disks, surface and faces
 ARM_m = 0.0381
 Form = tuple[pd.DataFrame, dict[str, Any]]  # the log, and tables of its rig.toml
 
@@ -38,12 +41,12 @@ def full(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
 
 
 def no_contact(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
-    """Without the switch, as Clarke's and Voller's rigs."""
+    """Without the contact switch, as the rigs of Clarke and Voller."""
     return frame.drop(columns="contact"), {}
 
 
-def stated(frame: pd.DataFrame, rng: np.random.Generator, u: dict[str, float]) -> Form:
-    """Columns that are not in the log but stated, each wrong by a draw from its uncertainty."""
+def with_constants(frame: pd.DataFrame, rng: np.random.Generator, u: dict[str, float]) -> Form:
+    """Replace columns by constants, each with an error drawn from its uncertainty."""
     loaded = frame[frame["contact"] > 0.5].tail(150 * 75).mean()
     constants = {
         n: {"value": float(loaded[n] + s * rng.standard_normal()), "u": s} for n, s in u.items()
@@ -51,51 +54,56 @@ def stated(frame: pd.DataFrame, rng: np.random.Generator, u: dict[str, float]) -
     return frame.drop(columns=[*u]), {"constants": constants}
 
 
-def load_stated(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
-    """No load cell."""
-    return stated(frame, rng, {"load_N": LOAD_REL * float(frame["load_N"].max())})
+def load_constant(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
+    """No load cell; the load is a constant."""
+    return with_constants(frame, rng, {"load_N": LOAD_REL * float(frame["load_N"].max())})
 
 
-def speeds_stated(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
-    """No speeds."""
+def speeds_constant(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
+    """No speed columns; the speeds are constants."""
     names = [f"speed_{d}_rpm" for d in DISKS]
-    return stated(frame, rng, {n: SPEED_REL * float(frame[n].mean()) for n in names})
+    return with_constants(frame, rng, {n: SPEED_REL * float(frame[n].mean()) for n in names})
 
 
-def ambient_stated(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
-    """No thermometer in the enclosure."""
-    return stated(frame, rng, {"ambient_degC": AMBIENT_U_K})
+def ambient_constant(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
+    """No ambient column; the ambient is a constant."""
+    return with_constants(frame, rng, {"ambient_degC": AMBIENT_U_K})
 
 
 def ambient_channels(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
-    """Sixteen channels about the disks, each with an offset of its own."""
-    room, tables, more = frame["ambient_degC"], dict[str, Any](), dict[str, Any]()
+    """Sixteen ambient channels near the disks, each with its own offset."""
+    room = frame["ambient_degC"]
+    tables = dict[str, Any]()
+    columns = dict[str, Any]()
     for disk in DISKS:
         names = {
-            p: [f"TC {disk} {p} {k}" for k in range(PLACE_CHANNELS)] for p in ("surface", "faces")
+            location: [f"TC {disk} {location} {k}" for k in range(CHANNELS_PER_LOCATION)]
+            for location in ("surface", "faces")
         }
-        more |= {
-            n: room + CHANNEL_SD_K * rng.standard_normal() for own in names.values() for n in own
+        columns |= {
+            n: room + CHANNEL_SD_K * rng.standard_normal()
+            for names_of_location in names.values()
+            for n in names_of_location
         }
         tables[disk] = {"ambient": names}
-    return frame.drop(columns="ambient_degC").assign(**more), tables
+    return frame.drop(columns="ambient_degC").assign(**columns), tables
 
 
 def torque_and_kelvin(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
     """Friction as torque of the slow shaft, temperatures in kelvin."""
     kelvin = {n: f"{n.removesuffix('degC')}K" for n in frame if is_junction_column(str(n))}
-    moved = frame.assign(
+    converted = frame.assign(
         **{n: frame[n] + 273.15 for n in kelvin}, friction_N=frame["friction_N"] * ARM_m
     )
-    return moved.rename(columns={**kelvin, "friction_N": "torque_slow_Nm"}), {}
+    return converted.rename(columns={**kelvin, "friction_N": "torque_slow_Nm"}), {}
 
 
-def least(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
-    """Friction as torque and the junctions; all else is stated, and no switch."""
+def minimal(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
+    """Only torque and junctions; constants for everything else, and no switch."""
     u = {"load_N": LOAD_REL * float(frame["load_N"].max()), "ambient_degC": AMBIENT_U_K}
     u |= {f"speed_{d}_rpm": SPEED_REL * float(frame[f"speed_{d}_rpm"].mean()) for d in DISKS}
-    bare, tables = stated(frame, rng, u)
-    return torque_and_kelvin(no_contact(bare, rng)[0], rng)[0], tables
+    frame_without, tables = with_constants(frame, rng, u)
+    return torque_and_kelvin(no_contact(frame_without, rng)[0], rng)[0], tables
 
 
 FORMS: dict[str, Callable[[pd.DataFrame, np.random.Generator], Form]] = {
@@ -103,66 +111,72 @@ FORMS: dict[str, Callable[[pd.DataFrame, np.random.Generator], Form]] = {
     for f in (
         full,
         no_contact,
-        load_stated,
-        speeds_stated,
-        ambient_stated,
+        load_constant,
+        speeds_constant,
+        ambient_constant,
         ambient_channels,
         torque_and_kelvin,
-        least,
+        minimal,
     )
 }
 
 
-def analysed(made: StudyRig, form: str, seed: int, **options: Any) -> Partition:
-    """The test of a drawn rig, written in a form, read and analysed."""
+def analyse_form(study: StudyRig, form: str, seed: int, **options: Any) -> Partition:
+    """Write the test of a drawn rig in a form, read it and analyse it."""
     frame, tables = FORMS[form](
-        made.log.frame, np.random.default_rng([seed, list(FORMS).index(form)])
+        study.log.frame, np.random.default_rng([seed, list(FORMS).index(form)])
     )
     rig = parse_rig(tables, "rig.toml")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "EHL.csv"
         frame.to_csv(path, index=False)
-        return analyse(prepare_test(read_log(path, "ehl", rig), rig, made.records), **options)
+        return analyse(prepare_test(read_log(path, "ehl", rig), rig, study.records), **options)
 
 
-def one(seed: int, forms: list[str]) -> list[dict[str, Any]]:
-    """A row for each form of one drawn rig's log."""
+def rows_of_rig(seed: int, forms: list[str]) -> list[dict[str, Any]]:
+    """A row for each form of the log of one drawn rig."""
     warnings.simplefilter("ignore")
-    made, rows, whole = study_rig(seed), [], np.nan
+    study = study_rig(seed)
+    rows = []
+    full_beta = np.nan
     for form in forms:
         try:
-            p = analysed(made, form, seed, sensor_check=False)
+            analysis = analyse_form(study, form, seed, sensor_check=False)
         except InputError as problem:
             rows.append({"seed": seed, "form": form, "failed": str(problem)})
             continue
-        beta, row = p.both.estimates["beta"], {"seed": seed, "form": form, "status": p.status}
-        whole = beta.value if form == "full" else whole
-        for name, value in {"both": beta, **p.beta_by_estimator}.items():
-            row |= {f"u {name}": value.u, f"z {name}": (value.value - made.told["beta"]) / value.u}
-        late = p.test.events.unload_s - made.told["unload_s"]
+        beta = analysis.both.estimates["beta"]
+        row = {"seed": seed, "form": form, "status": analysis.status}
+        full_beta = beta.value if form == "full" else full_beta
+        for name, value in {"both": beta, **analysis.beta_by_estimator}.items():
+            row |= {
+                f"u {name}": value.u,
+                f"z {name}": (value.value - study.true_values["beta"]) / value.u,
+            }
+        unload_error_s = analysis.test.events.unload_s - study.true_values["unload_s"]
         row |= {
-            "from full": (beta.value - whole) / beta.u,
-            "z parting": late / p.test.events.unload_u_s,
+            "from full": (beta.value - full_beta) / beta.u,
+            "z unloading": unload_error_s / analysis.test.events.unload_u_s,
         }
         rows.append(row)
     return rows
 
 
 if __name__ == "__main__":
-    count, first, chosen = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(FORMS)
-    found = []
+    count = int(sys.argv[1])
+    first = int(sys.argv[2])
+    forms = sys.argv[3:] or list(FORMS)
+    rows = []
     for k in range(count):
-        found += one(first + k, chosen)
+        rows += rows_of_rig(first + k, forms)
         print(first + k, flush=True)
-    table = pd.DataFrame(found)
-    for form, part in table.groupby("form", sort=False):
-        z, lost = (
-            part[[c for c in part if str(c).startswith("z ")]],
-            part["failed"].notna() if "failed" in part else 0,
-        )
+    table = pd.DataFrame(rows)
+    for form, group in table.groupby("form", sort=False):
+        z = group[[c for c in group if str(c).startswith("z ")]]
+        failed = group["failed"].notna() if "failed" in group else 0
         print(
-            f"{form}: from the full log at most {part['from full'].abs().max():.2f} u, u {part['u both'].mean():.4f},"
+            f"{form}: from the full log at most {group['from full'].abs().max():.2f} u, u {group['u both'].mean():.4f},"
         )
-        print(part["status"].value_counts().to_dict(), "failed", int(np.sum(lost)))
-        told = {"rms z": np.sqrt((z**2).mean()), "covered by 95 %": (z.abs() < 1.96).mean()}
-        print(pd.DataFrame(told).round(2).T.to_string())
+        print(group["status"].value_counts().to_dict(), "failed", int(np.sum(failed)))
+        summary = {"rms z": np.sqrt((z**2).mean()), "covered by 95 %": (z.abs() < 1.96).mean()}
+        print(pd.DataFrame(summary).round(2).T.to_string())

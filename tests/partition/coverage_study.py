@@ -1,7 +1,7 @@
-"""How often the 95 % intervals hold the truth, over rigs drawn from the stated uncertainties.
+"""Coverage of the 95 % intervals over rigs drawn from their specified uncertainties.
 
-`python -m tests.partition.coverage_study 100` prints coverage, bias and the cross-check's alarms; the study test runs
-fewer.
+`python -m tests.partition.coverage_study 100` prints coverage, bias and false alarms of the cross-check. The study
+test runs fewer rigs.
 """
 
 from __future__ import annotations
@@ -18,73 +18,80 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.crosscheck import DEPTH_THRESHOLD, tensions
 from tests.partition.study_rigs import StudyRig, study_rig
 
-WAYS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")
+ESTIMATORS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")
 
 
-def one(seed: int, test: str = "B3") -> dict[str, float]:
-    """Errors in standard uncertainties, and the alarms, of one drawn rig."""
+def run_case(seed: int, test: str = "B3") -> dict[str, float]:
+    """Errors in standard uncertainties and alarms of one drawn rig."""
     warnings.simplefilter("ignore")
     try:
-        made = study_rig(seed, test)
-        return told_of(made, made.analyse())
+        study = study_rig(seed, test)
+        return study_errors(study, study.analyse())
     except InputError as problem:
         print(seed, problem)
         return {"failed": 1.0}
 
 
-def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
-    """Errors in standard uncertainties, and the alarms, of one analysed test."""
-    told = made.told
-    out: dict[str, float] = {"failed": 0.0}
-    for way, value in p.beta_by_estimator.items():
-        gap = value.value - told["beta"]
-        out[f"error {way}"], out[f"z {way}"] = gap, gap / value.u
+def study_errors(study: StudyRig, p: Partition) -> dict[str, float]:
+    """Errors in standard uncertainties and alarms of one analysed test."""
+    true_values = study.true_values
+    errors: dict[str, float] = {"failed": 0.0}
+    for estimator, estimate in p.beta_by_estimator.items():
+        error = estimate.value - true_values["beta"]
+        errors[f"error {estimator}"] = error
+        errors[f"z {estimator}"] = error / estimate.u
     both = p.both.estimates["beta"]
-    out["error both"], out["z both"] = (
-        both.value - told["beta"],
-        (both.value - told["beta"]) / both.u,
-    )
+    errors["error both"] = both.value - true_values["beta"]
+    errors["z both"] = errors["error both"] / both.u
     for disk in ("fast", "slow"):
         lag = p.joint[disk].estimates["lag_s"]
-        gap = lag.value - made.truth.disk(disk).common_lag_s
-        out[f"error lag {disk}"], out[f"z lag {disk}"] = gap, gap / lag.u
+        error = lag.value - study.truth.disk(disk).common_lag_s
+        errors[f"error lag {disk}"] = error
+        errors[f"z lag {disk}"] = error / lag.u
         h = p.joint[disk].estimates["h"]
-        out[f"z h joint {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
+        errors[f"z h joint {disk}"] = (h.value - true_values[f"h_{disk}"]) / h.u
         h = p.estimates[f"h_{disk}"]
-        out[f"error h {disk}"] = h.value / told[f"h_{disk}"] - 1
-        out[f"z h speed {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
+        errors[f"error h {disk}"] = h.value / true_values[f"h_{disk}"] - 1
+        errors[f"z h speed {disk}"] = (h.value - true_values[f"h_{disk}"]) / h.u
     n = p.both.estimates["exponent"]
-    out["z exponent"] = (n.value - made.truth.speed_exponent) / n.u
-    out["z check"] = p.crosscheck.z
-    stated, place = made.rig.disk_setup("fast").junctions, p.sensors.depths if p.sensors else {}
-    for disk, found in place.items():
-        for channel, deeper in found.deeper_m.items():
+    errors["z exponent"] = (n.value - study.truth.speed_exponent) / n.u
+    errors["z check"] = p.crosscheck.z
+    nominal = study.rig.disk_setup("fast").junctions
+    depth_tests = p.sensors.depths if p.sensors else {}
+    for disk, depth_test in depth_tests.items():
+        for channel, shift in depth_test.deeper_m.items():
             true_m = (
-                made.truth.disk(disk).setup.junctions[channel].depth_m - stated[channel].depth_m
+                study.truth.disk(disk).setup.junctions[channel].depth_m - nominal[channel].depth_m
             )
-            out[f"z depth {channel} {disk}"] = (deeper.value - true_m) / deeper.u
-    pulls = tensions(made.test, p.joint, p.both, p.sensors)
-    out["chance of the depths"] = min(
-        t.probability for t in pulls if t.threshold == DEPTH_THRESHOLD
+            errors[f"z depth {channel} {disk}"] = (shift.value - true_m) / shift.u
+    pulls = tensions(study.test, p.joint, p.both, p.sensors)
+    errors["p_value of the depths"] = min(
+        tension.probability for tension in pulls if tension.threshold == DEPTH_THRESHOLD
     )
-    out["chance of the rest"] = min(t.probability for t in pulls if t.threshold != DEPTH_THRESHOLD)
-    out["alarm"] = float(not p.crosscheck.agree)
-    out["asks to be looked at"] = float(p.status != "sound")
-    out["range held"] = float(p.model_forms.low95 <= told["beta"] <= p.model_forms.high95)
-    out["range, half-width"] = 0.5 * (p.model_forms.high95 - p.model_forms.low95)
-    out["log-odds of another structure"] = max(a.log_odds for a in p.model_forms.forms)
-    out["sentence"] = p.crosscheck.sentence  # type: ignore[assignment]
-    return out
+    errors["p_value of the rest"] = min(
+        tension.probability for tension in pulls if tension.threshold != DEPTH_THRESHOLD
+    )
+    errors["alarm"] = float(not p.crosscheck.agree)
+    errors["status not sound"] = float(p.status != "sound")
+    errors["range covers"] = float(
+        p.model_forms.low95 <= true_values["beta"] <= p.model_forms.high95
+    )
+    errors["range, half-width"] = 0.5 * (p.model_forms.high95 - p.model_forms.low95)
+    errors["log-odds of another model form"] = max(form.log_odds for form in p.model_forms.forms)
+    errors["sentence"] = p.crosscheck.sentence  # type: ignore[assignment]
+    return errors
 
 
-def study(count: int, first: int = 1000, test: str = "B3", n_jobs: int = 2) -> pd.DataFrame:
+def run_study(count: int, first: int = 1000, test: str = "B3", n_jobs: int = 2) -> pd.DataFrame:
     """One row per drawn rig."""
-    rows = Parallel(n_jobs=n_jobs)(delayed(one)(seed, test) for seed in range(first, first + count))
+    rows = Parallel(n_jobs=n_jobs)(
+        delayed(run_case)(seed, test) for seed in range(first, first + count)
+    )
     return pd.DataFrame(rows)
 
 
 def report(table: pd.DataFrame) -> pd.DataFrame:
-    """Bias, rms, coverage of every z."""
+    """Bias, rms and coverage of every z."""
     rows = []
     for name in [c for c in table if str(c).startswith("z ") and c != "z check"]:
         z = table[name].dropna()
@@ -103,20 +110,26 @@ def report(table: pd.DataFrame) -> pd.DataFrame:
 
 
 if __name__ == "__main__":
-    done = study(
+    rows_of_rigs = run_study(
         int(sys.argv[1]) if len(sys.argv) > 1 else 100,
         n_jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2,
     )
-    print(report(done).round(4).to_string(index=False))
-    print("failed", int(done["failed"].sum()), "alarms", done["alarm"].mean())
+    print(report(rows_of_rigs).round(4).to_string(index=False))
+    print("failed", int(rows_of_rigs["failed"].sum()), "alarms", rows_of_rigs["alarm"].mean())
     print(
-        "exit code 1", done["asks to be looked at"].mean(), "range held", done["range held"].mean()
+        "exit code 1",
+        rows_of_rigs["status not sound"].mean(),
+        "range covers",
+        rows_of_rigs["range covers"].mean(),
     )
     print(
-        done[["range, half-width", "log-odds of another structure"]].describe().round(4).to_string()
+        rows_of_rigs[["range, half-width", "log-odds of another model form"]]
+        .describe()
+        .round(4)
+        .to_string()
     )
-    print(*done.loc[done["alarm"] > 0, "sentence"], sep="\n")
-    print(done[["z check"]].describe(percentiles=[0.5, 0.9, 0.95]).round(2).to_string())
-    for chance in (0.01, 0.03, 0.1, 0.3):  # each should be undercut as often as it says, or less
-        under = (done[["chance of the depths", "chance of the rest"]] < chance).mean()
-        print(f"chance below {chance}: depths {under.iloc[0]:.3f}, the rest {under.iloc[1]:.3f}")
+    print(*rows_of_rigs.loc[rows_of_rigs["alarm"] > 0, "sentence"], sep="\n")
+    print(rows_of_rigs[["z check"]].describe(percentiles=[0.5, 0.9, 0.95]).round(2).to_string())
+    for p_value in (0.01, 0.03, 0.1, 0.3):  # the share below each should be at most its value
+        under = (rows_of_rigs[["p_value of the depths", "p_value of the rest"]] < p_value).mean()
+        print(f"p_value below {p_value}: depths {under.iloc[0]:.3f}, the rest {under.iloc[1]:.3f}")

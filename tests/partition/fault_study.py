@@ -1,7 +1,7 @@
-"""Single faults of wiring, indicators, units and statements: what is said of each, and is a wrong result ever quiet?
+"""Single faults of wiring, switches, units and rig files: which messages they give, and whether any is undetected.
 
-`python -m tests.partition.fault_study COUNT SEED [FAULT ...]` prints for each fault how often its cause is told first,
-how often another fault is named, and how often beta is more than three standard uncertainties off with exit code 0.
+`python -m tests.partition.fault_study COUNT SEED [FAULT ...]` prints for each fault how often its cause is reported
+first, how often another fault is reported, and how often beta is more than 3 u off with exit code 0.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.truth import draw_truth
 from tests.partition.study_rigs import study_rig
 
-Disturbed = Callable[[pd.DataFrame], pd.DataFrame]
+LogChange = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A fault, what it does to the log or to the rig file, and words that tell of its cause."""
+    """A fault: its change of the log or of the rig file, and words that identify its cause."""
 
-    words: tuple[str, ...]
-    disturbed: Disturbed = lambda log: log
+    cause_words: tuple[str, ...]
+    log_change: LogChange = lambda log: log
     rig: Callable[[Rig], Rig] = lambda rig: rig
 
 
-def exchanged(*pairs: tuple[str, str]) -> Disturbed:
-    """Columns exchanged by pairs."""
+def exchanged(*pairs: tuple[str, str]) -> LogChange:
+    """Columns exchanged in pairs."""
     names = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
     return lambda log: log.rename(columns=names)[list(log.columns)]
 
 
-def times(factor: float, *columns: str) -> Disturbed:
+def scaled(factor: float, *columns: str) -> LogChange:
     """Columns in other units."""
     return lambda log: log.assign(**{c: factor * log[c] for c in columns})
 
 
-def shifted(column: str, seconds: float) -> Disturbed:
-    """A column late by so many seconds."""
+def shifted(column: str, seconds: float) -> LogChange:
+    """A column delayed by ``seconds``."""
     rows = int(round(75 * seconds))
     return lambda log: log.assign(**{column: log[column].shift(rows).ffill().bfill()})
 
@@ -68,7 +68,7 @@ CASES: dict[str, Case] = {
     "e of both disks": Case(
         ("channels e of the fast disk and e",), exchanged(("fast_e_degC", "slow_e_degC"))
     ),
-    "whole cables": Case(("cables of the two disks",), exchanged(*CABLE)),
+    "all cables": Case(("cables of the two disks",), exchanged(*CABLE)),
     "copy": Case(
         ("fast_a_degC and fast_c_degC",), lambda log: log.assign(fast_c_degC=log["fast_a_degC"])
     ),
@@ -90,14 +90,14 @@ CASES: dict[str, Case] = {
     "contact inverted": Case(
         ("readings are inverted", "inverted"), lambda log: log.assign(contact=1 - log["contact"])
     ),
-    "friction in pounds": Case(("friction in pounds",), times(1 / 4.448, "friction_N")),
-    "friction in kgf": Case(("friction in kilograms",), times(1 / 9.807, "friction_N")),
-    "friction turned": Case(("friction",), times(-1.0, "friction_N")),
+    "friction in pounds": Case(("friction in pounds",), scaled(1 / 4.448, "friction_N")),
+    "friction in kgf": Case(("friction in kilograms",), scaled(1 / 9.807, "friction_N")),
+    "friction negated": Case(("friction",), scaled(-1.0, "friction_N")),
     "speeds in rad/s": Case(
-        ("speeds in rad/s",), times(1 / 9.549, "speed_fast_rpm", "speed_slow_rpm")
+        ("speeds in rad/s",), scaled(1 / 9.549, "speed_fast_rpm", "speed_slow_rpm")
     ),
     "speeds in 1/s": Case(
-        ("speeds in revolutions per second",), times(1 / 60, "speed_fast_rpm", "speed_slow_rpm")
+        ("speeds in revolutions per second",), scaled(1 / 60, "speed_fast_rpm", "speed_slow_rpm")
     ),
     "speeds exchanged": Case(("surface speeds",), exchanged(("speed_fast_rpm", "speed_slow_rpm"))),
     "load and friction exchanged": Case(("friction",), exchanged(("load_N", "friction_N"))),
@@ -105,41 +105,48 @@ CASES: dict[str, Case] = {
 }
 
 
-def one(seed: int, name: str) -> dict[str, Any]:
-    """What is said of one fault of one drawn rig."""
+def run_case(seed: int, name: str) -> dict[str, Any]:
+    """Messages of one fault of one drawn rig."""
     warnings.simplefilter("ignore")
-    case, stated = CASES[name], load_rig()
-    out: dict[str, Any] = {"seed": seed, "fault": name, "quietly wrong": False}
-    true = draw_truth(seed, stated, uncertain=True)
+    case = CASES[name]
+    nominal_rig = load_rig()
+    row: dict[str, Any] = {"seed": seed, "fault": name, "quietly wrong": False}
+    truth = draw_truth(seed, nominal_rig, uncertain=True)
     try:
-        made = study_rig(seed, truth=true, rig=case.rig(stated), disturbed=case.disturbed)
-        p = made.analyse()
+        study = study_rig(seed, truth=truth, rig=case.rig(nominal_rig), log_change=case.log_change)
+        p = study.analyse()
     except InputError as problem:
-        said, out["status"] = [str(problem)], "refused"
+        messages = [str(problem)]
+        row["status"] = "refused"
     else:
         both = p.both.estimates["beta"]
-        out["status"], out["z"] = p.status, (both.value - made.told["beta"]) / both.u
-        out["quietly wrong"] = p.status == "sound" and abs(out["z"]) > 3
-        said = [f.sentence for f in warnings_and_errors(p.findings)]
-    told = [k for k, sentence in enumerate(said) if any(word in sentence for word in case.words)]
-    out["first"], out["told"] = told[:1] == [0], bool(told)
-    out["wrongly swapped"] = (
-        any("look swapped" in s for s in said) and "exchanged" not in name and "both" not in name
-    )
-    return out | {"said": " | ".join(said)[:300]}
+        z = (both.value - study.true_values["beta"]) / both.u
+        row["status"] = p.status
+        row["z"] = z
+        row["quietly wrong"] = p.status == "sound" and abs(z) > 3
+        messages = [f.sentence for f in warnings_and_errors(p.findings)]
+    matches = [
+        k for k, text in enumerate(messages) if any(words in text for words in case.cause_words)
+    ]
+    row["first"] = matches[:1] == [0]
+    row["reported"] = bool(matches)
+    is_swap = "exchanged" in name or "both" in name
+    row["wrongly swapped"] = not is_swap and any("look swapped" in text for text in messages)
+    row["messages"] = " | ".join(messages)[:300]
+    return row
 
 
-def study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataFrame:
+def run_study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataFrame:
     """A row for each fault of each rig."""
     jobs = [(seed, name) for name in names for seed in range(first, first + count)]
-    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(one)(*job) for job in jobs))
+    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(run_case)(*job) for job in jobs))
 
 
 if __name__ == "__main__":
-    table = study(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(CASES))
+    table = run_study(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(CASES))
     print(table.drop(columns=["seed"]).round(2).to_string())
     sums = table.groupby("fault", sort=False)[
-        ["first", "told", "wrongly swapped", "quietly wrong"]
+        ["first", "reported", "wrongly swapped", "quietly wrong"]
     ].mean()
     print(sums.round(2).to_string())
     print(sums.mean().round(3).to_string())

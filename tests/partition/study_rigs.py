@@ -1,7 +1,7 @@
-"""Rigs for the partition studies: logs of the synthetic rig and records whose errors are drawn as the records state.
+"""Rigs for the partition studies: logs of the synthetic rig, and records with errors drawn from their uncertainties.
 
-The static lines come from simulated ovens; the chain of the record is the true one plus errors drawn from the
-covariance that the record carries, so that a study needs no plunge fit.
+The static lines come from simulated ovens. The chain of a record is the true one plus errors drawn from the covariance
+that the record contains, so that a study needs no plunge fit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth
 from tcdyn.workflows.beta import prepare_test
 
-COMMON_U_S, DIFFERENTIAL_U_S = 0.05, 0.008  # what a pair of plunges gives
+# standard uncertainties from a pair of plunges
+COMMON_U_S = 0.05
+DIFFERENTIAL_U_S = 0.008
 QUICK = EhlOptions(load_on_s=20.0, unload_s=320.0, duration_s=336.0, mesh=STUDY_MESH)
 
 
@@ -38,16 +40,16 @@ class StudyRig:
     rig: Rig
     truth: RigTruth
     test: EhlTest
-    told: dict[str, Any]
+    true_values: dict[str, Any]
     records: dict[str, DiskRecord]
     log: Log
 
     def analyse(self, **options: Any) -> Partition:
-        """All ways to beta of this test."""
+        """Run all estimators of beta on this test."""
         return analyse(self.test, **options)
 
     def without(self, *channels: str) -> EhlTest:
-        """The test with channels such as "fast_c" left out."""
+        """Return the test without channels such as "fast_c"."""
         return prepare_test(self.log, self.rig, self.records, left_out=dict.fromkeys(channels, ""))
 
 
@@ -60,39 +62,39 @@ def study_rig(
     lag_error_s: float | None = None,
     truth: RigTruth | None = None,
     rig: Rig | None = None,
-    disturbed: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame,
-    seen: Callable[[dict[str, Any]], None] = lambda told: None,
+    log_change: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame,
+    on_truth: Callable[[dict[str, Any]], None] = lambda true_values: None,
 ) -> StudyRig:
     """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags.
 
-    ``disturbed`` makes of the log what else happens to it, when ``seen`` has the truth of the test.
+    ``on_truth`` receives the true values of the test; then ``log_change`` returns the log to analyse.
     """
     rig = rig or load_rig()
     true = truth or draw_truth(seed, rig, uncertain=uncertain)
-    frame, told = simulate_ehl(name, seed, true, options)
-    seen(told)
+    frame, true_values = simulate_ehl(name, seed, true, options)
+    on_truth(true_values)
     records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}
-    log = Log(disturbed(frame), "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
-    return StudyRig(rig, true, prepare_test(log, rig, records), told, records, log)
+    log = Log(log_change(frame), "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
+    return StudyRig(rig, true, prepare_test(log, rig, records), true_values, records, log)
 
 
 def _record(
-    seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float | None
+    seed: int, disk: str, truth: RigTruth, rig: Rig, lag_error_s: float | None
 ) -> DiskRecord:
     rng = np.random.default_rng([seed, len(disk)])
-    oven, _ = simulate_oven(disk, seed, true)
+    oven, _ = simulate_oven(disk, seed, truth)
     common = rng.normal(0, COMMON_U_S) if lag_error_s is None else lag_error_s
     names = rig.disk_setup(disk).channels
-    own = rng.normal(0, DIFFERENTIAL_U_S, len(names))
+    differential = rng.normal(0, DIFFERENTIAL_U_S, len(names))
     u = float(np.hypot(COMMON_U_S, DIFFERENTIAL_U_S))
-    disk_truth = true.disk(disk)
+    disk_truth = truth.disk(disk)
     channels = {}
-    for ch, error in zip(names, own):
+    for ch, error in zip(names, differential):
         c = disk_truth.channels[ch]
-        off = max(common + error, 0.01 - c.tau1_s)
-        lag = disk_truth.lags_s[ch] + off
+        error_s = max(common + error, 0.01 - c.tau1_s)
+        lag = disk_truth.lags_s[ch] + error_s
         channels[ch] = ChannelChain(
-            taus_s=(c.tau1_s + off, c.tau2_s), lag_s=Estimate.normal(lag, u)
+            taus_s=(c.tau1_s + error_s, c.tau2_s), lag_s=Estimate.normal(lag, u)
         )
     mean = float(np.mean([c.lag_s.value for c in channels.values()]))
     covariance = (

@@ -1,4 +1,4 @@
-"""Disks with other junctions than a to f, simulated by the whole-disk solver: what the fits make of four and eight."""
+"""Disks with junctions other than a to f, simulated by the full-disk solver: fits with four and with eight."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FOUR = {
     "d": {"depth_mm": 6.0, "z_mm": 2.0, "angle_deg": 165.0},
     "b": {"depth_mm": 6.0, "z_mm": 4.765, "angle_deg": 180.0},
 }
-PLACES = {  # depth, z, angle: two groups that lie opposite; four junctions 6 mm deep, none of them at the centre
+POSITIONS = {  # depth, z, angle: two opposite groups; four junctions 6 mm deep, none of them at the centre
     "t1": (1.25, 4.765, 0.0),
     "t2": (3.0, 4.765, 15.0),
     "t3": (3.0, 2.0, 180.0),
@@ -44,7 +44,8 @@ PLACES = {  # depth, z, angle: two groups that lie opposite; four junctions 6 mm
     "t8": (6.0, 8.0, 330.0),
 }
 EIGHT = {
-    name: dict(zip(("depth_mm", "z_mm", "angle_deg"), place)) for name, place in PLACES.items()
+    name: dict(zip(("depth_mm", "z_mm", "angle_deg"), position))
+    for name, position in POSITIONS.items()
 }
 SEED = 11
 
@@ -58,7 +59,7 @@ def eight() -> StudyRig:
     return study_rig(SEED, rig=rig_with(EIGHT))
 
 
-def test_a_table_of_other_names_is_all_there_are_and_is_read_back(tmp_path: Path) -> None:
+def test_own_junction_table_replaces_the_default_and_survives_a_round_trip(tmp_path: Path) -> None:
     for junctions in (FOUR, EIGHT):
         rig = rig_with(
             junctions,
@@ -70,7 +71,7 @@ def test_a_table_of_other_names_is_all_there_are_and_is_read_back(tmp_path: Path
         assert load_rig(tmp_path / "rig.toml") == rig
 
 
-def test_the_inner_row_is_told_by_depth_not_by_name() -> None:
+def test_inner_row_is_chosen_by_depth_not_by_name() -> None:
     setup = rig_with(EIGHT).disk_setup("fast")
     assert (setup.inner, setup.outer, setup.edge, setup.shallowest) == (
         ("t5", "t6", "t7", "t8"),
@@ -87,90 +88,92 @@ def test_the_inner_row_is_told_by_depth_not_by_name() -> None:
 @pytest.mark.parametrize(
     "junctions",
     [
-        {"t1": EIGHT["t1"], "t5": EIGHT["t5"]},  # one place of the greatest depth
-        {c: EIGHT[c] for c in ("t5", "t6", "t7", "t8")},  # nothing nearer the surface
+        {"t1": EIGHT["t1"], "t5": EIGHT["t5"]},  # one junction of the greatest depth
+        {c: EIGHT[c] for c in ("t5", "t6", "t7", "t8")},  # no junction nearer the surface
         {
             "t1": EIGHT["t1"],
             "t5": EIGHT["t5"],
             "t6": {**EIGHT["t5"], "angle_deg": 90.0},
-        },  # the same place twice
+        },  # two junctions of the same depth and z
     ],
 )
-def test_what_does_not_tell_beta_is_said_with_what_to_add(junctions: dict[str, Any]) -> None:
+def test_junction_rows_that_cannot_determine_beta_raise(junctions: dict[str, Any]) -> None:
     with pytest.raises(
         InputError, match="expected two junctions or more of the greatest depth, at different z_mm"
     ):
         rig_with(junctions).disk_setup("fast").check_junction_rows()
 
 
-def test_the_profile_of_an_inner_row_is_the_least_squares_one_of_as_many_shapes_as_it_tells() -> (
-    None
-):
-    """Against scipy's own least squares on cosines, which are the slab's shapes where the faces are insulated."""
-    for places in ((1.5e-3, 3.8e-3, 5.8e-3, 8.0e-3), (2.0e-3, 4.765e-3), (2.0e-3, 7.53e-3)):
-        rim = Rim(0.0321, 0.0381, 9.53e-3, 41.0, 7850.0, 470.0, 0.0, places)
-        ours = spectrum(rim, 0.0, 1e-3, "modal", "uniform", MESH_IV).profile[: len(places)]
+def test_inner_row_profile_matches_least_squares_on_cosines() -> None:
+    """Against least squares by scipy on cosines, the eigenfunctions of a slab with insulated faces."""
+    for positions in ((1.5e-3, 3.8e-3, 5.8e-3, 8.0e-3), (2.0e-3, 4.765e-3), (2.0e-3, 7.53e-3)):
+        rim = Rim(0.0321, 0.0381, 9.53e-3, 41.0, 7850.0, 470.0, 0.0, positions)
+        profile = spectrum(rim, 0.0, 1e-3, "modal", "uniform", MESH_IV).profile[: len(positions)]
         z = np.linspace(0.0, 9.53e-3, MESH_IV.nz)
-        count = {(2.0e-3, 4.765e-3): (0, 2), (2.0e-3, 7.53e-3): (0, 1)}.get(places, (0, 1, 2))
-        free, seen = (np.cos(np.pi / 9.53e-3 * np.outer(x, count)) for x in (z, places))
-        readings = np.array([80.0, 83.0, 82.0, 79.0])[: len(places)]
-        np.testing.assert_allclose(readings @ ours, free @ lstsq(seen, readings)[0], atol=2e-3)
+        orders = {(2.0e-3, 4.765e-3): (0, 2), (2.0e-3, 7.53e-3): (0, 1)}.get(positions, (0, 1, 2))
+        free, design = (np.cos(np.pi / 9.53e-3 * np.outer(x, orders)) for x in (z, positions))
+        readings = np.array([80.0, 83.0, 82.0, 79.0])[: len(positions)]
+        np.testing.assert_allclose(readings @ profile, free @ lstsq(design, readings)[0], atol=2e-3)
 
 
 @pytest.mark.study
-def test_eight_junctions_tell_beta_better_than_four(eight: StudyRig) -> None:
-    """Four leave one face unread: a wider interval, which holds the truth all the same."""
+def test_eight_junctions_have_a_smaller_u_of_beta_than_four(eight: StudyRig) -> None:
+    """Four junctions leave one face without readings: the interval is wider and still contains the truth."""
     four = study_rig(SEED, rig=rig_with(FOUR))
-    found = {}
-    for made in (four, eight):
-        _, speed = steady_lines(made.test, fit_rows(made.test, 10.0))
-        beta = joint_fits(made.test, speed.starts)[1].estimates["beta"]
-        assert abs(beta.value - made.told["beta"]) < 2 * beta.u
-        found[len(made.test.disks["fast"].chains)] = beta.u
-    assert found[8] < 0.7 * found[4]
+    u_beta = {}
+    for study in (four, eight):
+        _, speed = steady_lines(study.test, fit_rows(study.test, 10.0))
+        beta = joint_fits(study.test, speed.starts)[1].estimates["beta"]
+        assert abs(beta.value - study.true_values["beta"]) < 2 * beta.u
+        u_beta[len(study.test.disks["fast"].chains)] = beta.u
+    assert u_beta[8] < 0.7 * u_beta[4]
 
 
 @pytest.mark.study
-def test_a_swap_among_eight_is_told(eight: StudyRig) -> None:
+def test_swap_among_eight_junctions_is_identified(eight: StudyRig) -> None:
     swapped = eight.log.frame.rename(
         columns={"slow_t2_degC": "slow_t7_degC", "slow_t7_degC": "slow_t2_degC"}
     )
-    made = study_rig(SEED, rig=eight.rig, disturbed=lambda frame: swapped[frame.columns])
-    (suspect,) = check_sensors(replace(made.test, disks={"slow": made.test.disks["slow"]})).suspects
+    study = study_rig(SEED, rig=eight.rig, log_change=lambda frame: swapped[frame.columns])
+    (suspect,) = check_sensors(
+        replace(study.test, disks={"slow": study.test.disks["slow"]})
+    ).suspects
     assert (suspect.disk, suspect.kind, set(suspect.channels)) == ("slow", "swapped", {"t2", "t7"})
 
 
 @pytest.mark.e2e
-def test_disks_with_different_junctions_go_from_log_to_beta_by_command(tmp_path: Path) -> None:
-    """Fast eight, slow six; the log calls one of them otherwise, and one is left out."""
+def test_disks_with_different_junctions_work_from_log_to_beta(tmp_path: Path) -> None:
+    """Eight junctions on the fast disk, six on the slow one; one column is renamed and one channel excluded."""
     rig = parse_rig(
         {"fast": {"thermocouples": EIGHT}, "columns": {"fast_t3_degC": "TC 3"}}, "rig.toml"
     )
-    made = study_rig(SEED, rig=rig)
-    made.log.frame.rename(columns={"fast_t3_degC": "TC 3"}).to_csv(tmp_path / "B3.csv", index=False)
+    study = study_rig(SEED, rig=rig)
+    study.log.frame.rename(columns={"fast_t3_degC": "TC 3"}).to_csv(
+        tmp_path / "B3.csv", index=False
+    )
     (tmp_path / "rig.toml").write_text(rig_toml(rig))
-    records = [write_record(r, tmp_path / f"{d}.disk.json") for d, r in made.records.items()]
+    records = [write_record(r, tmp_path / f"{d}.disk.json") for d, r in study.records.items()]
     assert {d: set(read_record(p).static) for d, p in zip(("fast", "slow"), records)} == {
         "fast": set(EIGHT),
         "slow": set("abcdef"),
     }
     log = read_log(tmp_path / "B3.csv", "ehl", load_rig(tmp_path / "rig.toml"))
     assert len(log.channels) == 14
-    told = [f"--record={p}" for p in records]
-    words = [
+    record_options = [f"--record={p}" for p in records]
+    arguments = [
         "beta",
         str(tmp_path / "B3.csv"),
-        *told,
+        *record_options,
         "--without=fast_t4",
         "--out",
         str(tmp_path / "b.json"),
     ]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
     beta = json.loads((tmp_path / "b.json").read_text())["joint"]["both"]["beta"]
-    assert abs(beta["value"] - made.told["beta"]) < 2 * beta["u"]
+    assert abs(beta["value"] - study.true_values["beta"]) < 2 * beta["u"]
     with pytest.raises(
         InputError,
         match="without: there is no channel 'slow_t1'; expected fast_t1 to fast_t8 or slow_a",
     ):
-        estimate_beta(tmp_path / "B3.csv", rig, made.records, without=["slow_t1"])
+        estimate_beta(tmp_path / "B3.csv", rig, study.records, without=["slow_t1"])

@@ -1,4 +1,4 @@
-"""The temperature round a disk, drawn from a measured test, against the synthetic disk in (r, z, angle)."""
+"""Circumferential temperature of a disk from a measured test, against the synthetic disk in (r, z, angle)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ SEED = 7000
 
 
 @lru_cache
-def found_and_true() -> tuple[Partition, dict[str, CircumferentialTemperature]]:
-    """A rig whose slow disk sits uneven, and its disks as they were."""
+def analysis_and_true_fields() -> tuple[Partition, dict[str, CircumferentialTemperature]]:
+    """Analysis of a rig with an uneven slow disk, and the true fields of its disks."""
     truth = draw_truth(SEED, load_rig(), uncertain=True).with_uneven(
         {"slow": BoreContact(0.7, 30.0)}
     )
@@ -32,44 +32,49 @@ def found_and_true() -> tuple[Partition, dict[str, CircumferentialTemperature]]:
 
 @pytest.mark.study
 @pytest.mark.parametrize("disk", DISKS)
-def test_the_surface_round_the_disk_is_the_true_one_within_its_band(disk: str) -> None:
-    p, true = found_and_true()
-    found, there = circumferential_temperature(p, disk), true[disk]
-    off = found.surface_degC - there.surface_degC
-    assert np.abs(off / found.surface_u_K).max() < 2.5
-    assert found.surface_u_K.max() < 0.6
-    # what goes round it: the second harmonic, which nobody sees, is 0.25 K
-    turn = np.ptp(found.surface_degC), np.ptp(there.surface_degC)
-    assert turn[0] == pytest.approx(turn[1], abs=0.7)
+def test_surface_temperature_matches_the_truth_within_its_band(disk: str) -> None:
+    analysis, true_fields = analysis_and_true_fields()
+    estimate = circumferential_temperature(analysis, disk)
+    expected = true_fields[disk]
+    error = estimate.surface_degC - expected.surface_degC
+    assert np.abs(error / estimate.surface_u_K).max() < 2.5
+    assert estimate.surface_u_K.max() < 0.6
+    # circumferential range; the second harmonic, which is not observed, is 0.25 K
+    assert np.ptp(estimate.surface_degC) == pytest.approx(np.ptp(expected.surface_degC), abs=0.7)
 
 
 @pytest.mark.parametrize("disk", DISKS)
-def test_the_middle_plane_holds_what_its_junctions_read(disk: str) -> None:
-    """a, b and e lie in it; depths of the drawn rig are some 0.1 mm off, up to 0.5 K near the surface."""
-    p, true = found_and_true()
-    for around, tolerance in ((circumferential_temperature(p, disk), 0.7), (true[disk], 0.05)):
+def test_middle_plane_contains_the_junction_readings(disk: str) -> None:
+    """a, b and e lie in it. Depths of the drawn rig are about 0.1 mm off, up to 0.5 K near the surface."""
+    analysis, true_fields = analysis_and_true_fields()
+    for field, tolerance in (
+        (circumferential_temperature(analysis, disk), 0.7),
+        (true_fields[disk], 0.05),
+    ):
         for c in "abe":
-            j = around.setup.junctions[c]
-            column = around.middle_degC[:, int(round(j.angle_deg / 3.0)) % 120]
-            assert np.interp(j.depth_m, around.depth_m, column) == pytest.approx(
-                around.reading_degC[c], abs=tolerance
+            j = field.setup.junctions[c]
+            column = field.middle_degC[:, int(round(j.angle_deg / 3.0)) % 120]
+            assert np.interp(j.depth_m, field.depth_m, column) == pytest.approx(
+                field.reading_degC[c], abs=tolerance
             ), c
 
 
-def test_pictures_show_the_disk_and_its_junctions() -> None:
-    p, true = found_and_true()
-    for around in (circumferential_temperature(p, "slow"), true["slow"]):
-        _, (whole, surface) = figure(1, 2)
-        draw_middle_plane(around, whole)
-        draw_running_surface(around, surface)
-        assert {t.get_text()[0] for t in whole.texts if t.get_text()[0].isalpha()} == set("abcdef")
-        assert whole.get_ylim()[0] == pytest.approx(1.02e3 * around.depth_m.max())
-        assert "K over the angle" in surface.get_title(loc="left")
+def test_plots_show_the_disk_and_its_junctions() -> None:
+    analysis, true_fields = analysis_and_true_fields()
+    for field in (circumferential_temperature(analysis, "slow"), true_fields["slow"]):
+        _, (disk_axes, surface_axes) = figure(1, 2)
+        draw_middle_plane(field, disk_axes)
+        draw_running_surface(field, surface_axes)
+        assert {t.get_text()[0] for t in disk_axes.texts if t.get_text()[0].isalpha()} == set(
+            "abcdef"
+        )
+        assert disk_axes.get_ylim()[0] == pytest.approx(1.02e3 * field.depth_m.max())
+        assert "K over the angle" in surface_axes.get_title(loc="left")
 
 
 @pytest.mark.parametrize("rows", [4, 7])
-def test_the_middle_plane_lies_between_the_rows_beside_it(rows: int) -> None:
-    """A field that is a straight line across the disk, on rows that are no mirror images."""
+def test_middle_plane_is_interpolated_between_its_neighbouring_rows(rows: int) -> None:
+    """The field is linear across the disk, on rows that are not symmetric."""
     z = np.linspace(0.0, 1.0, rows) ** 1.3 * 0.01
     field = np.array([[[20.0 + 500 * x] * 3 for x in z]] * 2)
     assert _middle(field, z) == pytest.approx(np.full((2, 3), 20.0 + 500 * 0.5 * (z[0] + z[-1])))

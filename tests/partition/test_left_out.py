@@ -1,4 +1,4 @@
-"""A channel left out, by name or because it is dead: the analysis goes on, and its intervals stay honest."""
+"""Excluded channels, by name or because they are dead: the analysis continues with valid uncertainties."""
 
 from __future__ import annotations
 
@@ -32,130 +32,137 @@ from tests.partition.study_rigs import StudyRig, study_rig
 
 SETUPS = load_rig().setups
 
-WORST_Z = 2.5  # one rig, six ways to leave one out that share all but one channel: about one draw
-MOST_WIDER = 3.0
-AS_GOOD = 0.98  # of u: the point about which a fit is linear moves, too
+MAX_Z = 2.5  # one rig, six exclusions that share all but one channel: about one independent draw
+MAX_WIDENING = 3.0
+MIN_WIDENING = 0.98  # of u: the linearisation point moves, too
 
 
 @pytest.fixture(scope="module")
-def made() -> StudyRig:
-    """A drawn rig, off by what its rig file states, and a test of it."""
+def study() -> StudyRig:
+    """A rig drawn from the uncertainties of its rig file, and a test of it."""
     return study_rig(1000, "B3")
 
 
-def both_of(test: EhlTest) -> BothFit:
-    """The joint fit of both disks, from the speed law's start."""
+def joint_fit_of(test: EhlTest) -> BothFit:
+    """Joint fit of both disks, started from the speed law."""
     return joint_fits(test, steady_lines(test, fit_rows(test, 10.0))[1].starts)[1]
 
 
 @pytest.fixture(scope="module")
-def complete(made: StudyRig) -> BothFit:
-    return both_of(made.test)
+def complete(study: StudyRig) -> BothFit:
+    return joint_fit_of(study.test)
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_beta_of_both_disks_holds_without_any_one_channel(
-    channel: str, made: StudyRig, complete: BothFit
+def test_beta_of_the_joint_fit_is_correct_without_any_one_channel(
+    channel: str, study: StudyRig, complete: BothFit
 ) -> None:
-    found = both_of(made.without(f"fast_{channel}")).estimates["beta"]
+    beta = joint_fit_of(study.without(f"fast_{channel}")).estimates["beta"]
     u = complete.estimates["beta"].u
-    assert abs(found.value - made.told["beta"]) < WORST_Z * found.u
-    assert AS_GOOD * u < found.u < MOST_WIDER * u
+    assert abs(beta.value - study.true_values["beta"]) < MAX_Z * beta.u
+    assert MIN_WIDENING * u < beta.u < MAX_WIDENING * u
 
 
 @pytest.fixture(
     scope="module", params=["slow_a", "slow_d", pytest.param("slow_b", marks=pytest.mark.study)]
 )
-def whole(request: pytest.FixtureRequest, made: StudyRig) -> tuple[str, Partition]:
-    """All ways to beta without a channel of the outer row, and without one of the inner row by either stand-in."""
-    return request.param[-1], analyse(made.without(request.param))
+def excluded_analysis(request: pytest.FixtureRequest, study: StudyRig) -> tuple[str, Partition]:
+    """Analysis without one channel of the outer row, or of the inner row with either surrogate."""
+    return request.param[-1], analyse(study.without(request.param))
 
 
 @pytest.mark.study
-def test_every_way_to_beta_holds_without_a_channel(
-    whole: tuple[str, Partition], made: StudyRig
+def test_every_estimator_is_correct_without_one_channel(
+    excluded_analysis: tuple[str, Partition], study: StudyRig
 ) -> None:
-    """Within three standard uncertainties: five ways of three runs; and the lag as well."""
-    _, p = whole
-    for way, e in p.beta_by_estimator.items():
-        assert abs(e.value - made.told["beta"]) < 3 * e.u, way
+    """Within three standard uncertainties, for beta of each estimator and for the common lag."""
+    _, p = excluded_analysis
+    for estimator, beta in p.beta_by_estimator.items():
+        assert abs(beta.value - study.true_values["beta"]) < 3 * beta.u, estimator
     for disk, fit in p.joint.items():
         lag = fit.estimates["lag_s"]
-        assert abs(lag.value - made.truth.disk(disk).common_lag_s) < 3 * lag.u
+        assert abs(lag.value - study.truth.disk(disk).common_lag_s) < 3 * lag.u
 
 
-def test_the_sensor_map_goes_on_without_the_channel_and_accuses_nobody(
-    whole: tuple[str, Partition],
+def test_sensor_check_skips_the_excluded_channel_and_has_no_suspects(
+    excluded_analysis: tuple[str, Partition],
 ) -> None:
-    channel, p = whole
+    channel, p = excluded_analysis
     assert p.sensors is not None
     assert p.sensors.suspects == ()
-    touched = (p.sensors.table["disk"] == "slow") & (
+    affected = (p.sensors.table["disk"] == "slow") & (
         p.sensors.table[["one", "other"]] == channel
     ).any(axis=1)
-    assert touched.sum() == 5
-    assert ((p.sensors.table["steady"] == LEFT_OUT_TEXT) == touched).all()
+    assert affected.sum() == 5
+    assert ((p.sensors.table["steady"] == LEFT_OUT_TEXT) == affected).all()
     assert set(p.sensors.depths["slow"].deeper_m) == set(CHANNELS) - {channel}
-    placed = junctions_table(p.sensors.depths).set_index(["disk", "junction"])[
+    deeper = junctions_table(p.sensors.depths).set_index(["disk", "junction"])[
         "deeper than stated [mm]"
     ]
-    assert [place for place, said in placed.items() if said == LEFT_OUT_TEXT] == [("slow", channel)]
+    assert [key for key, text in deeper.items() if text == LEFT_OUT_TEXT] == [("slow", channel)]
 
 
-def test_what_is_left_out_has_no_compensated_trace_and_is_told(
-    whole: tuple[str, Partition],
+def test_excluded_channel_has_no_compensated_trace_and_a_finding(
+    excluded_analysis: tuple[str, Partition],
 ) -> None:
-    channel, p = whole
+    channel, p = excluded_analysis
     i = CHANNELS.index(channel)
     empty = np.isnan(p.compensated["slow"].temperature).all(axis=0)
     assert [*np.flatnonzero(empty)] == [i]
-    (told,) = (f for f in p.analysis_findings if f.code == "channel.left_out")
-    assert told.subject == f"slow_{channel}"
-    assert told.severity is Severity.INFO  # it was asked for
-    stands_in = {"a": (), "d": ("f",), "b": ("d", "f")}[channel]
-    assert told.numbers["stand_ins"] == stands_in
-    pulled = [
+    (finding,) = (f for f in p.analysis_findings if f.code == "channel.left_out")
+    assert finding.subject == f"slow_{channel}"
+    assert finding.severity is Severity.INFO  # the caller requested it
+    surrogates = {"a": (), "d": ("f",), "b": ("d", "f")}[channel]
+    assert finding.numbers["stand_ins"] == surrogates
+    tension_names = [
         (t.nominal.subject, str(t.nominal.numbers.get("channel", t.nominal.numbers.get("name"))))
         for t in tensions(p.test, p.joint, p.both, p.sensors)
     ]
-    assert ("slow", "depth e") in pulled or ("slow", "e") in pulled
-    assert not [name for disk, name in pulled if disk == "slow" and name.split()[-1] == channel]
+    assert ("slow", "depth e") in tension_names or ("slow", "e") in tension_names
+    assert not [
+        name for disk, name in tension_names if disk == "slow" and name.split()[-1] == channel
+    ]
 
 
 @pytest.mark.parametrize("channel", ["c", "f"])
-def test_nothing_that_a_channel_left_out_reads_is_looked_at(channel: str, made: StudyRig) -> None:
-    """Its column full of noise of 100 K, or not there: the same prepared traces to the last bit."""
+def test_readings_of_an_excluded_channel_have_no_influence(channel: str, study: StudyRig) -> None:
+    """Noise of 100 K in its column, or no such column, gives bit-identical prepared traces."""
     name = f"slow_{channel}"
-    frame = made.log.frame
+    frame = study.log.frame
     noise = np.random.default_rng(0).normal(0, 100, len(frame))
     tests = []
-    for changed in (frame.assign(**{f"{name}_degC": noise}), frame.drop(columns=f"{name}_degC")):
-        log = type(made.log)(changed, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
-        tests.append(prepare_test(log, made.rig, made.records, left_out={name: ""}).disks["slow"])
+    for frame_variant in (
+        frame.assign(**{f"{name}_degC": noise}),
+        frame.drop(columns=f"{name}_degC"),
+    ):
+        log = type(study.log)(
+            frame_variant, "ehl", study.log.path, study.log.sha256, study.log.dt_s
+        )
+        tests.append(prepare_test(log, study.rig, study.records, left_out={name: ""}).disks["slow"])
     np.testing.assert_array_equal(tests[0].readings_degC, tests[1].readings_degC)
     np.testing.assert_array_equal(tests[0].static_u_K, tests[1].static_u_K)
 
 
 @pytest.mark.study
-def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> None:
-    """f half a kelvin too high, with d left out: the line moves as the budget's linear shift says, within 2 %."""
-    high_K = 0.5
-    test = made.without("fast_d")
+def test_error_of_a_surrogate_channel_counts_in_both_locations(study: StudyRig) -> None:
+    """f reads 0.5 K high and d is excluded: the line moves by the linear shift of the budget within 2 %."""
+    offset_K = 0.5
+    test = study.without("fast_d")
     rows = fit_rows(test, 10.0)
-    raised = made.log.frame.assign(fast_f_degC=made.log.frame["fast_f_degC"] + high_K)
-    log = type(made.log)(raised, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
-    moved = prepare_test(log, made.rig, made.records, left_out={"fast_d": ""})
-    before, after = (disk_line(t, t.disks["fast"], rows) for t in (test, moved))
-    h = made.told["h_fast"]
-    k = [what.name for what in before.sensitivity.parameters].index("static f")
+    raised = study.log.frame.assign(fast_f_degC=study.log.frame["fast_f_degC"] + offset_K)
+    log = type(study.log)(raised, "ehl", study.log.path, study.log.sha256, study.log.dt_s)
+    raised_test = prepare_test(log, study.rig, study.records, left_out={"fast_d": ""})
+    before, after = (disk_line(t, t.disks["fast"], rows) for t in (test, raised_test))
+    h = study.true_values["h_fast"]
+    k = [parameter.name for parameter in before.sensitivity.parameters].index("static f")
     u_K = test.disks["fast"].static_u_K[CHANNELS.index("f")]
-    said = high_K / u_K * before.sensitivity.per_sd[k] @ np.array([1.0, h])
-    assert after.line.at(h) - before.line.at(h) == pytest.approx(said, rel=0.02)
+    expected = offset_K / u_K * before.sensitivity.per_sd[k] @ np.array([1.0, h])
+    assert after.line.at(h) - before.line.at(h) == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize(
-    ("names", "said"),
+    ("names", "message"),
     [
         (["fast_g"], "no channel 'fast_g'; expected fast_a to fast_f or slow_a to slow_f"),
         (["c"], "no channel 'c'"),
@@ -167,15 +174,15 @@ def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> Non
         (["slow_d", "slow_f"], "two of d, b, f kept"),
     ],
 )
-def test_what_cannot_be_left_out_is_refused_in_one_sentence(
-    names: list[str], said: str, campaign: Campaign
+def test_exclusions_that_leave_too_few_channels_raise(
+    names: list[str], message: str, campaign: Campaign
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records, without=names)
-    assert "\n" not in said
+    assert "\n" not in message
 
 
-def test_two_of_a_disk_may_be_left_out_where_the_rest_still_tells() -> None:
+def test_two_channels_of_a_disk_may_be_excluded() -> None:
     assert channels_left_out(["fast_a", "fast_d", "slow_b"], SETUPS) == {
         "fast": ("a", "d"),
         "slow": ("b",),
@@ -183,10 +190,11 @@ def test_two_of_a_disk_may_be_left_out_where_the_rest_still_tells() -> None:
 
 
 def gap(frame: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Eight seconds about the parting without readings."""
-    t, contact = frame["time_s"], frame["contact"]
-    off = float(t[contact > 0.5].iloc[-1])
-    return frame.assign(**{name: frame[name].where((t - off).abs() > 4.0)})
+    """Remove the readings within four seconds of unloading."""
+    t = frame["time_s"]
+    contact = frame["contact"]
+    unload_s = float(t[contact > 0.5].iloc[-1])
+    return frame.assign(**{name: frame[name].where((t - unload_s).abs() > 4.0)})
 
 
 DAMAGE: dict[str, Callable[[pd.DataFrame, str], pd.DataFrame]] = {
@@ -194,7 +202,7 @@ DAMAGE: dict[str, Callable[[pd.DataFrame, str], pd.DataFrame]] = {
     "empty": lambda frame, name: frame.assign(**{name: np.nan}),
     "missing": lambda frame, name: frame.drop(columns=name),
     "open": lambda frame, name: frame.assign(**{name: 9999.0}),
-    "gap at the parting": gap,
+    "gap at unloading": gap,
     "does not follow": lambda frame, name: frame.assign(
         **{name: 25.0 + 0.05 * (frame[name] - 25.0)}
     ),
@@ -202,8 +210,8 @@ DAMAGE: dict[str, Callable[[pd.DataFrame, str], pd.DataFrame]] = {
 
 
 @pytest.fixture
-def damaged(campaign: Campaign, tmp_path: Path) -> Callable[[str, str], Path]:
-    """Writes test B3 with one column damaged."""
+def write_damaged(campaign: Campaign, tmp_path: Path) -> Callable[[str, str], Path]:
+    """Return a function that writes test B3 with one column damaged."""
 
     def write(kind: str, name: str) -> Path:
         path = campaign.files.ehl["B3"]
@@ -218,53 +226,53 @@ def damaged(campaign: Campaign, tmp_path: Path) -> Callable[[str, str], Path]:
     return write
 
 
-def lost(findings: Any) -> list[Finding]:
+def excluded_findings(findings: Any) -> list[Finding]:
     return [f for f in findings if f.code == "channel.left_out"]
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("kind", DAMAGE)
-def test_a_lost_channel_is_left_out_with_a_finding(
+def test_unusable_channel_is_excluded_with_a_warning(
     kind: str,
-    damaged: Callable[[str, str], Path],
+    write_damaged: Callable[[str, str], Path],
     campaign: Campaign,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Up to the analysis, which other tests run: what it is given."""
+    """Only the prepared test is checked; the analysis itself is replaced, because other tests run it."""
     monkeypatch.setattr(stage, "analyse", lambda test, **_: test)
     name = "slow_c" if kind != "constant" else "slow_f"
-    given: Any = estimate_beta(
-        damaged(kind, f"{name}_degC"), campaign.rig, campaign.records
+    prepared: Any = estimate_beta(
+        write_damaged(kind, f"{name}_degC"), campaign.rig, campaign.records
     ).partition
-    (found,) = lost(given.findings)
-    assert found.severity is Severity.WARNING
-    assert found.subject == name
-    assert f"{name}_degC" in found.sentence
-    assert "intervals are wider" in found.sentence
-    assert [given.disks[d].excluded for d in DISKS] == [(), (name[-1],)]
+    (finding,) = excluded_findings(prepared.findings)
+    assert finding.severity is Severity.WARNING
+    assert finding.subject == name
+    assert f"{name}_degC" in finding.sentence
+    assert "intervals are wider" in finding.sentence
+    assert [prepared.disks[d].excluded for d in DISKS] == [(), (name[-1],)]
 
 
 @pytest.mark.study
-def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(
-    made: StudyRig, monkeypatch: pytest.MonkeyPatch
+def test_channel_reported_dead_by_the_sensor_check_is_excluded(
+    study: StudyRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It rises by a sixth of what the others do: the reader lets it pass."""
-    frame = made.log.frame.assign(fast_d_degC=25 + (made.log.frame["fast_d_degC"] - 25) / 6)
-    log = type(made.log)(frame, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
+    """The channel rises by a sixth of the true rise, which the log reader accepts."""
+    frame = study.log.frame.assign(fast_d_degC=25 + (study.log.frame["fast_d_degC"] - 25) / 6)
+    log = type(study.log)(frame, "ehl", study.log.path, study.log.sha256, study.log.dt_s)
     monkeypatch.setattr(stage, "read_stage", lambda log, _: (log, 1))
     monkeypatch.setattr(stage, "iter_log", lambda *_, **__: log)
-    found = estimate_beta("EHL_B3.csv", made.rig, made.records)
-    (told,) = lost(found.partition.analysis_findings)
-    assert told.subject == "fast_d"
-    assert "channel d is dead" in told.sentence
-    beta = found.partition.both.estimates["beta"]
-    assert abs(beta.value - made.told["beta"]) < WORST_Z * beta.u
+    beta_run = estimate_beta("EHL_B3.csv", study.rig, study.records)
+    (finding,) = excluded_findings(beta_run.partition.analysis_findings)
+    assert finding.subject == "fast_d"
+    assert "channel d is dead" in finding.sentence
+    beta = beta_run.partition.both.estimates["beta"]
+    assert abs(beta.value - study.true_values["beta"]) < MAX_Z * beta.u
 
 
-def test_a_column_of_another_name_is_asked_about_not_left_out(
-    damaged: Callable[[str, str], Path], campaign: Campaign
+def test_misnamed_column_raises_with_a_suggestion(
+    write_damaged: Callable[[str, str], Path], campaign: Campaign
 ) -> None:
-    path = damaged("constant", "fast_c_degC")
+    path = write_damaged("constant", "fast_c_degC")
     path.write_text(
         path.read_text(encoding="utf-8").replace("fast_c_degC", "Fast C"), encoding="utf-8"
     )
@@ -272,20 +280,23 @@ def test_a_column_of_another_name_is_asked_about_not_left_out(
         estimate_beta(path, campaign.rig, campaign.records)
 
 
-def test_a_dead_channel_too_many_stops_the_analysis_by_its_own_name(
-    damaged: Callable[[str, str], Path], campaign: Campaign
+def test_dead_channel_beyond_the_limit_raises_with_its_name(
+    write_damaged: Callable[[str, str], Path], campaign: Campaign
 ) -> None:
     with pytest.raises(InputError, match=r"slow_f_degC.*a dead channel"):
         estimate_beta(
-            damaged("constant", "slow_f_degC"), campaign.rig, campaign.records, without=["slow_d"]
+            write_damaged("constant", "slow_f_degC"),
+            campaign.rig,
+            campaign.records,
+            without=["slow_d"],
         )
 
 
-def tcdyn(*words: object) -> int:
-    return run(lambda: app([str(w) for w in words]))
+def run_command(*arguments: object) -> int:
+    return run(lambda: app([str(argument) for argument in arguments]))
 
 
-def records(campaign: Campaign) -> list[object]:
+def record_options(campaign: Campaign) -> list[object]:
     return [
         "--rig",
         campaign.files.rig,
@@ -294,21 +305,22 @@ def records(campaign: Campaign) -> list[object]:
 
 
 @pytest.mark.study
-def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
-    damaged: Callable[[str, str], Path],
+def test_gap_at_unloading_gives_exit_code_1_and_a_finding_in_the_file(
+    write_damaged: Callable[[str, str], Path],
     campaign: Campaign,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    out, page = tmp_path / "beta.json", tmp_path / "beta.html"
-    log = damaged("gap at the parting", "fast_a_degC")
-    assert tcdyn("beta", log, *records(campaign), "--out", out, "--report", page) == 1
-    (found,) = (
+    out = tmp_path / "beta.json"
+    page = tmp_path / "beta.html"
+    log = write_damaged("gap at unloading", "fast_a_degC")
+    assert run_command("beta", log, *record_options(campaign), "--out", out, "--report", page) == 1
+    (finding,) = (
         f
         for f in json.loads(out.read_text(encoding="utf-8"))["findings"]
         if f["code"] == "channel.left_out"
     )
-    assert found["subject"] == "fast_a"
+    assert finding["subject"] == "fast_a"
     assert "fast_a is left out" in capsys.readouterr().err
     assert LEFT_OUT_TEXT in page.read_text(encoding="utf-8")
     data = json.loads(out.read_text(encoding="utf-8"))
@@ -317,27 +329,40 @@ def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
 
 
 @pytest.mark.e2e
-def test_without_names_channels_on_the_command_line(
+def test_without_option_excludes_channels_on_the_command_line(
     campaign: Campaign, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = campaign.files.ehl["B3"]
-    assert tcdyn("beta", log, *records(campaign), "--without", "fast_x") == 2
+    assert run_command("beta", log, *record_options(campaign), "--without", "fast_x") == 2
     assert "there is no channel 'fast_x'" in capsys.readouterr().err
     assert (
-        tcdyn("campaign", log, *records(campaign), "--out", "nowhere", "--without", "fast_x") == 2
+        run_command(
+            "campaign", log, *record_options(campaign), "--out", "nowhere", "--without", "fast_x"
+        )
+        == 2
     )
     assert (
-        tcdyn(
-            "beta", log, *records(campaign), "--without", "fast_c", "--without", "slow_e", "--json"
+        run_command(
+            "beta",
+            log,
+            *record_options(campaign),
+            "--without",
+            "fast_c",
+            "--without",
+            "slow_e",
+            "--json",
         )
         == 0
     )
-    found = json.loads(capsys.readouterr().out)["findings"]
-    assert [f["subject"] for f in found if f["code"] == "channel.left_out"] == ["fast_c", "slow_e"]
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    assert [f["subject"] for f in findings if f["code"] == "channel.left_out"] == [
+        "fast_c",
+        "slow_e",
+    ]
 
 
 @pytest.mark.study
-def test_a_campaign_without_a_channel_has_no_number_for_it(campaign: Campaign) -> None:
+def test_campaign_row_of_an_excluded_channel_is_nan(campaign: Campaign) -> None:
     settings = CampaignSettings(campaign.rig, campaign.records, without=("fast_a",))
     [data] = analyse_log(campaign.files.ehl["B3"], settings)
     assert isinstance(data, dict), data
@@ -346,5 +371,5 @@ def test_a_campaign_without_a_channel_has_no_number_for_it(campaign: Campaign) -
     others = [data["campaign"]["steady_degC"]["fast"][c] for c in CHANNELS if c != "a"]
     assert row["fast_bulk_degC"] == pytest.approx(np.mean(others), rel=1e-12)
     assert settings.fingerprint() != CampaignSettings(campaign.rig, campaign.records).fingerprint()
-    (found,) = (f for f in data["findings"] if f["code"] == "channel.left_out")
-    assert found["numbers"]["kept"] == [c for c in SETUPS["fast"].outer if c != "a"]
+    (finding,) = (f for f in data["findings"] if f["code"] == "channel.left_out")
+    assert finding["numbers"]["kept"] == [c for c in SETUPS["fast"].outer if c != "a"]

@@ -1,4 +1,4 @@
-"""Swapped, dead, misplaced and offset channels are found and named; sound rigs raise no alarm (section 6.4)."""
+"""Sensor check: swapped, dead, misplaced and offset channels are identified; intact rigs are not (section 6.4)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def b3(campaign: Campaign) -> EhlTest:
 
 
 @pytest.fixture(scope="module")
-def sound(b3: EhlTest) -> SensorCheck:
+def intact_check(b3: EhlTest) -> SensorCheck:
     return check_sensors(b3)
 
 
@@ -57,80 +57,85 @@ def column(test: EhlTest, name: str, channel: str) -> np.ndarray:
     return test.disks[name].readings_degC[:, CHANNELS.index(channel)]
 
 
-def stated_elsewhere(test: EhlTest, name: str, channel: str, deeper_m: float) -> EhlTest:
-    """The junction lies ``deeper_m`` deeper than the rig file then says."""
+def with_specified_depth(test: EhlTest, name: str, channel: str, deeper_m: float) -> EhlTest:
+    """Return the test whose junction lies ``deeper_m`` deeper than the rig file says."""
     setup = test.disks[name].setup
-    place = setup.junctions[channel]
-    junctions = {**setup.junctions, channel: replace(place, depth_m=place.depth_m - deeper_m)}
+    junction = setup.junctions[channel]
+    junctions = {**setup.junctions, channel: replace(junction, depth_m=junction.depth_m - deeper_m)}
     return with_disk(test, replace(test.disks[name], setup=replace(setup, junctions=junctions)))
 
 
 @pytest.mark.study
-def test_a_sound_rig_raises_no_alarm_and_no_pair_is_illogical(sound: SensorCheck) -> None:
-    assert sound.sound
-    assert {f.code for found in sound.findings.values() for f in found} == {"sensors.sound"}
-    assert "illogical" not in set(sound.table["steady"]) | set(sound.table["unloading"])
-    assert sound.bulk_degC["fast"] > sound.bulk_degC["slow"]  # figure 6.17
+def test_intact_rig_has_no_findings_and_no_illogical_pairs(intact_check: SensorCheck) -> None:
+    assert intact_check.sound
+    assert {f.code for disk_findings in intact_check.findings.values() for f in disk_findings} == {
+        "sensors.sound"
+    }
+    assert "illogical" not in set(intact_check.table["steady"]) | set(
+        intact_check.table["unloading"]
+    )
+    assert intact_check.bulk_degC["fast"] > intact_check.bulk_degC["slow"]  # figure 6.17
 
 
-def test_nearer_the_surface_answers_sooner_and_more(b3: EhlTest) -> None:
+def test_response_is_larger_nearer_the_running_surface(b3: EhlTest) -> None:
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
-        for answer in (
-            -f.levels[f.event == "unloading"][1],
-            f.levels[f.event == "loading"][0],
-        ):  # fall and rise of a..f
-            a, b, c, _, e, _ = answer
+        fall = -f.levels[f.event == "unloading"][1]
+        rise = f.levels[f.event == "loading"][0]
+        for change in (fall, rise):
+            a, b, c, _, e, _ = change
             assert e > a > c > b
 
 
-def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: EhlTest) -> None:
-    """What conduction predicts depends on differences alone: to rounding, for a steady rim."""
+def test_one_kelvin_on_all_thermocouples_equals_one_kelvin_less_ambient(b3: EhlTest) -> None:
+    """The conduction model depends on temperature differences only, so both agree to rounding for a steady rim."""
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
-        known = dict(
-            zip(
-                [what.name for what in nominal_parameters(f.setup)],
-                f.effects(f.as_wired, 700.0, 0.6)[:, :3],
-            )
-        )  # a, c, e, steady
-        all_six = np.sum([known[f"static {c}"] for c in CHANNELS], axis=0)
-        np.testing.assert_allclose(all_six, known["ambient"], atol=1e-9)
-        assert (known["static a"][0], known["static a"][1]) == (1.0, 0.0)
-        assert (
-            known["depth e"] * [0, 0, 1] == known["depth e"]
-        ).all()  # no other junction is where it is
-        assert known["depth e"][2] < 0  # deeper is colder
+        names = [parameter.name for parameter in nominal_parameters(f.setup)]
+        steady_outer_row = f.effects(f.as_wired, 700.0, 0.6)[:, :3]  # a, c, e
+        effects = dict(zip(names, steady_outer_row))
+        all_six = np.sum([effects[f"static {c}"] for c in CHANNELS], axis=0)
+        np.testing.assert_allclose(all_six, effects["ambient"], atol=1e-9)
+        assert (effects["static a"][0], effects["static a"][1]) == (1.0, 0.0)
+        # the depth of e changes no other junction
+        assert (effects["depth e"] * [0, 0, 1] == effects["depth e"]).all()
+        assert effects["depth e"][2] < 0  # deeper is colder
 
 
-def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -> None:
-    """Of the share and the flux's place; a later load answers later: by less heat the steeper the rise is."""
+def test_feature_effects_match_finite_differences_of_the_response(b3: EhlTest) -> None:
+    """Flux position and heat share are compared with central differences of the response.
+
+    A late channel reads less in proportion to the rate of change of its temperature.
+    """
     f = replace(disk_features(b3, b3.disks["fast"]), shift_u_m=3e-4)
-    unloading, loading = f.event == "unloading", f.event == "loading"
+    unloading = f.event == "unloading"
+    loading = f.event == "loading"
     assert f.after_s[unloading] == pytest.approx(np.mean(AFTER_UNLOADING_S, axis=1))
     assert f.after_s[loading] == pytest.approx(np.mean(AFTER_LOADING_S, axis=1))
 
-    def shown(share: float, shift_m: float = 0.0) -> np.ndarray:
-        rest, power = f.response(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
-        return np.asarray(rest + share * power)[0]
+    def features_at(share: float, shift_m: float = 0.0) -> np.ndarray:
+        base, power = f.response(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
+        return np.asarray(base + share * power)[0]
 
-    effects = dict(
-        zip(("beside", "film", "lag", "later", "power"), f.effects(f.as_wired, 700.0, 0.6)[-5:])
+    names = ("beside", "film", "lag", "later", "power")
+    effects = dict(zip(names, f.effects(f.as_wired, 700.0, 0.6)[-5:]))
+    assert effects["power"] == pytest.approx(
+        (features_at(0.7) - features_at(0.5))[f.observed] / 0.2
     )
-    assert effects["power"] == pytest.approx((shown(0.7) - shown(0.5))[f.observed] / 0.2)
-    beside = (shown(0.6, 5e-5) - shown(0.6, -5e-5))[f.observed] * 3e-4 / 1e-4
-    assert effects["beside"] == pytest.approx(beside, abs=1e-2 * np.abs(beside).max())
-    full = np.zeros(f.observed.shape)
-    full[f.observed] = effects["lag"]
+    flux_shift_effect = (features_at(0.6, 5e-5) - features_at(0.6, -5e-5))[f.observed] * 3e-4 / 1e-4
+    assert effects["beside"] == pytest.approx(
+        flux_shift_effect, abs=1e-2 * np.abs(flux_shift_effect).max()
+    )
+    lag_effect = np.zeros(f.observed.shape)
+    lag_effect[f.observed] = effects["lag"]
     power = 0.6 * f.response(f.as_wired, ((700.0, Perturbation()),))[1][0, :, :3]  # outer row
     first, second, third, _ = np.flatnonzero(unloading)
     rate = (power[third] - power[first]) / (f.after_s[third] - f.after_s[first])
-    assert full[second, :3] == pytest.approx(
-        -rate, rel=0.5
-    )  # straight between windows that are a second apart
-    full[f.observed] -= effects["later"]
-    assert not full[loading].any()
-    assert np.abs(full[unloading, :3]).min() > 0
+    # the windows are one second apart: a finite difference of the rate
+    assert lag_effect[second, :3] == pytest.approx(-rate, rel=0.5)
+    lag_effect[f.observed] -= effects["later"]
+    assert not lag_effect[loading].any()
+    assert np.abs(lag_effect[unloading, :3]).min() > 0
 
 
 @pytest.mark.study
@@ -140,8 +145,8 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
         ("fast", "cd"),
         ("slow", "be"),
         *(
-            pytest.param(*both, marks=pytest.mark.study)
-            for both in (
+            pytest.param(*case, marks=pytest.mark.study)
+            for case in (
                 ("fast", "ae"),
                 ("fast", "ab"),
                 ("fast", "be"),
@@ -152,17 +157,19 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
         ),
     ],
 )
-def test_two_swapped_channels_are_named(b3: EhlTest, disk: str, pair: str) -> None:
-    one, other = pair
-    wrong = with_readings(b3, disk, {one: column(b3, disk, other), other: column(b3, disk, one)})
-    (suspect,) = check_sensors(wrong).suspects
-    assert (suspect.disk, suspect.kind, set(suspect.channels)) == (disk, "swapped", {one, other})
-    assert f"{disk}_{one}_degC" in suspect.columns
+def test_two_swapped_channels_are_identified(b3: EhlTest, disk: str, pair: str) -> None:
+    first, second = pair
+    swapped = with_readings(
+        b3, disk, {first: column(b3, disk, second), second: column(b3, disk, first)}
+    )
+    (suspect,) = check_sensors(swapped).suspects
+    assert (suspect.disk, suspect.kind, set(suspect.channels)) == (disk, "swapped", {first, second})
+    assert f"{disk}_{first}_degC" in suspect.columns
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_a_flat_channel_is_dead(b3: EhlTest, channel: str) -> None:
+def test_constant_channel_is_reported_as_dead(b3: EhlTest, channel: str) -> None:
     rng = np.random.default_rng(1)
     flat = 61.0 + 0.13 * rng.standard_normal(len(b3.time_s))
     (suspect,) = check_sensors(with_readings(b3, "slow", {channel: flat})).suspects
@@ -175,157 +182,161 @@ def test_a_flat_channel_is_dead(b3: EhlTest, channel: str) -> None:
     [
         ("a", 1.5),
         ("c", -1.5),
-        *(pytest.param(*both, marks=pytest.mark.study) for both in (("a", -1.5), ("c", 1.5))),
+        *(pytest.param(*case, marks=pytest.mark.study) for case in (("a", -1.5), ("c", 1.5))),
         ("e", -1.5),
     ],
 )
-def test_a_misplaced_junction_of_the_outer_row_is_named_with_its_depth(
+def test_misplaced_junction_of_the_outer_row_is_identified_with_its_depth(
     b3: EhlTest, channel: str, deeper_mm: float
 ) -> None:
-    (suspect,) = check_sensors(stated_elsewhere(b3, "fast", channel, deeper_mm * 1e-3)).suspects
+    (suspect,) = check_sensors(with_specified_depth(b3, "fast", channel, deeper_mm * 1e-3)).suspects
     assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
     assert suspect.size is not None
-    assert suspect.size.value * 1e3 == pytest.approx(
-        deeper_mm, abs=0.3
-    )  # 3 u of a depth known to 0.1 mm
+    # 3 u of a depth with u = 0.1 mm
+    assert suspect.size.value * 1e3 == pytest.approx(deeper_mm, abs=0.3)
 
 
 @pytest.mark.study
-def test_a_wrong_static_line_is_not_taken_for_a_wrong_depth(b3: EhlTest) -> None:
-    """An offset leaves the transients as they were; a wrong depth does not."""
+def test_wrong_static_line_is_reported_as_offset_not_as_wrong_depth(b3: EhlTest) -> None:
+    """An offset leaves the transients unchanged; a wrong depth does not."""
     for channel in ("a", "e"):
         (suspect,) = check_sensors(
             with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 4.0})
         ).suspects
         assert (suspect.kind, suspect.channels) == ("offset", (channel,))
         assert suspect.size is not None
-        assert suspect.size.value == pytest.approx(
-            4.0, abs=1.5
-        )  # prior of 5 K, and 3 u of the model's level
+        # prior of 5 K and 3 u of the model level
+        assert suspect.size.value == pytest.approx(4.0, abs=1.5)
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_an_offset_shows_before_the_load_in_every_channel(b3: EhlTest, channel: str) -> None:
-    """An inner one under load is nearly another h and an uneven fit; at rest all junctions read alike."""
+def test_offset_is_identified_from_readings_before_loading(b3: EhlTest, channel: str) -> None:
+    """At rest all junctions read alike. Under load, an offset of the inner row resembles another h."""
     (suspect,) = check_sensors(
         with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 2.0})
     ).suspects
     assert (suspect.kind, suspect.channels) == ("offset", (channel,))
     assert suspect.size is not None
-    assert suspect.size.value == pytest.approx(
-        2.0, abs=0.3
-    )  # lines known to 0.06 K, noise of 0.12 K
+    # static lines have u = 0.06 K, the noise is 0.12 K
+    assert suspect.size.value == pytest.approx(2.0, abs=0.3)
 
 
-def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTest) -> None:
-    rest = b3.time_s < b3.events.load_on_s
-    warm = {c: column(b3, "fast", c) + rest * (20.0 + 2.0 * (c == "b")) for c in CHANNELS}
-    moved = with_readings(b3, "fast", warm)
-    assert faults_at_rest(moved)["fast"] == []
+def test_disk_that_is_warm_before_loading_is_not_checked_for_offsets(b3: EhlTest) -> None:
+    before_load = b3.time_s < b3.events.load_on_s
+    warm_readings = {
+        c: column(b3, "fast", c) + before_load * (20.0 + 2.0 * (c == "b")) for c in CHANNELS
+    }
+    warm_test = with_readings(b3, "fast", warm_readings)
+    assert faults_at_rest(warm_test)["fast"] == []
     assert not any(faults_at_rest(b3).values())
 
 
 @pytest.mark.study
-def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b3: EhlTest) -> None:
-    """Under load they read nearly alike; each read through the other's line does not."""
+def test_swapped_inner_row_channels_are_identified_by_static_lines_at_rest(b3: EhlTest) -> None:
+    """Under load both channels read nearly alike; through the static line of the other channel they do not."""
     lines = b3.disks["fast"].lines
-    for one, other in (("b", "d"), ("d", "f")):
-        i, j = CHANNELS.index(one), CHANNELS.index(other)
+    for first, second in (("b", "d"), ("d", "f")):
+        i = CHANNELS.index(first)
+        j = CHANNELS.index(second)
         raw = {
             c: (column(b3, "fast", c) - lines[k].offset) / lines[k].gain
-            for c, k in ((one, i), (other, j))
+            for c, k in ((first, i), (second, j))
         }
-        moved = {
-            one: lines[i].offset + lines[i].gain * raw[other],
-            other: lines[j].offset + lines[j].gain * raw[one],
+        swapped = {
+            first: lines[i].offset + lines[i].gain * raw[second],
+            second: lines[j].offset + lines[j].gain * raw[first],
         }
-        (suspect,) = check_sensors(with_readings(b3, "fast", moved)).suspects
-        assert (suspect.kind, suspect.channels) == ("swapped", (one, other))
+        (suspect,) = check_sensors(with_readings(b3, "fast", swapped)).suspects
+        assert (suspect.kind, suspect.channels) == ("swapped", (first, second))
 
 
 @pytest.mark.parametrize("off_K", [0.3, 0.45, 0.6, 0.7])
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_a_channel_that_drifted_a_little_is_not_called_exchanged(
+def test_small_drift_of_a_channel_is_not_reported_as_swap(
     b3: EhlTest, channel: str, off_K: float
 ) -> None:
     for sign in (1, -1):
-        moved = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
-        assert "swapped" not in [fault.kind for fault, _, _ in faults_at_rest(moved)["fast"]]
+        drifted = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
+        assert "swapped" not in [fault.kind for fault, _, _ in faults_at_rest(drifted)["fast"]]
 
 
 @pytest.mark.study
-@pytest.mark.parametrize(("channel", "late_s"), [("e", 0.5), ("a", 0.5), ("e", -0.4)])
-def test_a_column_that_is_much_shifted_in_time_is_named_with_its_shift(
-    b3: EhlTest, channel: str, late_s: float
+@pytest.mark.parametrize(("channel", "shift_s"), [("e", 0.5), ("a", 0.5), ("e", -0.4)])
+def test_large_time_shift_of_a_column_is_identified_with_its_size(
+    b3: EhlTest, channel: str, shift_s: float
 ) -> None:
-    """Half a second is most of the lag: the first look, which is linear, said half of it, or another channel."""
-    moved = np.interp(b3.time_s - late_s, b3.time_s, column(b3, "fast", channel))
-    (suspect,) = check_sensors(with_readings(b3, "fast", {channel: moved})).suspects
+    """A shift of 0.5 s is most of the lag, so the linear first estimate is not sufficient."""
+    shifted = np.interp(b3.time_s - shift_s, b3.time_s, column(b3, "fast", channel))
+    (suspect,) = check_sensors(with_readings(b3, "fast", {channel: shifted})).suspects
     assert (suspect.kind, suspect.channels) == ("late", (channel,))
     assert suspect.size is not None
-    assert suspect.size.value == pytest.approx(late_s, abs=0.06)  # 3 u of a shift known to 0.02 s
+    assert suspect.size.value == pytest.approx(shift_s, abs=0.06)  # 3 u of a shift with u = 0.02 s
 
 
-def test_cables_exchanged_as_a_whole_read_alike_through_each_other_s_lines(b3: EhlTest) -> None:
-    fast, slow = b3.disks["fast"], b3.disks["slow"]
+def test_exchanged_cables_are_detected_through_the_other_disks_static_lines(b3: EhlTest) -> None:
+    fast = b3.disks["fast"]
+    slow = b3.disks["slow"]
 
-    def read(by: DiskTraces, of: DiskTraces) -> DiskTraces:
-        lines = zip(by.lines, of.lines, of.readings_degC.T)
-        read = [mine.offset + mine.gain * (y - own.offset) / own.gain for mine, own, y in lines]
-        return replace(by, readings_degC=np.column_stack(read))
+    def read_through(disk: DiskTraces, source: DiskTraces) -> DiskTraces:
+        """Readings of ``source`` converted with the static lines of ``disk``."""
+        columns = []
+        for line, source_line, y in zip(disk.lines, source.lines, source.readings_degC.T):
+            raw = (y - source_line.offset) / source_line.gain
+            columns.append(line.offset + line.gain * raw)
+        return replace(disk, readings_degC=np.column_stack(columns))
 
-    exchanged = replace(b3, disks={"fast": read(fast, slow), "slow": read(slow, fast)})
+    exchanged = replace(
+        b3, disks={"fast": read_through(fast, slow), "slow": read_through(slow, fast)}
+    )
     assert cables_exchanged(exchanged)
     assert not any(faults_at_rest(exchanged).values())
     assert not cables_exchanged(b3)
-    off = with_readings(
-        b3, "fast", {"b": column(b3, "fast", "b") + 5.0}
-    )  # as far off through any line
-    assert not cables_exchanged(off)
+    # this offset is the same through either line
+    offset_test = with_readings(b3, "fast", {"b": column(b3, "fast", "b") + 5.0})
+    assert not cables_exchanged(offset_test)
 
 
-def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest) -> None:
-    """Poor contact with the shaft on one side (6.4.3) warms it over minutes: the first harmonic, as the rim has it."""
-    t, setup = b3.time_s, b3.disks["slow"].setup
+def test_circumferential_press_fit_heating_is_not_a_channel_fault(b3: EhlTest) -> None:
+    """Poor contact with the shaft on one side (6.4.3) heats that side within minutes: a first harmonic of the rim."""
+    t = b3.time_s
+    setup = b3.disks["slow"].setup
     slow_rise = 3.0 * (1 - np.exp(-np.clip(t - b3.events.load_on_s, 0, None) / 60.0))
-    reads = (
+    pattern = (
         harmonic_at_junctions(setup, 280.0, CHANNELS)[1] * 0.5
         + harmonic_at_junctions(setup, 280.0, CHANNELS)[0]
     )
-    moved = {c: column(b3, "slow", c) + k * slow_rise for c, k in zip(CHANNELS, reads)}
-    check = check_sensors(with_readings(b3, "slow", moved))
+    readings = {c: column(b3, "slow", c) + k * slow_rise for c, k in zip(CHANNELS, pattern)}
+    check = check_sensors(with_readings(b3, "slow", readings))
     assert check.sound, check.texts
     assert "illogical" in set(check.table.query("disk == 'slow' and not same_group")["steady"])
     assert "illogical" not in set(check.table.query("disk == 'slow' and same_group")["steady"])
 
 
-def test_swaps_that_cannot_be_told_are_said(sound: SensorCheck) -> None:
-    assert ("d", "f") in sound.indistinguishable[
-        "fast"
-    ]  # the same depth and distance from the centre
-    assert not any({"a", "e"} == set(pair) for pair in sound.indistinguishable["fast"])
+def test_indistinguishable_swaps_are_listed(intact_check: SensorCheck) -> None:
+    # d and f have the same depth and radius
+    assert ("d", "f") in intact_check.indistinguishable["fast"]
+    assert not any({"a", "e"} == set(pair) for pair in intact_check.indistinguishable["fast"])
 
 
-def test_demand_of_conduction_on_the_default_layout() -> None:
+def test_expected_order_of_junction_temperatures_on_the_default_layout() -> None:
     setup = load_rig().disk_setup("slow")
     assert hotter_junction(setup, "e", "a") == 1
     assert hotter_junction(setup, "d", "b") == -1
     assert hotter_junction(setup, "d", "f") == 0
-    assert (
-        hotter_junction(setup, "b", "c") is None
-    )  # deeper but nearer the centre: table 6.2 says N.A.
+    # deeper but nearer the centre: table 6.2 says N.A.
+    assert hotter_junction(setup, "b", "c") is None
     assert angle_groups(setup) == (("a", "e", "f"), ("b", "c", "d"))  # table 6.2
 
 
-def test_matrix_is_the_upper_triangle_in_groups(sound: SensorCheck) -> None:
-    matrix = sound.matrix("fast")
+def test_pair_matrix_is_upper_triangular_and_grouped_by_angle(intact_check: SensorCheck) -> None:
+    matrix = intact_check.matrix("fast")
     assert list(matrix.columns) == ["a", "e", "f", "b", "c", "d"]
     assert (matrix.to_numpy() != "").sum() == 15
     assert matrix.loc["b", "c"] == "N.A."
 
 
-def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> None:
+def test_log_that_ends_soon_after_unloading_is_checked(b3: EhlTest) -> None:
     keep = b3.time_s < b3.events.unload_s + 2.5
     short = replace(
         b3,
@@ -339,7 +350,7 @@ def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> Non
 
 @pytest.mark.study
 @pytest.mark.parametrize("seed", range(20, 23))
-def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path: Path) -> None:
+def test_rigs_drawn_from_their_uncertainties_have_no_findings(seed: int, tmp_path: Path) -> None:
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
     from tcdyn.workflows import calibrate_disk
@@ -349,8 +360,8 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
     rig = load_rig(files.rig)
     records = {}
     for d in ("fast", "slow"):
-        made = calibrate_disk(rig, d, files.ovens[d], files.plunges[d], ["mobil-jet-ii"]).record
-        records[d] = read_record(write_record(made, tmp_path / f"{d}.disk.json"))
+        record = calibrate_disk(rig, d, files.ovens[d], files.plunges[d], ["mobil-jet-ii"]).record
+        records[d] = read_record(write_record(record, tmp_path / f"{d}.disk.json"))
     for log in files.ehl.values():
         check = check_sensors(prepare_test(read_log(log, "ehl", rig), rig, records))
         assert check.sound, check.texts
@@ -360,20 +371,20 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
 @pytest.mark.parametrize(
     ("channel", "deeper_mm"), [("b", 1.5), ("b", -1.5), ("d", 1.5), ("d", -1.5), ("f", -1.5)]
 )
-def test_a_misplaced_junction_of_the_inner_row_is_named(
+def test_misplaced_junction_of_the_inner_row_is_identified(
     campaign: Campaign, tmp_path: Path, channel: str, deeper_mm: float
 ) -> None:
-    """The true disks have the junction elsewhere, so that the whole field is right; the rig file does not know."""
+    """The simulated disk has the junction elsewhere, so its temperature field is consistent; the rig file is wrong."""
     from tcdyn.simulate.campaign import write_log
     from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
     from tcdyn.simulate.truth import draw_truth
 
-    true = draw_truth(3, campaign.rig)  # the fixture's rig
+    true = draw_truth(3, campaign.rig)  # the rig of the campaign fixture
     setup = true.fast.setup
-    place = setup.junctions[channel]
+    junction = setup.junctions[channel]
     junctions = {
         **setup.junctions,
-        channel: replace(place, depth_m=place.depth_m + deeper_mm * 1e-3),
+        channel: replace(junction, depth_m=junction.depth_m + deeper_mm * 1e-3),
     }
     true = replace(true, fast=replace(true.fast, setup=replace(setup, junctions=junctions)))
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
@@ -384,9 +395,8 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     (suspect,) = check_sensors(test).suspects
     assert suspect.disk == "fast"
     assert channel in suspect.channels
-    if (
-        suspect.kind == "swapped"
-    ):  # a cold d explains the outer row as well when it sits at f: c is on d's side alone
+    # a low d explains the outer row as well if it sits at f, because c is on the side of d
+    if suspect.kind == "swapped":
         assert set(suspect.channels) == {"d", "f"}
         return
     assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
@@ -396,57 +406,61 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
 
 @pytest.mark.parametrize(
     ("fast", "slow"),
-    [pytest.param(*both, marks=pytest.mark.study) for both in (("a", "a"), ("e", "c"), ("b", "d"))],
+    [pytest.param(*case, marks=pytest.mark.study) for case in (("a", "a"), ("e", "c"), ("b", "d"))],
 )
-def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, slow: str) -> None:
-    wrong = with_readings(b3, "fast", {fast: column(b3, "slow", slow)})
-    wrong = with_readings(wrong, "slow", {slow: column(b3, "fast", fast)})
-    (suspect,) = check_sensors(wrong).suspects
+def test_channels_swapped_between_disks_are_identified(b3: EhlTest, fast: str, slow: str) -> None:
+    swapped = with_readings(b3, "fast", {fast: column(b3, "slow", slow)})
+    swapped = with_readings(swapped, "slow", {slow: column(b3, "fast", fast)})
+    (suspect,) = check_sensors(swapped).suspects
     assert suspect.kind == "swapped"
     assert suspect.columns == (f"fast_{fast}_degC", f"slow_{slow}_degC")
 
 
 @pytest.mark.study
-def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart(
+def test_channels_swapped_between_disks_are_identified_when_their_lines_differ(
     b3: EhlTest,
 ) -> None:
-    """Each then is off at rest, too, which is no offset."""
-    off_K = {"fast": 1.5, "slow": -1.5}  # of the line of e; the readings are those of sound lines
+    """Each channel then also deviates at rest, which must not be reported as an offset."""
+    # of the static line of e; the readings are those of correct lines
+    line_offset_K = {
+        "fast": 1.5,
+        "slow": -1.5,
+    }
     lines = {
         d: tuple(
-            line.model_copy(update={"offset": line.offset + off_K[d] * (c == "e")})
+            line.model_copy(update={"offset": line.offset + line_offset_K[d] * (c == "e")})
             for c, line in zip(CHANNELS, b3.disks[d].lines)
         )
         for d in ("fast", "slow")
     }
-    apart = replace(b3, disks={d: replace(b3.disks[d], lines=lines[d]) for d in lines})
-    wrong = with_readings(apart, "fast", {"e": column(b3, "slow", "e") + 3.0})
-    wrong = with_readings(wrong, "slow", {"e": column(b3, "fast", "e") - 3.0})
-    (suspect,) = check_sensors(wrong).suspects
+    separated = replace(b3, disks={d: replace(b3.disks[d], lines=lines[d]) for d in lines})
+    swapped = with_readings(separated, "fast", {"e": column(b3, "slow", "e") + 3.0})
+    swapped = with_readings(swapped, "slow", {"e": column(b3, "fast", "e") - 3.0})
+    (suspect,) = check_sensors(swapped).suspects
     assert (suspect.kind, suspect.columns) == ("swapped", ("fast_e_degC", "slow_e_degC"))
 
 
 @pytest.mark.study
-def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
-    """A millimetre beside the centre is otherwise taken for a misplaced junction."""
+def test_nominal_flux_position_uncertainty_prevents_a_false_suspect() -> None:
+    """A flux 1 mm off centre without this uncertainty is reported as a misplaced junction."""
     test = with_inner_row_at_one_radius(world_rig(7202, "flux 1 mm").test)
     assert check_sensors(test).suspects
 
-    def unsure(disk: DiskTraces) -> DiskTraces:
+    def with_flux_uncertainty(disk: DiskTraces) -> DiskTraces:
         return replace(disk, uncertainty=disk.uncertainty.model_copy(update={"flux_shift_mm": 0.5}))
 
     assert check_sensors(
-        replace(test, disks={d: unsure(disk) for d, disk in test.disks.items()})
+        replace(test, disks={d: with_flux_uncertainty(disk) for d, disk in test.disks.items()})
     ).sound
 
 
 @pytest.mark.study
-def test_whole_cables_are_told_from_rest_where_the_exponent_is_no_opposite() -> None:
-    """Where the two disks' static lines differ, the exchanged fit finds no power law at all (seed 7301: n = 0.0)."""
-    case = CASES["whole cables"]
-    made = study_rig(
-        7301, truth=draw_truth(7301, load_rig(), uncertain=True), disturbed=case.disturbed
+def test_exchanged_cables_are_detected_at_rest_when_no_speed_exponent_fits() -> None:
+    """If the static lines of the disks differ, the fit of the exchanged log finds no power law (seed 7301: n = 0.0)."""
+    case = CASES["all cables"]
+    study = study_rig(
+        7301, truth=draw_truth(7301, load_rig(), uncertain=True), log_change=case.log_change
     )
-    first = warnings_and_errors(made.analyse().findings)[0]
+    first = warnings_and_errors(study.analyse().findings)[0]
     assert first.code == "cables.exchanged"
     assert first.numbers["at_rest"]

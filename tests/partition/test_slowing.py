@@ -1,4 +1,4 @@
-"""Disks that slow down after the parting, or touch again: what the films and the pulses of heat do is followed."""
+"""Disks that slow down after unloading or touch again: the model includes surface h and heat pulses."""
 
 from __future__ import annotations
 
@@ -16,176 +16,188 @@ from tcdyn.rig.contact import relative_speed
 from tcdyn.rig.disk import CHANNELS, DISKS
 from tcdyn.simulate.truth import CLEAN, draw_truth
 from tests.partition.after_parting_study import DEFAULT, WORLDS
-from tests.partition.coverage_study import told_of
+from tests.partition.coverage_study import study_errors
 from tests.partition.study_rigs import QUICK, StudyRig, study_rig
 
-N = 0.667
-TOLERANCE_K = 0.05  # rim and mesh against the whole disk 0.03 K, and what the film's spread over the surface leaves
-EDGE_K = (
-    0.05  # a touch's ends are known to a third of a sample, in which junction e rises by as much
-)
+EXPONENT = 0.667
+TOLERANCE_K = 0.05  # 0.03 K between rim model and full disk, the rest for h over the surface
+EDGE_K = 0.05  # the ends of a contact are known to a third of a sample, in which junction e rises by this much
 
 
 @lru_cache
 def clean_rig(world: str) -> StudyRig:
-    """A rig as stated, its exponent too, with no noise: what differs from the model is the model's."""
-    truth = draw_truth(11, exponent=N).with_imperfections(CLEAN)
+    """A rig with nominal properties and exponent and no noise: all deviations are model errors."""
+    truth = draw_truth(11, exponent=EXPONENT).with_imperfections(CLEAN)
     return study_rig(11, truth=truth, options=replace(QUICK, **WORLDS[world]))
 
 
-def missed_K(made: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
-    """Predicted less true outer row, both true temperatures of the inner row and true share and h given, less the same
-    before the parting; (R, 3) over the ten seconds after it."""
-    true = made.told["traces"][[f"{disk}_{c}_degC" for c in CHANNELS]].to_numpy()
-    off, traces = test.events.unload_s, test.disks[disk]
-    rows = slice(int(75 * (off - 60)), int(75 * (off + 10)))
-    perfect = replace(
-        traces, readings_degC=true, inner_offset_K=np.zeros_like(traces.inner_offset_K)
+def residual_after_unloading_K(study: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
+    """Predicted minus true outer row with true inner row, share and h, relative to before unloading.
+
+    Shape (R, 3), over the ten seconds after unloading.
+    """
+    true_degC = study.true_values["traces"][[f"{disk}_{c}_degC" for c in CHANNELS]].to_numpy()
+    unload_s = test.events.unload_s
+    traces = test.disks[disk]
+    rows = slice(int(75 * (unload_s - 60)), int(75 * (unload_s + 10)))
+    true_traces = replace(
+        traces, readings_degC=true_degC, inner_offset_K=np.zeros_like(traces.inner_offset_K)
     )
-    window = disk_window(test, perfect, true[rows], rows, traces.noise_K)
-    share = made.told["beta"] if disk == "fast" else 1 - made.told["beta"]
-    rest, power = window.rim.response(made.told[f"h_{disk}"])
-    wrong = rest + share * power - window.y
-    after = (window.block_time_s > off + 0.1) & (window.block_time_s < off + 10)
-    return np.asarray(wrong[after] - wrong[window.block_time_s < off - 0.5].mean(axis=0))
+    window = disk_window(test, true_traces, true_degC[rows], rows, traces.noise_K)
+    share = study.true_values["beta"] if disk == "fast" else 1 - study.true_values["beta"]
+    base, power = window.rim.response(study.true_values[f"h_{disk}"])
+    residual = base + share * power - window.y
+    after = (window.block_time_s > unload_s + 0.1) & (window.block_time_s < unload_s + 10)
+    return np.asarray(residual[after] - residual[window.block_time_s < unload_s - 0.5].mean(axis=0))
 
 
 @pytest.mark.study
 @pytest.mark.parametrize(
-    "world", ["brake 3 s", "brake 20 s", "again 0.1 s", "again 0.4 s", "both", "neither"]
+    "world",
+    ["brake 3 s", "brake 20 s", "second contact 0.1 s", "second contact 0.4 s", "both", "neither"],
 )
 @pytest.mark.parametrize("disk", DISKS)
-def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, disk: str) -> None:
-    made = clean_rig(world)
-    share, h = made.told["beta"], {d: made.told[f"h_{d}"] for d in DISKS}
+def test_model_follows_the_full_disk_with_the_true_share_and_h(world: str, disk: str) -> None:
+    study = clean_rig(world)
+    share = study.true_values["beta"]
+    h = {d: study.true_values[f"h_{d}"] for d in DISKS}
     test = with_slowing_air_offset(
-        made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])}
+        study.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])}
     )
-    assert np.abs(missed_K(made, test, disk)).max() < TOLERANCE_K + EDGE_K * bool(
-        made.test.events.later_contacts
-    )
-    if world == "brake 3 s":  # and it has to: a film that stayed would leave ten times as much
-        assert np.abs(missed_K(made, made.test, disk)).max() > 10 * TOLERANCE_K
+    assert np.abs(
+        residual_after_unloading_K(study, test, disk)
+    ).max() < TOLERANCE_K + EDGE_K * bool(study.test.events.later_contacts)
+    if world == "brake 3 s":  # without the change of h the residual is ten times larger
+        assert np.abs(residual_after_unloading_K(study, study.test, disk)).max() > 10 * TOLERANCE_K
 
 
 @pytest.mark.study
-def test_disks_that_keep_their_speed_have_no_film_to_follow() -> None:
-    made = study_rig(12)
-    assert made.test.relative_speed == {}
-    assert with_slowing_air_offset(made.test, {}) is made.test
+def test_constant_speed_leaves_the_test_unchanged() -> None:
+    study = study_rig(12)
+    assert study.test.relative_speed == {}
+    assert with_slowing_air_offset(study.test, {}) is study.test
 
 
-def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
-    made = clean_rig("brake 3 s")
-    warmer = np.column_stack([np.full(len(made.test.time_s), 7.0), np.zeros(len(made.test.time_s))])
-    kept = {d: course for d, course in made.test.relative_speed.items() if d == "fast"}
+def test_measured_air_offset_of_a_disk_at_constant_speed_is_kept() -> None:
+    study = clean_rig("brake 3 s")
+    measured = np.column_stack(
+        [np.full(len(study.test.time_s), 7.0), np.zeros(len(study.test.time_s))]
+    )
+    fast_speed = {
+        disk: speed for disk, speed in study.test.relative_speed.items() if disk == "fast"
+    }
     test = with_slowing_air_offset(
-        replace(made.test, relative_speed=kept, surface_air_offset_K={"slow": warmer}),
+        replace(study.test, relative_speed=fast_speed, surface_air_offset_K={"slow": measured}),
         {"fast": (0.7, 700.0)},
     )
-    np.testing.assert_array_equal(test.surface_air_offset_K["slow"], warmer)
+    np.testing.assert_array_equal(test.surface_air_offset_K["slow"], measured)
     assert np.abs(test.surface_air_offset_K["fast"][:, 0]).max() > 1.0
 
 
 @pytest.mark.study
-def test_a_speed_that_does_not_change_changes_no_answer() -> None:
-    """The film's input is there, and zero: the same answers, but for rounding."""
-    made = study_rig(12)
+def test_unit_relative_speed_does_not_change_the_estimates() -> None:
+    """The input of the surface h exists and is zero: the estimates agree except for rounding."""
+    study = study_rig(12)
     unchanged = replace(
-        made.test, relative_speed={d: np.ones_like(made.test.time_s) for d in DISKS}
+        study.test, relative_speed={d: np.ones_like(study.test.time_s) for d in DISKS}
     )
-    one, other = made.analyse(), replace(made, test=unchanged).analyse()
-    for way, answer in one.estimates.items():
-        # the joint fits run twice, and a search ends within 1e-7 of chi-squared: 3e-4 of an uncertainty
-        assert other.estimates[way].value == pytest.approx(answer.value, abs=1e-3 * answer.u)
-        assert other.estimates[way].u == pytest.approx(answer.u, rel=1e-3)
+    reference = study.analyse()
+    result = replace(study, test=unchanged).analyse()
+    for estimator, estimate in reference.estimates.items():
+        # the joint fits run twice, and a search stops within 1e-7 of chi-squared: 3e-4 of an uncertainty
+        assert result.estimates[estimator].value == pytest.approx(
+            estimate.value, abs=1e-3 * estimate.u
+        )
+        assert result.estimates[estimator].u == pytest.approx(estimate.u, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
-def braked_and_touched() -> tuple[StudyRig, Partition]:
-    made = study_rig(5200, options=replace(QUICK, **WORLDS["both"]))
-    return made, made.analyse()
+def braked_with_second_contact() -> tuple[StudyRig, Partition]:
+    study = study_rig(5200, options=replace(QUICK, **WORLDS["both"]))
+    return study, study.analyse()
 
 
-def held(told: dict[str, float]) -> None:
-    """Beyond 2.5 u come 1.2 % of sound answers."""
-    assert max(abs(told[f"z {what}"]) for what in ("both", "lag fast", "lag slow")) < 2.5
-    assert abs(told["error both"]) < 0.0125  # 2.5 times the 0.005 that such a rig states
-    assert not told["alarm"]
+def assert_estimates_within_tolerance(errors: dict[str, float]) -> None:
+    """A correct estimate exceeds 2.5 u with a probability of 1.2 %."""
+    assert max(abs(errors[f"z {name}"]) for name in ("both", "lag fast", "lag slow")) < 2.5
+    assert abs(errors["error both"]) < 0.0125  # 2.5 times the u of such a rig, 0.005
+    assert not errors["alarm"]
 
 
 @pytest.mark.study
-def test_braked_disks_that_touch_again_give_lags_and_share(
-    braked_and_touched: tuple[StudyRig, Partition],
+def test_braked_disks_with_second_contact_give_correct_lags_and_beta(
+    braked_with_second_contact: tuple[StudyRig, Partition],
 ) -> None:
-    held(told_of(*braked_and_touched))
+    assert_estimates_within_tolerance(study_errors(*braked_with_second_contact))
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("world", DEFAULT)
-def test_each_of_what_comes_after_the_parting_gives_lags_and_share(world: str) -> None:
-    made = study_rig(5200, options=replace(QUICK, **WORLDS[world]))
-    held(told_of(made, made.analyse()))
+def test_each_event_after_unloading_gives_correct_lags_and_beta(world: str) -> None:
+    study = study_rig(5200, options=replace(QUICK, **WORLDS[world]))
+    assert_estimates_within_tolerance(study_errors(study, study.analyse()))
 
 
-def test_braking_and_touches_are_told_as_notes_and_the_exponent_is_in_the_budget(
-    braked_and_touched: tuple[StudyRig, Partition],
+def test_braking_and_second_contact_are_reported_and_exponent_is_in_the_budget(
+    braked_with_second_contact: tuple[StudyRig, Partition],
 ) -> None:
-    p = braked_and_touched[1]
-    found = {f.code: f for f in p.findings}
-    assert {found[code].severity.value for code in ("speeds.change", "contact.again")} == {"info"}
-    assert found["speeds.change"].numbers["percent"] == pytest.approx(
-        100 / np.e, abs=1
-    )  # after 3 s
-    assert found["contact.again"].numbers["count"] == 2
-    assert found["contact.again"].numbers["length_s"] == pytest.approx(
-        0.3, abs=8 / 75
-    )  # two samples at each end
-    assert "film exponent" in {row.source for row in p.budget.rows}
+    analysis = braked_with_second_contact[1]
+    findings = {f.code: f for f in analysis.findings}
+    assert {findings[code].severity.value for code in ("speeds.change", "contact.again")} == {
+        "info"
+    }
+    # three seconds after unloading
+    assert findings["speeds.change"].numbers["percent"] == pytest.approx(100 / np.e, abs=1)
+    assert findings["contact.again"].numbers["count"] == 2
+    # tolerance: two samples at each end of both contacts
+    assert findings["contact.again"].numbers["length_s"] == pytest.approx(0.3, abs=8 / 75)
+    assert "film exponent" in {row.source for row in analysis.budget.rows}
 
 
-T = np.arange(0.0, 100.0, 1 / 75)
-SPEED = 3000.0 * np.exp(-np.clip(T - 60.0, 0, None) / 3.0)
+TIME_S = np.arange(0.0, 100.0, 1 / 75)
+SPEED_RPM = 3000.0 * np.exp(-np.clip(TIME_S - 60.0, 0, None) / 3.0)
 
 
-def test_a_noisy_speed_with_dropouts_is_followed() -> None:
+def test_noisy_speed_with_dropouts_is_followed() -> None:
     rng = np.random.default_rng(0)
-    logged = SPEED + rng.normal(0, 20, len(T))
-    logged[4575:4650] = 0.0  # a second of nothing
+    logged = SPEED_RPM + rng.normal(0, 20, len(TIME_S))
+    logged[4575:4650] = 0.0  # a dropout of one second
     logged[[4700, 4701, 4800]] = np.nan
-    course = relative_speed(T, logged, 60.0, 3000.0)
-    assert course is not None
-    assert (course[T < 60.0] == 1).all()
-    near = (T > 60) & (T < 70)
-    # 20 rpm through a parabola of 75 samples leaves 2/3 % at its ends, 0.4 % within; a second bridged by a straight
-    # line across an exponential of 3 s misses it by (1/3)^2 / 8 = 1.4 % of itself
-    assert np.abs(course - SPEED / 3000.0)[near].max() < 0.025
-    behind = (T > 64.5) & (T < 90)  # of the noise, 2/3 %, what such a parabola leaves
-    assert (course - SPEED / 3000.0)[behind].std() < 0.002
+    result = relative_speed(TIME_S, logged, 60.0, 3000.0)
+    assert result is not None
+    assert (result[TIME_S < 60.0] == 1).all()
+    after_unloading = (TIME_S > 60) & (TIME_S < 70)
+    # 20 rpm through a parabola of 75 samples leave 2/3 % at its ends, 0.4 % within. A second bridged by a straight
+    # line misses an exponential of 3 s by (1/3)^2 / 8 = 1.4 %
+    assert np.abs(result - SPEED_RPM / 3000.0)[after_unloading].max() < 0.025
+    after_dropouts = (TIME_S > 64.5) & (TIME_S < 90)  # noise of 2/3 %, reduced by the parabola
+    assert (result - SPEED_RPM / 3000.0)[after_dropouts].std() < 0.002
 
 
-def test_a_change_below_two_per_cent_is_none() -> None:
-    course = relative_speed(T, 3000.0 * np.where(T > 60, 0.985, 1.0), 60.0, 3000.0)
-    assert course is not None
-    assert (course == 1).all()
+def test_speed_change_below_two_percent_is_ignored() -> None:
+    result = relative_speed(TIME_S, 3000.0 * np.where(TIME_S > 60, 0.985, 1.0), 60.0, 3000.0)
+    assert result is not None
+    assert (result == 1).all()
 
 
-def test_a_speed_that_is_missing_after_the_parting_is_taken_as_unchanged_and_said() -> None:
-    assert relative_speed(T, np.where(T > 60, np.nan, 3000.0), 60.0, 3000.0) is None
-    gone = study_rig(
+def test_missing_speed_after_unloading_is_taken_as_constant_and_reported() -> None:
+    assert relative_speed(TIME_S, np.where(TIME_S > 60, np.nan, 3000.0), 60.0, 3000.0) is None
+    study = study_rig(
         12,
-        disturbed=lambda f: f.assign(speed_slow_rpm=f["speed_slow_rpm"].where(f["time_s"] < 320.0)),
+        log_change=lambda frame: frame.assign(
+            speed_slow_rpm=frame["speed_slow_rpm"].where(frame["time_s"] < 320.0)
+        ),
     )
-    assert "speeds.missing" in {f.code for f in gone.test.findings}
-    assert gone.test.relative_speed == {}
+    assert "speeds.missing" in {finding.code for finding in study.test.findings}
+    assert study.test.relative_speed == {}
 
 
 @pytest.mark.study
-def test_an_inverted_switch_gives_the_answers_of_the_right_one() -> None:
-    right = study_rig(12).test
-    wrong = study_rig(12, disturbed=lambda f: f.assign(contact=1 - f["contact"])).test
-    assert wrong.events.unload_s == right.events.unload_s
-    np.testing.assert_array_equal(wrong.power_W, right.power_W)
-    assert {f.code for f in wrong.findings} - {f.code for f in right.findings} == {
+def test_inverted_switch_gives_the_events_and_power_of_the_correct_one() -> None:
+    reference = study_rig(12).test
+    inverted = study_rig(12, log_change=lambda f: f.assign(contact=1 - f["contact"])).test
+    assert inverted.events.unload_s == reference.events.unload_s
+    np.testing.assert_array_equal(inverted.power_W, reference.power_W)
+    assert {f.code for f in inverted.findings} - {f.code for f in reference.findings} == {
         "contact.inverted"
     }

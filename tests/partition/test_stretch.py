@@ -1,4 +1,4 @@
-"""A log that ends too early is refused with the window that it would still allow."""
+"""A log that ends too early raises an error that gives the longest possible window."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.partition.window import fit_rows
 
 
-def test_a_short_log_is_told_which_window_it_allows() -> None:
+def test_short_log_raises_with_the_longest_possible_window() -> None:
     log = SimpleNamespace(
         time_s=np.arange(0.0, 102.72, 0.01), events=SimpleNamespace(unload_s=100.0, load_on_s=10.0)
     )

@@ -1,8 +1,8 @@
-"""Tests of drawn rigs in worlds that break one assumption of the fits each, by a solver of its own.
+"""Tests of drawn rigs in worlds that each break one assumption of the fits, by an independent solver.
 
-The disk from bore to running surface, finite volumes in (r, z), a two-stage L-stable step; nothing of it is that of
-fits or synthetic rig. `python -m tests.partition.world_study COUNT SEED [WORLD ...]` prints for each world whether the
-range over the structures holds the truth, how wide it is, which structure is best, and what is said.
+The disk from bore to running surface, finite volumes in (r, z), a two-stage L-stable step. The solver shares nothing
+with the fits or the synthetic rig. `python -m tests.partition.world_study COUNT SEED [WORLD ...]` prints for each world
+whether the range over the model forms contains the truth, its width, the best form and the messages.
 """
 
 from __future__ import annotations
@@ -28,16 +28,19 @@ from tcdyn.simulate.measure import log_disk
 from tcdyn.simulate.truth import DiskTruth, draw_truth, rng_for
 from tests.partition.study_rigs import QUICK, StudyRig, study_rig
 
-RADIAL, AXIAL = 44, 36
+RADIAL = 44
+AXIAL = 36
 GAMMA = 1 - 2**-0.5
-SHAFT_W_m2K = 260.0  # of the bore to a shaft that stays near ambient
-REFRESH_S = 0.4  # between new coefficients where they follow the temperature
+SHAFT_W_m2K = 260.0  # heat transfer coefficient from the bore to a shaft that stays near ambient
+REFRESH_S = 0.4  # interval at which temperature-dependent coefficients are updated
 
 
 @dataclass(frozen=True)
 class World:
-    """What is otherwise than the fits assume; ``later`` multiplies the first lag of one channel, ``film`` h in as many
-    equal strips across the running surface."""
+    """Deviations from the assumptions of the fits.
+
+    ``later`` multiplies the first lag of one channel, ``film`` multiplies h in equal strips across the running surface.
+    """
 
     h_after: float = 1.0
     h_per_K: float = 0.0
@@ -53,7 +56,7 @@ class World:
 
     @property
     def follows(self) -> bool:
-        """Whether a coefficient follows the temperature."""
+        """Whether a coefficient depends on the temperature."""
         return bool(self.h_per_K or self.k_per_K)
 
 
@@ -92,18 +95,19 @@ def temperatures(
 ) -> Callable[[Array], Array]:
     """True junction temperatures of a disk, as a function of times (M,) -> (M, 6).
 
-    ``power_W`` (N,) enters it; the parting is at ``unload_s``, where the power, held before it, ends.
+    ``power_W`` (N,) heats the disk up to the unloading at ``unload_s``. The last full value is held until then.
     """
     s = disk.setup
-    r = np.linspace(
-        s.bore_radius_m**2, s.outer_radius_m**2, 6
-    )  # a few cells of equal area are enough inside
+    # a few cells of equal area are sufficient inside
+    r = np.linspace(s.bore_radius_m**2, s.outer_radius_m**2, 6)
     edges_r = np.unique(
         np.concatenate([np.sqrt(r[:3]), np.linspace(np.sqrt(r[2]), s.outer_radius_m, RADIAL)])
     )
     edges_z = np.linspace(0.0, s.width_m, AXIAL + 1)
-    at_r, at_z = 0.5 * (edges_r[1:] + edges_r[:-1]), 0.5 * (edges_z[1:] + edges_z[:-1])
-    dz, n_r = np.diff(edges_z), len(at_r)
+    at_r = 0.5 * (edges_r[1:] + edges_r[:-1])
+    at_z = 0.5 * (edges_z[1:] + edges_z[:-1])
+    dz = np.diff(edges_z)
+    n_r = len(at_r)
     cells = np.arange(n_r * AXIAL).reshape(n_r, AXIAL)
     area = np.pi * np.diff(edges_r**2)
     capacity = (s.density_kg_m3 * s.specific_heat_J_kgK * np.outer(area, dz)).ravel()
@@ -117,32 +121,34 @@ def temperatures(
     washer = world.faces * s.washer_conductivity_W_mK / s.washer_thickness_m
 
     def assembled(h_now: float, k: float) -> tuple[csc_matrix, Array, Array]:
-        """Conductances (n, n), and by kelvin of ambient and of the oil at the surface (n,) each."""
+        """Conductances (n, n), conductances to the ambient and to the air at the surface (n,)."""
         in_r = np.outer(2 * np.pi * k / np.log(at_r[1:] / at_r[:-1]), dz)
         in_z = np.outer(k * area, 2 / (dz[1:] + dz[:-1]))
         ij = [(cells[:-1], cells[1:], in_r), (cells[:, :-1], cells[:, 1:], in_z)]
         i, j, g = (np.concatenate([np.ravel(part[q]) for part in ij]) for q in range(3))
-        ground, film = np.zeros(cells.size), np.zeros(cells.size)
+        ground = np.zeros(cells.size)
+        film = np.zeros(cells.size)
         film[cells[-1]] = film_area / (1 / (h_now * strip) + (s.outer_radius_m - at_r[-1]) / k)
         for face in (0, -1):
             ground[cells[:, face]] += area / (1 / washer + 0.5 * dz[0] / k)
         to_shaft = 2 * np.pi * s.bore_radius_m * dz
         ground[cells[0]] += to_shaft / (1 / SHAFT_W_m2K + (at_r[0] - s.bore_radius_m) / k)
-        own = np.arange(cells.size)
+        diagonal = np.arange(cells.size)
         matrix = coo_matrix(
             (
                 np.concatenate([-g, -g, g, g, ground + film]),
-                (np.concatenate([i, j, i, j, own]), np.concatenate([j, i, i, j, own])),
+                (np.concatenate([i, j, i, j, diagonal]), np.concatenate([j, i, i, j, diagonal])),
             ),
         ).tocsc()
         return matrix, ground, film
 
-    shifted = world.oil_K
+    oil_offset_K = world.oil_K
     k0 = s.conductivity_W_mK
     reference: list[float] = []
 
     def state_of(y: Array, after: bool) -> tuple[float, float]:
-        surface, mean = float(y[cells[-1]].mean()), float(y[cells].mean())
+        surface = float(y[cells[-1]].mean())
+        mean = float(y[cells].mean())
         h_now = h * (world.h_after if after else 1.0)
         if world.h_per_K and reference:
             h_now *= max(1 + world.h_per_K * (surface - reference[0]), 0.2)
@@ -150,15 +156,15 @@ def temperatures(
 
     def load(t: Array | float, ground: Array, film: Array, on: bool) -> Array:
         air = np.interp(t, time_s, ambient)
-        power = np.interp(t, time_s, held) if on else 0.0
-        return heat * power * (1 - world.elsewhere) + ground * air + film * (air + shifted)
+        power = np.interp(t, time_s, held_power_W) if on else 0.0
+        return heat * power * (1 - world.elsewhere) + ground * air + film * (air + oil_offset_K)
 
-    # readings before the parting are held up to it: the power there is its last full one
+    # the power just before unloading is replaced by its last full value
     loaded = time_s < unload_s - 0.05
-    held = np.where(loaded, power_W, power_W[loaded][-1])
+    held_power_W = np.where(loaded, power_W, power_W[loaded][-1])
     on_s = float(time_s[np.flatnonzero(power_W > 0.5 * power_W.max())[0]])
-    held = np.where(time_s < on_s, 0.0, held)
-    pieces = [
+    held_power_W = np.where(time_s < on_s, 0.0, held_power_W)
+    segments_of_time = [
         (0.0, on_s, 5.0, False),
         (on_s, on_s + 20, 0.1, True),
         (on_s + 20, unload_s - 8, 1.0, True),
@@ -167,36 +173,39 @@ def temperatures(
         (unload_s + 1.5, float(time_s[-1]), 1 / 40, False),
     ]
     y = np.full(cells.size, float(ambient[0]))
-    read = _reader(disk, at_r, at_z)
-    found_t, found = [], []
-    for start, stop, step, on in pieces:
+    read_junctions = _reader(disk, at_r, at_z)
+    times_by_segment = []
+    readings_by_segment = []
+    for start, stop, step, on in segments_of_time:
         after = start >= unload_s
         count = max(int(np.ceil((stop - start) / step)), 1)
-        dt, since = (stop - start) / count, 0.0
-        piece_t, piece = [start], [read(y)]
+        dt = (stop - start) / count
+        since_refresh_s = 0.0
+        segment_t = [start]
+        segment = [read_junctions(y)]
         for n in range(count):
-            if n == 0 or (world.follows and since >= REFRESH_S):
+            if n == 0 or (world.follows and since_refresh_s >= REFRESH_S):
                 matrix, ground, film = assembled(*state_of(y, after))
                 solver = splu((diags(capacity) + GAMMA * dt * matrix).tocsc())
-                since = 0.0
+                since_refresh_s = 0.0
             t = start + n * dt
             first = solver.solve(load(t + GAMMA * dt, ground, film, on) - matrix @ y)
             mid = y + (1 - GAMMA) * dt * first
             second = solver.solve(load(t + dt, ground, film, on) - matrix @ mid)
             y = mid + GAMMA * dt * second
-            since += dt
-            piece_t.append(t + dt)
-            piece.append(read(y))
+            since_refresh_s += dt
+            segment_t.append(t + dt)
+            segment.append(read_junctions(y))
         if world.h_per_K and start < unload_s <= stop + 1e-9:
             reference.append(float(y[cells[-1]].mean()))
-        found_t.append(np.array(piece_t))
-        found.append(np.array(piece))
+        times_by_segment.append(np.array(segment_t))
+        readings_by_segment.append(np.array(segment))
 
     def at(times: Array) -> Array:
         out = np.empty((len(times), len(CHANNELS)))
-        for part_t, part in zip(found_t, found):
-            here = (times >= part_t[0] - 1e-9) & (times <= part_t[-1] + 1e-9)
-            out[here] = CubicSpline(part_t, part)(times[here])
+        for segment_t, segment in zip(times_by_segment, readings_by_segment):
+            inside = (times >= segment_t[0] - 1e-9) & (times <= segment_t[-1] + 1e-9)
+            out[inside] = CubicSpline(segment_t, segment)(times[inside])
         air = np.interp(times, time_s, ambient)[:, None]
         return out - world.stem * (out - air)
 
@@ -204,90 +213,99 @@ def temperatures(
 
 
 def _reader(disk: DiskTruth, at_r: Array, at_z: Array) -> Callable[[Array], Array]:
-    """The six junctions a..f of a field (n,) by cubic splines."""
+    """Function that interpolates a field (n,) at the six junctions a to f by cubic splines."""
     s = disk.setup
-    places = [(s.outer_radius_m - s.junctions[c].depth_m, s.junctions[c].z_m) for c in CHANNELS]
+    positions = [(s.outer_radius_m - s.junctions[c].depth_m, s.junctions[c].z_m) for c in CHANNELS]
     weights = []
-    eye_r, eye_z = np.eye(len(at_r)), np.eye(len(at_z))
-    for rho, z in places:
+    eye_r = np.eye(len(at_r))
+    eye_z = np.eye(len(at_z))
+    for rho, z in positions:
         weights.append(np.outer(CubicSpline(at_r, eye_r)(rho), CubicSpline(at_z, eye_z)(z)).ravel())
-    table = np.array(weights)
-    return lambda y: table @ y
+    weight_matrix = np.array(weights)
+    return lambda y: weight_matrix @ y
 
 
 def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
-    """Rig ``seed`` in the world ``name``: its log with the temperatures of that world, its records as calibrated."""
+    """Rig ``seed`` in the world ``name``: a log with the temperatures of that world and the calibrated records."""
     world, _ = WORLDS[name]
     true = draw_truth(seed, load_rig(), uncertain=True)
-    told: dict[str, Any] = {}
+    true_values: dict[str, Any] = {}
 
-    def otherwise(frame: pd.DataFrame) -> pd.DataFrame:
-        traces = told["traces"]
+    def with_world_temperatures(frame: pd.DataFrame) -> pd.DataFrame:
+        traces = true_values["traces"]
         t = traces["time_s"].to_numpy()
-        added = {}
+        columns = {}
         for d in DISKS:
-            share = told["beta"] if d == "fast" else 1 - told["beta"]
-            power = share * told["sliding_speed_m_s"] * traces["friction_N"].to_numpy()
+            share = true_values["beta"] if d == "fast" else 1 - true_values["beta"]
+            power = share * true_values["sliding_speed_m_s"] * traces["friction_N"].to_numpy()
             disk = true.disk(d)
-            at = temperatures(
+            junction_temperatures = temperatures(
                 disk,
                 world,
                 t,
                 power,
                 traces["ambient_degC"].to_numpy(),
-                told[f"h_{d}"],
-                told["half_width_m"],
-                told["unload_s"],
+                true_values[f"h_{d}"],
+                true_values["half_width_m"],
+                true_values["unload_s"],
             )
-            slower = {
-                c: replace(x, tau1_s=x.tau1_s * world.later.get(f"{d}_{c}", 1.0))
-                for c, x in disk.channels.items()
+            channels = {
+                c: replace(channel, tau1_s=channel.tau1_s * world.later.get(f"{d}_{c}", 1.0))
+                for c, channel in disk.channels.items()
             }
-            lagging = replace(disk, channels=slower)
+            lagged_disk = replace(disk, channels=channels)
             log, _ = log_disk(
-                at, QUICK.duration_s, lagging, rng_for(seed, "world", d), true.imperfections, True
+                junction_temperatures,
+                QUICK.duration_s,
+                lagged_disk,
+                rng_for(seed, "world", d),
+                true.imperfections,
+                True,
             )
-            added |= {f"{d}_{c}_degC": log[:, k] for k, c in enumerate(sorted(disk.channels))}
-        return frame.assign(**added)
+            columns |= {f"{d}_{c}_degC": log[:, k] for k, c in enumerate(sorted(disk.channels))}
+        return frame.assign(**columns)
 
-    return study_rig(seed, test, truth=true, disturbed=otherwise, seen=told.update)
+    return study_rig(
+        seed, test, truth=true, log_change=with_world_temperatures, on_truth=true_values.update
+    )
 
 
-def one(seed: int, name: str) -> dict[str, Any]:
-    """What is found of one rig in one world."""
+def run_case(seed: int, name: str) -> dict[str, Any]:
+    """Result of one rig in one world."""
     warnings.simplefilter("ignore")
-    out: dict[str, Any] = {"seed": seed, "world": name}
+    row: dict[str, Any] = {"seed": seed, "world": name}
     try:
-        made = world_rig(seed, name)
-        p = made.analyse()
+        study = world_rig(seed, name)
+        analysis = study.analyse()
     except InputError as problem:
-        return out | {"refused": str(problem)}
-    s, both = p.model_forms, p.both.estimates["beta"]
-    gap = both.value - made.told["beta"]
-    best = max(s.forms, key=lambda a: a.log_odds)
-    return out | {
-        "error": gap,
-        "z": gap / both.u,
-        "held": s.low95 <= made.told["beta"] <= s.high95,
-        "half_width": 0.5 * (s.high95 - s.low95),
+        return row | {"refused": str(problem)}
+    forms = analysis.model_forms
+    both = analysis.both.estimates["beta"]
+    error = both.value - study.true_values["beta"]
+    best = max(forms.forms, key=lambda form: form.log_odds)
+    return row | {
+        "error": error,
+        "z": error / both.u,
+        "covered": forms.low95 <= study.true_values["beta"] <= forms.high95,
+        "half_width": 0.5 * (forms.high95 - forms.low95),
         "best": best.name,
-        "odds": best.log_odds,
-        "right": best.name == WORLDS[name][1] or best.name == "as assumed" == WORLDS[name][1],
-        "named": s.preferred.name if s.preferred else "",
-        "status": p.status,
-        "holds": s.estimate_holds,
-        "codes": " ".join(f.code for f in p.findings if f.severity.value != "info"),
-        "referee": s.forms[0].speed_law_z,
+        "log_odds": best.log_odds,
+        "correct": best.name == WORLDS[name][1] or best.name == "as assumed" == WORLDS[name][1],
+        "preferred": forms.preferred.name if forms.preferred else "",
+        "status": analysis.status,
+        "estimate_holds": forms.estimate_holds,
+        "codes": " ".join(f.code for f in analysis.findings if f.severity.value != "info"),
+        "speed_law_z": forms.forms[0].speed_law_z,
     }
 
 
-def study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataFrame:
+def run_study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataFrame:
     """A row for each rig in each world."""
     jobs = [(seed, name) for name in names for seed in range(first, first + count)]
-    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(one)(*job) for job in jobs))
+    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(run_case)(*job) for job in jobs))
 
 
 if __name__ == "__main__":
-    table = study(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(WORLDS))
+    table = run_study(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(WORLDS))
     print(table.drop(columns=["seed"]).round(4).to_string())
-    print("held", table["held"].mean(), "of", table["held"].count())
+    print("covered", table["covered"].mean(), "of", table["covered"].count())
