@@ -31,7 +31,8 @@ def main(count: int = 4) -> None:
         shutil.copy(files.ehl["B3"], log)
     settings = CampaignSettings(rig, records)
     run_campaign(logs[:1], settings, folder / "warm")
-    tables, base = {}, 0.0
+    tables = {}
+    base = 0.0
     for name, some, workers in (
         ("1 log, 1 worker", logs[:1], 1),
         ("all, 1 worker", logs, 1),

@@ -63,7 +63,8 @@ def longer(log: Path, rows: int, out: Path) -> Path:
         times = max(rows - len(frame), 0) / (len(turns) * 2 * len(turn))
         order += [part, *[turn[::-1], turn] * round(times)]
     index = np.concatenate(order)
-    rng, dt = np.random.default_rng(0), float(frame["time_s"].iloc[-1]) / (len(frame) - 1)
+    rng = np.random.default_rng(0)
+    dt = float(frame["time_s"].iloc[-1]) / (len(frame) - 1)
     noisy = [c for c in frame if c.endswith(("_degC", "_N"))]
     with out.open("w", encoding="utf-8") as stream:
         for first in range(0, len(index), 200_000):
@@ -111,7 +112,8 @@ def main(folder: Path, lengths: list[int]) -> None:
         print(f"{name:14} {took:6.2f} s {took / base:6.2f} {memory:6.0f} MB", flush=True)
     took = max(min(command(name, "--help")[0] for _ in range(3)) for name in COMMANDS)
     print(f"{'slowest --help':14} {took:6.2f} s {took / base:6.2f}")
-    rng, (columns, rows) = np.random.default_rng(0), SMOOTHED
+    rng = np.random.default_rng(0)
+    columns, rows = SMOOTHED
     y = (
         60
         + np.cumsum(0.01 * rng.standard_normal((rows, columns)), axis=0)
@@ -119,7 +121,8 @@ def main(folder: Path, lengths: list[int]) -> None:
     )
     took = best_s(lambda: smooth(y, 1 / 75, 0.7, events_s=[rows / 100], noise_sd=0.15), 2)
     print(f"{'smoother alone':14} {took:6.2f} s {took / base:6.2f}")
-    counts, kept = np.array([1, 5, 20, 100, 500]), toy(1, 500).tests
+    counts = np.array([1, 5, 20, 100, 500])
+    kept = toy(1, 500).tests
     spans = [best_s(lambda n=n: solve_campaign(kept[:n])) for n in counts.tolist()]
     said = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
     slope = np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]

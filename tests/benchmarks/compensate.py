@@ -27,13 +27,17 @@ Array = NDArray[np.float64]
 
 def case_b(records: int = 10) -> None:
     """Case B of the anchors; baselines there: smoother 0.249, causal Kalman filter 1.01, tuned FIR 0.69 degC rms."""
-    dt, n = 0.05, 800
+    dt = 0.05
+    n = 800
     rng = np.random.default_rng(0)
     fine = 25 + 155 * (1 - np.exp(-np.maximum(np.arange(n * 20) * dt / 20 - 5, 0) / 3))
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
-    x, t = fine[::20], np.arange(n) * dt
+    x = fine[::20]
+    t = np.arange(n) * dt
     y = chain.response(fine, dt / 20)[::20, None] + 0.2 * rng.standard_normal((n, records))
-    middle, transient, edges = slice(60, 740), (t >= 4.75) & (t <= 10), np.r_[0:60, 740:800]
+    middle = slice(60, 740)
+    transient = (t >= 4.75) & (t <= 10)
+    edges = np.r_[0:60, 740:800]
     print(
         f"\nCase B, {records} records: rms (ratio to the anchor), coverage all / transient / edges"
     )
@@ -116,7 +120,11 @@ def pydynamic_fir(
 
 def junction_after_unloading(dt: float, n: int, off_s: float, fine: int = 8) -> tuple[Array, Array]:
     """Temperature 1.25 mm below the surface of a 17.6 mm slab whose flux stops at ``off_s``, and its fine sampling."""
-    cells, length, conductivity, heat, h = 60, 17.6e-3, 41.0, 7850 * 470.0, 700.0
+    cells = 60
+    length = 17.6e-3
+    conductivity = 41.0
+    heat = 7850 * 470.0
+    h = 700.0
     dx = length / cells
     a = np.zeros((cells, cells))
     for i in range(cells - 1):
@@ -136,7 +144,9 @@ def junction_after_unloading(dt: float, n: int, off_s: float, fine: int = 8) -> 
 
 def unloading(records: int = 10) -> None:
     """12 degC in the first second, noise 0.15: ours, and a smoother that knows the true spectrum of the cooling."""
-    dt, n, off = 1 / 75, 3000, 20.0067
+    dt = 1 / 75
+    n = 3000
+    off = 20.0067
     x, fine = junction_after_unloading(dt, n, off)
     chain = Chain((0.6, 0.07), conditioning=RIG_FILTER)
     rng = np.random.default_rng(1)
@@ -190,7 +200,8 @@ def case_c(records: int = 12) -> None:
             "before",
             *(["hum"] if kink else []),
         ):
-            squares, held = [], []
+            squares = []
+            held = []
             for seed in range(500, 500 + records):
                 y = clean + disturbance(world, np.random.default_rng(seed), len(t))
                 done = smooth(y, DT_S, CHAIN, events_s=(EVENT_S,) if kink else ())
@@ -205,13 +216,16 @@ def case_c(records: int = 12) -> None:
 
 def whole_log() -> None:
     """12 channels, 2000 s at 75 Hz, with standard deviations; the causal inverse in samples per second."""
-    dt, n, off = 1 / 75, 150_000, 1500.0067
+    dt = 1 / 75
+    n = 150_000
+    off = 1500.0067
     _, fine = junction_after_unloading(dt, n, off, 2)
     chain = Chain((0.6, 0.07), conditioning=RIG_FILTER)
     rng = np.random.default_rng(2)
     flux = signal.lfilter([1e-3], [1, -0.999], rng.standard_normal(2 * n))
     y = chain.response(fine + 3 * flux, dt / 2)[::2, None] + 0.15 * rng.standard_normal((n, 12))
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    cpu = time.process_time()
     smooth(y, dt, chain, events_s=(off,))
     print(
         f"\n12 channels x {n} samples smoothed with sd: {time.perf_counter() - wall:.2f} s wall, "

@@ -25,8 +25,11 @@ from tcdyn.heat.reference import CrankNicolson, scheme
 from tcdyn.heat.rim import Mesh, Rim, basis_rates, junction_points
 from tcdyn.rig.rigfile import load_rig
 
-DT_S, DURATION_S, HALF_WIDTH_M = 1 / 75, 1050.0, 1.62e-3
-FILMS, SHARES = np.linspace(100, 1200, 12), np.linspace(0.1, 1.0, 10)
+DT_S = 1 / 75
+DURATION_S = 1050.0
+HALF_WIDTH_M = 1.62e-3
+FILMS = np.linspace(100, 1200, 12)
+SHARES = np.linspace(0.1, 1.0, 10)
 STRETCH, PIECES = 1000, 5  # steps of the baseline that are timed; its fastest fifth counts
 
 
@@ -59,7 +62,8 @@ def drive(duration_s: float) -> RimInputs:
 def time_map(duration_s: float, mesh: Mesh) -> float:
     """Seconds for the whole map on this mesh and record length, gains included."""
     setup = load_rig().disk_setup("fast")
-    rim, record = Rim.from_setup(setup), drive(duration_s)
+    rim = Rim.from_setup(setup)
+    record = drive(duration_s)
     start = time.perf_counter()
     out = temperature_map(
         rim, record, SHARES, FILMS, junction_points(setup, "ace"), HALF_WIDTH_M, mesh=mesh
@@ -83,7 +87,8 @@ def time_baseline(mesh: Mesh, steps: int = STRETCH) -> tuple[float, float]:
     stepper = CrankNicolson.prepare(s, DT_S)
     factorised = time.perf_counter() - start
     field = np.full(len(air), 55.0)
-    now, best = columns @ u[0], np.inf
+    now = columns @ u[0]
+    best = np.inf
     for first in range(0, steps, steps // PIECES):
         start = time.perf_counter()
         for k in range(first, first + steps // PIECES):
@@ -107,7 +112,8 @@ def compare(mesh: Mesh | None = None) -> MapTiming:
 def time_gains(mesh: Mesh, repeat: int = 20) -> float:
     """Seconds of one ``rim_gains`` with new steel each time (nothing cached)."""
     setup = load_rig().disk_setup("fast")
-    points, rates = junction_points(setup, "ace"), basis_rates(DT_S)
+    points = junction_points(setup, "ace")
+    rates = basis_rates(DT_S)
     start = time.perf_counter()
     for k in range(repeat):
         rim_gains(

@@ -48,7 +48,8 @@ def ours(data: IOData) -> Answer:
 def residual(x: np.ndarray, data: IOData) -> np.ndarray:
     """Simulation error of two lags and a dead time."""
     theta = dict(zip(CASE_A, np.maximum(x, [-np.inf, 1e-3, 1e-3, 0.0])))
-    u, y = data.runs[0].u[:, 0], data.runs[0].y[:, 0]
+    u = data.runs[0].u[:, 0]
+    y = data.runs[0].y[:, 0]
     return simulate(process("P2D").rational(theta), u, 0.05, data.hold) - y
 
 
@@ -91,7 +92,8 @@ def era(data: IOData) -> Answer:
     """control.markov and the eigensystem realisation of order 2."""
     import control
 
-    u, y = data.runs[0].u[:, 0], data.runs[0].y[:, 0]
+    u = data.runs[0].u[:, 0]
+    y = data.runs[0].y[:, 0]
     markov = control.markov(y - y[0], u - u[0], 100, dt=0.05)
     system, _ = control.eigensys_realization(markov, 2, dt=0.05)
     with np.errstate(all="ignore"):
@@ -110,7 +112,8 @@ TOOLS: dict[str, Callable[[IOData], Answer]] = {
 
 def study(kind: str, seeds: int) -> pd.DataFrame:
     """One row a tool."""
-    rows, base = [], np.nan
+    rows = []
+    base = np.nan
     for name, tool in TOOLS.items():
         if name == "lmfit":
             try:
@@ -120,7 +123,9 @@ def study(kind: str, seeds: int) -> pd.DataFrame:
                     "lmfit is not installed: its row is left out (plain least_squares is the same method)"
                 )
                 continue
-        answers, seconds, lost = [], [], 0
+        answers = []
+        seconds = []
+        lost = 0
         for seed in range(seeds):
             data = case_a(kind, seed)
             began = time.perf_counter()

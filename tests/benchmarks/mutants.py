@@ -115,7 +115,8 @@ def stages_by_coverage(folder: Path, file: str, row: int) -> list[list[str]]:
     data.read()
     (measured,) = [path for path in data.measured_files() if path.endswith(f"/{file}")]
     every = [c.rpartition("|") for c in data.contexts_by_lineno(measured).get(row, []) if c]
-    contexts, shared = {test for test, _, _ in every}, any(when == "setup" for _, _, when in every)
+    contexts = {test for test, _, _ in every}
+    shared = any(when == "setup" for _, _, when in every)
     took = {}
     for case in ElementTree.parse(folder / "tests.xml").iter("testcase"):
         file_of = case.attrib["classname"].replace(".", "/")
@@ -194,7 +195,8 @@ def main(count: int, seed: int, coverage: Path | None = None) -> None:
         ):
             sys.exit("tests fail without a swapped operator")
         for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):
-            file, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
+            file = str(path.relative_to(ROOT))
+            text = path.read_text(encoding="utf-8")
             mutant = text[:at] + SWAPPED[kind] + text[at + length :]
             (copy / file).write_text(mutant, encoding="utf-8")
             line_no = text.count("\n", 0, at) + 1

@@ -34,7 +34,8 @@ def baseline(cells: int = 60, duration_s: float = 300.0) -> np.ndarray:
     disk = Cylinder.from_setup(SETUP)
     bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
     faces = np.linspace(disk.inner_radius_m, disk.outer_radius_m, cells + 1)
-    centres, dr = (faces[1:] + faces[:-1]) / 2, faces[1] - faces[0]
+    centres = (faces[1:] + faces[:-1]) / 2
+    dr = faces[1] - faces[0]
     volume = (faces[1:] ** 2 - faces[:-1] ** 2) / 2 * disk.heat_capacity_J_m3K
     k = disk.conductivity_W_mK
 

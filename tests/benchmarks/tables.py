@@ -19,7 +19,8 @@ from scipy.signal import lfilter
 from tcdyn.io.write import log_writer
 from tcdyn.sensors import specified_sensor, write_sensor
 
-LAG_S, BLOCK = 0.5, 200_000
+LAG_S = 0.5
+BLOCK = 200_000
 RUN = """
 import sys
 from tcdyn.cli.app import main
@@ -32,7 +33,8 @@ finally:
 
 def write_table(path: Path, rows: int, columns: int, rate_Hz: float, seed: int = 1) -> Path:
     """A table of sensors of one lag in fluids that swing at random, written in blocks."""
-    rng, names = np.random.default_rng(seed), ["time_s", *(f"T{k}_degC" for k in range(columns))]
+    rng = np.random.default_rng(seed)
+    names = ["time_s", *(f"T{k}_degC" for k in range(columns))]
     poles = [np.exp(-1 / rate_Hz / tau) for tau in (5.0, 2.0, 2.0, LAG_S)]
     states = [np.zeros((1, columns)) for _ in poles]
     with log_writer(path, names, {}) as write:

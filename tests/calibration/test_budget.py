@@ -61,7 +61,8 @@ def test_a_reading_at_rest_is_never_surer_than_its_reference() -> None:
 def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences_without() -> None:
     """200 ovens, each with a reference that is off by one certificate error and one drift for all its readings."""
     rng = np.random.default_rng(5)
-    held, apart = [], []
+    held = []
+    apart = []
     for seed in range(OVENS):
         record = made(seed, shift_K=rng.normal(0, 0.03) + rng.uniform(-0.06, 0.06))
         gain, offset = oven_truth(seed)
@@ -71,7 +72,8 @@ def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences
             error = float(apply_static((90.0 - offset[k]) / gain[k], line)) - 90.0
             held.append(abs(error) < channel_budget(record, c, 90.0).expanded)
             errors.append((error, float(static_u(line, 90.0))))
-        (a, u_a), (b, u_b) = errors[0], errors[3]
+        a, u_a = errors[0]
+        b, u_b = errors[3]
         apart.append(abs(a - b) < 1.96 * np.hypot(u_a, u_b))
     assert stats.binom.cdf(sum(apart), OVENS, 0.93) > 1e-4
     assert np.mean(held) == pytest.approx(
@@ -105,7 +107,8 @@ def test_a_line_s_own_part_is_its_scatter_not_student_s_widening() -> None:
 
 
 def test_the_next_calibration_is_sooner_where_a_channel_drifts() -> None:
-    now, before = made(), made(created="2025-01-01T09:00:00+00:00")
+    now = made()
+    before = made(created="2025-01-01T09:00:00+00:00")
     latest, why = next_calibration(now)
     assert (latest, "no earlier record" in why) == (date(2027, 1, 1), True)
     assert next_calibration(now, [before])[0] == latest
@@ -122,7 +125,8 @@ def test_the_day_of_the_next_calibration_is_that_on_which_the_drift_with_its_unc
     None
 ):
     """(1 K + u) in two years: ``limit_K`` after limit/(1 K + u) of their days; a record of last week tells no drift."""
-    now, before = made(), made(created="2024-01-01T09:00:00+00:00")
+    now = made()
+    before = made(created="2024-01-01T09:00:00+00:00")
     assert "allows longer" in next_calibration(now, [before])[1]
     drifted = {
         c: x.model_copy(update={"offset": x.offset + 1.0 * (c == "d")})

@@ -30,7 +30,8 @@ def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_pa
     campaign = tmp_path / "rig"
     assert tcdyn("simulate", "campaign", "--out", campaign, "--test", "B3", "--seed", 4) == 0
     plunges = [w for k in (1, 2) for w in ("--immersion", campaign / f"plunge_fast_{k}.csv")]
-    record, page = tmp_path / "fast.disk.json", tmp_path / "fast.html"
+    record = tmp_path / "fast.disk.json"
+    page = tmp_path / "fast.html"
     oven = campaign / "oven_fast.csv"
     code = tcdyn(
         "calibrate",
@@ -135,7 +136,8 @@ def test_the_certificate_shows_the_plunges(tmp_path):
 
 def test_a_transducers_gain_and_zero_are_printed_and_written(tmp_path, capsys):
     volts, force, session = sessions(0)
-    path, out = tmp_path / "weights.csv", tmp_path / "cell.json"
+    path = tmp_path / "weights.csv"
+    out = tmp_path / "cell.json"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "--out", out) == 0
     said = capsys.readouterr().out
@@ -154,12 +156,14 @@ def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_pat
     from tcdyn.rig.rigfile import load_rig, rig_toml
 
     volts, force, session = sessions(0)
-    path, rig = tmp_path / "torque.csv", tmp_path / "rig.toml"
+    path = tmp_path / "torque.csv"
+    rig = tmp_path / "rig.toml"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "--of", "friction", "--weights-rel", "0.002") == 0
     said = capsys.readouterr().out
     assert "under [uncertainty]" in said
-    shown, new = rig_toml(load_rig()), said.splitlines()[-1]
+    shown = rig_toml(load_rig())
+    new = said.splitlines()[-1]
     assert shown.count("\nfriction_rel = ") == 1
     rig.write_text(
         "\n".join(
@@ -200,7 +204,8 @@ def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_a
     from tcdyn.rig.static_line import StaticLine
     from tcdyn.workflows.calibrate import deviating_at_rest
 
-    t, rng = np.arange(0.0, 12.0, 1 / 75), np.random.default_rng(0)
+    t = np.arange(0.0, 12.0, 1 / 75)
+    rng = np.random.default_rng(0)
     line = StaticLine(
         gain=1.0, offset=0.0, covariance=((1e-8, 0.0), (0.0, 0.03**2)), range_degC=(20.0, 160.0)
     )

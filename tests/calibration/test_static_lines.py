@@ -51,8 +51,11 @@ def left_over(columns, y) -> float:
 
 def nested_p(small, large, y) -> float:
     """p of the F test of the columns that the larger model has beside those of the smaller."""
-    n, few, many = len(y), small.shape[1], large.shape[1]
-    free, rest = left_over(small, y), left_over(large, y)
+    n = len(y)
+    few = small.shape[1]
+    many = large.shape[1]
+    free = left_over(small, y)
+    rest = left_over(large, y)
     return float(
         stats.f.sf((free - rest) / (many - few) / (rest / (n - many)), many - few, n - many)
     )
@@ -72,7 +75,8 @@ def test_an_outlying_point_is_one_that_the_line_through_the_others_refuses():
     """Each point left out in turn, and asked whether the line through the rest foretells it: the same p for each."""
     x, y, _ = repeats_of_a_line()
     x, y = np.append(x, 400.0), np.append(y, 410.0)  # one far away, too, which holds the line
-    n, p = len(x), np.empty(len(x))
+    n = len(x)
+    p = np.empty(len(x))
     for i in range(n):
         rest = np.arange(n) != i
         slope, intercept, *_ = stats.linregress(x[rest], y[rest])
@@ -88,7 +92,8 @@ def test_an_outlying_point_is_one_that_the_line_through_the_others_refuses():
 
 def test_the_tests_of_a_line_are_f_tests_of_a_model_with_more_columns():
     x, y, repeat = repeats_of_a_line()
-    fit, line = fit_line(x, y), np.column_stack([np.ones(20), x])
+    fit = fit_line(x, y)
+    line = np.column_stack([np.ones(20), x])
     assert quadratic_p(fit) == pytest.approx(
         nested_p(line, np.column_stack([line, x**2]), y), rel=1e-9
     )
@@ -133,7 +138,8 @@ def test_places_that_differ_by_rounding_are_one_place():
 def test_too_few_points_are_asked_nothing():
     x = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     y = x + np.array([0.1, -0.1, 0.05, 0.1, -0.1])
-    four, five = fit_line(x[:4], y[:4]), fit_line(x, y)
+    four = fit_line(x[:4], y[:4])
+    five = fit_line(x, y)
     assert quadratic_p(four) is None
     assert quadratic_p(five) is not None
     assert lack_of_fit_p(five, [0, 0, 1, 1, 1]) is None  # a line goes through two means
@@ -187,7 +193,8 @@ def test_intervals_hold_the_truth_for_the_rigs_ovens_whose_minutes_share_an_erro
 
 def test_noise_of_the_logged_side_does_not_flatten_the_line():
     rng = np.random.default_rng(0)
-    slopes, plain = [], []
+    slopes = []
+    plain = []
     for _ in range(400):
         true = np.linspace(20, 160, 24)
         logged = true + rng.normal(0, 8.0, 24)
@@ -201,7 +208,8 @@ def test_noise_of_the_logged_side_does_not_flatten_the_line():
 
 def test_a_shared_prt_error_is_kept_beside_the_lines():
     frame = oven_frame()
-    without, with_shared = fit_static_lines(frame), fit_static_lines(frame, prt_shared_u_degC=0.05)
+    without = fit_static_lines(frame)
+    with_shared = fit_static_lines(frame, prt_shared_u_degC=0.05)
     for c in CHANNELS:
         assert with_shared.lines[c].covariance == without.lines[c].covariance
         assert (without.lines[c].shared_u_K, with_shared.lines[c].shared_u_K) == (0.0, 0.05)
@@ -242,7 +250,8 @@ def test_a_shift_between_repeats_is_noticed_and_widens_the_offset():
 
 def test_minutes_of_one_hold_count_as_one_point():
     frame = oven_frame()
-    often, once = fit_static_lines(frame.loc[frame.index.repeat(6)]), fit_static_lines(frame)
+    often = fit_static_lines(frame.loc[frame.index.repeat(6)])
+    once = fit_static_lines(frame)
     for c in CHANNELS:
         assert often.lines[c].gain == pytest.approx(once.lines[c].gain, rel=1e-12)
         assert often.lines[c].offset_estimate.u == pytest.approx(

@@ -25,7 +25,9 @@ def sessions(seed, slope=240.0, shifts=(0.0, 40.0, 100.0), sd_V=8.3e-4, twist=0.
 
 
 def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_right_rate():
-    slope, shift, alarms = [], [], []
+    slope = []
+    shift = []
+    alarms = []
     for seed in range(400):
         line = fit_transducer(*sessions(seed))
         slope.append(line.slope_N_V.contains(240.0))
@@ -73,7 +75,8 @@ def test_fewer_points_than_sessions_need_are_refused():
 def bearing(seed=0, noise=0.0):
     """Figure 2.25: four speeds, 800 to 2320 N, in pure rolling."""
     rng = np.random.default_rng(seed)
-    speeds, loads = np.array([774.0, 1005.0, 1238.0, 1546.0]), np.linspace(800, 2320, 6)
+    speeds = np.array([774.0, 1005.0, 1238.0, 1546.0])
+    loads = np.linspace(800, 2320, 6)
     rpm, load = (g.ravel() for g in np.meshgrid(speeds, loads, indexing="ij"))
     friction = 2.0 + 0.004 * rpm + 0.002 * load
     return load, friction + rng.normal(0, noise, len(load)), rpm + rng.normal(0, 1, len(load))

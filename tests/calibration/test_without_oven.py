@@ -66,7 +66,8 @@ def test_an_oven_log_or_a_stated_line_is_needed_and_not_both(tmp_path: Path) -> 
 def test_without_oven_switch_and_probe_the_lags_hold_the_truth_and_differences_stay_sharp(
     tmp_path: Path,
 ) -> None:
-    paths, lags = [], {}
+    paths = []
+    lags = {}
     for run in (1, 2):
         frame, truth = simulate_plunge("fast", 5, run=run)
         lags = truth["lag_s"]

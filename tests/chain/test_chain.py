@@ -33,7 +33,9 @@ def test_lag_is_the_delay_of_a_ramp(name):
 
 @pytest.mark.parametrize("name", CHAINS)
 def test_slow_sine_response_is_the_frequency_response(name):
-    chain, f, dt = CHAINS[name], 0.25, 1e-3
+    chain = CHAINS[name]
+    f = 0.25
+    dt = 1e-3
     t = np.arange(24_000) * dt
     y = chain.response(np.sin(2 * np.pi * f * t), dt)[12_000:]
     g = chain.frequency_response(f)
@@ -155,7 +157,8 @@ def test_a_channel_is_made_to_read_as_another_chain_would(name):
 
 
 def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second():
-    rng, (own, common) = np.random.default_rng(5), KINDS["lags"]
+    rng = np.random.default_rng(5)
+    own, common = KINDS["lags"]
     y = 80 + rng.standard_normal((300, 2))
     y[0] += 10  # one spike at the start is no level
     made = equalise(y, 1 / 75, [own, own], common)

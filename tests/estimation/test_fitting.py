@@ -46,7 +46,8 @@ def test_a_linear_problem_with_priors_has_the_posterior_of_the_textbook() -> Non
     design = rng.standard_normal((40, 3)) * scale
     truth = np.array([1.0, -2.0, 0.5]) / scale
     y = design @ truth + rng.standard_normal(40)
-    mean, sd = np.array([0.5, 0.0, 0.0]) / scale, np.array([0.1, np.inf, np.inf]) / scale
+    mean = np.array([0.5, 0.0, 0.0]) / scale
+    sd = np.array([0.1, np.inf, np.inf]) / scale
     best = minimise(Problem(("a", "b", "c"), line(design, y), mean, sd), np.zeros(3))
     precision = np.diag([1 / sd[0] ** 2, 0.0, 0.0])
     covariance = np.linalg.inv((design.T @ design + precision) * np.outer(1 / scale, 1 / scale))
@@ -275,7 +276,8 @@ def test_unseen_directions_are_told() -> None:
 def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
     """AR(1) with a: the variance of a mean grows by (1 + a)/(1 - a); sandwich and correlation length know it."""
     rng = np.random.default_rng(7)
-    a, n = 0.6, 20000
+    a = 0.6
+    n = 20000
     e = np.zeros(n)
     for k, w in enumerate(rng.standard_normal(n)):
         e[k] = a * e[k - 1] + w
@@ -297,7 +299,8 @@ def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_
         """ln likelihood that falls by 0.5 within ``width`` of one noise."""
 
         def marginal(self, noise):
-            a, c = noise.ar[0], noise.ma[0]
+            a = noise.ar[0]
+            c = noise.ma[0]
             asked.append((a, c))
             return -0.5 * ((a + 0.8) ** 2 + (c + 0.3) ** 2) / width**2, np.zeros(1), np.eye(1)
 
@@ -342,11 +345,9 @@ def test_secant_steps_learn_the_curvature_of_residuals_that_stay_large(curvature
 def test_what_enters_linearly_is_at_its_best_wherever_the_others_are() -> None:
     """The least cost over ten linear parameters with priors by their normal equations, its slope by differences."""
     rng = np.random.default_rng(3)
-    linear, other, prior_sd = (
-        rng.normal(size=(30, 10)),
-        rng.normal(size=(30, 2)),
-        rng.uniform(0.2, 3.0, 10),
-    )
+    linear = rng.normal(size=(30, 10))
+    other = rng.normal(size=(30, 2))
+    prior_sd = rng.uniform(0.2, 3.0, 10)
     prior = rng.normal(size=10)
 
     def evaluate(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

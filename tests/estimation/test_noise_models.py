@@ -102,7 +102,8 @@ def test_regressions_find_the_noise_across_a_gap_and_no_pair_reaches_over_it() -
     )
     assert sums.tolist() == [514.0, 2.0 + 6.0 + 200.0, 3.0, 0.0]
     assert pairs.tolist() == [5.0, 3.0, 1.0, 0.0]
-    rng, parts = np.random.default_rng(0), [slice(0, 1500), slice(1500, 4000)]
+    rng = np.random.default_rng(0)
+    parts = [slice(0, 1500), slice(1500, 4000)]
     e = np.concatenate(
         [lfilter([1.0, 0.5], [1.0, -1.2, 0.52], rng.normal(size=4500))[k:] for k in (3000, 2000)]
     )
@@ -123,7 +124,8 @@ def test_regressions_find_the_noise_across_a_gap_and_no_pair_reaches_over_it() -
 def test_of_white_residuals_the_sandwich_is_the_plain_covariance_with_its_prior() -> None:
     """s^2 (J'J + K)^-1, J'J of the residuals' variance, K of the prior in units of it."""
     rng = np.random.default_rng(3)
-    j, known = rng.normal(size=(20, 2)), np.array([0.0, 30.0])
+    j = rng.normal(size=(20, 2))
+    known = np.array([0.0, 30.0])
     e = np.where(np.arange(20) % 2, 1.0, -1.0) * np.repeat([1.0, -1.0, 1.0, 1.0, -1.0], 4)
     e = rng.permutation(e)
     assert fit_ar(e, [slice(0, 20)]).white

@@ -55,7 +55,8 @@ def test_a_spike_of_fifteen_standard_deviations_is_found_and_clean_noise_loses_n
     y = RAMP + 0.12 * np.random.default_rng(1).standard_normal(len(RAMP))
     at = np.arange(50, len(y), 400)
     # the median of seven strays by half a sd, the sample itself by one: 15 sd are never less than 8 from the median
-    rule, noise = SPIKES["reading"], float(white_noise_sd(y, 1))
+    rule = SPIKES["reading"]
+    noise = float(white_noise_sd(y, 1))
     assert noise == pytest.approx(0.12, rel=0.05)
     assert find_spikes(y, rule, noise).sum() == 0
     hit = y.copy()
@@ -76,7 +77,8 @@ def test_every_rule_finds_what_is_as_long_as_it_says_and_no_noise(use: SpikeUse)
     y = RAMP + 0.12 * np.random.default_rng(2).standard_normal(len(RAMP))
     assert not find_spikes(y, rule, 0.12).any()
     for length, wanted in ((rule.longest, True), (rule.width + 1, False)):
-        hit, at = y.copy(), slice(5000, 5000 + length)
+        hit = y.copy()
+        at = slice(5000, 5000 + length)
         hit[at] += 3 * max(rule.sigmas * 0.12, rule.floor)
         assert find_spikes(hit, rule, 0.12)[5000 + length // 2] == wanted
 
@@ -90,7 +92,8 @@ def test_without_a_stated_noise_the_usual_distance_from_the_median_stands_for_it
 @pytest.mark.parametrize("use", ["reading", "traces", "plunge", "compensator", "answer"])
 def test_spikes_are_those_of_a_median_of_every_sample(use: SpikeUse) -> None:
     """Whatever the trace: short, rounded, with gaps, half of it spikes; the rule as it is written, sample by sample."""
-    rng, found = np.random.default_rng(6), 0
+    rng = np.random.default_rng(6)
+    found = 0
     for _ in range(300):
         rule = SPIKES[use].for_lag(rng.uniform(0, 40)) if rng.random() < 0.5 else SPIKES[use]
         y = (
@@ -99,7 +102,8 @@ def test_spikes_are_those_of_a_median_of_every_sample(use: SpikeUse) -> None:
         )
         y[hit := rng.random(n) < rng.choice([0, 0.02, 0.2, 0.5])] += rng.choice([-30, 8, 1e4])
         y[rng.random(n) < rng.choice([0, 0.1])] = np.nan
-        sd, there = rng.choice([0.3, 1.0]), np.flatnonzero(np.isfinite(y))
+        sd = rng.choice([0.3, 1.0])
+        there = np.flatnonzero(np.isfinite(y))
         x = y[there]
         if not len(x):
             continue

@@ -17,7 +17,8 @@ from tcdyn.identify import IOData, fit, process
 from tcdyn.identify.models import Model
 from tcdyn.rig.disk import Conditioning
 
-DT_S, FINER = 0.05, 10
+DT_S = 0.05
+FINER = 10
 AUTO = {"noise": "auto", "baseline": "auto"}
 FILTER = Conditioning(4.0, 2)  # that is stated; the true one has a pole more
 WORLDS: dict[str, dict[str, object]] = {  # what is asked for in each
@@ -32,7 +33,8 @@ def fine(
     kind: str, rng: np.random.Generator, n: int = 800, more: tuple[float, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Input and case A's output (n,) behind ``more`` lags [s], neither with noise."""
-    t, h = np.arange(n * FINER) * DT_S / FINER, DT_S / FINER
+    t = np.arange(n * FINER) * DT_S / FINER
+    h = DT_S / FINER
     if kind == "plunge":
         u = 25 + 155 * (1 - np.exp(-np.clip(t - 2, 0, None) / 3))
     else:
@@ -80,12 +82,14 @@ def study(
     **options: object,
 ) -> dict[str, object]:
     """Share of runs whose 95 % interval holds gain and lag, share of alarms (1 % level), and the noise models found."""
-    rows, kinds = [], Counter()
+    rows = []
+    kinds = Counter()
     truth = 2.87 + (3 / (2 * np.pi * FILTER.cutoff_Hz) if name == "filter" else 0.0)
     asked = {"start": CASE_A, "check": False, "intervals": "quadratic", **options}
     for seed in seeds:
         found = fit(record(kind, seed, name, input_sd), model, **asked)
-        s, lag = found.identified.statistics, found.identified.lag_s
+        s = found.identified.statistics
+        lag = found.identified.lag_s
         held = found.estimates["Kp"].contains(1.0), lag.contains(truth)
         rows.append((*held, s["p_white"] < 0.01, s["p_input"] < 0.01, lag.value, lag.u))
         noise = found.noise

@@ -15,20 +15,23 @@ from scipy.signal import lfilter
 
 from tcdyn.identify import IOData, compare
 
-DT_S, FINER = 0.1, 10
+DT_S = 0.1
+FINER = 10
 MODELS = ("P1", "P1D", "P2", "P2D")
 
 
 def step_test(seed: int, n: int = 600) -> IOData:
     """One step at a tenth of the record, two lags and a dead time, settled by half of it; AR(1) noise."""
-    rng, h = np.random.default_rng(seed), DT_S / FINER
+    rng = np.random.default_rng(seed)
+    h = DT_S / FINER
     u = np.where(np.arange(n * FINER) < 0.1 * n * FINER, 20.0, 80.0)
     late = round(rng.uniform(0.0, 0.5) / h)
     y = np.concatenate([np.full(late, u[0]), u[: len(u) - late]])
     for tau in (rng.uniform(1.0, 3.0), rng.uniform(0.2, 0.8)):
         a = np.exp(-h / tau)
         y = lfilter([0.0, 1 - a], [1.0, -a], y, zi=[y[0]])[0]
-    a, size = rng.uniform(0.6, 0.97), rng.uniform(0.1, 1.0)
+    a = rng.uniform(0.6, 0.97)
+    size = rng.uniform(0.1, 1.0)
     noise = lfilter([size * np.sqrt(1 - a**2)], [1.0, -a], rng.normal(size=n + 2000))[2000:]
     return IOData.from_arrays(u[::FINER], y[::FINER] + noise, DT_S, hold="zoh")
 

@@ -17,12 +17,14 @@ from tcdyn.identify.causality import check_causality
 from tcdyn.identify.models import process
 from tcdyn.identify.search import make_problem
 
-FINER, DT_S = 10, 0.05
+FINER = 10
+DT_S = 0.05
 
 
 def lead(kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> IOData:
     """(1 + ratio tau s) / ((1 + tau s)(1 + tau2 s)) by first-order recursions on a grid ten times finer."""
-    rng, h = np.random.default_rng(0), DT_S / FINER
+    rng = np.random.default_rng(0)
+    h = DT_S / FINER
     t = np.arange(800 * FINER) * h
     u = {
         "plunge": 25 + 155 * (1 - np.exp(-np.clip(t - 2, 0, None) / 3)),
@@ -61,7 +63,8 @@ def test_no_causal_lead_is_refused(kind):
 def test_shifted_and_exchanged_columns_are_still_refused(kind):
     for noise in (0.05, 0.5):
         data = case_a(kind, 0, noise=noise)
-        u, y = data.runs[0].u[:, 0], data.runs[0].y[:, 0]
+        u = data.runs[0].u[:, 0]
+        y = data.runs[0].y[:, 0]
         for late in (60, 100):  # more than the lag of 57 samples, so that the output moves first
             shifted = IOData.from_arrays(
                 np.concatenate([np.full(late, u[0]), u[:-late]]), y, 0.05, hold=data.hold

@@ -30,11 +30,13 @@ from tcdyn.identify.validate import validate
 from tcdyn.report.dynamics import input_noise_text, interval_text
 from tests.identify.test_identify_several import plant
 
-LOOK, NOTE = Severity.WARNING, Severity.INFO
+LOOK = Severity.WARNING
+NOTE = Severity.INFO
 
 
 def test_an_input_set_in_small_steps_is_held_and_where_rounding_looks_alike_the_user_is_asked():
-    rng, t = np.random.default_rng(0), np.arange(800.0)
+    rng = np.random.default_rng(0)
+    t = np.arange(800.0)
     u = np.repeat(np.cumsum(rng.choice([-1, 1, 0.5], 80)), 10)
     y = simulate(process("P1D").rational({"Kp": 1.0, "Tp1": 0.8, "Td": 0.13}), u, 0.1, "zoh")
     each = {
@@ -83,7 +85,8 @@ def test_models_of_one_name_are_told_apart_and_one_that_stands_twice_is_compared
 
 
 def test_a_larger_sum_that_ended_worse_is_begun_at_the_smaller_one():
-    data, small = plant(3), several(["P1D", "P1"], ["heat", "fan"])
+    data = plant(3)
+    small = several(["P1D", "P1"], ["heat", "fan"])
     others = {"small": fit(data, small, intervals="quadratic", check=False)}
     options = {"intervals": "quadratic", "check": False}
     large = fit(data, several(["P1D", "P2"], ["heat", "fan"]), **options)
@@ -126,11 +129,14 @@ def test_a_drift_that_was_asked_for_is_no_reproach_where_it_goes_on():
 
 def ringing(seed: int, n: int = 500) -> IOData:
     """(1 + 0.15 s)/(1 + 2 0.03 0.5 s + (0.5 s)^2) by its state equations, cut from the midst of a test; AR(1) noise."""
-    rng, dt = np.random.default_rng(seed), 0.1
+    rng = np.random.default_rng(seed)
+    dt = 0.1
     a, b, *_ = cont2discrete(
         (np.array([[0.0, 1.0], [-4.0, -0.12]]), np.array([[0.0], [4.0]]), np.eye(2), 0), dt
     )
-    u, x, y = np.repeat(rng.choice([-1.0, 1.0], (n + 300) // 6 + 1), 6)[: n + 300], np.zeros(2), []
+    u = np.repeat(rng.choice([-1.0, 1.0], (n + 300) // 6 + 1), 6)[: n + 300]
+    x = np.zeros(2)
+    y = []
     for held in u.tolist():
         y.append(x[0] + 0.15 * x[1])
         x = a @ x + b[:, 0] * held
@@ -158,10 +164,8 @@ def test_a_larger_sum_that_is_as_good_to_a_millionth_is_not_begun_anew(
     monkeypatch: pytest.MonkeyPatch,
 ):
     begun: list[object] = []
-    data, quick = (
-        plant(3, 200).select("heat"),
-        {"intervals": "quadratic", "check": False, "input_noise": 0.0},
-    )
+    data = plant(3, 200).select("heat")
+    quick = {"intervals": "quadratic", "check": False, "input_noise": 0.0}
     small, large = (
         fit(data, p, **quick, start={"Kp": 2.0, "Tp1": 8.0, "Td": 1.5}) for p in ("P1", "P1D")
     )
@@ -176,7 +180,9 @@ def test_a_larger_sum_that_is_as_good_to_a_millionth_is_not_begun_anew(
 def test_what_a_larger_model_gains_is_counted_by_independent_samples():
     """White residuals: N ln(S/S') - ln N for one parameter more; of each repeated r times there are N/r."""
     rng = np.random.default_rng(3)
-    e, data, begun = rng.normal(size=100), plant(3, 200), {"Kp": 2.0, "Tp1": 8.0}
+    e = rng.normal(size=100)
+    data = plant(3, 200)
+    begun = {"Kp": 2.0, "Tp1": 8.0}
     made = fit(
         data.select("heat"), "P1", intervals="quadratic", check=False, input_noise=0.0, start=begun
     )

@@ -37,7 +37,8 @@ def known(model: Model, theta: dict[str, float], u: float = 0.1, **how: float) -
 
 
 def test_levy_s_regression_finds_a_response_without_noise_whatever_its_weight() -> None:
-    num, den = np.array([2.0, 0.6]), np.array([1.0, 1.3, 0.9])
+    num = np.array([2.0, 0.6])
+    den = np.array([1.0, 1.3, 0.9])
     h = (num[0] + num[1] * S) / (1 + den[1] * S + den[2] * S**2)
     found = levy(S, h, 1 / np.abs(h) ** 2, 1, 2)
     assert found[0] == pytest.approx(num)
@@ -48,13 +49,15 @@ def test_levy_s_regression_finds_a_response_without_noise_whatever_its_weight() 
 def test_starts_from_a_response_are_the_same_in_seconds_and_minutes(name: str) -> None:
     model = as_model(name)
     h = 3.0 * np.exp(-0.3 * S) / (1 + 1.5 * S) / (S if model.integrators else 1.0)
-    plain, other = Response(F, h, 0.02 * np.abs(h)), Response(60 * F, 7 * h, 0.14 * np.abs(h))
+    plain = Response(F, h, 0.02 * np.abs(h))
+    other = Response(60 * F, 7 * h, 0.14 * np.abs(h))
     for x, z in zip(starts(plain, model), starts(other, model), strict=True):
         for n, v in model.theta(z).items():
             power = int(n[1:]) if n[0] in "ab" else 1 if n[0] == "T" else 0
             gain = 7 * (60 if model.integrators else 1) if n[0] in "Kb" else 1.0
             assert v == pytest.approx(gain * model.theta(x)[n] / 60**power, rel=1e-4, abs=1e-9), n
-    ends, moved = weighted_problem(plain, model), weighted_problem(other, model)
+    ends = weighted_problem(plain, model)
+    moved = weighted_problem(other, model)
     for i, n in enumerate(model.free):
         for low, scaled in ((ends.lower[i], moved.lower[i]), (ends.upper[i], moved.upper[i])):
             if n == "Td":
@@ -119,7 +122,8 @@ def test_lag_step_and_bode_of_one_lag_have_the_bands_of_its_derivatives() -> Non
     assert g.lag_s.value == pytest.approx(0.8)
     assert g.lag_s.u == pytest.approx(0.1 * np.sqrt(2))
     t = np.linspace(0, 3, 31)
-    band, age = step_band(g, t), np.maximum(t - 0.3, 0.0)
+    band = step_band(g, t)
+    age = np.maximum(t - 0.3, 0.0)
     e = np.exp(-age / 0.5)
     slopes = np.stack([1 - e, -2 * age * e / 0.25, -2 * e / 0.5])
     after = t > 0.35
@@ -127,7 +131,8 @@ def test_lag_step_and_bode_of_one_lag_have_the_bands_of_its_derivatives() -> Non
     assert band.u[after] == pytest.approx(0.1 * np.linalg.norm(slopes, axis=0)[after])
     assert band.high95 - band.low95 == pytest.approx(2 * 1.96 * band.u, rel=1e-4)
     f = np.array([0.1, 0.5])
-    w, bode = 2 * np.pi * f, bode_band(g, np.array([0.1, 0.5]))
+    w = 2 * np.pi * f
+    bode = bode_band(g, np.array([0.1, 0.5]))
     assert bode.magnitude_dB.value == pytest.approx(20 * np.log10(2 / np.sqrt(1 + (0.5 * w) ** 2)))
     assert bode.phase_deg.value == pytest.approx(-np.degrees(np.arctan(0.5 * w) + 0.3 * w))
     of_tau = (
@@ -200,7 +205,8 @@ def test_a_record_is_cut_by_time_and_what_is_held_out_is_its_last_part() -> None
 
 
 def test_stretches_know_their_past_and_short_ones_are_passed_over() -> None:
-    u, y = np.arange(60.0), np.arange(60.0)
+    u = np.arange(60.0)
+    y = np.arange(60.0)
     u[[20, 21, 22, 30, 38]] = np.nan  # 0..19, 23..29 (seven samples), 31..37 (seven), 39..59
     found = split_segments(IOData.from_arrays(u, y, 0.5, start_s=2.0))
     assert [(s.start_s, len(s.y), s.after_gap) for s in found] == [
@@ -250,7 +256,8 @@ def test_a_counter_that_went_round_is_told_from_a_jump(values: list[float], bits
 def test_a_sum_of_models_is_bounded_and_scaled_by_input() -> None:
     """Order of a sum is that of its largest part; bounds of a lag are a hundredth of a sample and a hundred records."""
     rng = np.random.default_rng(2)
-    u, y = rng.normal(size=(50, 2)), rng.normal(size=50)
+    u = rng.normal(size=(50, 2))
+    y = rng.normal(size=50)
     model = several(["P2D", "P1"], ["u1", "u2"])
     assert model.order == 2
     problem = make_problem(IOData.from_arrays(u, y, 0.2), model, "equilibrium")

@@ -26,7 +26,8 @@ def test_slicing_is_in_seconds_with_both_ends():
 
 
 def test_merged_runs_stay_apart():
-    one, two = case_a("PRBS", 0), case_a("PRBS", 1)
+    one = case_a("PRBS", 0)
+    two = case_a("PRBS", 1)
     both = one.merge(two)
     assert [r.n for r in both.runs] == [800, 800]
     # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs tell the same dead time
@@ -216,7 +217,9 @@ def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
     """Spaces between columns, German Excel with its encoding, and TDMS hold the same samples as plain CSV."""
     frame = table().rename(columns={"y": "y_°C"})
     plain = from_frame(frame, input="u", output="y_°C")
-    matlab, excel, labview = tmp_path / "m.dat", tmp_path / "e.csv", tmp_path / "l.tdms"
+    matlab = tmp_path / "m.dat"
+    excel = tmp_path / "e.csv"
+    labview = tmp_path / "l.tdms"
     matlab.write_text(frame.to_string(index=False, float_format="%.17g"), encoding="utf-8")
     frame.to_csv(excel, sep=";", decimal=",", index=False, encoding="cp1252")
     with TdmsWriter(labview) as writer:

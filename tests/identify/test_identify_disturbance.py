@@ -90,7 +90,8 @@ def dense(noise: NoiseModel, n: int) -> np.ndarray:
     [NoiseModel((-0.99,), (-0.8,)), NoiseModel((-1.2, 0.5), (0.3,)), NoiseModel((), (0.5,))],
 )
 def test_whitening_leaves_unit_noise_from_the_first_sample_on(noise):
-    v, parts = dense(noise, 30), [slice(0, 30)]
+    v = dense(noise, 30)
+    parts = [slice(0, 30)]
     w = noise.whiten(np.eye(30), parts)
     assert np.allclose(w @ v @ w.T, np.eye(30))
     assert noise.log_determinant(parts) == pytest.approx(np.linalg.slogdet(v)[1])
@@ -111,7 +112,8 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
         best = -np.linalg.solve(information, j.T @ white @ r)
-        rest, freedom = (r + j @ best) @ white @ (r + j @ best), len(r) - len(x)
+        rest = (r + j @ best) @ white @ (r + j @ best)
+        freedom = len(r) - len(x)
         assert np.allclose(step, best, rtol=1e-6, atol=1e-9)
         assert np.allclose(covariance, rest / freedom * np.linalg.inv(information), rtol=1e-5)
         volume = np.linalg.slogdet(information)[1] + np.linalg.slogdet(dense(noise, len(r)))[1]
@@ -123,10 +125,8 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
 
 def test_a_mixture_has_the_moments_of_its_draws():
     rng = np.random.default_rng(0)
-    means, covariances = (
-        rng.normal(size=(3, 2)),
-        np.array([np.diag(rng.uniform(0.1, 1, 2)) for _ in range(3)]),
-    )
+    means = rng.normal(size=(3, 2))
+    covariances = np.array([np.diag(rng.uniform(0.1, 1, 2)) for _ in range(3)])
     weight = np.array([0.2, 0.5, 0.3])
     kind = rng.choice(3, 100_000, p=weight)
     draws = means[kind] + rng.normal(size=(100_000, 2)) * np.sqrt(
@@ -212,7 +212,8 @@ def test_the_command_takes_noise_baseline_and_noise_of_the_input(tmp_path):
         assert CliRunner().invoke(app, [*words, *more, "-q"]).exit_code in (0, 1)
         return json.loads(table.with_suffix(".identified.json").read_text())
 
-    plain, blind = told(), told("--input-noise", "0")
+    plain = told()
+    blind = told("--input-noise", "0")
     asked = told("--input-noise", "0.5", "--noise", "ar", "--baseline", "trend")
     assert (
         plain["estimates"]["Kp"]["u"] > 2 * blind["estimates"]["Kp"]["u"]

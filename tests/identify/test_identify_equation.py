@@ -80,7 +80,8 @@ def test_a_state_that_is_free_is_told_by_the_first_samples():
 
 @pytest.mark.study
 def test_poles_and_gains_are_covered_where_noise_comes_in_before_the_poles():
-    held, spread = [], []
+    held = []
+    spread = []
     truth = {"a1": -np.sum(DT / np.log(POLES)), "b0.fan": -0.2 / A.sum(), "b0.heat": 0.15 / A.sum()}
     begun = {"start": {"a1": 5.0, "a2": 4.0}, "intervals": "quadratic", "check": False}
     for seed in range(40):
@@ -119,7 +120,8 @@ def test_the_criterion_of_a_record_given_twice_is_twice_that_of_one_but_for_the_
 def test_a_block_that_is_left_out_is_foreseen_as_a_fit_without_it_foresees_it():
     data = stirred(2)
     model = several([transfer(1, 1)] * 2, ["heat", "fan"], common=True)
-    found, errors = fit(data, model, intervals="quadratic", check=False), []
+    found = fit(data, model, intervals="quadratic", check=False)
+    errors = []
     for block in np.array_split(np.arange(600), 6)[1:]:
         y = data.runs[0].y.copy()
         y[block] = np.nan
@@ -155,7 +157,8 @@ def test_names_are_read_and_what_cannot_be_is_refused():
 
 
 def test_a_candidate_with_dead_time_has_one_zero_less_and_finds_it() -> None:
-    rng, dt_s = np.random.default_rng(12), 0.1
+    rng = np.random.default_rng(12)
+    dt_s = 0.1
     u = np.repeat(rng.choice([0.0, 1.0], 80), 15)
     u[:30] = 0.0
     late = np.concatenate([np.zeros(7), u])[: len(u)]

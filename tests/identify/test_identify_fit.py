@@ -45,7 +45,8 @@ TRUTHS = {
 
 @pytest.mark.parametrize("name", TRUTHS)
 def test_every_structure_finds_its_truth_from_no_start(name):
-    model, truth = as_model(name), TRUTHS[name]
+    model = as_model(name)
+    truth = TRUTHS[name]
     rng = np.random.default_rng(5)
     u, hold = case_a_input("PRBS", rng)
     u = u - 25.0 if name == "P1I" else u
@@ -207,7 +208,8 @@ def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
     """What is said of two lags and a zero, well determined but for what is ``moved``, with u of 1 % of each."""
     posed = make_problem(case_a("PRBS", 1), process("P2DZ"), "equilibrium")
     theta = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37, **moved}
-    x, size = posed.vector(theta), posed.size
+    x = posed.vector(theta)
+    size = posed.size
     nothing = np.zeros((0, size))
     ended = Optimum(
         posed.least_squares_problem(),

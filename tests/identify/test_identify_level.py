@@ -10,18 +10,23 @@ import pytest
 from tcdyn.identify import IOData
 from tcdyn.identify.level_lag import LevelLagProblem, level_lag
 
-LOW, HIGH, DT_S, FINER = 25.0, 180.0, 0.05, 20
+LOW = 25.0
+HIGH = 180.0
+DT_S = 0.05
+FINER = 20
 
 
 def record(kind: str, seed: int, low_s: float = 0.73, high_s: float = 0.95, n: int = 800) -> IOData:
     """A sensor whose lag rises from ``low_s`` at 25 to ``high_s`` at 180 degC; noise 0.2 K."""
-    rng, h = np.random.default_rng(seed), DT_S / FINER
+    rng = np.random.default_rng(seed)
+    h = DT_S / FINER
     t = np.arange(n * FINER) * h
     if kind == "plunge":
         u = LOW + (HIGH - LOW) * (1 - np.exp(-np.clip(t - 2, 0, None) / 3))
     else:
         u = np.repeat(rng.choice([LOW, HIGH], n // 50), 50 * FINER)
-    y, level = np.empty(len(u)), float(u[0])
+    y = np.empty(len(u))
+    level = float(u[0])
     for k, drive in enumerate(u.tolist()):
         y[k] = level
         level += h / (low_s + (high_s - low_s) * (level - LOW) / (HIGH - LOW)) * (drive - level)
@@ -31,7 +36,9 @@ def record(kind: str, seed: int, low_s: float = 0.73, high_s: float = 0.95, n: i
 
 def study(kind: str, seeds: range, high_s: float) -> dict[str, float]:
     """Share of runs with the wrong sign, with a dependence claimed, and whose intervals hold the lag at both levels."""
-    wrong, claimed, held = [], [], []
+    wrong = []
+    claimed = []
+    held = []
     for seed in seeds:
         found = level_lag(record(kind, seed, high_s=high_s))
         truth = [0.73 + (high_s - 0.73) * (level - LOW) / (HIGH - LOW) for level in found.levels]
@@ -51,7 +58,8 @@ def study(kind: str, seeds: range, high_s: float) -> dict[str, float]:
 @pytest.mark.parametrize("kind", ["plunge", pytest.param("square", marks=pytest.mark.study)])
 def test_a_lag_that_rises_is_told_to_rise_and_a_constant_one_is_not(kind):
     """Before, 15 of 15 were told that it falls, and 5 of 5 constant ones that it changes."""
-    rising, constant = study(kind, range(8), 0.95), study(kind, range(8), 0.73)
+    rising = study(kind, range(8), 0.95)
+    constant = study(kind, range(8), 0.73)
     assert rising["wrong"] == 0
     assert rising["claimed"] == 1
     assert rising["held"] >= 0.9  # to 0.01 s: tau is not exactly exponential in the level
@@ -67,7 +75,8 @@ def test_without_a_bend_nothing_is_added_to_the_linear_model_and_slopes_are_the_
     assert np.allclose(residual, -base.residual)
     assert np.allclose(slopes[:, :-1], base.jacobian, atol=1e-9 * np.abs(base.jacobian).max())
     assert np.abs(slopes[:, -1]).max() > 1.0
-    bend, h = np.append(base.x, 0.3), 1e-3
+    bend = np.append(base.x, 0.3)
+    h = 1e-3
     free = [
         k for k, name in enumerate(bent.problem.names) if name != "Td"
     ]  # which lies at its bound

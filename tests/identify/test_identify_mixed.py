@@ -16,13 +16,15 @@ from tcdyn.identify.models import as_model, several
 from tcdyn.identify.validate import confirm
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
-DT_S, N = 0.1, 500
+DT_S = 0.1
+N = 500
 
 
 def late(u: np.ndarray) -> np.ndarray:
     """The exact response of gain 2, lag 0.8 s and 0.13 s of dead time to ``u`` held: a sample sees the input before
     last through exp(-0.07/0.8) of an interval, and the one before it through the rest."""
-    a, part = np.exp(-DT_S / 0.8), np.exp(-0.07 / 0.8)
+    a = np.exp(-DT_S / 0.8)
+    part = np.exp(-0.07 / 0.8)
     padded = np.concatenate([np.full(3, u[0]), u])
     drive = (1 - part) * padded[1 : 1 + len(u)] + (part - a) * padded[: len(u)]
     return 2.0 * (lfilter([1.0], [1.0, -a], drive - u[0] * (1 - a)) + u[0])

@@ -31,7 +31,8 @@ def record(seed: int, colour: float, n: int = 400) -> tuple[np.ndarray, np.ndarr
 @pytest.mark.study
 @pytest.mark.parametrize("colour", [0.0, 0.7])
 def test_weights_are_unbiased_and_bootstrap_intervals_hold_them(colour):
-    held, ends = [], []
+    held = []
+    ends = []
     for seed in range(20):
         u, y = record(seed, colour)
         table = np.column_stack([y[:-1], u[:-1], u[:-1] * y[:-1]])
@@ -64,10 +65,10 @@ def test_a_quadratic_model_is_better_from_a_tenth_of_the_error_on(
     quadratic: float, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A linear model leaves 2 % of the held-out part; a lag that does not depend on the level."""
-    level, e = (
-        LevelLag("P1", (20.0, 180.0), *[Estimate.normal(1.0, 0.1)] * 2, Estimate.normal(0.0, 0.1)),
-        (0.0, 1.0),
+    level = LevelLag(
+        "P1", (20.0, 180.0), *[Estimate.normal(1.0, 0.1)] * 2, Estimate.normal(0.0, 0.1)
     )
+    e = (0.0, 1.0)
 
     def scored(data: IOData, *, degree: int, **_: object) -> Narx:
         percent = {1: 98.0, 2: quadratic}[degree]
@@ -100,9 +101,11 @@ def test_a_lag_is_that_of_the_recursion_linearised_about_its_level() -> None:
 def test_free_simulation_and_one_step_are_the_recursion_in_their_units() -> None:
     model = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1)
     rng = np.random.default_rng(0)
-    u, y = 3 + 2 * rng.normal(size=30), np.full(30, 2.0)
+    u = 3 + 2 * rng.normal(size=30)
+    y = np.full(30, 2.0)
     for t in range(1, 30):
-        v, x = (u[t - 1] - 3) / 2, (y[t - 1] - 1) / 4
+        v = (u[t - 1] - 3) / 2
+        x = (y[t - 1] - 1) / 4
         y[t] = 1 + 4 * (0.8 * x + 0.25 * v - 0.05 * v * x)
     assert model.simulate(u, y[:1]) == pytest.approx(y, rel=1e-12)
     assert 1 + 4 * model.one_step((u - 3) / 2, (y - 1) / 4)[1:] == pytest.approx(y[1:], rel=1e-12)

@@ -28,13 +28,15 @@ from tcdyn.identify.validate import (
     whiteness,
 )
 
-DT, N = 0.05, 240
+DT = 0.05
+N = 240
 
 
 def posed(name: str = "P1D", gap: slice | None = None, **how: Any) -> IdentificationProblem:
     """The problem of a random walk's record, the output missing in ``gap``."""
     rng = np.random.default_rng(4)
-    u, y = rng.normal(size=N).cumsum(), rng.normal(size=N).cumsum()
+    u = rng.normal(size=N).cumsum()
+    y = rng.normal(size=N).cumsum()
     if gap:
         y[gap] = np.nan
     return make_problem(
@@ -68,7 +70,9 @@ def test_whiteness_is_ljung_and_box_s_sum_without_what_the_fit_took() -> None:
 
 def test_the_input_s_test_is_the_f_test_of_regressors_added_to_the_fit_s_own() -> None:
     rng = np.random.default_rng(1)
-    j, u, y = rng.normal(size=(80, 3)), rng.normal(size=(80, 4)), rng.normal(size=80)
+    j = rng.normal(size=(80, 3))
+    u = rng.normal(size=(80, 4))
+    y = rng.normal(size=80)
     u[:, 0] += 2 * j[:, 1]
     y += 0.3 * u[:, 2]
     e = y - j @ np.linalg.lstsq(j, y, rcond=None)[0]
@@ -152,7 +156,10 @@ def test_a_fit_s_percent_is_of_the_spread_about_the_mean_and_its_noise_of_the_de
 
 def test_noise_of_a_measured_input_has_the_spectrum_of_both_noises() -> None:
     """s_y^2 + s_u^2 |H|^2, H of the lag between samples that straight lines join: (1 - e^-a) and so on, by FFT."""
-    tau, gain, sd, own = 0.4, 3.0, 0.5, 0.2
+    tau = 0.4
+    gain = 3.0
+    sd = 0.5
+    own = 0.2
     problem = replace(posed("P1"), input_sds=(sd,), noise_sd=own)
     x = problem.vector({"Kp": gain, "Tp1": tau})
     a = np.exp(-DT / tau)
@@ -188,7 +195,9 @@ def test_spikes_beside_a_running_median_are_put_upon_it_and_slow_noise_stays() -
 
 def test_a_walk_beneath_white_noise_has_steps_that_are_a_moving_average() -> None:
     """Steps of variance q and white noise r: 1 + c^2 - ... : the MA(1) whose correlation is -r/(q + 2 r)."""
-    rng, q, r = np.random.default_rng(5), 0.25, 1.0
+    rng = np.random.default_rng(5)
+    q = 0.25
+    r = 1.0
     e = np.sqrt(q) * rng.normal(size=6000).cumsum() + np.sqrt(r) * rng.normal(size=6000)
     found = fit_random_walk(e, [slice(0, 6000)], (0, 1))
     rho = -r / (q + 2 * r)
@@ -209,7 +218,8 @@ def test_a_walk_beneath_white_noise_has_steps_that_are_a_moving_average() -> Non
 
 def test_columns_that_a_computer_sets_repeat_themselves() -> None:
     rng = np.random.default_rng(6)
-    held, moving = np.repeat(rng.normal(size=24), 10), rng.normal(size=N)
+    held = np.repeat(rng.normal(size=24), 10)
+    moving = rng.normal(size=N)
     for u, y, told in (
         (moving, held, True),
         (held, moving, False),
@@ -249,9 +259,11 @@ def test_a_problem_knows_how_far_a_dead_time_reaches_and_what_colours_an_equatio
     )  # 4.4 samples
     assert replace(problem, model=process("P1D", delay_max_s=1.0)).delay_max_s == 1.0
     arx = replace(problem, model=as_model("ARX(1,2)"))
-    a1, a2 = 0.8 + 0.3, 0.8 * 0.3
+    a1 = 0.8 + 0.3
+    a2 = 0.8 * 0.3
     x = arx.vector({"b0": 1.0, "b1": 0.0, "a1": a1, "a2": a2})
-    p, q = np.exp(-DT / 0.8), np.exp(-DT / 0.3)
+    p = np.exp(-DT / 0.8)
+    q = np.exp(-DT / 0.3)
     assert arx.pole_polynomial(x) == pytest.approx([-(p + q), p * q])
     measured = replace(problem, input_sds=(0.5,), noise_sd=2.0)
     assert measured.prior_precision[measured.prior_precision > 0] == pytest.approx([16.0])
@@ -260,7 +272,8 @@ def test_a_problem_knows_how_far_a_dead_time_reaches_and_what_colours_an_equatio
 def test_lags_are_told_from_the_longest_on_with_their_slopes() -> None:
     problem = posed("P3")
     x = problem.vector({"Kp": 1.0, "Tp1": 0.1, "Tp2": 0.9, "Tp3": 0.4})
-    core, size = problem.least_squares_problem(), problem.size
+    core = problem.least_squares_problem()
+    size = problem.size
     j = np.arange(2.0 * size).reshape(2, size)
     found = sort_lags(
         problem, Optimum(core, x, np.zeros(2), j, 0.0, j.T @ j, np.eye(size), Status.CONVERGED, 1)

@@ -100,7 +100,8 @@ def test_held_out_run_is_another_recording():
 def test_percent_times_of_one_lag_are_its_logarithms():
     found = fit(case_a("PRBS", 0), "P1D").identified
     times = percent_times(found)
-    tau, theta = found.theta["Tp1"], found.theta["Td"]
+    tau = found.theta["Tp1"]
+    theta = found.theta["Td"]
     for name, share in (("t50", 0.5), ("t63.2", 1 - np.exp(-1)), ("t90", 0.9)):
         k = -np.log(1 - share)
         assert times[name].value == pytest.approx(
@@ -115,7 +116,8 @@ def test_percent_times_of_one_lag_are_its_logarithms():
 @pytest.mark.study
 def test_bands_cover_the_truth_as_often_as_they_say():
     truth = process("P2D").rational(CASE_A)
-    f, t = np.geomspace(0.01, 1.0, 12), np.arange(200) * 0.05
+    f = np.geomspace(0.01, 1.0, 12)
+    t = np.arange(200) * 0.05
     step = simulate(truth, np.ones(200), 0.05, "zoh", "zero")
     g = 20 * np.log10(np.abs(truth.frequency_response(f)))
     covered = []
@@ -123,7 +125,8 @@ def test_bands_cover_the_truth_as_often_as_they_say():
         m = fit(
             case_a("PRBS", 300 + seed), "P2D", start=CASE_A, intervals="quadratic", check=False
         ).identified
-        b, s = bode_band(m, f).magnitude_dB, step_band(m, t)
+        b = bode_band(m, f).magnitude_dB
+        s = step_band(m, t)
         times = percent_times(m)["t90"]
         covered.append(
             [
@@ -189,10 +192,16 @@ def test_a_drift_of_the_output_is_told():
 def test_feedback_is_told_from_missing_dynamics():
     """A controller answers the noise, which the input therefore follows; open, the same plant raises no question."""
     rng = np.random.default_rng(3)
-    n, lag, gain = 2000, np.exp(-1 / 20), 2.0
+    n = 2000
+    lag = np.exp(-1 / 20)
+    gain = 2.0
     wanted = np.repeat(rng.choice([0.0, 5.0, 10.0], n // 100), 100)
     for closed in (True, False):
-        u, y, x, noise, total = np.zeros(n), np.zeros(n), 0.0, 0.0, 0.0
+        u = np.zeros(n)
+        y = np.zeros(n)
+        x = 0.0
+        noise = 0.0
+        total = 0.0
         for k in range(n):
             noise = 0.97 * noise + 0.12 * rng.normal()
             y[k] = x + noise

@@ -139,7 +139,8 @@ def test_a_step_begins_where_the_smaller_model_ended():
         ("P1D", {"Kp": 2.0, "Tp1": 5.0, "Td": 0.3}, "P2DZ"),
         ("TF(1,3)", {"b0": 2.0, "b1": 1.0, "a1": 3.0, "a2": 3.0, "a3": 1.0}, "TF(2,4)"),
     ):
-        was, part = as_model(name), as_model(larger)
+        was = as_model(name)
+        part = as_model(larger)
         assert larger in [m.name for m in successors(was)]
         now = part.rational(warm_start(was, have, part, 0.7)).frequency_response(f)
         assert np.allclose(now, was.rational(have).frequency_response(f), rtol=1e-9)
@@ -172,10 +173,8 @@ def test_a_control_system_is_compared_as_it_stands_and_begun_at():
     begun = fit(data, given.model, start=given.theta)
     assert begun.identified.theta["a1"] == pytest.approx(8.0, abs=4 * begun.estimates["a1"].u)
     joined = several(["P1D", "TF(1,2)"], ["heat", "fan"])
-    u, two = (
-        plant(6).runs[0].u,
-        fit(plant(6), joined, intervals="quadratic", check=False).identified,
-    )
+    u = plant(6).runs[0].u
+    two = fit(plant(6), joined, intervals="quadratic", check=False).identified
     again = from_control(two.state_space(0), delay_s=[two.theta["Td.heat"], 0.0])
     assert np.allclose(again.simulate(u, DT, "zoh"), two.simulate(u) - two.offset, atol=1e-6)
     unnamed = control.combine_tf([[control.tf([2.0], [8.0, 1.0]), control.tf([-1.0], [3.0, 1.0])]])
@@ -203,7 +202,8 @@ def test_poles_move_as_their_covariance_says():
     g = fit(heated(7), "P2D", intervals="quadratic", check=False).identified
     poles = sorted((r for r in roots_of(g)), key=lambda r: -r.value.real)
     for r, name in zip(poles, ("Tp1", "Tp2")):
-        tau, u = g.estimates[name].value, g.estimates[name].u
+        tau = g.estimates[name].value
+        u = g.estimates[name].u
         assert r.value == pytest.approx(-1 / tau)
         assert np.sqrt(r.covariance[0, 0]) == pytest.approx(u / tau**2)  # d(1/T) = dT/T^2
     # an oscillating pair: against fits' own spread of w = 1/Tw and damping
@@ -303,7 +303,8 @@ def test_the_command_takes_several_inputs_and_outputs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     data = plant(2)
-    u, y = data.runs[0].u, data.runs[0].y[:, 0]
+    u = data.runs[0].u
+    y = data.runs[0].y[:, 0]
     table = tmp_path / "two.csv"
     frame = pd.DataFrame(
         {

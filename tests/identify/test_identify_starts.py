@@ -50,11 +50,13 @@ def in_unit(theta: dict[str, float], unit: float) -> dict[str, float]:
 
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_starts_are_the_same_in_seconds_and_minutes_in_kelvin_and_millikelvin(name: str) -> None:
-    unit, model = 1 / 60, as_model(name)
+    unit = 1 / 60
+    model = as_model(name)
     plain, other = (
         make_problem(record(*how), model, "equilibrium") for how in ((), (unit, 1000.0))
     )
-    found, moved = starts(plain), starts(other)
+    found = starts(plain)
+    moved = starts(other)
     assert len(found) == len(moved) > 0
     for x, z in zip(found, moved):
         theta = in_unit(plain.theta(x), unit)
@@ -87,7 +89,8 @@ def test_a_larger_model_begins_at_the_same_place_in_any_unit(was: str, larger: s
     have = {
         n: 2.0 if n in ("Kp", "b0") else 0.3 * (k + 1) for k, n in enumerate(as_model(was).names)
     }
-    part, unit = as_model(larger), 1 / 60
+    part = as_model(larger)
+    unit = 1 / 60
     begun = warm_start(as_model(was), have, part, 0.7)
     moved = warm_start(as_model(was), in_unit(have, unit), part, 0.7 * unit)
     assert moved == pytest.approx(in_unit(begun, unit), rel=1e-12)  # rounding only
@@ -173,7 +176,8 @@ def test_what_is_new_is_begun_in_lags_of_what_was_there_whatever_their_unit() ->
 
 def test_at_the_truth_the_regression_with_filtered_columns_leaves_nothing() -> None:
     """A y_f = B u_f + offset, both filtered by 1/A; without noise the instruments are nearly its columns."""
-    den, num = np.array([1.0, 1.3, 0.36]), np.array([2.0, 0.8])
+    den = np.array([1.0, 1.3, 0.36])
+    num = np.array([2.0, 0.8])
     u = record().runs[0].u[:, 0]
     y = (
         simulate(

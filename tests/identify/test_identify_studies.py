@@ -16,7 +16,10 @@ pytestmark = pytest.mark.study
 
 def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
     """Errors (R, 4), covered (R, 4), p values (R, 2) and seconds (R,) of default P2D fits."""
-    errors, covered, p, seconds = [], [], [], []
+    errors = []
+    covered = []
+    p = []
+    seconds = []
     for seed in seeds:
         data = case_a(kind, seed)
         began = time.perf_counter()

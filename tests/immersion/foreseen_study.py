@@ -16,7 +16,8 @@ from immersion.plunge_fit import identify_plunges, with_structure_uncertainty
 from tcdyn.design.plans import PlungePlan, predict_plunges
 from tcdyn.rig.rigfile import load_rig
 
-CASE, EXPECTED_S = "oil, heated", 0.65
+CASE = "oil, heated"
+EXPECTED_S = 0.65
 
 
 def main(disks: int, seed: int) -> None:
@@ -37,7 +38,8 @@ def main(disks: int, seed: int) -> None:
             flush=True,
         )
     common, apart = np.array(found).T
-    low, high = told.low_s, told.high_s
+    low = told.low_s
+    high = told.high_s
     print(
         f"{disks} disks: u of the common lag foreseen {told.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; found "
         f"{np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "

@@ -21,7 +21,8 @@ from immersion.plunge_fit import identify_plunges, with_structure_uncertainty
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import load_rig
 
-DIAMETER, GRAVITY = 0.0762, 9.80665
+DIAMETER = 0.0762
+GRAVITY = 9.80665
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -61,7 +62,8 @@ def mcadams(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
 
 def mikheev(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     """Mikheev (1956), vertical, properties of the bulk: 0.76 Ra^(1/4) (Pr_bulk / Pr_wall)^(1/4)."""
-    p, w = fluid(bulk), fluid(wall)
+    p = fluid(bulk)
+    w = fluid(wall)
     return (
         p[0]
         / WIDTH
@@ -82,13 +84,15 @@ def morgan(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     """Morgan (1975), horizontal cylinder, film temperature, a power for each range of Ra."""
     p = fluid((wall + bulk) / 2)
     ra = rayleigh(p, wall, bulk, DIAMETER)
-    ends, powers = (1e2, 1e4, 1e7), ((1.02, 0.148), (0.850, 0.188), (0.480, 0.250), (0.125, 1 / 3))
+    ends = (1e2, 1e4, 1e7)
+    powers = ((1.02, 0.148), (0.850, 0.188), (0.480, 0.250), (0.125, 1 / 3))
     return p[0] / DIAMETER * np.choose(np.searchsorted(ends, ra), [c * ra**n for c, n in powers])
 
 
 def vdi(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     """VDI Heat Atlas F2, horizontal cylinder over half its circumference, film temperature."""
-    p, length = fluid((wall + bulk) / 2), np.pi * DIAMETER / 2
+    p = fluid((wall + bulk) / 2)
+    length = np.pi * DIAMETER / 2
     ra = rayleigh(p, wall, bulk, length) / (1 + (0.559 * p[2] / p[1]) ** (9 / 16)) ** (16 / 9)
     return p[0] / length * (0.752 + 0.387 * ra ** (1 / 6)) ** 2
 
@@ -131,7 +135,8 @@ def study(
 ) -> list[dict[str, Any]]:
     """A row a disk: form, error and u of the common lag and of the differences (6,), codes and kinds of findings."""
     d, chosen, runs = plunged(case, disks, seed)
-    setup, rows = load_rig().disk_setup("fast"), []
+    setup = load_rig().disk_setup("fast")
+    rows = []
     for k, form in enumerate(chosen):
         fit = identify_plunges(runs[2 * k : 2 * k + 2], setup, **how)
         fit = with_structure_uncertainty(fit) if structures else fit

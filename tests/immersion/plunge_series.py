@@ -28,10 +28,13 @@ def series_plunge(
     K R'(R_o) + h R(R_o) = 0; A_k by orthogonality over r dr. theta = (T - T_fluid)/(T_0 - T_fluid). Needs a bore.
     Source: Carslaw and Jaeger (1959), section 7.10, with one boundary insulated.
     """
-    ri, ro, k = cylinder.inner_radius_m, cylinder.outer_radius_m, cylinder.conductivity_W_mK
+    ri = cylinder.inner_radius_m
+    ro = cylinder.outer_radius_m
+    k = cylinder.conductivity_W_mK
 
     def parts(x: float, r: Array | float) -> tuple[Array, Array]:
-        a, b = y1(x * ri), j1(x * ri)
+        a = y1(x * ri)
+        b = j1(x * ri)
         return np.asarray(j0(x * r) * a - y0(x * r) * b), np.asarray(
             -x * (j1(x * r) * a - y1(x * r) * b)
         )
@@ -47,7 +50,8 @@ def series_plunge(
         if condition(x) * condition(x + step) < 0:
             roots.append(brentq(condition, x, x + step, xtol=1e-12))
         x += step
-    r, t = np.asarray(r_m, dtype=float), np.asarray(time_s, dtype=float)
+    r = np.asarray(r_m, dtype=float)
+    t = np.asarray(time_s, dtype=float)
     theta = np.zeros((len(t), len(r)))
     for lam in roots:
         edge, slope = parts(lam, ro)

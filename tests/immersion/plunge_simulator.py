@@ -10,9 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CELLS, STEPS_PER_SAMPLE, RATE_Hz = 45, 3, 75.0
+CELLS = 45
+STEPS_PER_SAMPLE = 3
+RATE_Hz = 75.0
 DEPTHS_m = np.array([3.0, 6.0, 3.0, 6.0, 1.25, 6.0]) * 1e-3
-R_IN, R_OUT, WIDTH, RHO_C, K_STEEL = 0.0205, 0.0381, 0.00953, 7850.0 * 470.0, 41.0
+R_IN = 0.0205
+R_OUT = 0.0381
+WIDTH = 0.00953
+RHO_C = 7850.0 * 470.0
+K_STEEL = 41.0
 
 
 def oil_h(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
@@ -82,7 +88,8 @@ def draw_pairs(
 def same_pairs(pairs: int, lag: float = 0.65, baths: tuple[float, float] = (110.0, 138.0)) -> Draws:
     """Pairs that are all alike, at the middle of the priors; only noise will tell them apart."""
     m = 2 * pairs
-    one, six = np.ones(m), np.ones((m, 6))
+    one = np.ones(m)
+    six = np.ones((m, 6))
     root = np.sqrt(0.5)
     return Draws(
         np.tile(baths, pairs).astype(float),
@@ -153,7 +160,10 @@ def simulate(
     rows = np.arange(m)[:, None]
     T = np.tile(d.initial, (CELLS, 1))
     x = np.repeat(d.initial[:, None], 6, axis=1)
-    a, b, c1, c2 = x.copy(), x.copy(), x.copy(), x.copy()
+    a = x.copy()
+    b = x.copy()
+    c1 = x.copy()
+    c2 = x.copy()
     wc = np.full((m, 6), 1 / (2 * np.pi * 4.0))
     steps = int(after_s * RATE_Hz) * STEPS_PER_SAMPLE
     out = np.empty(
@@ -166,7 +176,9 @@ def simulate(
         k1 = rate(T, t)
         T = T + dt / 2 * (k1 + rate(T + dt * k1, t + dt))
         new = (1 - share) * T[index, rows] + share * T[index + 1, rows]
-        old_a, old_b, old_c1 = a, b, c1
+        old_a = a
+        old_b = b
+        old_c1 = c1
         a = lag_update(a, x, new, d.tau1, dt)
         b = lag_update(b, old_a, a, np.maximum(d.tau2, 1e-5), dt)
         c1 = lag_update(c1, old_b, b, wc, dt)

@@ -24,7 +24,8 @@ def make_runs(
     fluid_name: str = "mobil-jet-ii",
 ) -> list[PlungeRun]:
     """One PlungeRun per plunge: an entry event off by its own u, a bath thermometer off by 0.5 K (1 sigma)."""
-    runs, substance = [], fluid(fluid_name)
+    runs = []
+    substance = fluid(fluid_name)
     for k in range(len(d.bath)):
         event = EntryEvent(100 + entry_u_s * rng.standard_normal(), entry_u_s, None, None, "drawn")
         bath = d.bath[k] + 0.5 * rng.standard_normal() + 0.05 * rng.standard_normal(len(times))

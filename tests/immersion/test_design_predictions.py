@@ -53,7 +53,8 @@ def test_a_plunge_tells_differences_far_better_than_the_common_lag() -> None:
 
 
 def test_an_unloading_tells_the_common_lag_better_than_a_plunge() -> None:
-    plunge, unloading = predict_plunges([PLAN], SETUP, draws=8), predict_step(StepPlan(), SETUP)
+    plunge = predict_plunges([PLAN], SETUP, draws=8)
+    unloading = predict_step(StepPlan(), SETUP)
     assert unloading.u_common_s < plunge.u_common_s
     both = combine_tests("both", [plunge, unloading])
     assert both.u_common_s < unloading.u_common_s
@@ -74,7 +75,9 @@ def test_junction_depths_limit_what_a_step_tells() -> None:
 
 
 def test_the_patch_response_has_the_steady_state_of_carslaw_and_jaeger() -> None:
-    z, a, k = 2e-3, 1.5e-3, 41.0
+    z = 2e-3
+    a = 1.5e-3
+    k = 41.0
     late = patch_response(np.array([1e5]), z, a, k, 1.1e-5)[0]
     # the approach is a^2/(2 K sqrt(4 pi alpha t)): 1e-4 of the limit at 1e5 s
     assert late == pytest.approx((np.hypot(z, a) - z) / k, rel=1e-2)
@@ -84,7 +87,10 @@ def test_the_patch_response_has_the_steady_state_of_carslaw_and_jaeger() -> None
 
 def test_a_wide_patch_begins_as_a_half_space() -> None:
     """Explicit steps of the heat equation under a unit flux, before the patch's edge is felt."""
-    k, alpha, dx, dt = 41.0, 1.1e-5, 5e-5, 5e-5
+    k = 41.0
+    alpha = 1.1e-5
+    dx = 5e-5
+    dt = 5e-5
     rise = np.zeros(400)
     for _ in range(20_000):  # 1 s; alpha dt/dx2 = 0.22
         flow = -k * np.diff(rise) / dx
@@ -110,7 +116,8 @@ def test_shared_and_own_parameters_are_eliminated_as_by_hand() -> None:
 
 
 def test_slopes_are_the_derivatives() -> None:
-    at, steps = np.array([2.0, 3.0]), np.array([1e-3, 1e-4])
+    at = np.array([2.0, 3.0])
+    steps = np.array([1e-3, 1e-4])
     found = jacobian(lambda x: np.array([x[0] ** 2, x[0] * x[1]]), at, steps)
     np.testing.assert_allclose(found, [[4.0, 0.0], [3.0, 2.0]], rtol=1e-9)  # exact for a quadratic
 
@@ -160,11 +167,9 @@ def told(kind: str, common_s: float, differences_s: float) -> PredictedTest:
 
 
 def test_the_headline_names_the_least_laborious_test_that_suffices() -> None:
-    plunge, unloading, both = (
-        told("plunge", 0.05, 0.01),
-        told("unloading", 0.03, 0.03),
-        told("together", 0.02, 0.009),
-    )
+    plunge = told("plunge", 0.05, 0.01)
+    unloading = told("unloading", 0.03, 0.03)
+    both = told("together", 0.02, 0.009)
     said = recommendation([plunge, unloading, both], 0.73)
     assert said.startswith("Do this: plunge test, and log an unloading.")
     assert (

@@ -129,7 +129,8 @@ def test_noise_moves_the_rise_of_the_junctions_by_little_since_it_is_averaged_ov
 ):
     """Readings of 0.5 K noise: sd 0.07 K of the mean, 0.3 K of one row, where a disk of 120 s begins by 0.5 K/s."""
     t, quiet = junctions(120.0, 12.0)
-    bath, rng = np.full(len(t), 107.0), np.random.default_rng(2)
+    bath = np.full(len(t), 107.0)
+    rng = np.random.default_rng(2)
     clear = rise_time(t, quiet, bath)
     assert clear is not None
     found = [rise_time(t, quiet + rng.normal(0, 0.5, quiet.shape), bath) for _ in range(5)]

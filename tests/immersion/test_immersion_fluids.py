@@ -57,7 +57,8 @@ def test_a_table_written_from_a_fluid_gives_that_fluid_back(tmp_path) -> None:  
             "nu_m2_s": p.nu_m2_s,
         }
     ).to_csv(path, index=False)
-    own, between = read_fluid(path), np.array([30.0, 85.0, 120.0])
+    own = read_fluid(path)
+    between = np.array([30.0, 85.0, 120.0])
     np.testing.assert_allclose(own.at(between).nu_m2_s, oil.at(between).nu_m2_s, rtol=1e-6)
     np.testing.assert_allclose(own.at(between).prandtl, oil.at(between).prandtl, rtol=1e-6)
     np.testing.assert_allclose(own.at(between).beta_1_K, oil.at(between).beta_1_K, rtol=1e-6)

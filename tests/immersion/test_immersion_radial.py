@@ -64,9 +64,11 @@ def test_modes_add_up_to_the_static_profile() -> None:
 
 def test_a_solid_disk_is_the_limit_of_a_small_bore() -> None:
     t = plunge_grid(60.0)
-    solid, pin = replace(DISK, inner_radius_m=0.0), replace(DISK, inner_radius_m=1e-4)
+    solid = replace(DISK, inner_radius_m=0.0)
+    pin = replace(DISK, inner_radius_m=1e-4)
     r = DISK.outer_radius_m - DEPTHS
-    one, two = influence(solid, r, t)[0], influence(pin, r, t)[0]
+    one = influence(solid, r, t)[0]
+    two = influence(pin, r, t)[0]
     np.testing.assert_allclose(one, two, atol=2e-4 * np.max(one))
 
 

@@ -118,7 +118,8 @@ def test_derivatives_are_those_of_the_model() -> None:
     _, (jac,), _ = predict(models, layout, theta)
     for i, name in enumerate(layout.names()):
         step = 1e-4 * (sd[i] if np.isfinite(sd[i]) else 1.0)
-        up, down = theta.copy(), theta.copy()
+        up = theta.copy()
+        down = theta.copy()
         up[i] += step
         down[i] -= step
         numeric = (predict(models, layout, up)[0][0] - predict(models, layout, down)[0][0]) / (
@@ -199,7 +200,8 @@ def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: str) ->
     """Against python-control on a fine even grid; derivatives against differences."""
     t = np.arange(0, 6, 0.005)
     u = np.clip(t - 1, 0, 2)
-    lag, logit = 0.7, 0.3
+    lag = 0.7
+    logit = 0.3
     taus, delay, zero = stages(structure, lag, logit)
     poles = np.array([1.0])
     for tau in taus:
@@ -213,10 +215,8 @@ def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: str) ->
     np.testing.assert_allclose(
         y[0], exact, atol=2e-4
     )  # straight lines between samples in both: rounding only
-    along_lag, along_logit = (
-        ((lag + 1e-4, logit), (lag - 1e-4, logit)),
-        ((lag, logit + 1e-3), (lag, logit - 1e-3)),
-    )
+    along_lag = ((lag + 1e-4, logit), (lag - 1e-4, logit))
+    along_logit = ((lag, logit + 1e-3), (lag, logit - 1e-3))
     for by, (a, b) in ((by_lag, along_lag), (by_logit, along_logit)):
         ends = [np.array(at)[:, None] for at in (a, b)]
         up, down = (

@@ -36,7 +36,8 @@ def test_verdicts_are_those_of_the_thesis() -> None:
 
 def test_depth_uncertainty_is_part_of_the_answer() -> None:
     frame = simulate_hole(2)[0]
-    sharp, blunt = compare_holes(frame, depth_u_m=0.0), compare_holes(frame, depth_u_m=1e-4)
+    sharp = compare_holes(frame, depth_u_m=0.0)
+    blunt = compare_holes(frame, depth_u_m=1e-4)
     # 0.1 mm at 3 mm in steel: 0.1e-3 * 3e-3 / 1.11e-5 = 27 ms, times sqrt(1 + 1/2) for the two references
     assert blunt.u_depth_s == pytest.approx(0.0331, rel=0.01)
     assert blunt.holes[0].extra_lag_s.u > sharp.holes[0].extra_lag_s.u

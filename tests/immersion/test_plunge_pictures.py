@@ -142,10 +142,12 @@ def test_an_entry_is_drawn_with_both_witnesses_and_its_uncertainty() -> None:
 
 
 def test_first_seconds_of_a_plunge_are_drawn_of_the_shallowest_and_the_deepest_junction() -> None:
-    blocks, foreseen = fit().optimum.problem.models[0].blocks, fit().optimum.predictions_degC[0]
+    blocks = fit().optimum.problem.models[0].blocks
+    foreseen = fit().optimum.predictions_degC[0]
     ax = pictures.draw_plunge(fit(), 0, figure()[1][0], until_s=6.0)
     near = (blocks.time_s > -2.0) & (blocks.time_s < 6.0)
-    dots, lines = ax.lines[:4:2], ax.lines[1:4:2]
+    dots = ax.lines[:4:2]
+    lines = ax.lines[1:4:2]
     depth_mm = {c: 1e3 * SETUP.junctions[c].depth_m for c in fit().channels}
     ends = min(depth_mm, key=depth_mm.__getitem__), max(depth_mm, key=depth_mm.__getitem__)
     for c, seen, model in zip(ends, dots, lines, strict=True):
@@ -180,7 +182,8 @@ def test_holes_are_drawn_from_a_second_before_the_entry_and_nothing_near_is_cut_
 
 
 def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_them() -> None:
-    ax, table = pictures.draw_design(planned(), figure()[1][0]), planned().table()
+    ax = pictures.draw_design(planned(), figure()[1][0])
+    table = planned().table()
     marks, _, _ = bars(ax)
     (rest,) = [line for line in ax.lines if line.get_label() == "differences between channels"]
     rows = np.arange(len(table))[::-1]  # the first on top
@@ -193,7 +196,8 @@ def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_th
     assert len(limits) == 2
     for words, at in limits.items():
         assert at == pytest.approx(float(words.split(" %")[0]) / 100 * planned().lag_s)
-    low, high = table["u_differential_s"].min(), table["u_common_90_s"].max()
+    low = table["u_differential_s"].min()
+    high = table["u_common_90_s"].max()
     ticks = ax.get_xticks()
     assert low / 2 < ticks.min() <= 1.25 * low  # steps of 1, 2, 5
     assert 0.8 * high <= ticks.max() < 2 * high
@@ -231,7 +235,8 @@ def test_what_is_left_of_a_plunge_is_drawn_in_units_of_the_noise() -> None:
 
 
 def test_the_junction_leads_its_reading_by_the_lag_on_the_slow_part() -> None:
-    seen, run = fit().junction_degC(0), fit().runs[0]
+    seen = fit().junction_degC(0)
+    run = fit().runs[0]
     t = run.time_s - run.entry.time_s
     inside = (t > 20) & (t < 50)
     for j, c in enumerate(fit().channels):

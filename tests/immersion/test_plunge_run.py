@@ -41,7 +41,8 @@ def test_missing_readings_are_left_out_and_only_the_bath_is_bridged() -> None:
         with_filled_bath(Log(holed, "immersion", Path("P1.csv"), "", 1 / 75)), "mobil-jet-ii"
     )
     assert run.entry == run_from_log(frame, "mobil-jet-ii").entry
-    blocks, whole = make_blocks(run), make_blocks(run_from_log(frame, "mobil-jet-ii"))
+    blocks = make_blocks(run)
+    whole = make_blocks(run_from_log(frame, "mobil-jet-ii"))
     assert whole.duration_s == blocks.duration_s
     lost = np.flatnonzero(blocks.count[:, 4] < whole.count[:, 4])
     assert whole.count.sum() - blocks.count.sum() == gap.sum()

@@ -58,7 +58,8 @@ def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition)
 
 @pytest.mark.e2e
 def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_path: Path) -> None:
-    found, said = partition.findings, partition.crosscheck.sentence
+    found = partition.findings
+    said = partition.crosscheck.sentence
     assert found[-1] is partition.crosscheck.finding
     assert sum(f.code.startswith("ways.") for f in found) == 1
     kept = beta_tables.beta_file(partition, {})

@@ -103,7 +103,8 @@ def identify(_: Campaign, __: Partition, page: Path) -> int:
         }
     )
     table.to_csv(page.with_suffix(".csv"), index=False)
-    data, wanted = page.with_suffix(".csv"), ("--hold", "zoh", "--models", "P1")
+    data = page.with_suffix(".csv")
+    wanted = ("--hold", "zoh", "--models", "P1")
     return tcdyn("identify", data, "--input", "u", "--output", "y", *wanted, "--report", page, "-q")
 
 

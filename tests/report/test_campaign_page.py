@@ -42,7 +42,8 @@ def sixteen(close: float = 1.0) -> pd.DataFrame:
     rows = []
     for k, name in enumerate(NAMES):
         row: dict[str, Any] = dict.fromkeys(table_columns(), 0.1)
-        load, speed = (850.0, 1460.0, 1850.0, 2320.0)[k % 4], (10.0, 13.0, 16.0, 20.0)[k // 4]
+        load = (850.0, 1460.0, 1850.0, 2320.0)[k % 4]
+        speed = (10.0, 13.0, 16.0, 20.0)[k // 4]
         row |= {
             "test": name,
             "error": "",

@@ -40,8 +40,10 @@ def axes() -> Axes:
 
 def unloaded() -> Any:
     """A log of 20 000 rows at 10 Hz that parts at 1500 s, its rows from 1000 on analysed; both disks as on the rig."""
-    time_s, rows = np.arange(20_000) / 10, slice(10_000, 20_000)
-    disks, done = {}, {}
+    time_s = np.arange(20_000) / 10
+    rows = slice(10_000, 20_000)
+    disks = {}
+    done = {}
     for disk, offset in (("fast", 0.0), ("slow", 100.0)):
         setup = RIG.disk_setup(disk)
         readings = offset + np.arange(len(setup.channels)) + time_s[:, None] / 100
@@ -118,7 +120,8 @@ def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(
 
 
 def test_lines_of_transducers_end_with_their_points() -> None:
-    volts, session = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 3.0]), np.array(["a"] * 3 + ["b"] * 3)
+    volts = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 3.0])
+    session = np.array(["a"] * 3 + ["b"] * 3)
     line: Any = SimpleNamespace(
         slope_N_V=Estimate.normal(200.0, 1.0),
         intercept_N={"a": Estimate.normal(5.0, 1.0), "b": Estimate.normal(-10.0, 1.0)},

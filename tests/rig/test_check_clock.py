@@ -18,7 +18,10 @@ from tests.rig.log_cases import immersion_frame
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
-DT, SECONDS, KINK_S, DENSE = 1 / 75, 40.0, 20.0037, 40
+DT = 1 / 75
+SECONDS = 40.0
+KINK_S = 20.0037
+DENSE = 40
 STRAY = 0.35  # of an interval
 WORLDS = ("samples, evenly spread", "samples, normal", "steps between samples", "stamps only")
 
@@ -38,7 +41,8 @@ def lagged(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
 
 def stray(world: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """When samples are taken, and when the log says so [s]."""
-    rng, even = np.random.default_rng(seed), 0.2 + np.arange(int((SECONDS - 1) / DT)) * DT
+    rng = np.random.default_rng(seed)
+    even = 0.2 + np.arange(int((SECONDS - 1) / DT)) * DT
     flat = STRAY * rng.uniform(-1, 1, len(even))
     if world == "samples, normal":
         true = np.sort(even + DT * STRAY * rng.standard_normal(len(even)))
@@ -108,7 +112,8 @@ def test_the_readings_tell_whether_samples_strayed_or_stamps_only(tmp_path, worl
 
 def test_which_share_is_real_does_not_depend_on_the_unit_of_the_readings():
     """Stamps of 10 ms rms, half of it real, beside noise that tells about as much as the trust in the stamps."""
-    rng, n = np.random.default_rng(0), 2000
+    rng = np.random.default_rng(0)
+    n = 2000
     t = np.arange(n) * DT
     late = 0.01 * rng.standard_normal(n)
     y = 100 + 10 * np.sin(2 * np.pi * t / 5) + 0.2 * rng.standard_normal(n)
@@ -124,11 +129,13 @@ def test_which_share_is_real_does_not_depend_on_the_unit_of_the_readings():
 
 def compensated(folder, world: str) -> tuple[float, float]:
     """Mean square error [K2] of six junctions about a kink, and how much of it the 95 % band holds; four draws."""
-    errors, held = [], []
+    errors = []
+    held = []
     part = np.array([0.7, 0.5, 0.7, 0.5, 1.0, 0.5])
     for seed in range(4):
         log = logged(folder, world, seed)
-        y, t = log.frame[[f"{c}_degC" for c in "abcdef"]].to_numpy(), log.frame["time_s"].to_numpy()
+        y = log.frame[[f"{c}_degC" for c in "abcdef"]].to_numpy()
+        t = log.frame["time_s"].to_numpy()
         assert np.diff(t) == pytest.approx(log.dt_s, abs=1.1e-6)  # six decimals
         done = smooth(
             y, log.dt_s, Chain((0.55, 0.12), conditioning=RIG_FILTER), events_s=(KINK_S - t[0],)

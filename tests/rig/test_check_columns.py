@@ -36,7 +36,8 @@ def missing(*rows: int, of: np.ndarray = LIVELY) -> np.ndarray:
 @pytest.mark.parametrize("again", range(1, 9))
 def test_the_longest_run_is_found_however_the_column_is_cut(cut: int, again: int) -> None:
     mask = np.array([0, 1, 1, 0, 1, 1, 1, 0, 1], dtype=bool)
-    values, runs = 10.0 * np.arange(9), RunStatistics()
+    values = 10.0 * np.arange(9)
+    runs = RunStatistics()
     for begin, end in (
         (0, min(cut, again)),
         (min(cut, again), max(cut, again)),
@@ -80,7 +81,8 @@ def test_the_grade_of_what_is_missing_hangs_on_its_share() -> None:
     assert MAX_MISSING_FRACTION == 0.05
     for count, grade in ((8, "info"), (9, "warning"), (20, "warning")):  # a fiftieth of 400 is 8
         apart = range(5, 5 + 10 * count, 10)
-        (absent,), (other,) = judged(missing(*apart)), judged(missing(*apart), name="load_N")
+        (absent,) = judged(missing(*apart))
+        (other,) = judged(missing(*apart), name="load_N")
         assert (absent.severity.value, other.severity.value) == (grade, grade)
         assert absent.numbers["count"] == other.numbers["count"] == count
         assert (other.code, other.numbers["row"]) == ("values.missing", 7)

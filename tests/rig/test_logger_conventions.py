@@ -43,7 +43,8 @@ def test_temperatures_in_another_unit_are_read_as_in_degrees(
         .rename(columns=new)
         .rename(columns=mine)
     )
-    plain, found = read(frame, tmp_path, kind=kind), read(moved, tmp_path, tables, kind)
+    plain = read(frame, tmp_path, kind=kind)
+    found = read(moved, tmp_path, tables, kind)
     assert found.frame.to_numpy() == pytest.approx(plain.frame.to_numpy(), abs=1e-8)
     assert [f.code for f in found.findings] == [f.code for f in plain.findings]
 

@@ -290,7 +290,9 @@ print(rows, int(peak.split()[1]) // 1024)
     not Path("/proc/self/status").exists(), reason="peak memory is read from Linux's /proc"
 )
 def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
-    size, path, k = 0, tmp_path / "long.csv", 0
+    size = 0
+    path = tmp_path / "long.csv"
+    k = 0
     frame = ehl_frame(60_000).round(4)
     step = len(frame) / 75
     text = "\n".join(
@@ -301,7 +303,8 @@ def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
         while size < 1e9:
             times = k * step + np.arange(len(text)) / 75
             block = "\n".join(f"{t:.6f},{rest}" for t, rest in zip(times.tolist(), text)) + "\n"
-            size, k = size + stream.write(block), k + 1
+            size = size + stream.write(block)
+            k = k + 1
     out = subprocess.run(
         [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
     )

@@ -188,7 +188,8 @@ def test_a_record_of_version_0_1_is_read_with_its_two_lags_and_written_as_today(
     before = json.loads(old.read_text())
     record = read_record(old)
     for c in CHANNELS:
-        row, now = before["chain"]["channels"][c], record.chain.channels[c]
+        row = before["chain"]["channels"][c]
+        now = record.chain.channels[c]
         assert now.taus_s == (row["tau1_s"], row["tau2_s"])
         assert now.lag_s.model_dump() == row["lag_s"]
         assert record.static[c].gain == before["static"][c]["gain"]
@@ -236,7 +237,8 @@ def test_records_of_two_disks_are_not_compared():
 def again(seed: int, drift_K: float = 0.0):
     """A second oven of the disk of seed 0, channel b reading ``drift_K`` lower."""
     gain, offset = oven_truth(0)
-    frame, (own_gain, own_offset) = oven_frame(seed), oven_truth(seed)
+    frame = oven_frame(seed)
+    own_gain, own_offset = oven_truth(seed)
     for k, c in enumerate(CHANNELS):
         true = own_gain[k] * frame[f"{c}_degC"] + own_offset[k]
         frame[f"{c}_degC"] = (true - offset[k] - (drift_K if c == "b" else 0.0)) / gain[k]
@@ -304,10 +306,8 @@ def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
 
 def test_the_commands_show_compare_and_check(tmp_path):
     runner = CliRunner()
-    one, two = (
-        write_record(RECORD, tmp_path / "a.json"),
-        write_record(make_record(again(1, 0.5)), tmp_path / "b.json"),
-    )
+    one = write_record(RECORD, tmp_path / "a.json")
+    two = write_record(make_record(again(1, 0.5)), tmp_path / "b.json")
     shown = runner.invoke(app, ["show", str(one)])
     assert shown.exit_code == 0
     assert "common" in shown.output
@@ -330,7 +330,8 @@ def test_lags_are_drawn_with_their_intervals_and_differences_with_theirs_about_t
         if len(line.get_ydata()) == 2 and np.ptp(line.get_xdata()) == 0
     ]
     for c, thin, thick in zip(sorted(chain.channels), bars[::2], bars[1::2], strict=True):
-        lag, apart = chain.channels[c].lag_s, chain.differential_lag_s[c]
+        lag = chain.channels[c].lag_s
+        apart = chain.differential_lag_s[c]
         assert thin == pytest.approx([lag.low95, lag.high95])
         assert thick == pytest.approx(
             [chain.common_lag_s.value + end for end in (apart.low95, apart.high95)]

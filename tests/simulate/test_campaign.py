@@ -52,7 +52,8 @@ def test_folder_holds_the_promised_files(tmp_path: Path) -> None:
 
 def test_logs_read_back_and_stand_beside_their_truth(tmp_path: Path) -> None:
     files = campaign(tmp_path)
-    log, true = pd.read_csv(files.ehl["B3"]), pd.read_parquet(files.traces["EHL_B3"])
+    log = pd.read_csv(files.ehl["B3"])
+    true = pd.read_parquet(files.traces["EHL_B3"])
     assert list(log.columns) == list(true.columns)
     assert len(log) == len(true) == 12 * 75 + 1
     assert np.diff(log["time_s"]) == pytest.approx(1 / 75, abs=2e-6)  # written to a microsecond

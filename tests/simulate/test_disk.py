@@ -71,7 +71,8 @@ def test_steady_heat_in_is_heat_out() -> None:
 
 def test_losses_to_ambient_go_through_half_a_cell_of_steel_and_then_washer_or_film() -> None:
     disk = draw_truth(1).slow
-    s, g = disk.setup, grid_of(disk, COARSE)
+    s = disk.setup
+    g = grid_of(disk, COARSE)
     loss = to_ambient_W_K(disk, g, 280.0)
     inside = loss[g.cells[:-1]]
     washer_m2K_W = (
@@ -101,13 +102,18 @@ def test_without_losses_all_heat_is_stored() -> None:
 
 def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
     """Bore and faces insulated: T = T_A + sum a_n cos(n pi z / w) R_n(r), R_n of zero slope at the bore."""
-    disk, power, h = lone_disk(), 200.0, 700.0
+    disk = lone_disk()
+    power = 200.0
+    h = 700.0
     s = disk.setup
     system = build_system(disk, h, HALF_WIDTH_m, DiskMesh())
     # The insulated shaft hangs at ambient by its own surface; the disk does not see it.
     values = system.sample @ steady_state(system, power, 60.0)
 
-    a, b, w, k = s.bore_radius_m, s.outer_radius_m, s.width_m, s.conductivity_W_mK
+    a = s.bore_radius_m
+    b = s.outer_radius_m
+    w = s.width_m
+    k = s.conductivity_W_mK
     flux = power / (2 * np.pi * b)  # per unit width of a unit cosine integral
     expected = np.full(len(system.channels), 60.0 + flux / w / h)
     for n in range(1, 120):
@@ -118,7 +124,8 @@ def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
         )  # int q cos dz / flux
 
         def radial(r: float, lam: float = lam) -> float:  # R_n up to a factor exp(lam (b - a))
-            grow, fall = np.exp(lam * (r - b)), np.exp(lam * (2 * a - r - b))
+            grow = np.exp(lam * (r - b))
+            fall = np.exp(lam * (2 * a - r - b))
             return float(i0e(lam * r) * k1e(lam * a) * grow + k0e(lam * r) * i1e(lam * a) * fall)
 
         fall = np.exp(2 * lam * (a - b))
@@ -134,9 +141,11 @@ def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
 
 def test_a_cooling_disk_ends_in_its_slowest_radial_mode() -> None:
     """Uniform, insulated at bore and faces: rate alpha mu^2 with K C0'(mu R_o) = -h C0, a root of Bessel functions."""
-    disk, h = lone_disk(), 700.0
+    disk = lone_disk()
+    h = 700.0
     s = disk.setup
-    a, b = s.bore_radius_m, s.outer_radius_m
+    a = s.bore_radius_m
+    b = s.outer_radius_m
 
     def residual(mu: float) -> float:
         value = j0(mu * b) * y1(mu * a) - y0(mu * b) * j1(mu * a)
@@ -292,7 +301,8 @@ def test_harmonics_of_a_disk_that_loses_nothing_obey_the_radial_equation(n: int)
     disk = replace(disk, setup=setup)
     system = harmonic_system(disk, 0.0, HALF_WIDTH_m, DiskMesh(radial=48, axial=40, shaft_side=16))
     told = unevenness_effects(disk, system.sample @ steady_state(system, 300.0, 60.0))
-    reads, shape = told[("first_K", "second_K")[n - 1]], {}
+    reads = told[("first_K", "second_K")[n - 1]]
+    shape = {}
     for c in "abe":
         r = setup.outer_radius_m - setup.junctions[c].depth_m
         angle = n * np.deg2rad(setup.junctions[c].angle_deg - 10.0)
@@ -344,7 +354,8 @@ def test_two_keyways_opposite_each_other_make_a_second_harmonic_alone() -> None:
 def test_the_rig_file_s_fit_is_what_the_synthetic_rig_has() -> None:
     patch = {"from_deg": 100.0, "to_deg": 200.0, "share": 0.2}
     rig = parse_rig({"slow": {"fit": {"interference_um": 20.0, "patches": [patch]}}}, "rig.toml")
-    plain, true = draw_truth(3), draw_truth(3, rig)
+    plain = draw_truth(3)
+    true = draw_truth(3, rig)
     assert true.fast == plain.fast
     share = 1 - 0.8 * 100 / 360
     pressure = interference_pressure_Pa(10e-6)

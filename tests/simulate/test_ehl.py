@@ -53,7 +53,8 @@ def test_the_truth_s_friction_is_the_mean_of_the_last_five_seconds_of_full_load(
     short: tuple[pd.DataFrame, dict[str, Any]],
 ) -> None:
     truth = short[1]
-    t, friction = truth["traces"]["time_s"].to_numpy(), truth["traces"]["friction_N"].to_numpy()
+    t = truth["traces"]["time_s"].to_numpy()
+    friction = truth["traces"]["friction_N"].to_numpy()
     parts = truth["unload_s"] - truth["parting_s"]
     last = [f for at, f in zip(t, friction) if parts - 5.0 + truth["parting_s"] <= at < parts]
     assert len(last) == pytest.approx((5.0 - truth["parting_s"]) * 75, abs=1)
@@ -190,7 +191,8 @@ def test_full_length_tests_end_near_the_thesis(test: str, fast_a: float, slow_a:
 def test_braked_speeds_fall_to_1_e_and_the_disks_cool_more_slowly() -> None:
     rig = draw_truth(1).with_imperfections(CLEAN)
     kept, braked = (simulate_ehl("B3", 1, rig, replace(SHORT, brake_s=b))[1] for b in (None, 3.0))
-    traces, off = braked["traces"], braked["unload_s"]
+    traces = braked["traces"]
+    off = braked["unload_s"]
     t = traces["time_s"].to_numpy()
     for column in ("speed_fast_rpm", "speed_slow_rpm"):
         share = traces[column].to_numpy() / traces[column].iloc[0]
@@ -231,7 +233,8 @@ def test_a_disk_that_loses_heat_by_its_film_alone_comes_to_the_film_s_own_air() 
 def test_disks_that_touch_again_are_heated_and_the_log_shows_it() -> None:
     rig = draw_truth(1).with_imperfections(CLEAN)
     frame, truth = simulate_ehl("B3", 1, rig, replace(SHORT, again_s=((0.2, 1.0), (0.1, 3.0))))
-    t, off = frame["time_s"].to_numpy(), truth["unload_s"]
+    t = frame["time_s"].to_numpy()
+    off = truth["unload_s"]
     for column, level in (("friction_N", truth["friction_N"]), ("load_N", truth["load_N"])):
         # a trapezium of 0.2 s with ramps of 0.01 s, sampled at 75 Hz: to half a sample at each end
         for start, length in ((1.0, 0.2), (3.0, 0.1)):

@@ -34,10 +34,14 @@ def test_plunge_at_small_biot_number_is_a_single_exponential() -> None:
 
 def test_early_heating_is_that_of_a_half_space() -> None:
     """Carslaw and Jaeger's semi-infinite solid with convection, while heat is nearer the surface than its curvature."""
-    h, depth, t = 800.0, 0.3e-3, np.array([0.02, 0.05])
+    h = 800.0
+    depth = 0.3e-3
+    t = np.array([0.02, 0.05])
     heating = heat_radially(SETUP, np.array([depth]), 0.0, lambda t: 1.0, lambda t, wall: h, 1.0)
-    alpha, k = SETUP.diffusivity_m2_s, SETUP.conductivity_W_mK
-    x, g = depth / (2 * np.sqrt(alpha * t)), h * np.sqrt(alpha * t) / k
+    alpha = SETUP.diffusivity_m2_s
+    k = SETUP.conductivity_W_mK
+    x = depth / (2 * np.sqrt(alpha * t))
+    g = h * np.sqrt(alpha * t) / k
     half_space = erfc(x) - np.exp(-(x**2)) * erfcx(x + g)
     # Curvature of the surface enters as sqrt(alpha t) / (2 R_o): 1 % at 0.05 s.
     assert heating.at(t)[:, 0] == pytest.approx(half_space, rel=0.015)

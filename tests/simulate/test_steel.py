@@ -96,8 +96,10 @@ def test_a_harmonic_conducts_as_a_small_change_of_the_even_part_does() -> None:
     ring, by the sum over r as a sum of dr/r."""
     disk = disk_of(SLOPES, amplitude=0.6)
     system = harmonic_system(disk, 700.0, B, COARSE)
-    steel, y = system.steel, np.full(len(system.capacity), 20.0)
-    g, rng = grid_of(disk, COARSE), np.random.default_rng(1)
+    steel = system.steel
+    y = np.full(len(system.capacity), 20.0)
+    g = grid_of(disk, COARSE)
+    rng = np.random.default_rng(1)
     even, first = steel.cells[:2]
     y[even] = 100.0 + 20.0 * rng.random(len(even))
     change = rng.random(len(even))

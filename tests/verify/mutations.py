@@ -38,15 +38,13 @@ class Mutation:
         return text.replace(self.old, self.new)
 
 
-CONTACT, MODAL, RIM = "tcdyn/rig/contact.py", "tcdyn/heat/modal.py", "tcdyn/heat/rim.py"
-HERTZ_TESTS, RIM_TESTS = (
-    "tests/simulate/test_contact.py",
-    "tests/heat/test_rim_closed_forms.py",
-)
-PLUNGE_TESTS, OIL_TESTS = (
-    "tests/immersion/test_immersion_radial.py",
-    "tests/immersion/test_immersion_correlations.py",
-)
+CONTACT = "tcdyn/rig/contact.py"
+MODAL = "tcdyn/heat/modal.py"
+RIM = "tcdyn/heat/rim.py"
+HERTZ_TESTS = "tests/simulate/test_contact.py"
+RIM_TESTS = "tests/heat/test_rim_closed_forms.py"
+PLUNGE_TESTS = "tests/immersion/test_immersion_radial.py"
+OIL_TESTS = "tests/immersion/test_immersion_correlations.py"
 STEADY = "tcdyn/partition/steady.py"
 
 MUTATIONS: tuple[Mutation, ...] = (
@@ -310,7 +308,8 @@ def tried(mutation: Mutation | None, where: Path, always_tests: bool = False) ->
             )
             stopped = ""
         except json.JSONDecodeError:
-            rows, stopped = (), (told.stderr.strip().splitlines() or ["no output"])[-1]
+            rows = ()
+            stopped = (told.stderr.strip().splitlines() or ["no output"])[-1]
         failed = None
         if mutation and (always_tests or not (rows or stopped)):
             failed = _run(
