@@ -1,4 +1,5 @@
-"""What a comparison says to do: a model that its own residuals accuse is never just recommended."""
+"""Advice of a model comparison: a model whose residuals contradict it is never recommended without
+a warning."""
 
 from __future__ import annotations
 
@@ -19,24 +20,33 @@ from tcdyn.identify.recommendation import chain_advice, comparison_table, conclu
 from tcdyn.rig.disk import Conditioning
 
 
-def row(model: str, bic: float, **other: Any) -> dict[str, Any]:
-    plain = {"parameters": 3, "fit_percent": 90.0, "rms": 0.1, "BIC": bic, "held_out_rms": 0.1}
-    said = {
+def row(model: str, bic: float, **overrides: Any) -> dict[str, Any]:
+    """A row of the comparison table; keywords override the defaults."""
+    scores = {"parameters": 3, "fit_percent": 90.0, "rms": 0.1, "BIC": bic, "held_out_rms": 0.1}
+    checks = {
         "p_white": 0.5,
         "p_input": 0.5,
         "remark": "",
-        "determined": "remark" not in other,
+        "determined": "remark" not in overrides,
         "refused": False,
     }
-    return {"model": model, **plain, "held_out_percent": 88.0, "p_held_out": 0.0, **said, **other}
+    return {
+        "model": model,
+        **scores,
+        "held_out_percent": 88.0,
+        "p_held_out": 0.0,
+        **checks,
+        **overrides,
+    }
 
 
-def told(*rows: dict[str, Any], untried: tuple[str, ...] = ()) -> str:
+def advice_text(*rows: dict[str, Any], untried: tuple[str, ...] = ()) -> str:
+    """The advice given for these rows."""
     table = pd.DataFrame(rows)
     return conclude(table, *recommend(table), untried).sentence
 
 
-def test_a_model_that_misses_dynamics_gives_way_to_one_that_does_not() -> None:
+def test_model_that_misses_dynamics_is_replaced_by_one_that_does_not() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6), row("P2", 5.0)])
     name, why = recommend(table)
     assert name == "P2"
@@ -44,34 +54,38 @@ def test_a_model_that_misses_dynamics_gives_way_to_one_that_does_not() -> None:
     assert why.numbers["missing"] == ("P1",)
 
 
-def test_a_response_that_is_known_beats_parameters_that_are() -> None:
-    """Two lags that coincide cannot be told one by one; one lag, well told, does not follow the data at all."""
+def test_known_response_with_undetermined_parameters_beats_a_model_that_misses_dynamics() -> None:
+    """Two coinciding lags cannot be determined separately; one well determined lag does not follow
+    the data."""
     table = pd.DataFrame(
         [row("P2", 0.0, remark="T1, T2 are hardly determined"), row("P1", 900.0, p_input=1e-40)]
     )
     assert recommend(table)[0] == "P2"
-    assert told(*table.to_dict("records")).startswith("Use P2 with care.")
+    assert advice_text(*table.to_dict("records")).startswith("Use P2 with care.")
 
 
-def test_none_is_recommended_where_all_miss_dynamics() -> None:
-    said = told(row("P1", 0.0, p_input=1e-6), row("P2", 5.0, p_input=1e-3), untried=("P3", "P3D"))
-    assert said.startswith("None of these models is good enough")
-    assert "Recommended" not in said
-    assert "models=P3,P3D" in said
-    assert "narx=True" in told(
-        row("P1", 0.0, p_input=1e-6)
-    )  # nothing left to try among the linear ones
+def test_no_model_is_recommended_if_all_miss_dynamics() -> None:
+    advice = advice_text(
+        row("P1", 0.0, p_input=1e-6), row("P2", 5.0, p_input=1e-3), untried=("P3", "P3D")
+    )
+    assert advice.startswith("None of these models is good enough")
+    assert "Recommended" not in advice
+    assert "models=P3,P3D" in advice
+    # no linear model is left to try
+    assert "narx=True" in advice_text(row("P1", 0.0, p_input=1e-6))
 
 
-def test_colour_and_doubt_are_said_with_the_recommendation() -> None:
-    assert "do not contradict it" in told(row("P1", 0.0))
-    said = told(row("P1", 0.0, p_white=1e-5))
-    assert "coloured" in said
-    assert "cannot detect a response to the input" in said
-    assert told(row("P1", 0.0, remark="Td is hardly determined")).startswith("Use P1 with care.")
+def test_advice_names_coloured_residuals_and_undetermined_parameters() -> None:
+    assert "do not contradict it" in advice_text(row("P1", 0.0))
+    advice = advice_text(row("P1", 0.0, p_white=1e-5))
+    assert "coloured" in advice
+    assert "cannot detect a response to the input" in advice
+    assert advice_text(row("P1", 0.0, remark="Td is hardly determined")).startswith(
+        "Use P1 with care."
+    )
 
 
-def test_one_lag_is_refused_on_data_of_two_and_two_are_recommended() -> None:
+def test_one_lag_is_rejected_for_data_of_two_lags_and_two_are_recommended() -> None:
     rng = np.random.default_rng(5)
     u = np.repeat(rng.choice([0.0, 1.0], 60), 20)
     y = Chain((0.8, 0.3), conditioning=NO_CONDITIONING).response(u, 0.05, hold="zoh") + rng.normal(
@@ -79,96 +93,97 @@ def test_one_lag_is_refused_on_data_of_two_and_two_are_recommended() -> None:
     )
     data = IOData.from_arrays(u, np.ravel(y), 0.05, hold="zoh")
     assert compare(data, ["P1"]).advice.startswith("None of these models")
-    both = compare(data, ["P1", "P2"])
-    assert both.recommended == "P2"
-    assert both.summary().startswith("Recommended: P2.")
+    comparison = compare(data, ["P1", "P2"])
+    assert comparison.recommended == "P2"
+    assert comparison.summary().startswith("Recommended: P2.")
 
 
-def test_the_order_table_fits_a_terminal() -> None:
+def test_comparison_table_fits_an_80_column_terminal() -> None:
     table = pd.DataFrame([row("P2DZ", 0.0), row("P1", 1234.5, p_input=1e-40, p_white=0.0)])
     text = comparison_table(table).to_string(index=False)
     assert max(len(line) for line in text.splitlines()) <= 80
-    assert "e-" not in text  # a p of 1e-40 says no more than "below 0.01"
+    assert "e-" not in text  # a p of 1e-40 is printed as "below 0.01"
 
 
-def test_models_as_good_as_the_recommended_one_are_named() -> None:
-    assert "P2Z within 2 of its BIC would do as well" in told(
+def test_advice_names_models_with_a_bic_within_2_of_the_best() -> None:
+    assert "P2Z within 2 of its BIC would do as well" in advice_text(
         row("P2D", 0.0), row("P2Z", 0.5), row("P3", 9.0)
     )
-    assert "would do as well" not in told(row("P2D", 0.0), row("P3", 9.0))
+    assert "would do as well" not in advice_text(row("P2D", 0.0), row("P3", 9.0))
 
 
-def test_a_start_off_equilibrium_is_the_first_thing_to_try() -> None:
+def test_advice_first_suggests_an_estimated_initial_state() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6)])
-    found = conclude(table, *recommend(table), troubles=("record.off_equilibrium",))
-    assert found.code == "models.none"
-    assert found.numbers["against"] == "dynamics"
-    assert "Next, let the runs start off equilibrium" in found.sentence
+    conclusion = conclude(table, *recommend(table), troubles=("record.off_equilibrium",))
+    assert conclusion.code == "models.none"
+    assert conclusion.numbers["against"] == "dynamics"
+    assert "Next, let the runs start off equilibrium" in conclusion.sentence
 
 
-def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_part_of_its_lags() -> (
-    None
-):
-    """What is printed is Python: evaluated, it gives the chain back to the digits shown."""
-    b = Conditioning(4.0, 2)
+def test_chain_advice_evaluates_to_the_identified_chain_without_the_known_filter() -> None:
+    """The printed text is Python: evaluated, it gives the chain to the digits shown."""
+    conditioning = Conditioning(4.0, 2)
     u = np.repeat([0.0, 1.0, 0.0, 1.0], 200)
-    y = Chain((0.8, 0.3), conditioning=b).response(u, 0.05, hold="zoh")
+    y = Chain((0.8, 0.3), conditioning=conditioning).response(u, 0.05, hold="zoh")
     data = IOData.from_arrays(
         u, np.ravel(y) + np.random.default_rng(1).normal(0, 1e-3, len(u)), 0.05, hold="zoh"
     )
-    best = compare(data, [process("P2", known=b)]).best.identified
-    words = re.search(r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", chain_advice(best, b))
-    chain = eval(words[1], {"tcdyn": tcdyn}) if words else None
-    assert chain.conditioning == b
-    assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)  # noise of 0.1 % over four steps
-    assert (
-        chain_advice(best, NO_CONDITIONING) == ""
-    )  # identified with a filter: without it, it is another chain
+    best = compare(data, [process("P2", known=conditioning)]).best.identified
+    match = re.search(
+        r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", chain_advice(best, conditioning)
+    )
+    chain = eval(match[1], {"tcdyn": tcdyn}) if match else None
+    assert chain.conditioning == conditioning
+    assert np.allclose(
+        chain.taus_s, (0.8, 0.3), rtol=0.01
+    )  # tolerance: noise of 0.1 % over four steps
+    # identified with a filter: without it, it is another chain
+    assert chain_advice(best, NO_CONDITIONING) == ""
     plain = compare(data, [process("P2")]).best.identified
-    assert "conditioning=tcdyn.Conditioning(poles=0)" in chain_advice(
-        plain
-    )  # and no cut-off of a filter that is not there
+    # a chain without a filter has no cut-off
+    assert "conditioning=tcdyn.Conditioning(poles=0)" in chain_advice(plain)
 
 
-def test_a_held_out_part_in_which_nothing_happens_does_not_overrule_a_decisive_bic() -> None:
+def test_held_out_data_without_excitation_do_not_overrule_a_decisive_bic() -> None:
     assert (
         recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 30.0, held_out_rms=0.05)]))[0] == "P1D"
     )
     assert recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 8.0, held_out_rms=0.05)]))[0] == "P1"
 
 
-def test_a_test_passed_for_want_of_power_does_not_overrule_a_decisive_bic() -> None:
-    """What explains decisively less has coarser residuals, beneath which the test sees no input."""
-    for more in ({}, {"remark": "Tp1 equals another lag"}):
-        table = pd.DataFrame([row("P2U", 0.0, p_input=1e-4), row("P2D", 200.0, **more)])
+def test_input_test_passed_for_lack_of_power_does_not_overrule_a_decisive_bic() -> None:
+    """A model that explains decisively less has larger residuals, in which the test cannot detect
+    the input."""
+    for extra in ({}, {"remark": "Tp1 equals another lag"}):
+        table = pd.DataFrame([row("P2U", 0.0, p_input=1e-4), row("P2D", 200.0, **extra)])
         assert recommend(table)[0] == "P2U"
-        assert told(*table.to_dict("records")).startswith("None of these models")
+        assert advice_text(*table.to_dict("records")).startswith("None of these models")
 
 
-def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_there() -> None:
-    bad = row("P1", 0.0, held_out_percent=-64.0, held_out_rms=0.5)
-    assert told(bad).startswith("None of these models")
-    assert told(row("P1", 0.0, held_out_percent=-1.0)).startswith(
-        "Recommended"
-    )  # 0.1 rms, as in the fit: all noise
-    assert told(row("P1", 0.0, held_out_percent=-8.0, p_white=1e-9)).startswith("Provisionally P1.")
-    assert "nan" not in told(row("P1", 0.0, held_out_percent=np.nan, p_input=1e-6))
-    assert (
-        "nan"
-        not in comparison_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
+def test_model_worse_than_the_mean_is_recommended_only_if_the_held_out_data_are_noise() -> None:
+    worse = row("P1", 0.0, held_out_percent=-64.0, held_out_rms=0.5)
+    assert advice_text(worse).startswith("None of these models")
+    # 0.1 rms, as in the fit: all noise
+    assert advice_text(row("P1", 0.0, held_out_percent=-1.0)).startswith("Recommended")
+    assert advice_text(row("P1", 0.0, held_out_percent=-8.0, p_white=1e-9)).startswith(
+        "Provisionally P1."
     )
-    assert told(row("P1", 0.0, fit_percent=30.0, p_white=1e-9)).startswith("None of these models")
-    assert "30 % of the output" in told(
-        row("P1", 0.0, fit_percent=30.0)
-    )  # white noise may be large
+    assert "nan" not in advice_text(row("P1", 0.0, held_out_percent=np.nan, p_input=1e-6))
+    table = pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])
+    assert "nan" not in comparison_table(table).to_string()
+    assert advice_text(row("P1", 0.0, fit_percent=30.0, p_white=1e-9)).startswith(
+        "None of these models"
+    )
+    # white noise may be large
+    assert "30 % of the output" in advice_text(row("P1", 0.0, fit_percent=30.0))
 
 
-def test_troubles_of_the_record_come_before_any_recommendation() -> None:
-    for other in ({}, {"p_white": 1e-5}, {"remark": "Td is hardly determined"}):
-        table = pd.DataFrame([row("P1", 0.0, **other)])
-        found = conclude(table, *recommend(table), troubles=("record.drift",))
-        assert "But first fit with baseline=trend." in found.sentence
-        assert found.code in ("models.provisional", "models.undetermined")
+def test_problems_of_the_record_come_before_any_recommendation() -> None:
+    for overrides in ({}, {"p_white": 1e-5}, {"remark": "Td is hardly determined"}):
+        table = pd.DataFrame([row("P1", 0.0, **overrides)])
+        conclusion = conclude(table, *recommend(table), troubles=("record.drift",))
+        assert "But first fit with baseline=trend." in conclusion.sentence
+        assert conclusion.code in ("models.provisional", "models.undetermined")
 
 
 def off_equilibrium() -> IOData:
@@ -181,31 +196,31 @@ def off_equilibrium() -> IOData:
 
 
 @pytest.mark.study
-def test_runs_that_start_off_equilibrium_are_refitted_with_their_state_estimated() -> None:
-    found = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
-    assert found.advice.startswith("Recommended: P1.")
-    assert "the state at each start was estimated" in found.reason_text
-    assert found.best.estimates["Tp1"].value == pytest.approx(
-        3.0, abs=4 * found.best.estimates["Tp1"].u
+def test_runs_off_equilibrium_are_refitted_with_estimated_initial_state() -> None:
+    comparison = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
+    assert comparison.advice.startswith("Recommended: P1.")
+    assert "the state at each start was estimated" in comparison.reason_text
+    assert comparison.best.estimates["Tp1"].value == pytest.approx(
+        3.0, abs=4 * comparison.best.estimates["Tp1"].u
     )
-    asked = compare(off_equilibrium(), ["P1", "P2", "P2Z"], initial="equilibrium")
-    assert "Recommended" not in asked.advice
-    assert "initial=estimated" in asked.advice
-    assert "spikes" not in asked.best.identified.sentence
+    at_equilibrium = compare(off_equilibrium(), ["P1", "P2", "P2Z"], initial="equilibrium")
+    assert "Recommended" not in at_equilibrium.advice
+    assert "initial=estimated" in at_equilibrium.advice
+    assert "spikes" not in at_equilibrium.best.identified.sentence
 
 
-def test_two_real_lags_are_not_stated_as_an_oscillating_pair() -> None:
+def test_two_real_lags_are_not_reported_as_an_oscillating_pair() -> None:
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([0.0, 10.0], 20), 60)
     y = Chain((50.0, 5.0), conditioning=NO_CONDITIONING).response(u, 1.0, hold="zoh")
     data = IOData.from_arrays(u, np.ravel(y) + 0.05 * rng.normal(size=len(u)), 1.0, hold="zoh")
-    found = compare(data, ["P2U", "P2"])
-    assert found.recommended == "P2"
-    assert "P2U is left out" in found.reason_text
+    comparison = compare(data, ["P2U", "P2"])
+    assert comparison.recommended == "P2"
+    assert "P2U is left out" in comparison.reason_text
 
 
 @pytest.mark.study
-def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are_offered() -> None:
+def test_candidates_include_oscillators_with_dead_time_and_integrators_are_suggested() -> None:
     assert "P2DU" in CANDIDATES
     rng = np.random.default_rng(9)
     u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
@@ -213,27 +228,27 @@ def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are
         process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh"
     ) + 0.01 * rng.normal(size=len(u))
     data = IOData.from_arrays(u, y, 0.5, hold="zoh")
-    said = compare(data, CANDIDATES[:2]).advice
-    assert said.startswith("None of these models")
+    advice = compare(data, CANDIDATES[:2]).advice
+    assert advice.startswith("None of these models")
     table = pd.DataFrame([row(name, 0.0, p_input=1e-9) for name in CANDIDATES])
     assert "models=P1I" in replace(compare(data, ["P1"]), table=table).advice
 
 
-def test_each_model_is_told_before_it_is_fitted() -> None:
-    told_of: list[tuple[str, int, int]] = []
+def test_progress_callback_is_called_before_each_fit() -> None:
+    progress_calls: list[tuple[str, int, int]] = []
     compare(
         off_equilibrium(),
         ["P1", "P1D"],
         initial="estimated",
-        progress=lambda *what: told_of.append(what),
+        progress=lambda *arguments: progress_calls.append(arguments),
     )
-    assert told_of == [("P1", 1, 2), ("P1D", 2, 2)]
+    assert progress_calls == [("P1", 1, 2), ("P1D", 2, 2)]
 
 
-def test_a_rival_that_foresees_better_says_by_how_much() -> None:
-    said = info(
+def test_prediction_finding_states_the_error_ratio() -> None:
+    sentence = info(
         "models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False
     ).sentence
-    assert said == (
+    assert sentence == (
         "TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves white residuals."
     )

@@ -1,4 +1,5 @@
-"""Recovery of known truth within the stated uncertainty, for every structure, start-free."""
+"""Recovery of known parameters within the stated uncertainty, for every structure and without
+start values."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ from tcdyn.identify.models import as_model
 from tcdyn.identify.search import make_problem
 from tcdyn.rig.disk import Conditioning
 
-TRUTHS = {
+TRUE_PARAMETERS = {
     "P1": {"Kp": 2.0, "Tp1": 0.8},
     "P1D": {"Kp": 2.0, "Tp1": 0.8, "Td": 1.23},
     "P2": {"Kp": 1.0, "Tp1": 1.0, "Tp2": 0.3},
@@ -43,31 +44,31 @@ TRUTHS = {
 }
 
 
-@pytest.mark.parametrize("name", TRUTHS)
-def test_every_structure_finds_its_truth_from_no_start(name):
+@pytest.mark.parametrize("name", TRUE_PARAMETERS)
+def test_every_structure_recovers_the_true_parameters_without_start_values(name):
     model = as_model(name)
-    truth = TRUTHS[name]
+    true_theta = TRUE_PARAMETERS[name]
     rng = np.random.default_rng(5)
     u, hold = case_a_input("PRBS", rng)
     u = u - 25.0 if name == "P1I" else u
     hold = "foh" if name == "P0D" else hold
-    y = simulate(model.rational(truth), u, 0.05, hold) + 0.3 * rng.normal(size=len(u)) + 4.0
-    found = fit(IOData.from_arrays(u, y, 0.05, hold=hold), model)
-    for key, value in truth.items():
-        # 4 standard uncertainties: 1 in 16 000 for each of the 40 parameters here
-        assert found.estimates[key].value == pytest.approx(
-            value, abs=4 * found.estimates[key].u + 1e-9
+    y = simulate(model.rational(true_theta), u, 0.05, hold) + 0.3 * rng.normal(size=len(u)) + 4.0
+    result = fit(IOData.from_arrays(u, y, 0.05, hold=hold), model)
+    for key, value in true_theta.items():
+        # 4 standard uncertainties: 1 in 16 000 for each of the 40 parameters
+        assert result.estimates[key].value == pytest.approx(
+            value, abs=4 * result.estimates[key].u + 1e-9
         ), key
-    assert found.identified.offset == pytest.approx(4.0, abs=1.0)
+    assert result.identified.offset == pytest.approx(4.0, abs=1.0)
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("kind", ["plunge", "PRBS"])
-def test_case_a_small_study(kind):
+def test_case_a_errors_match_their_stated_uncertainty_over_30_seeds(kind):
     # 30 seeds; the 200-seed study is test_identify_studies.py
     fits = [fit(case_a(kind, seed), "P2D") for seed in range(100, 130)]
-    for name, truth in CASE_A.items():
-        z = np.array([(f.estimates[name].value - truth) / f.estimates[name].u for f in fits])
+    for name, true_value in CASE_A.items():
+        z = np.array([(f.estimates[name].value - true_value) / f.estimates[name].u for f in fits])
         assert abs(z.mean()) < 3 / np.sqrt(30), name  # three standard errors
         assert 0.6 < z.std() < 1.45, name  # chi-square 99.9 % limits for 29 degrees of freedom
 
@@ -79,34 +80,34 @@ def test_wrong_hold_shifts_the_dead_time_by_half_a_sample():
     assert shift == pytest.approx(0.025, abs=0.004)  # half of 0.05 s; the same noise in both fits
 
 
-def test_known_conditioning_is_multiplied_in_and_not_estimated():
-    known = Conditioning(0.8, 2)
-    model = chain_model("P1D", known)
+def test_known_conditioning_filter_is_part_of_the_chain_and_not_estimated():
+    conditioning = Conditioning(0.8, 2)
+    model = chain_model("P1D", conditioning)
     u, hold = case_a_input("plunge", np.random.default_rng(0))
     y = simulate(model.rational({"Tp1": 0.6, "Td": 0.11}), u, 0.05, hold)
     y = y + 0.1 * np.random.default_rng(1).normal(size=len(u))
-    found = fit(IOData.from_arrays(u, y, 0.05), model)
-    assert found.estimates["Tp1"].value == pytest.approx(0.6, abs=4 * found.estimates["Tp1"].u)
-    chain = found.identified.chain(known)
-    assert chain.lag_s == pytest.approx(found.identified.lag_s.value, rel=1e-12)
-    assert np.allclose(chain.response(u, 0.05), found.simulate_segments()[0], atol=1e-9)
+    result = fit(IOData.from_arrays(u, y, 0.05), model)
+    assert result.estimates["Tp1"].value == pytest.approx(0.6, abs=4 * result.estimates["Tp1"].u)
+    chain = result.identified.chain(conditioning)
+    assert chain.lag_s == pytest.approx(result.identified.lag_s.value, rel=1e-12)
+    assert np.allclose(chain.response(u, 0.05), result.simulate_segments()[0], atol=1e-9)
 
 
-def test_unknown_initial_state_is_estimated_and_does_not_bias_the_lags():
+def test_estimated_initial_state_removes_the_bias_of_a_record_that_begins_in_a_transient():
     rng = np.random.default_rng(0)
     u, hold = case_a_input("PRBS", rng, 1200)
     y = simulate(process("P2D").rational(CASE_A), u, 0.05, hold) + 0.3 * rng.normal(size=1200)
     cut = IOData.from_arrays(u[407:], y[407:], 0.05, hold=hold)  # begins amid a transient
-    found = fit(cut, "P2D", initial="estimated")
-    for name, truth in CASE_A.items():
-        # a dead time of 7 samples hides some of the past: the state is only as good as the record's start
-        assert found.estimates[name].value == pytest.approx(
-            truth, abs=5 * found.estimates[name].u
+    result = fit(cut, "P2D", initial="estimated")
+    for name, true_value in CASE_A.items():
+        # a dead time of 7 samples hides part of the past: the state is only as good as the record's start
+        assert result.estimates[name].value == pytest.approx(
+            true_value, abs=5 * result.estimates[name].u
         ), name
-    assert found.identified.statistics["rms"] < fit(cut, "P2D").identified.statistics["rms"]
+    assert result.identified.statistics["rms"] < fit(cut, "P2D").identified.statistics["rms"]
 
 
-def test_spikes_move_least_squares_but_not_the_robust_fit():
+def test_robust_losses_recover_the_parameters_despite_spikes():
     data = case_a("PRBS", 4)
     y = data.runs[0].y[:, 0].copy()
     y[50::40] += 40.0
@@ -116,14 +117,14 @@ def test_spikes_move_least_squares_but_not_the_robust_fit():
     )
     assert "spikes" in plain.identified.sentence
     for robust in (huber, tukey):
-        for name, truth in CASE_A.items():
+        for name, true_value in CASE_A.items():
             assert robust.estimates[name].value == pytest.approx(
-                truth, abs=4.5 * robust.estimates[name].u
+                true_value, abs=4.5 * robust.estimates[name].u
             ), name
         assert robust.estimates["Td"].u < 0.25 * plain.estimates["Td"].u
 
 
-def test_coloured_noise_widens_the_robust_interval_and_a_noise_model_narrows_it():
+def test_sandwich_covariance_widens_under_coloured_noise_and_a_noise_model_narrows_it():
     data = case_a("PRBS", 0, colour=0.9)
     classical = fit(data, "P2D", covariance="classical")
     sandwich = fit(data, "P2D")
@@ -135,100 +136,104 @@ def test_coloured_noise_widens_the_robust_interval_and_a_noise_model_narrows_it(
     assert validate(modelled).whiteness.p > 0.001
 
 
-def test_rao_garnier_from_no_start():
-    found = fit(rao_garnier(0), transfer(1, 4), initial="zero")
-    for name, truth in RAO_GARNIER.items():
-        assert found.estimates[name].value == pytest.approx(
-            truth, abs=4 * found.estimates[name].u
+def test_rao_garnier_benchmark_is_recovered_without_start_values():
+    result = fit(rao_garnier(0), transfer(1, 4), initial="zero")
+    for name, true_value in RAO_GARNIER.items():
+        assert result.estimates[name].value == pytest.approx(
+            true_value, abs=4 * result.estimates[name].u
         ), name
 
 
-def test_profile_and_quadratic_intervals_agree_where_the_cost_is_quadratic():
-    found = fit(case_a("PRBS", 1), "P2D", intervals="quadratic")
+def test_profile_and_quadratic_intervals_agree_for_a_quadratic_cost():
+    result = fit(case_a("PRBS", 1), "P2D", intervals="quadratic")
     for name in ("Tp1", "Td"):
-        e, inside = profile(found, name)
-        assert inside
-        assert (e.low95, e.high95) == pytest.approx(
-            (found.estimates[name].low95, found.estimates[name].high95),
-            abs=0.1 * found.estimates[name].u,
+        interval, is_closed = profile(result, name)
+        assert is_closed
+        assert (interval.low95, interval.high95) == pytest.approx(
+            (result.estimates[name].low95, result.estimates[name].high95),
+            abs=0.1 * result.estimates[name].u,
         )
 
 
-def test_a_lag_the_data_do_not_ask_for_gets_an_open_interval_and_a_warning():
-    found = fit(case_a("PRBS", 3), "P3D")
-    assert any("Tp3" in w for w in found.warnings)
-    assert found.estimates["Tp3"].high95 < 0.3
+def test_superfluous_lag_gets_an_open_interval_and_a_warning():
+    result = fit(case_a("PRBS", 3), "P3D")
+    assert any("Tp3" in w for w in result.warnings)
+    assert result.estimates["Tp3"].high95 < 0.3
 
 
-def test_json_and_control_give_the_same_model_back():
-    found = fit(case_a("PRBS", 0), "P2D").identified
-    again = Identified.from_json(found.to_json())
-    assert again.to_json() == found.to_json()
-    assert np.array_equal(again.simulate(np.arange(50.0)), found.simulate(np.arange(50.0)))
-    g = found.transfer_function(pade_order=4)
+def test_json_and_python_control_preserve_the_model():
+    model = fit(case_a("PRBS", 0), "P2D").identified
+    restored = Identified.from_json(model.to_json())
+    assert restored.to_json() == model.to_json()
+    assert np.array_equal(restored.simulate(np.arange(50.0)), model.simulate(np.arange(50.0)))
+    g = model.transfer_function(pade_order=4)
     f = np.array([0.01, 0.1, 0.3])
-    exact = found.rational.frequency_response(f)
+    exact = model.rational.frequency_response(f)
     assert np.allclose(g(2j * np.pi * f), exact, atol=2e-3)  # Pade of order 4 at Td w < 0.7
 
 
-def test_the_same_fit_twice_is_the_same_fit():
+def test_repeated_fit_gives_the_identical_result():
     data = case_a("plunge", 7)
     assert fit(data, "P2D").identified.to_json() == fit(data, "P2D").identified.to_json()
 
 
-def test_lags_that_nearly_coincide_leave_their_sum_its_uncertainty():
-    """One lag behind a dead time under coloured noise, fitted by two: twins, and '+- 0 s' was said."""
+def test_nearly_equal_lags_keep_the_uncertainty_of_their_sum():
+    """One lag with a dead time under coloured noise, fitted by two lags that coincide. The
+    uncertainty of their sum must not vanish."""
     t = np.arange(1200.0)
     for seed in (4, 8, 10):
         noise = lfilter([1.0], [1.0, -0.98], np.random.default_rng(seed).normal(0, 0.02, len(t)))
         y = 10 * (1 - np.exp(-np.clip(t - 260, 0, None) / 100)) + noise
         data = IOData.from_arrays((t >= 200) * 1.0, y, 1.0, hold="zoh")
-        found = fit(data, "P2", intervals="quadratic").identified
-        assert found.theta["Tp1"] == pytest.approx(found.theta["Tp2"], rel=1e-3)
-        assert 4 < found.lag_s.u < 10  # eight such records gave 5 to 8 s; before, 0 to 31 s
-        spread = np.linalg.eigvalsh(found.covariance)
-        assert (
-            spread.min() > -1e-14 * spread.max()
-        )  # twins differ by nothing: semidefinite to rounding
+        model = fit(data, "P2", intervals="quadratic").identified
+        assert model.theta["Tp1"] == pytest.approx(model.theta["Tp2"], rel=1e-3)
+        assert 4 < model.lag_s.u < 10  # eight such records gave 5 to 8 s
+        # coinciding lags differ by nothing: semidefinite to rounding
+        eigenvalues = np.linalg.eigvalsh(model.covariance)
+        assert eigenvalues.min() > -1e-14 * eigenvalues.max()
 
 
-def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
-    """Its free state holds the level, so that an offset beside it could not be told from it."""
+def test_integrator_with_estimated_state_has_no_separate_offset():
+    """The free state of the integrator holds the level, so an offset could not be separated from
+    it."""
     rng = np.random.default_rng(9)
     u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
     y = 7 + simulate(process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh", "zero")
     data = IOData.from_arrays(u, y + 0.01 * rng.normal(size=len(u)), 0.5, hold="zoh")
-    found = fit(data, "P1I", initial="estimated")
-    assert not found.warnings
-    for name, truth in (("Kp", 0.05), ("Tp1", 2.0)):
-        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
+    result = fit(data, "P1I", initial="estimated")
+    assert not result.warnings
+    for name, true_value in (("Kp", 0.05), ("Tp1", 2.0)):
+        assert result.estimates[name].value == pytest.approx(
+            true_value, abs=4 * result.estimates[name].u
+        )
 
 
-def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
-    """What is said of two lags and a zero, well determined but for what is ``moved``, with u of 1 % of each."""
-    posed = make_problem(case_a("PRBS", 1), process("P2DZ"), "equilibrium")
-    theta = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37, **moved}
-    x = posed.vector(theta)
-    size = posed.size
-    nothing = np.zeros((0, size))
-    ended = Optimum(
-        posed.least_squares_problem(),
+def findings_of(**changed: float) -> tuple[dict[str, str], list[str]]:
+    """Findings for two lags and a zero. All parameters are well determined, u = 1 %, except those
+    ``changed``."""
+    problem = make_problem(case_a("PRBS", 1), process("P2DZ"), "equilibrium")
+    theta = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37, **changed}
+    x = problem.vector(theta)
+    size = problem.size
+    no_rows = np.zeros((0, size))
+    optimum = Optimum(
+        problem.least_squares_problem(),
         x,
         np.zeros(0),
-        nothing,
+        no_rows,
         0.0,
         np.eye(size),
         np.eye(size),
         Status.CONVERGED,
         1,
     )
-    u = np.array([moved.get(f"u_{n}", 0.01 * abs(theta[n])) for n in posed.model.free])
-    said = parameter_findings(ended, Identified.of(posed.model, theta, np.diag(u**2)))
-    return {f.subject: f.code for f in said}, [str(f.numbers.get("end", "")) for f in said]
+    u = np.array([changed.get(f"u_{n}", 0.01 * abs(theta[n])) for n in problem.model.free])
+    findings = parameter_findings(optimum, Identified.of(problem.model, theta, np.diag(u**2)))
+    return {f.subject: f.code for f in findings}, [str(f.numbers.get("end", "")) for f in findings]
 
 
 @pytest.mark.parametrize(
-    ("moved", "code", "end"),
+    ("changed", "code", "end"),
     [
         ({}, {}, []),
         ({"Td": 0.0}, {"Td": "fit.bound"}, ["lower"]),
@@ -242,34 +247,41 @@ def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
         ({"u_Tz": 1.3}, {"Tz": "fit.undetermined"}, [""]),
     ],
 )
-def test_what_is_wrong_with_a_parameter_is_said_of_it(moved, code, end):
-    assert told_of(**moved) == (code, end)
+def test_parameter_findings_name_the_parameter_and_the_bound(changed, code, end):
+    assert findings_of(**changed) == (code, end)
 
 
-def test_a_model_goes_on_at_the_level_its_disturbance_has_reached():
-    """Offsets of two runs, drifts of each over its length, and a walk that ended half a unit above the model."""
+def test_final_offset_continues_drift_and_random_walk():
+    """Offsets of two runs, a drift of each over its length, and a random walk that ends half a
+    unit above the model."""
     data = case_a("PRBS", 1)
     run = data.runs[0]
-    two = replace(data, runs=(run, replace(run, u=run.u[:400], y=run.y[:400])))
-    posed = replace(make_problem(two, process("P1", offset="per run"), "equilibrium"), trend=True)
-    x = np.zeros(posed.size)
-    x[2:4], x[-2:] = (3.0, 5.0), (0.8, 0.4)  # the drift per length of the longest run
+    two_runs = replace(data, runs=(run, replace(run, u=run.u[:400], y=run.y[:400])))
+    problem = replace(
+        make_problem(two_runs, process("P1", offset="per run"), "equilibrium"), trend=True
+    )
+    x = np.zeros(problem.size)
+    x[2:4] = (3.0, 5.0)
+    x[-2:] = (0.8, 0.4)  # the drift per length of the longest run
     residual = np.r_[np.zeros(1180), np.full(20, 0.5)]
-    assert final_offset(posed, x, residual, NoiseModel()) == pytest.approx(
+    assert final_offset(problem, x, residual, NoiseModel()) == pytest.approx(
         4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2
     )
-    walk = final_offset(
-        replace(posed, trend=False), x[:-2], residual, NoiseModel((-1.0,), starts_at_rest=True)
+    with_walk = final_offset(
+        replace(problem, trend=False), x[:-2], residual, NoiseModel((-1.0,), starts_at_rest=True)
     )
-    assert walk == pytest.approx(4.0 + 0.5)
+    assert with_walk == pytest.approx(4.0 + 0.5)
 
 
-def test_criteria_of_white_residuals_are_those_of_the_textbook():
-    """N ln(S/N) + k ln N and Hurvich and Tsai's; the noise of N - p degrees of freedom, k one more than p."""
-    found = fit(case_a("PRBS", 2), "P2D", intervals="quadratic", check=False, start=CASE_A)
-    n, p, sse = 800, 5, float(found.residual @ found.residual)  # with the offset
-    told = found.identified.statistics
-    assert told["parameters"] == p
-    assert told["bic"] == pytest.approx(n * np.log(sse / n) + (p + 1) * np.log(n))
-    assert told["aicc"] == pytest.approx(n * np.log(sse / n) + 2 * (p + 1) * n / (n - p - 2))
-    assert found.identified.noise_sd == pytest.approx(np.sqrt(sse / (n - p)))
+def test_bic_and_aicc_of_white_residuals_match_the_textbook():
+    """N ln(S/N) + k ln N, and Hurvich and Tsai's AICc. The noise has N - p degrees of freedom; k
+    is p + 1."""
+    result = fit(case_a("PRBS", 2), "P2D", intervals="quadratic", check=False, start=CASE_A)
+    n = 800
+    p = 5  # with the offset
+    sse = float(result.residual @ result.residual)
+    statistics = result.identified.statistics
+    assert statistics["parameters"] == p
+    assert statistics["bic"] == pytest.approx(n * np.log(sse / n) + (p + 1) * np.log(n))
+    assert statistics["aicc"] == pytest.approx(n * np.log(sse / n) + 2 * (p + 1) * n / (n - p - 2))
+    assert result.identified.noise_sd == pytest.approx(np.sqrt(sse / (n - p)))

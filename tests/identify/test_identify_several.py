@@ -1,4 +1,5 @@
-"""Several inputs and outputs, the growing search, models from python-control: against simulations of another make."""
+"""Several inputs and outputs, stepwise search, and models from python-control, against independent
+simulations."""
 
 from __future__ import annotations
 
@@ -33,18 +34,19 @@ from tcdyn.plots import draw, draw_poles
 from tests.cli.test_main_job import tcdyn
 
 DT = 0.5
-TRUTH = {"Kp.heat": 2.0, "Tp1.heat": 8.0, "Td.heat": 1.5, "Kp.fan": -1.0, "Tp1.fan": 3.0}
+TRUE_THETA = {"Kp.heat": 2.0, "Tp1.heat": 8.0, "Td.heat": 1.5, "Kp.fan": -1.0, "Tp1.fan": 3.0}
 
 
-def zoh(num: list[float], den: list[float], u: np.ndarray, dead: int = 0) -> np.ndarray:
-    """What scipy's discretisation of num/den makes of held ``u``, ``dead`` samples late."""
+def zoh(num: list[float], den: list[float], u: np.ndarray, delay_samples: int = 0) -> np.ndarray:
+    """Scipy's discretisation of num/den with held ``u``, ``dead`` samples delayed."""
     b, a, _ = cont2discrete((num, den), DT, "zoh")
-    late = np.concatenate([np.full(dead, u[0]), u[: len(u) - dead]])
-    return lfilter(b.ravel(), a, late - u[0]) + u[0] * num[-1] / den[-1]
+    delayed = np.concatenate([np.full(delay_samples, u[0]), u[: len(u) - delay_samples]])
+    return lfilter(b.ravel(), a, delayed - u[0]) + u[0] * num[-1] / den[-1]
 
 
 def plant(seed: int, n: int = 500, noise: float = 0.05) -> IOData:
-    """A heater behind a dead time of three samples and a quicker fan that cools, moved apart; white noise."""
+    """A heater with a dead time of three samples and a faster cooling fan, moved independently;
+    white noise."""
     rng = np.random.default_rng(seed)
     heat, fan = (np.repeat(rng.choice([0.0, 1.0], -(-n // k)), k)[:n] for k in (20, 11))
     y = (
@@ -59,49 +61,51 @@ def plant(seed: int, n: int = 500, noise: float = 0.05) -> IOData:
 
 
 def heated(seed: int) -> IOData:
-    """The heater alone."""
+    """The output of the heater without that of the fan."""
     data = plant(seed)
     fan = zoh([-1.0], [3.0, 1.0], data.runs[0].u[:, 1])[:, None]
     return replace(data, runs=(replace(data.runs[0], y=data.runs[0].y - fan),)).select("heat")
 
 
-def test_two_inputs_each_with_its_dead_time_are_recovered_within_their_intervals():
+def test_two_inputs_with_dead_times_are_recovered_within_their_intervals():
     covered = []
     for seed in range(30):
-        found = fit(
+        result = fit(
             plant(seed),
             several(["P1D", "P1"], ["heat", "fan"]),
-            start=TRUTH,
+            start=TRUE_THETA,
             intervals="quadratic",
             check=False,
         )
-        covered.append([found.estimates[n].contains(v) for n, v in TRUTH.items()])
+        covered.append([result.estimates[n].contains(v) for n, v in TRUE_THETA.items()])
     assert np.mean(covered) > 0.9  # of 150, nominal 0.95; standard error 0.018
-    cold = fit(plant(0), several(["P1D", "P1"], ["heat", "fan"]))
-    for name, value in TRUTH.items():
-        assert cold.estimates[name].value == pytest.approx(value, abs=4 * cold.estimates[name].u)
-    assert cold.identified.statistics["p_input"] > 0.01
+    without_start = fit(plant(0), several(["P1D", "P1"], ["heat", "fan"]))
+    for name, value in TRUE_THETA.items():
+        assert without_start.estimates[name].value == pytest.approx(
+            value, abs=4 * without_start.estimates[name].u
+        )
+    assert without_start.identified.statistics["p_input"] > 0.01
 
 
 @pytest.mark.parametrize("common", [False, True])
 @pytest.mark.parametrize("initial", ["equilibrium", "estimated"])
-def test_slopes_are_those_of_the_residuals(common, initial):
+def test_sensitivities_equal_central_differences_of_the_residuals(common, initial):
     model = several(["P2D", "P2Z"], ["heat", "fan"], common=common)
-    posed = replace(make_problem(plant(1, 120), model, initial, 0.03), time_scale_s=5.0)
+    problem = replace(make_problem(plant(1, 120), model, initial, 0.03), time_scale_s=5.0)
     theta = {"Kp": 1.3, "Tp1": 6.0, "Tp2": 1.7, "Td": 0.8, "Tz": 0.9}
-    x = posed.vector({n: theta[n.partition(".")[0]] for n in model.names})
-    x[posed.n_model :] = 0.1 * np.arange(1, posed.size - posed.n_model + 1)
-    _, slopes = posed.evaluate(x)
-    for k in range(posed.size):
-        step = np.eye(posed.size)[k] * 1e-6
-        difference = (posed.evaluate(x + step)[0] - posed.evaluate(x - step)[0]) / 2e-6
-        assert np.allclose(
-            difference, slopes[:, k], atol=1e-6 * max(1.0, np.abs(difference).max())
-        )  # of the difference
+    x = problem.vector({n: theta[n.partition(".")[0]] for n in model.names})
+    x[problem.n_model :] = 0.1 * np.arange(1, problem.size - problem.n_model + 1)
+    _, slopes = problem.evaluate(x)
+    for k in range(problem.size):
+        step = np.eye(problem.size)[k] * 1e-6
+        difference = (problem.evaluate(x + step)[0] - problem.evaluate(x - step)[0]) / 2e-6
+        # relative to the largest difference of the column
+        tolerance = 1e-6 * max(1.0, np.abs(difference).max())
+        assert np.allclose(difference, slopes[:, k], atol=tolerance)
 
 
 @pytest.mark.study
-def test_the_search_grows_to_the_truth_and_leaves_out_an_input_that_does_nothing():
+def test_search_finds_the_true_structure_and_drops_an_input_without_effect():
     data = plant(3)
     idle = np.random.default_rng(9).choice([0.0, 1.0], data.n_samples)
     wide = IOData.from_arrays(
@@ -111,94 +115,97 @@ def test_the_search_grows_to_the_truth_and_leaves_out_an_input_that_does_nothing
         hold="zoh",
         input_names=["heat", "fan", "idle"],
     )
-    found = compare(wide)
-    assert found.recommended == "P1D + P1 + -"
-    assert found.table["refused"].sum() >= 1  # the way's end is shown
-    assert found.best_row["held_out_rms"] == pytest.approx(0.05, rel=0.2)  # the noise, 150 samples
-    assert "lag.idle" not in found.summary()
-    assert found.conclusion.code == "models.recommended"
+    comparison = compare(wide)
+    assert comparison.recommended == "P1D + P1 + -"
+    assert comparison.table["refused"].sum() >= 1  # the end of the search is shown
+    assert comparison.best_row["held_out_rms"] == pytest.approx(
+        0.05, rel=0.2
+    )  # the noise, 150 samples
+    assert "lag.idle" not in comparison.summary()
+    assert comparison.conclusion.code == "models.recommended"
 
 
 @pytest.mark.study
-def test_the_search_grows_beyond_three_poles():
+def test_search_continues_beyond_three_poles():
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([0.0, 1.0], 40), 12)
     den = np.polymul(np.polymul([1.0, 0.4, 1.0], [1 / 9.0, 0.1, 1.0]), [2.0, 1.0])
     y = zoh([1.0], den.tolist(), u) + 0.005 * rng.normal(size=len(u))
-    found = compare(IOData.from_arrays(u, y, DT, hold="zoh"))
-    assert found.recommended.startswith("TF(")
-    assert (
-        found.best_row["held_out_percent"] > 96
-    )  # noise alone leaves 98.5; a complex pair and a lag 90
+    comparison = compare(IOData.from_arrays(u, y, DT, hold="zoh"))
+    assert comparison.recommended.startswith("TF(")
+    # noise alone leaves 98.5 %, a complex pair and a lag 90 %
+    assert comparison.best_row["held_out_percent"] > 96
 
 
-def test_a_step_begins_where_the_smaller_model_ended():
+def test_warm_start_of_a_larger_model_has_the_response_of_the_smaller_one():
     f = np.geomspace(0.01, 1, 9)
-    for name, have, larger in (
+    for name, theta, larger in (
         ("P2DZ", {"Kp": 2.0, "Tp1": 5.0, "Tp2": 1.0, "Tz": 0.5, "Td": 0.3}, "TF(2,2)D"),
         ("P1D", {"Kp": 2.0, "Tp1": 5.0, "Td": 0.3}, "P2DZ"),
         ("TF(1,3)", {"b0": 2.0, "b1": 1.0, "a1": 3.0, "a2": 3.0, "a3": 1.0}, "TF(2,4)"),
     ):
-        was = as_model(name)
-        part = as_model(larger)
-        assert larger in [m.name for m in successors(was)]
-        now = part.rational(warm_start(was, have, part, 0.7)).frequency_response(f)
-        assert np.allclose(now, was.rational(have).frequency_response(f), rtol=1e-9)
+        smaller = as_model(name)
+        larger_model = as_model(larger)
+        assert larger in [m.name for m in successors(smaller)]
+        response = larger_model.rational(
+            warm_start(smaller, theta, larger_model, 0.7)
+        ).frequency_response(f)
+        assert np.allclose(response, smaller.rational(theta).frequency_response(f), rtol=1e-9)
 
 
-def test_state_space_and_file_repeat_the_simulation(tmp_path):
+def test_state_space_and_json_forms_repeat_the_simulation(tmp_path):
     data = plant(5)
-    found = fit(data, several(["P1", "P2Z"], ["heat", "fan"]), intervals="quadratic").identified
+    model = fit(data, several(["P1", "P2Z"], ["heat", "fan"]), intervals="quadratic").identified
     u = data.runs[0].u
-    again = Identified.from_json(found.to_json())
-    assert np.allclose(again.simulate(u), found.simulate(u), atol=1e-12)
-    assert again.by_input["fan"].lag_s.value == pytest.approx(found.by_input["fan"].lag_s.value)
+    restored = Identified.from_json(model.to_json())
+    assert np.allclose(restored.simulate(u), model.simulate(u), atol=1e-12)
+    assert restored.by_input["fan"].lag_s.value == pytest.approx(model.by_input["fan"].lag_s.value)
     t = DT * np.arange(len(u))
     response = control.forced_response(
-        control.sample_system(found.state_space(), DT, "zoh"), t, (u - u[0]).T
+        control.sample_system(model.state_space(), DT, "zoh"), t, (u - u[0]).T
     )
-    gains = np.array([p.gain for p in found.by_input.values()])
-    assert np.allclose(response.outputs + gains @ u[0] + found.offset, found.simulate(u), atol=1e-6)
+    gains = np.array([p.gain for p in model.by_input.values()])
+    assert np.allclose(response.outputs + gains @ u[0] + model.offset, model.simulate(u), atol=1e-6)
     with pytest.raises(InputError, match=r"has 2 inputs.*parts\['heat'\]"):
-        _ = found.rational
+        _ = model.rational
 
 
-def test_a_control_system_is_compared_as_it_stands_and_begun_at():
+def test_control_system_can_be_compared_as_given_and_used_as_start():
     data = heated(6)
-    given = from_control(control.tf([2.0], [8.0, 1.0]), delay_s=1.5)
-    assert given.lag_s.value == pytest.approx(9.5)
-    c = compare(data, given, "P1D")
-    row = c.table[c.table["model"] == "TF(0,1)D as given"].iloc[0]
+    from_tf = from_control(control.tf([2.0], [8.0, 1.0]), delay_s=1.5)
+    assert from_tf.lag_s.value == pytest.approx(9.5)
+    comparison = compare(data, from_tf, "P1D")
+    row = comparison.table[comparison.table["model"] == "TF(0,1)D as given"].iloc[0]
     assert row["parameters"] == 1  # the offset
-    begun = fit(data, given.model, start=given.theta)
-    assert begun.identified.theta["a1"] == pytest.approx(8.0, abs=4 * begun.estimates["a1"].u)
+    result = fit(data, from_tf.model, start=from_tf.theta)
+    assert result.identified.theta["a1"] == pytest.approx(8.0, abs=4 * result.estimates["a1"].u)
     joined = several(["P1D", "TF(1,2)"], ["heat", "fan"])
     u = plant(6).runs[0].u
-    two = fit(plant(6), joined, intervals="quadratic", check=False).identified
-    again = from_control(two.state_space(0), delay_s=[two.theta["Td.heat"], 0.0])
-    assert np.allclose(again.simulate(u, DT, "zoh"), two.simulate(u) - two.offset, atol=1e-6)
+    two_inputs = fit(plant(6), joined, intervals="quadratic", check=False).identified
+    restored = from_control(two_inputs.state_space(0), delay_s=[two_inputs.theta["Td.heat"], 0.0])
+    assert np.allclose(
+        restored.simulate(u, DT, "zoh"), two_inputs.simulate(u) - two_inputs.offset, atol=1e-6
+    )
     unnamed = control.combine_tf([[control.tf([2.0], [8.0, 1.0]), control.tf([-1.0], [3.0, 1.0])]])
-    placed = compare(
-        plant(6), from_control(unnamed, delay_s=[1.5, 0.0])
-    ).best.identified  # u[0], u[1]
-    assert placed.model.inputs == ("heat", "fan")
-    assert placed.theta["a1.fan"] == 3.0
-    assert "correlations" not in given.summary()
-    assert bode_band(from_control(control.tf([1.0], [1e-3, 1.0]))).magnitude_dB.x[
-        -1
-    ] == pytest.approx(1e5 / 2 / np.pi)
-    for system, words in (
+    # without names the inputs are matched by position: u[0], u[1]
+    by_position = compare(plant(6), from_control(unnamed, delay_s=[1.5, 0.0])).best.identified
+    assert by_position.model.inputs == ("heat", "fan")
+    assert by_position.theta["a1.fan"] == 3.0
+    assert "correlations" not in from_tf.summary()
+    high_corner = from_control(control.tf([1.0], [1e-3, 1.0]))
+    assert bode_band(high_corner).magnitude_dB.x[-1] == pytest.approx(1e5 / 2 / np.pi)
+    for system, message in (
         (control.tf([1.0, 0.0], [1.0, 2.0, 1.0]), "static gain of zero"),
         (control.tf([1.0], [1.0, -0.5], DT), "discrete"),
         (control.tf([1.0], [1.0, -1.0]), "left half plane"),
         (control.tf([[[1.0]], [[1.0]]], [[[1.0, 1.0]], [[1.0, 1.0]]]), "2 outputs"),
         ([1.0], "list"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             from_control(system)
 
 
-def test_poles_move_as_their_covariance_says():
+def test_covariance_of_poles_matches_closed_form_and_spread_of_repeated_fits():
     g = fit(heated(7), "P2D", intervals="quadratic", check=False).identified
     poles = sorted((r for r in roots_of(g)), key=lambda r: -r.value.real)
     for r, name in zip(poles, ("Tp1", "Tp2")):
@@ -206,11 +213,10 @@ def test_poles_move_as_their_covariance_says():
         u = g.estimates[name].u
         assert r.value == pytest.approx(-1 / tau)
         assert np.sqrt(r.covariance[0, 0]) == pytest.approx(u / tau**2)  # d(1/T) = dT/T^2
-    # an oscillating pair: against fits' own spread of w = 1/Tw and damping
-    data = IOData.from_arrays(
-        u_ := np.repeat([0.0, 1.0, 0.0, 1.0], 60), zoh([1.0], [4.0, 1.2, 1.0], u_), DT, hold="zoh"
-    )
-    noisy = [
+    # an oscillating pair: against the spread of w = 1/Tw and damping over repeated fits
+    steps = np.repeat([0.0, 1.0, 0.0, 1.0], 60)
+    data = IOData.from_arrays(steps, zoh([1.0], [4.0, 1.2, 1.0], steps), DT, hold="zoh")
+    fits = [
         fit(
             replace_y(data, 0.05, seed),
             "P2U",
@@ -219,20 +225,22 @@ def test_poles_move_as_their_covariance_says():
         ).identified
         for seed in range(40)
     ]
-    top = [max(roots_of(m), key=lambda r: r.value.imag) for m in noisy]
+    top = [max(roots_of(m), key=lambda r: r.value.imag) for m in fits]
     spread = np.cov([[r.value.real, r.value.imag] for r in top], rowvar=False)
-    claimed = np.mean([r.covariance for r in top], axis=0)
-    assert np.diag(spread) == pytest.approx(np.diag(claimed), rel=0.7)  # of 40: standard error 0.23
+    stated = np.mean([r.covariance for r in top], axis=0)
+    assert np.diag(spread) == pytest.approx(
+        np.diag(stated), rel=0.7
+    )  # 40 fits: standard error 0.23
 
 
 def replace_y(data: IOData, sd: float, seed: int) -> IOData:
-    """The same with white noise on its output."""
+    """The same record with white noise added to its output."""
     run = data.runs[0]
     y = run.y + sd * np.random.default_rng(seed).normal(size=run.y.shape)
     return replace(data, runs=(replace(run, y=y),))
 
 
-def test_data_and_poles_are_drawn():
+def test_data_and_poles_are_plotted():
     axes = Figure().subplots(1, 2)
     data = plant(8)
     assert {line.get_label() for line in draw(data, axes[0]).lines} >= {
@@ -240,27 +248,27 @@ def test_data_and_poles_are_drawn():
         "fan, right axis",
         "y",
     }
-    found = fit(data, several(["P1", "P1Z"], ["heat", "fan"]), intervals="quadratic").identified
-    marks = [line.get_marker() for line in draw_poles(found, axes[1]).lines]
+    model = fit(data, several(["P1", "P1Z"], ["heat", "fan"]), intervals="quadratic").identified
+    marks = [line.get_marker() for line in draw_poles(model, axes[1]).lines]
     assert marks.count("o") == 1
-    assert marks.count("x") == 4  # two poles, two names
+    assert marks.count("x") == 4  # two poles, each drawn and named
 
 
-def test_clock_stamps_are_seconds_also_past_midnight(tmp_path):
+def test_clock_stamps_become_seconds_across_midnight(tmp_path):
     frame = pd.DataFrame({"u": [0.0, 0, 1, 1, 1, 1], "y": [0.0, 0, 0.2, 0.5, 0.6, 0.7]})
     stamps = pd.date_range("2026-01-02 23:59:58", periods=6, freq="500ms")
-    for written in (
+    for time_column in (
         stamps.strftime("%H:%M:%S.%f"),
         stamps.strftime("%Y-%m-%d %H:%M:%S.%f"),
         stamps,
     ):
-        data = from_frame(frame.assign(time=written), input="u", output="y")
+        data = from_frame(frame.assign(time=time_column), input="u", output="y")
         assert data.dt_s == pytest.approx(0.5)
     frame.assign(time=stamps.strftime("%H:%M:%S.%f")).to_csv(tmp_path / "c.csv", index=False)
     assert from_csv(tmp_path / "c.csv", input="u", output="y").dt_s == pytest.approx(0.5)
 
 
-def test_an_input_that_was_set_is_held_and_one_that_was_measured_is_not():
+def test_hold_is_zoh_for_a_set_input_and_foh_for_a_measured_one():
     t = np.arange(200.0)
     u = {
         "set": np.repeat([0.0, 5, 2, 5], 50),
@@ -292,14 +300,14 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_input_is_told_in_one_sentence(case):
-    call, words = BAD[case]
-    with pytest.raises(InputError, match=words):
+def test_bad_input_raises_one_clear_message(case):
+    call, message = BAD[case]
+    with pytest.raises(InputError, match=message):
         call(plant(0, 200))
 
 
 @pytest.mark.e2e
-def test_the_command_takes_several_inputs_and_outputs(
+def test_identify_command_accepts_several_inputs_and_outputs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     data = plant(2)
@@ -316,16 +324,16 @@ def test_the_command_takes_several_inputs_and_outputs(
         }
     )
     frame.to_csv(table, index=False)
-    asked = ("identify", table, "--input", "heat,fan", "--output", "T1,T2")
-    assert tcdyn(*asked, "--models", "P1D+P1,P1") == 0
-    said = capsys.readouterr().out
-    assert "Recommended: P1D + P1." in said
-    assert "Kp.heat" in said
+    arguments = ("identify", table, "--input", "heat,fan", "--output", "T1,T2")
+    assert tcdyn(*arguments, "--models", "P1D+P1,P1") == 0
+    printed = capsys.readouterr().out
+    assert "Recommended: P1D + P1." in printed
+    assert "Kp.heat" in printed
     for name in ("T1", "T2"):
-        kept = json.loads((tmp_path / f"two.{name}.identified.json").read_text(encoding="utf-8"))
-        assert abs(kept["theta"]["Td.heat"] - 1.5) < 4 * kept["estimates"]["Td.heat"]["u"]
+        stored = json.loads((tmp_path / f"two.{name}.identified.json").read_text(encoding="utf-8"))
+        assert abs(stored["theta"]["Td.heat"] - 1.5) < 4 * stored["estimates"]["Td.heat"]["u"]
         assert (tmp_path / f"two.{name}.identified.html").exists()
-    for words, told in (
+    for options, message in (
         (("--input", "heat,", "--output", "T1"), "--input"),
         (("--input", "heat,heat", "--output", "T1"), "--input"),
         (("--input", "heat,T1", "--output", "T1"), "named twice"),
@@ -339,16 +347,16 @@ def test_the_command_takes_several_inputs_and_outputs(
         ),
         (("--input", "heat,fan", "--output", "T1", "--hold", "auto2"), "--hold"),
     ):
-        assert tcdyn("identify", table, *words) == 2
-        assert told in capsys.readouterr().err
+        assert tcdyn("identify", table, *options) == 2
+        assert message in capsys.readouterr().err
 
 
-def test_the_line_to_paste_runs():
+def test_lag_removal_advice_runs_as_python():
     data = heated(4)
-    found = compare(data, "P1D")
-    line = found.lag_removal_advice().partition("other traces: ")[2].partition(";")[0]
+    comparison = compare(data, "P1D")
+    line = comparison.lag_removal_advice().partition("other traces: ")[2].partition(";")[0]
     y = data.runs[0].y[:, 0]
     assert line.startswith("tcdyn.smooth(y, dt, tcdyn.Chain(")
-    space: dict[str, object] = {"y": y, "dt": data.dt_s}
-    exec(f"import tcdyn\ndone = {line}", space)
-    assert np.shape(space["done"].temperature) == (len(y), 1)
+    namespace: dict[str, object] = {"y": y, "dt": data.dt_s}
+    exec(f"import tcdyn\ndone = {line}", namespace)
+    assert np.shape(namespace["done"].temperature) == (len(y), 1)
