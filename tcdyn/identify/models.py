@@ -274,7 +274,7 @@ class Model:
         The dead time is between 0 and ``delay_s``, Zeta in ``DAMPING_BOUNDS``, every other positive
         parameter in ``lags_s``; the others have no bounds. ``DAMPING_BOUNDS`` may change. What is a
         logarithm must agree with :meth:`theta` and :meth:`vector`. Guarded by
-        ``test_a_sum_of_models_is_bounded_and_scaled_by_input`` in
+        ``test_sum_of_models_has_order_bounds_and_scale_per_input`` in
         ``tests/identify/test_identify_closed_forms.py`` (lag, dead time and gain; not Zeta).
         """
         rows: list[tuple[float, ...]] = []

@@ -240,7 +240,7 @@ class Narx:
             -----
             :meth:`predict` must stay analytic: with ``abs``, ``float`` or clipping in it the
             imaginary step is lost. Guarded by
-            ``test_a_lag_is_that_of_the_recursion_linearised_about_its_level`` in
+            ``test_local_lag_is_that_of_the_recursion_linearised_at_its_level`` in
             ``tests/identify/test_identify_narx.py``.
             """
 

@@ -173,9 +173,7 @@ def draw_window_study(
                     label=f"{disk} disk{remark}",
                 )
     if truth is not None:
-        ax.axhline(
-            truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation"
-        )
+        ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
     ax.set_xscale("log")
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])

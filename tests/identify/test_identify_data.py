@@ -1,4 +1,4 @@
-"""Data in, and what is refused."""
+"""Reading of data, and errors for invalid data."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from tcdyn.identify import IOData, compare, fit, from_csv, from_frame, process, 
 
 
 def table(n: int = 200) -> pd.DataFrame:
+    """The first ``n`` samples of case A as a table."""
     data = case_a("PRBS", 0)
     return pd.DataFrame(
         {"time_s": data.times_s()[:n], "u": data.runs[0].u[:n, 0], "y": data.runs[0].y[:n, 0]}
     )
 
 
-def test_slicing_is_in_seconds_with_both_ends():
-    part = case_a("PRBS", 0)[2.0:5.0]
-    assert part.n_samples == 61
-    assert part.runs[0].start_s == pytest.approx(2.0)
+def test_slicing_is_in_seconds_and_includes_both_ends():
+    section = case_a("PRBS", 0)[2.0:5.0]
+    assert section.n_samples == 61
+    assert section.runs[0].start_s == pytest.approx(2.0)
 
 
-def test_merged_runs_stay_apart():
-    one = case_a("PRBS", 0)
-    two = case_a("PRBS", 1)
-    both = one.merge(two)
-    assert [r.n for r in both.runs] == [800, 800]
-    # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs tell the same dead time
-    result = fit(both, "P2D")
+def test_merged_runs_remain_separate():
+    first = case_a("PRBS", 0)
+    second = case_a("PRBS", 1)
+    merged = first.merge(second)
+    assert [r.n for r in merged.runs] == [800, 800]
+    # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs have one dead time
+    result = fit(merged, "P2D")
     assert result.identified.theta["Td"] == pytest.approx(0.37, abs=4 * result.estimates["Td"].u)
     assert len(result.problem.segments) == 2
 
@@ -41,17 +42,17 @@ def test_data_are_read_only():
         case_a("PRBS", 0).runs[0].u[0] = 1.0
 
 
-def test_merge_refuses_another_hold():
+def test_merge_of_different_holds_raises():
     with pytest.raises(InputError, match="hold"):
         case_a("PRBS", 0).merge(case_a("plunge", 0))
 
 
-def test_a_run_column_separates_recordings():
+def test_run_column_separates_recordings():
     frame = pd.concat([table().assign(run="a"), table().assign(run="b")])
     assert [r.name for r in from_frame(frame, input="u", output="y", run="run").runs] == ["a", "b"]
 
 
-def test_missing_rows_become_a_gap_and_the_fit_lives_with_it():
+def test_missing_rows_become_a_gap_and_the_fit_remains_unbiased():
     frame = table(800).drop(index=range(300, 330))
     data = from_frame(frame, input="u", output="y", hold="zoh")
     assert data.n_samples == 800
@@ -66,7 +67,7 @@ def test_rounded_time_stamps_do_not_drift():
     assert from_frame(frame, input="u", output="y").dt_s == pytest.approx(1 / 75, rel=1e-4)
 
 
-def test_semicolons_and_decimal_commas(tmp_path):
+def test_semicolons_and_decimal_commas_are_read(tmp_path):
     path = tmp_path / "euro.csv"
     path.write_text("t;u;y\n0,0;1,5;2,5\n0,5;1,5;2,5\n1,0;3,5;2,75\n", encoding="utf-8")
     data = from_csv(path, input="u", output="y")
@@ -74,19 +75,19 @@ def test_semicolons_and_decimal_commas(tmp_path):
     assert data.runs[0].u[2, 0] == 3.5
 
 
-def uneven() -> None:
+def uneven_time() -> None:
     frame = table()
     frame.loc[100:, "time_s"] += 0.02
     from_frame(frame, input="u", output="y")
 
 
-def backwards() -> None:
+def backward_time() -> None:
     frame = table()
     frame.loc[50, "time_s"] = 0.0
     from_frame(frame, input="u", output="y")
 
 
-def exchanged() -> None:
+def exchanged_columns() -> None:
     data = case_a("PRBS", 0)
     fit(IOData.from_arrays(data.runs[0].y, data.runs[0].u, 0.05, hold="zoh"), "P1D")
 
@@ -100,7 +101,7 @@ def early_output() -> None:
     )
 
 
-def wrapped() -> None:
+def overflowed_counter() -> None:
     counts = (np.arange(60) * 1000).astype(np.int64)
     IOData.from_arrays(((counts + 2**15) % 2**16 - 2**15).astype(np.int16), np.zeros(60), 0.1)
 
@@ -128,11 +129,11 @@ BAD = {
         ),
         "column u has no 8 samples in a row",
     ),
-    "uneven time": (uneven, "not evenly spaced"),
-    "backward time": (backwards, "runs backwards"),
-    "exchanged columns": (exchanged, "before the input"),
+    "uneven time": (uneven_time, "not evenly spaced"),
+    "backward time": (backward_time, "runs backwards"),
+    "exchanged columns": (exchanged_columns, "before the input"),
     "output before input": (early_output, "before the input"),
-    "integer overflow": (wrapped, "16-bit integer overflowed"),
+    "integer overflow": (overflowed_counter, "16-bit integer overflowed"),
     "infinite": (lambda: IOData.from_arrays([0.0, np.inf], [0.0, 1.0], 0.1), "infinite"),
     "infinite second": (
         lambda: IOData.from_arrays(np.array([[0.0, 0.0], [0.0, np.inf]]), [0.0, 1.0], 0.1),
@@ -160,13 +161,13 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_data_get_one_clear_sentence(name):
-    call, words = BAD[name]
-    with pytest.raises(InputError, match=words):
+def test_bad_data_raise_one_clear_message(name):
+    call, message = BAD[name]
+    with pytest.raises(InputError, match=message):
         call()
 
 
-def test_a_lead_is_not_mistaken_for_an_output_that_moves_first():
+def test_lead_is_not_mistaken_for_an_output_that_precedes_the_input():
     from tcdyn.identify import process, simulate
 
     u = case_a("PRBS", 2).runs[0].u[:, 0]
@@ -176,7 +177,7 @@ def test_a_lead_is_not_mistaken_for_an_output_that_moves_first():
     assert result.identified.theta["Tz"] == pytest.approx(0.9, abs=4 * result.estimates["Tz"].u)
 
 
-def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
+def test_table_without_column_names_is_distinguished_from_a_missing_column(tmp_path):
     for text in (
         "0,0,299.53\n1,0,299.6\n",
         "0;299,53\n1;299,6\n",
@@ -187,21 +188,21 @@ def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
             from_csv(tmp_path / "bare.csv", input="u", output="y")
 
 
-def test_runs_may_be_named_by_words(tmp_path):
-    both = pd.concat([table().assign(run="warm"), table().assign(run="cold")])
-    both.to_csv(tmp_path / "two.csv", index=False)
+def test_runs_may_be_named_by_text(tmp_path):
+    frame = pd.concat([table().assign(run="warm"), table().assign(run="cold")])
+    frame.to_csv(tmp_path / "two.csv", index=False)
     assert [
         r.name for r in from_csv(tmp_path / "two.csv", input="u", output="y", run="run").runs
     ] == ["warm", "cold"]
 
 
-def test_a_missing_time_column_names_the_options_of_both_ways_in():
+def test_missing_time_column_error_names_the_options_of_function_and_command():
     with pytest.raises(InputError, match=r"time=COLUMN.*dt_s=SECONDS"):
         from_frame(table()[["u", "y"]], input="u", output="y")
 
 
-def test_a_run_that_starts_away_from_equilibrium_is_told():
-    # a lag of 20 s under a constant input, begun 50 units below its equilibrium, then one step of the input
+def test_run_that_starts_off_equilibrium_is_reported():
+    # a lag of 20 s under a constant input, starting 50 units below equilibrium, then one step of the input
     t = np.arange(0.0, 400.0)
     u = np.where(t < 200, 1.0, 0.0)
     y = np.where(t < 200, 10 - 50 * np.exp(-t / 20), 10 * np.exp(-(t - 200) / 20))
@@ -213,8 +214,9 @@ def test_a_run_that_starts_away_from_equilibrium_is_told():
     assert "initial=estimated" not in fit(settled, "P1").identified.sentence
 
 
-def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
-    """Spaces between columns, German Excel with its encoding, and TDMS hold the same samples as plain CSV."""
+def test_matlab_excel_and_labview_tables_give_the_same_record(tmp_path):
+    """Columns separated by spaces, German Excel with its encoding, and TDMS hold the same samples
+    as plain CSV."""
     frame = table().rename(columns={"y": "y_°C"})
     plain = from_frame(frame, input="u", output="y_°C")
     matlab = tmp_path / "m.dat"
@@ -228,9 +230,8 @@ def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
         )
     for path in (matlab, excel, labview):
         read = from_csv(path, input="u", output="y_°C")
-        assert np.allclose(
-            read.runs[0].y, plain.runs[0].y, rtol=4e-16, atol=0
-        )  # pandas < 3.1: one last place off
+        # pandas < 3.1 may differ in the last digit
+        assert np.allclose(read.runs[0].y, plain.runs[0].y, rtol=4e-16, atol=0)
         assert read.dt_s == pytest.approx(plain.dt_s)
     for path in (matlab, labview):
         with pytest.raises(InputError, match="did you mean 'y_°C'"):
@@ -238,7 +239,7 @@ def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
 
 
 def single_step(tau_s: float, noise: float = 0.2) -> IOData:
-    """One lag's answer to a step of 60 at 4 s, by its closed form; 30 s at 75 Hz."""
+    """Response of one lag to a step of 60 at 4 s, by its closed form; 30 s at 75 Hz."""
     t = np.arange(2250) / 75
     y = 20 + 60 * (1 - np.exp(-np.clip(t - 4, 0, None) / tau_s))
     y = y + noise * np.random.default_rng(3).normal(size=len(t))
@@ -246,8 +247,9 @@ def single_step(tau_s: float, noise: float = 0.2) -> IOData:
 
 
 @pytest.mark.study
-def test_a_lag_between_the_trial_lags_is_not_taken_for_an_output_that_moves_first():
-    """The trial lags are a factor 2.6 apart, so that 8 of these 25 were refused; exchanged, all still are."""
+def test_lag_between_the_trial_lags_is_not_mistaken_for_a_leading_output():
+    """The trial lags are a factor of 2.6 apart; the 25 lags here lie between them. With exchanged
+    columns all records are rejected."""
     for tau in np.geomspace(0.3, 6, 25):
         data = single_step(float(tau))
         fit(data, "P1", intervals="quadratic")
@@ -256,8 +258,8 @@ def test_a_lag_between_the_trial_lags_is_not_taken_for_an_output_that_moves_firs
             fit(IOData.from_arrays(run.y, run.u, 1 / 75), "P1", intervals="quadratic")
 
 
-def gappy(n: int = 600) -> IOData:
-    """One lag of 20 s, its input changing every 30 s, and ten rows lost in each answer, as if a logger had stalled."""
+def record_with_gaps(n: int = 600) -> IOData:
+    """One lag of 20 s. The input changes every 30 s, and ten rows are lost in each response."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([0.0, 10.0], n // 30), 30)
     y = simulate(
@@ -268,45 +270,51 @@ def gappy(n: int = 600) -> IOData:
     return from_frame(frame.drop(index=lost), input="u", output="y", hold="zoh")
 
 
-def test_a_piece_after_lost_rows_begins_from_a_state_of_its_own():
-    """Begun in equilibrium, the pieces made the gain 0.8 and the lag 16 s, with one percent claimed."""
-    found = fit(gappy(), "P1")
-    assert sum(found.problem.has_free_state) == len(found.problem.segments) - 1
-    for name, truth in (("Kp", 1.0), ("Tp1", 20.0)):
-        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
-    assert found.estimates["Tp1"].u < 0.2
-    shared = compare(gappy(), ["P1"])  # pieces of the part held out are given their states, too
+def test_segment_after_lost_rows_has_its_own_initial_state():
+    """With equilibrium at the start of each segment the gain is 0.8 and the lag 16 s, with a
+    stated uncertainty of one percent."""
+    result = fit(record_with_gaps(), "P1")
+    assert sum(result.problem.has_free_state) == len(result.problem.segments) - 1
+    for name, true_value in (("Kp", 1.0), ("Tp1", 20.0)):
+        assert result.estimates[name].value == pytest.approx(
+            true_value, abs=4 * result.estimates[name].u
+        )
+    assert result.estimates["Tp1"].u < 0.2
+    shared = compare(
+        record_with_gaps(), ["P1"]
+    )  # the state of each held-out segment is estimated, too
     assert shared.table["held_out_percent"].iloc[0] > 95
 
 
-def test_what_a_dead_time_holds_back_reaches_across_a_gap():
-    """The input's change, its last sample before the gap, comes out of the dead time after the gap."""
+def test_dead_time_carries_the_input_across_a_gap():
+    """The change of the input, its last sample before the gap, leaves the dead time after the gap."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([0.0, 10.0], 30), 50)
     plant = process("P1D").rational({"Kp": 1.0, "Tp1": 20.0, "Td": 6.3})
     y = simulate(plant, u, 1.0, "zoh") + 0.05 * rng.normal(size=len(u))
     u[np.flatnonzero(np.diff(u)) + 2] = np.nan
-    found = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D")
-    for name, truth in (("Kp", 1.0), ("Tp1", 20.0), ("Td", 6.3)):
-        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
+    result = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D")
+    for name, true_value in (("Kp", 1.0), ("Tp1", 20.0), ("Td", 6.3)):
+        assert result.estimates[name].value == pytest.approx(
+            true_value, abs=4 * result.estimates[name].u
+        )
 
 
-def test_an_offset_per_run_is_one_for_all_pieces_of_the_run():
-    found = fit(gappy().merge(gappy()), process("P1", offset="per run"))
-    assert len({offset.start for offset, _ in found.problem.offset_and_state_slices}) == 2
-    assert found.estimates["Kp"].value == pytest.approx(1.0, abs=4 * found.estimates["Kp"].u)
+def test_offset_per_run_is_shared_by_all_segments_of_the_run():
+    result = fit(record_with_gaps().merge(record_with_gaps()), process("P1", offset="per run"))
+    assert len({offset.start for offset, _ in result.problem.offset_and_state_slices}) == 2
+    assert result.estimates["Kp"].value == pytest.approx(1.0, abs=4 * result.estimates["Kp"].u)
 
 
-def test_a_run_held_out_is_simulated_from_its_own_state_and_not_from_another_run_s():
+def test_held_out_run_is_simulated_from_its_own_initial_state():
     """Two runs begin at the same clock time, one above its equilibrium and one below."""
-    parts = []
-    for seed, off in ((0, 6.0), (1, -8.0)):
+    runs = []
+    for seed, offset in ((0, 6.0), (1, -8.0)):
         rng = np.random.default_rng(seed)
         u = np.repeat(rng.choice([0.0, 1.0], 14), 30)
         y = simulate(process("P1").rational({"Kp": 3.0, "Tp1": 10.0}), u, 0.5, "zoh")
-        y = y + off * np.exp(-0.05 * np.arange(len(u))) + 0.05 * rng.normal(size=len(u))
-        parts.append(IOData.from_arrays(u, y, 0.5, hold="zoh"))
-    both = compare(parts[0].merge(parts[1]), ["P1"], initial="estimated")
-    assert both.table["held_out_rms"].iloc[0] == pytest.approx(
-        0.05, rel=0.2
-    )  # the noise: 400 samples
+        y = y + offset * np.exp(-0.05 * np.arange(len(u))) + 0.05 * rng.normal(size=len(u))
+        runs.append(IOData.from_arrays(u, y, 0.5, hold="zoh"))
+    comparison = compare(runs[0].merge(runs[1]), ["P1"], initial="estimated")
+    # the noise, from 400 samples
+    assert comparison.table["held_out_rms"].iloc[0] == pytest.approx(0.05, rel=0.2)

@@ -173,7 +173,7 @@ def test_noise_of_a_measured_input_has_the_sum_of_both_spectra() -> None:
     spectrum = (
         np.abs(np.polyval([1.0, *noise.ma][::-1], z) / np.polyval([1.0, *noise.ar][::-1], z)) ** 2
     )
-    assert spectrum / flagged.mean() == pytest.approx(exact / exact.mean(), rel=1e-6)
+    assert spectrum / spectrum.mean() == pytest.approx(exact / exact.mean(), rel=1e-6)
     assert (noise.starts_at_rest, noise.n_parameters) == (True, 0)
     assert input_noise_model(replace(problem, input_sds=(1e-6,)), x, np.full(N, output_sd)).white
 

@@ -1,4 +1,4 @@
-"""Residual tests, order choice, bands, NARX, command line, real data."""
+"""Residual tests, order selection, uncertainty bands, NARX, the command line, and real data."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from tcdyn.identify.narx import temperature_dependence
 from tcdyn.identify.recommendation import recommend
 
 
-def test_one_lag_is_caught_where_its_fit_looks_excellent():
-    # the "fit misleads" case: 94 to 99 % and yet 4 to 21 degC wrong when used to recover a faster record
-    one, delayed, right = (fit(case_a("plunge", 0), m) for m in ("P1", "P1D", "P2D"))
-    assert one.identified.statistics["fit_percent"] > 90
+def test_residual_tests_reject_one_lag_despite_a_high_fit_percentage():
+    # high fit percentages, 94 to 99 %, yet errors of 4 to 21 degC when such a model recovers a faster record
+    one_lag, delayed, correct = (fit(case_a("plunge", 0), m) for m in ("P1", "P1D", "P2D"))
+    assert one_lag.identified.statistics["fit_percent"] > 90
     assert delayed.identified.statistics["fit_percent"] > 98
-    for wrong in (one, delayed):
+    for wrong in (one_lag, delayed):
         v = validate(wrong)
         assert v.whiteness.p < 1e-4
         assert "coloured" in v.sentence or "misses dynamics" in v.sentence
-    assert validate(one).dynamics_missing
-    v = validate(right)
+    assert validate(one_lag).dynamics_missing
+    v = validate(correct)
     assert v.whiteness.p > 0.01
     assert v.input.p > 0.01
     assert "does not contradict" in v.sentence
 
 
-def test_bounds_of_the_input_correlation_know_what_the_fit_has_used():
-    # lagged copies of a smooth input lie almost in the span of the sensitivities, where residuals cannot follow them:
-    # the textbook bound 1.96/sqrt(N) would let a wrong model pass there
+def test_bounds_of_the_input_correlation_account_for_fitted_parameters():
+    # lagged copies of a smooth input lie almost in the span of the sensitivities, where residuals
+    # cannot follow them: with the textbook bound 1.96/sqrt(N) a wrong model would pass there
     v = validate(fit(case_a("plunge", 0), "P2D"))
     assert np.max(v.input.bound95) < 0.3 * 1.96 / np.sqrt(800)
     assert np.mean(np.abs(v.input.value) < v.input.bound95) > 0.7
 
 
 @pytest.mark.study
-def test_false_alarms_of_both_residual_tests_are_near_nominal():
+def test_false_alarm_rates_of_both_residual_tests_are_near_nominal():
     p = []
     for seed in range(100):
         data = case_a("PRBS", 5000 + seed)
@@ -64,18 +64,17 @@ def test_false_alarms_of_both_residual_tests_are_near_nominal():
 
 
 @pytest.mark.study
-def test_the_table_recommends_the_true_structure_and_says_why():
+def test_comparison_recommends_the_true_structure_by_bic():
     c = compare(case_a("PRBS", 3), ["P1", "P1D", "P2", "P2D", "P2Z"])
     assert c.recommended == "P2D"
     assert list(c.table["BIC"]) == sorted(c.table["BIC"])
     assert "BIC" in c.reason_text
     assert c.best.problem.model.name == "P2D"
-    assert c.table["held_out_rms"].iloc[0] == pytest.approx(
-        0.5, abs=0.06
-    )  # the noise, sd of its own estimate 0.02
+    # the noise; the standard deviation of its estimate is 0.02
+    assert c.table["held_out_rms"].iloc[0] == pytest.approx(0.5, abs=0.06)
 
 
-def test_a_smaller_model_with_nearly_the_same_bic_is_preferred():
+def test_smaller_model_with_nearly_the_same_bic_is_preferred():
     table = pd.DataFrame(
         {
             "model": ["P2D", "P1D"],
@@ -91,43 +90,42 @@ def test_a_smaller_model_with_nearly_the_same_bic_is_preferred():
     assert recommend(table.assign(held_out_rms=[0.8, 1.0]))[0] == "P2D"
 
 
-def test_held_out_run_is_another_recording():
+def test_held_out_run_may_be_another_recording():
     data = case_a("PRBS", 1).merge(case_a("PRBS", 2))
     c = compare(data, ["P1D", "P2D"], held_out=case_a("PRBS", 9))
     assert c.recommended == "P2D"
 
 
-def test_percent_times_of_one_lag_are_its_logarithms():
-    found = fit(case_a("PRBS", 0), "P1D").identified
-    times = percent_times(found)
-    tau = found.theta["Tp1"]
-    theta = found.theta["Td"]
+def test_percent_times_of_one_lag_equal_the_closed_form():
+    model = fit(case_a("PRBS", 0), "P1D").identified
+    times = percent_times(model)
+    tau = model.theta["Tp1"]
+    delay = model.theta["Td"]
     for name, share in (("t50", 0.5), ("t63.2", 1 - np.exp(-1)), ("t90", 0.9)):
         k = -np.log(1 - share)
-        assert times[name].value == pytest.approx(
-            theta + k * tau, rel=2e-4
-        )  # grid of 1/500 of the lag, linear
+        # tolerance: linear interpolation on a grid of 1/500 of the lag
+        assert times[name].value == pytest.approx(delay + k * tau, rel=2e-4)
         gradient = np.array([0.0, k, 1.0])
         assert times[name].u == pytest.approx(
-            found.standard_uncertainty(gradient[:, None])[0], rel=1e-2
+            model.standard_uncertainty(gradient[:, None])[0], rel=1e-2
         )
 
 
 @pytest.mark.study
-def test_bands_cover_the_truth_as_often_as_they_say():
-    truth = process("P2D").rational(CASE_A)
+def test_uncertainty_bands_have_their_nominal_coverage():
+    true_model = process("P2D").rational(CASE_A)
     f = np.geomspace(0.01, 1.0, 12)
     t = np.arange(200) * 0.05
-    step = simulate(truth, np.ones(200), 0.05, "zoh", "zero")
-    g = 20 * np.log10(np.abs(truth.frequency_response(f)))
+    step = simulate(true_model, np.ones(200), 0.05, "zoh", "zero")
+    g = 20 * np.log10(np.abs(true_model.frequency_response(f)))
     covered = []
     for seed in range(60):
-        m = fit(
+        model = fit(
             case_a("PRBS", 300 + seed), "P2D", start=CASE_A, intervals="quadratic", check=False
         ).identified
-        b = bode_band(m, f).magnitude_dB
-        s = step_band(m, t)
-        times = percent_times(m)["t90"]
+        b = bode_band(model, f).magnitude_dB
+        s = step_band(model, t)
+        times = percent_times(model)["t90"]
         covered.append(
             [
                 np.mean((b.low95 <= g) & (g <= b.high95)),
@@ -141,12 +139,12 @@ def test_bands_cover_the_truth_as_often_as_they_say():
 
 def test_frequency_sensitivity_equals_central_differences():
     model = process("P2DZ")
-    theta = {**CASE_A, "Tz": 0.2}
+    delay = {**CASE_A, "Tz": 0.2}
     f = np.array([0.02, 0.2, 1.0])
-    rows = model.chain_rule(theta).T @ model.rational(theta).frequency_sensitivity(f)
+    rows = model.chain_rule(delay).T @ model.rational(delay).frequency_sensitivity(f)
     for i, name in enumerate(model.names):
         h = 1e-6
-        up, down = ({**theta, name: theta[name] + s * h} for s in (1, -1))
+        up, down = ({**delay, name: delay[name] + s * h} for s in (1, -1))
         difference = (
             model.rational(up).frequency_response(f) - model.rational(down).frequency_response(f)
         ) / (2 * h)
@@ -154,7 +152,8 @@ def test_frequency_sensitivity_equals_central_differences():
 
 
 def quantised(seed: int) -> IOData:
-    """A step of 6 K behind one lag and a dead time, logged in steps of 0.1 K with next to no noise."""
+    """A step of 6 K through one lag and a dead time, logged in steps of 0.1 K with almost no
+    noise."""
     rng = np.random.default_rng(seed)
     u = (np.arange(240) >= 20) * 1.0
     y = 20 + 0.1 * rng.random() + simulate(process("P1D").rational(QUANTISED), u, 0.5, "zoh")
@@ -170,14 +169,14 @@ QUANTISED = {"Kp": 6.0, "Tp1": 4.0, "Td": 1.2}
 def test_intervals_of_a_rounded_output_include_its_rounding():
     fits = [fit(quantised(seed), "P1D") for seed in range(40)]
     covered = [[f.estimates[n].contains(v) for n, v in QUANTISED.items()] for f in fits]
-    # 40 % for Tp1 before; 95 % less two standard errors over 40 records, and not by being useless
+    # 95 % less two standard errors over 40 records; the intervals must also be narrow enough to be useful
     assert np.all(np.mean(covered, axis=0) > 0.95 - 2 * 0.035)
     assert np.mean([f.estimates["Tp1"].u for f in fits]) < 0.1
     assert all("steps of 0.1" in f.identified.sentence for f in fits)
     assert "steps" not in fit(case_a("PRBS", 0), "P2D").identified.sentence
 
 
-def test_a_drift_of_the_output_is_told():
+def test_drift_of_the_output_is_reported():
     rng = np.random.default_rng(11)
     u = np.repeat(rng.choice([0.0, 10.0], 25), 60)
     plant = process("P1D").rational({"Kp": 1.0, "Tp1": 15.0, "Td": 4.0})
@@ -189,13 +188,14 @@ def test_a_drift_of_the_output_is_told():
         assert v.record_problems == (("record.drift",) if slope else ())
 
 
-def test_feedback_is_told_from_missing_dynamics():
-    """A controller answers the noise, which the input therefore follows; open, the same plant raises no question."""
+def test_feedback_is_distinguished_from_missing_dynamics():
+    """In closed loop the controller responds to the noise, so the input follows it. In open loop
+    the same plant gives no warning."""
     rng = np.random.default_rng(3)
     n = 2000
     lag = np.exp(-1 / 20)
     gain = 2.0
-    wanted = np.repeat(rng.choice([0.0, 5.0, 10.0], n // 100), 100)
+    setpoint = np.repeat(rng.choice([0.0, 5.0, 10.0], n // 100), 100)
     for closed in (True, False):
         u = np.zeros(n)
         y = np.zeros(n)
@@ -205,56 +205,56 @@ def test_feedback_is_told_from_missing_dynamics():
         for k in range(n):
             noise = 0.97 * noise + 0.12 * rng.normal()
             y[k] = x + noise
-            error = wanted[k] - (y[k] if closed else x)
+            error = setpoint[k] - (y[k] if closed else x)
             total += error / 15
             u[k] = 1.5 * (error + total)
             x = lag * x + (1 - lag) * gain * u[max(k - 3, 0)]
-        said = fit(
-            IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D", initial="estimated", check=not closed
-        )
-        said = said.identified.sentence
-        assert ("feedback" in said) == closed
+        data = IOData.from_arrays(u, y, 1.0, hold="zoh")
+        result = fit(data, "P1D", initial="estimated", check=not closed)
+        sentence = result.identified.sentence
+        assert ("feedback" in sentence) == closed
 
 
-def test_a_gain_the_data_do_not_determine_is_remarked_on():
-    """The record ends after a tenth of the lag: only gain over lag is seen."""
+def test_undetermined_gain_gives_a_warning():
+    """The record ends after a tenth of the lag, so only the ratio of gain and lag is observed."""
     t = np.arange(200) * 0.05
     y = 5 * (1 - np.exp(-np.clip(t - 1, 0, None) / 100)) + 0.1 * np.random.default_rng(0).normal(
         size=200
     )
-    found = fit(IOData.from_arrays((t > 1) * 1.0, y, 0.05, hold="zoh"), "P1")
-    assert any(w.startswith("Kp is hardly determined") for w in found.warnings)
+    result = fit(IOData.from_arrays((t > 1) * 1.0, y, 0.05, hold="zoh"), "P1")
+    assert any(w.startswith("Kp is hardly determined") for w in result.warnings)
 
 
 @pytest.mark.study
-def test_a_model_is_confirmed_by_new_data_and_a_changed_system_is_told():
-    """On 40 pairs of records from one system the three tests each alarm in 1 %; a lag 10 % longer shows at once."""
+def test_new_data_confirm_the_model_and_a_changed_system_is_reported():
+    """On 40 pairs of records from one system the three tests each alarm in 1 %. A lag 10 % longer
+    is detected."""
     alarms = np.zeros(3)
     for seed in range(40):
-        found = fit(case_a("PRBS", seed), "P2D", start=CASE_A, check=False, intervals="quadratic")
-        again = confirm(found, case_a("PRBS", 1000 + seed))
-        moved = any(f.code == "validation.moved" for f in again.findings)
-        alarms += [again.whiteness.p < 0.01, again.input.p < 0.01, moved]
-    assert np.all(alarms <= 3)  # of 40, four or more once in 700
+        result = fit(case_a("PRBS", seed), "P2D", start=CASE_A, check=False, intervals="quadratic")
+        confirmation = confirm(result, case_a("PRBS", 1000 + seed))
+        shifted = any(f.code == "validation.moved" for f in confirmation.findings)
+        alarms += [confirmation.whiteness.p < 0.01, confirmation.input.p < 0.01, shifted]
+    assert np.all(alarms <= 3)  # of 40; four or more occur once in 700 studies
     u, hold = case_a_input("PRBS", np.random.default_rng(5))
     y = simulate(process("P2D").rational({**CASE_A, "Tp1": 2.2}), u, 0.05, hold)
     noise = 0.5 * np.random.default_rng(6).normal(size=len(u))
-    other = confirm(found, IOData.from_arrays(u, y + noise, 0.05, hold=hold))
-    assert "give other parameters" in other.sentence
+    changed_system = confirm(result, IOData.from_arrays(u, y + noise, 0.05, hold=hold))
+    assert "give other parameters" in changed_system.sentence
     coarse = fit(case_a("PRBS", 0), "P1D", check=False, intervals="quadratic")
     assert confirm(coarse, case_a("PRBS", 1)).dynamics_missing
 
 
-def test_the_summary_tells_how_the_parameters_errors_hang_together():
-    found = fit(case_a("PRBS", 0), "P2D", start=CASE_A, check=False).identified
-    sd = np.sqrt(np.diag(found.covariance))
-    assert found.correlation.at["Tp2", "Td"] == pytest.approx(
-        found.covariance[2, 3] / sd[2] / sd[3]
+def test_summary_gives_the_correlations_of_the_parameters():
+    model = fit(case_a("PRBS", 0), "P2D", start=CASE_A, check=False).identified
+    sd = np.sqrt(np.diag(model.covariance))
+    assert model.correlation.at["Tp2", "Td"] == pytest.approx(
+        model.covariance[2, 3] / sd[2] / sd[3]
     )
-    assert f"Tp2-Td {found.correlation.at['Tp2', 'Td']:.2f}" in found.summary()
+    assert f"Tp2-Td {model.correlation.at['Tp2', 'Td']:.2f}" in model.summary()
 
 
-def test_narx_refuses_gaps_and_names_the_remedy():
+def test_narx_rejects_gaps_and_names_the_alternative():
     data = case_a("PRBS", 0)
     y = data.runs[0].y.copy()
     y[5] = np.nan
@@ -264,10 +264,10 @@ def test_narx_refuses_gaps_and_names_the_remedy():
 
 @pytest.mark.study
 @pytest.mark.filterwarnings("ignore")
-def test_narx_says_whether_the_lag_depends_on_temperature():
+def test_narx_reports_whether_the_lag_depends_on_temperature():
     rng = np.random.default_rng(0)
     u = np.repeat(rng.uniform(20, 180, 60), 30)
-    answers = []
+    results = []
     for slope in (0.0, 0.5):
         y = np.empty(len(u))
         y[0] = u[0]
@@ -275,24 +275,23 @@ def test_narx_says_whether_the_lag_depends_on_temperature():
             tau = 0.5 + slope * (y[k] - 20) / 160
             y[k + 1] = y[k] + 0.05 / tau * (u[k] - y[k])
         noisy = y + 0.1 * rng.normal(size=len(u))
-        answers.append(
+        results.append(
             temperature_dependence(IOData.from_arrays(u, noisy, 0.05, hold="zoh"), lags=2)
         )
-    constant, varying = answers
+    constant, varying = results
     assert not constant.depends
     assert "No sign" in constant.sentence
     assert varying.depends
-    # truth at the levels used: 0.5 + 0.5 (level - 20)/160
+    # true lag at the levels used: 0.5 + 0.5 (level - 20)/160
     for level, lag in zip(varying.lag.levels, (varying.lag.low.value, varying.lag.high.value)):
-        assert lag == pytest.approx(
-            0.5 + 0.5 * (level - 20) / 160, rel=0.08
-        )  # quadratic stand-in for 1/tau(T)
-    # one step ahead everything looks perfect: the reason why scores are of simulation
+        # tolerance: the model is quadratic, 1/tau(T) is not
+        assert lag == pytest.approx(0.5 + 0.5 * (level - 20) / 160, rel=0.08)
+    # one step ahead both models look perfect, which is why scores are of simulation
     assert constant.linear.one_step_percent > 97
 
 
 @pytest.mark.e2e
-def test_command_writes_model_and_page(tmp_path, capsys):
+def test_identify_command_writes_model_and_page(tmp_path, capsys):
     from tcdyn.cli.identify import identify
 
     data = case_a("PRBS", 3)
@@ -301,9 +300,9 @@ def test_command_writes_model_and_page(tmp_path, capsys):
         {"time_s": data.times_s(), "u": data.runs[0].u[:, 0], "y": data.runs[0].y[:, 0]}
     ).to_csv(path, index=False)
     identify(path, "u", "y", hold="zoh", models="P1D,P2D,TF(0,2)D")
-    said = capsys.readouterr().out
-    assert "Recommended: P2D" in said
-    assert "Tp2" in said
+    printed = capsys.readouterr().out
+    assert "Recommended: P2D" in printed
+    assert "Tp2" in printed
     model = Identified.from_json((tmp_path / "data.identified.json").read_text(encoding="utf-8"))
     assert model.theta["Td"] == pytest.approx(0.37, abs=0.03)
     page = (tmp_path / "data.identified.html").read_text(encoding="utf-8")
@@ -312,9 +311,9 @@ def test_command_writes_model_and_page(tmp_path, capsys):
     swapped = {"input": "y", "output": "u", "hold": "zoh", "models": "P1D", "quiet": True}
     with pytest.raises(InputError, match="check=False"):
         identify(path, **swapped)
-    with pytest.raises(typer.Exit) as ended:
+    with pytest.raises(typer.Exit) as exit_info:
         identify(path, **swapped, check=False)
-    assert ended.value.exit_code == 1
+    assert exit_info.value.exit_code == 1
     assert "warning: None of these models is good enough" in capsys.readouterr().err
     with pytest.raises(InputError, match="--hold"):
         identify(path, "u", "y", hold="linear")
@@ -327,28 +326,28 @@ needs_data = pytest.mark.skipif(
 
 @pytest.mark.study
 @needs_data
-def test_daisy_heating_system():
+def test_daisy_heating_system_is_better_described_by_squared_voltage():
     a = np.loadtxt(data_dir() / "daisy" / "heating_system.dat")
     scores = {}
     for name, power in (("voltage", 1), ("voltage squared", 2)):
         data = IOData.from_arrays(
             a[:, 1] ** power, a[:, 2], 2.0, hold="zoh", name="DaISy heating system"
         )
-        c = compare(data, ["P1", "P1D", "P2Z", "P2DZ"], initial="estimated")
-        scores[name] = c
+        scores[name] = compare(data, ["P1", "P1D", "P2Z", "P2DZ"], initial="estimated")
     volts, squared = (scores[n].best for n in ("voltage", "voltage squared"))
     assert volts.identified.statistics["fit_percent"] > 85
-    # a lamp's power goes with the square of its voltage: the same linear dynamics simulate the held-out part better
-    held = {n: float(c.table["held_out_rms"].min()) for n, c in scores.items()}
-    assert held["voltage squared"] < 0.6 * held["voltage"]
+    # the power of a lamp goes with the square of its voltage: the same linear dynamics simulate the
+    # held-out part better
+    rms_held_out = {n: float(c.table["held_out_rms"].min()) for n, c in scores.items()}
+    assert rms_held_out["voltage squared"] < 0.6 * rms_held_out["voltage"]
     assert squared.identified.statistics["fit_percent"] > volts.identified.statistics["fit_percent"]
-    # and the residuals say that even so a linear model of this order is not the whole truth
+    # the residuals show that a linear model of this order is still incomplete
     assert "misses dynamics" in volts.identified.sentence or "coloured" in volts.identified.sentence
 
 
 @pytest.mark.study
 @needs_data
-def test_tclab_step():
+def test_tclab_step_record_needs_two_lags_and_a_noise_model():
     frame = pd.read_csv(
         data_dir() / "tclab" / "data_step_test.csv", header=None, names=["time_s", "heater", "T_K"]
     )
@@ -356,11 +355,13 @@ def test_tclab_step():
         from_frame(frame, input="heater", output="T_K")
     data = from_frame(frame, input="heater", output="T_K", hold="zoh", resample_s=1.0, name="TCLab")
     c = compare(data, ["P1", "P1D", "P2D"], held_out=0.4)
-    held = c.table.set_index("model")["held_out_percent"]
-    assert held["P2D"] > 95
-    assert 80 < held["P1D"] < held["P2D"]  # its disturbance takes part of the second lag
-    assert held["P1"] < held["P2D"] - 3
+    percent_held_out = c.table.set_index("model")["held_out_percent"]
+    assert percent_held_out["P2D"] > 95
+    assert (
+        80 < percent_held_out["P1D"] < percent_held_out["P2D"]
+    )  # its disturbance takes part of the second lag
+    assert percent_held_out["P1"] < percent_held_out["P2D"] - 3
     assert c.recommended == "P2D"
-    # the sensor is quantised in steps of 0.32 K: its residuals cannot be white, and the noise model takes that up
+    # the sensor is quantised in steps of 0.32 K: its residuals cannot be white; the noise model accounts for it
     assert c.best.noise.averaged
     assert c.best.identified.statistics["p_white"] > 0.01
