@@ -159,7 +159,7 @@ def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
     The order must be that of the blocks of :func:`harmonic_system` and is read by
     ``tcdyn.simulate.field``. That cos comes before sin is read by :func:`unevenness_effects`.
     Guarded by ``tests/simulate/test_disk.py``, the sines by
-    ``test_sectors_that_follow_a_cosine_conduct_as_it_does_about_any_angle``.
+    ``test_sectors_following_a_cosine_conduct_as_the_cosine_at_any_angle``.
     """
     if disk.uneven.even:
         return ()

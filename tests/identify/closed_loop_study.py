@@ -1,4 +1,5 @@
-"""How often closed loops are recognised and open ones are not: ``python closed_loop_study.py [SAMPLES] [SEEDS]``."""
+"""Recognition rates of closed loops and of open ones: ``python closed_loop_study.py [SAMPLES]
+[SEEDS]``."""
 
 from __future__ import annotations
 
@@ -10,12 +11,14 @@ from closed_loop_cases import OPEN_LOOPS, closed_loop_record, open_loop_record
 from tcdyn.identify.closed_loop import closed_loop
 
 CONTROLLERS = ("P", "PI", "PID", "filtered PI", "clipped PI", "cascade", "thermostat")
-DITHERS = (0.0, 1e-4, 1e-2, 0.1, 1.0)  # of the standard deviation of the input without
+DITHERS = (0.0, 1e-4, 1e-2, 0.1, 1.0)  # in standard deviations of the input without dither
 
 
 def main(samples: int, seeds: int) -> None:
     """Print the share of the records that are recognised, in per cent."""
-    print(f"{samples} samples, {seeds} seeds; dither {DITHERS} of what the controller does")
+    print(
+        f"{samples} samples, {seeds} seeds; dither {DITHERS} of the controller's output variation"
+    )
     settings = [
         (c, {"delayed": d, "noise": n})
         for c in CONTROLLERS
@@ -27,22 +30,22 @@ def main(samples: int, seeds: int) -> None:
     for controller, options in settings:
         shares = []
         for dither in DITHERS:
-            found = 0
+            n_recognised = 0
             for seed in range(seeds):
                 plain = closed_loop_record(controller, samples=samples, seed=seed, **options)
                 sd = dither * float(np.std(plain.runs[0].u))
                 record = closed_loop_record(
                     controller, samples=samples, seed=seed, dither=sd, **options
                 )
-                found += bool(closed_loop(record))
-            shares.append(f"{100 * found / seeds:4.0f}")
+                n_recognised += bool(closed_loop(record))
+            shares.append(f"{100 * n_recognised / seeds:4.0f}")
         print(f"{controller:12s}", " ".join(shares), options)
     for kind in OPEN_LOOPS:
-        found = sum(
+        n_recognised = sum(
             bool(closed_loop(open_loop_record(kind, samples=samples, seed=seed)))
             for seed in range(seeds)
         )
-        print(f"{kind:32s}", f"{100 * found / seeds:4.0f}")
+        print(f"{kind:32s}", f"{100 * n_recognised / seeds:4.0f}")
 
 
 if __name__ == "__main__":

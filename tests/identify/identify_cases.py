@@ -1,4 +1,4 @@
-"""The benchmark cases of the identification tests: definitions only."""
+"""Definitions of the benchmark cases of the identification tests."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def case_a_input(kind: str, rng: np.random.Generator, n: int = 800) -> tuple[np.
 
 
 def case_a(kind: str, seed: int, noise: float = 0.5, colour: float = 0.0) -> IOData:
-    """Two lags of 2.0 and 0.5 s behind a dead time of 0.37 s (7.4 samples), 800 samples at 0.05 s."""
+    """Lags of 2.0 and 0.5 s and a dead time of 0.37 s (7.4 samples), 800 samples at 0.05 s."""
     rng = np.random.default_rng(seed)
     u, hold = case_a_input(kind, rng)
     y = simulate(process("P2D").rational(CASE_A), u, 0.05, hold)

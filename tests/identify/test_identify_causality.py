@@ -1,4 +1,5 @@
-"""A lead is causal, an output before its input is not; and nothing is said that the verdict takes back."""
+"""A lead is causal, an output before its input is not; advice never contradicts the causality
+check."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ FINER = 10
 DT_S = 0.05
 
 
-def lead(kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> IOData:
+def lead(test_kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> IOData:
     """(1 + ratio tau s) / ((1 + tau s)(1 + tau2 s)) by first-order recursions on a grid ten times finer."""
     rng = np.random.default_rng(0)
     h = DT_S / FINER
@@ -30,7 +31,7 @@ def lead(kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> 
         "plunge": 25 + 155 * (1 - np.exp(-np.clip(t - 2, 0, None) / 3)),
         "PRBS": np.repeat(case_a_input("PRBS", rng)[0], FINER),
         "sines": 50 + 20 * np.sin(0.7 * t) + 10 * np.sin(1.9 * t + 1) + 5 * np.sin(4.1 * t),
-    }[kind]
+    }[test_kind]
 
     def lag(x: np.ndarray, tau: float) -> np.ndarray:
         a = np.exp(-h / tau)
@@ -38,13 +39,14 @@ def lead(kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> 
 
     y = ratio * u + (1 - ratio) * lag(u, tau_s)
     y = lag(y, tau2_s) if tau2_s else y
-    hold = "zoh" if kind == "PRBS" else "foh"
+    hold = "zoh" if test_kind == "PRBS" else "foh"
     return IOData.from_arrays(
         u[::FINER], y[::FINER] + noise * rng.normal(size=800), DT_S, hold=hold
     )
 
 
-def refused(data: IOData) -> bool:
+def is_rejected(data: IOData) -> bool:
+    """Whether the causality check raises."""
     try:
         check_causality(make_problem(data, process("P2DZ"), "equilibrium"), "record")
     except InputError:
@@ -52,47 +54,55 @@ def refused(data: IOData) -> bool:
     return False
 
 
-@pytest.mark.parametrize("kind", ["plunge", "PRBS", "sines"])
-def test_no_causal_lead_is_refused(kind):
-    """Of these 48 leads 14 were: one lag, shifted ahead, repeats a lead better than one lag behind."""
+@pytest.mark.parametrize("test_kind", ["plunge", "PRBS", "sines"])
+def test_causal_leads_are_accepted(test_kind):
+    """48 leads. One lag shifted forward in time repeats some of them better than one lag without a
+    shift."""
     for case in product((0.2, 1.0), (2.0, 5.0), (0.0, 0.3), (0.05, 0.5)):
-        assert not refused(lead(kind, *case)), case
+        assert not is_rejected(lead(test_kind, *case)), case
 
 
-@pytest.mark.parametrize("kind", ["plunge", "PRBS"])
-def test_shifted_and_exchanged_columns_are_still_refused(kind):
+@pytest.mark.parametrize("test_kind", ["plunge", "PRBS"])
+def test_shifted_and_exchanged_columns_raise(test_kind):
     for noise in (0.05, 0.5):
-        data = case_a(kind, 0, noise=noise)
+        data = case_a(test_kind, 0, noise=noise)
         u = data.runs[0].u[:, 0]
         y = data.runs[0].y[:, 0]
-        for late in (60, 100):  # more than the lag of 57 samples, so that the output moves first
+        for shift_samples in (
+            60,
+            100,
+        ):  # more than the lag of 57 samples, so that the output moves first
             shifted = IOData.from_arrays(
-                np.concatenate([np.full(late, u[0]), u[:-late]]), y, 0.05, hold=data.hold
+                np.concatenate([np.full(shift_samples, u[0]), u[:-shift_samples]]),
+                y,
+                0.05,
+                hold=data.hold,
             )
-            assert refused(shifted), (noise, late)
-        assert refused(IOData.from_arrays(y, u, 0.05)), noise
+            assert is_rejected(shifted), (noise, shift_samples)
+        assert is_rejected(IOData.from_arrays(y, u, 0.05)), noise
 
 
-def test_a_lead_is_found_as_what_it_is():
-    found = fit(lead("plunge", 1.0, 2.0, 0.3, 0.05), "P2Z")
-    for name, truth in (("Tp1", 1.0), ("Tp2", 0.3), ("Tz", 2.0)):
-        # the recursion holds each fine sample: 2.5 ms a lag
-        assert found.estimates[name].value == pytest.approx(
-            truth, abs=4 * found.estimates[name].u + 0.01
+def test_lead_is_recovered():
+    result = fit(lead("plunge", 1.0, 2.0, 0.3, 0.05), "P2Z")
+    for name, true_value in (("Tp1", 1.0), ("Tp2", 0.3), ("Tz", 2.0)):
+        # the recursion holds each fine sample: 2.5 ms for each lag
+        assert result.estimates[name].value == pytest.approx(
+            true_value, abs=4 * result.estimates[name].u + 0.01
         ), name
 
 
-def test_no_chain_is_handed_on_from_a_model_that_must_not_be_trusted():
+def test_advice_offers_no_chain_of_a_model_that_misses_dynamics():
     data = record("PRBS", 1)
-    bad = compare(data, ["P1"])
-    assert bad.conclusion.severity is Severity.ERROR
-    assert "Do not trust" in bad.advice
-    assert bad.lag_removal_advice() == ""
+    too_small = compare(data, ["P1"])
+    assert too_small.conclusion.severity is Severity.ERROR
+    assert "Do not trust" in too_small.advice
+    assert too_small.lag_removal_advice() == ""
     assert "Chain(" in compare(data, ["P2D"]).lag_removal_advice()
 
 
-def test_the_robust_loss_raises_no_false_alarm():
-    """The lagged inputs bear the residuals' weights: without them 20 of 30 were told that dynamics are missing."""
+def test_robust_loss_gives_no_false_alarms():
+    """The lagged inputs must be weighted as the residuals are; otherwise 20 of 30 runs warn of
+    missing dynamics."""
     alarms = 0
     for seed in range(30):
         data = record("PRBS", seed)
@@ -106,4 +116,4 @@ def test_the_robust_loss_raises_no_false_alarm():
             start={"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Td": 0.37},
         )
         alarms += robust.identified.statistics["p_input"] < 0.01
-    assert alarms <= 2  # 1 % of 30: three or more once in 300
+    assert alarms <= 2  # 1 % of 30; three or more occur once in 300

@@ -1,4 +1,4 @@
-"""An input that is computed from the output is refused, an input that is not never is."""
+"""An input computed from the output raises; an input of an open loop never does."""
 
 from __future__ import annotations
 
@@ -17,53 +17,58 @@ PLAIN = {"noise": "white", "initial": "equilibrium"}  # options of a quick compa
 CONTROLLERS = ("PI", "PID", "filtered PI")
 
 
-def recognised(data: IOData) -> bool:
+def is_recognised(data: IOData) -> bool:
+    """Whether the record gives the closed-loop finding and no other."""
     return [f.code for f in closed_loop(data)] == ["record.closed_loop"]
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("set_point", ["constant", "steps", "ramp"])
-def test_a_controller_with_an_integral_is_recognised(controller: str, set_point: str) -> None:
+def test_controllers_with_integral_action_are_recognised(controller: str, set_point: str) -> None:
     for seed in range(3):
-        for dither in (0.0, 1e-4, 5e-3):  # the last is 1 % of what the controller does
+        for dither in (
+            0.0,
+            1e-4,
+            5e-3,
+        ):  # the last is 1 % of the output variation of the controller
             data = closed_loop_record(controller, seed=seed, dither=dither, set_point=set_point)
-            assert recognised(data), (seed, dither)
+            assert is_recognised(data), (seed, dither)
 
 
 @pytest.mark.parametrize("controller", ["P", "PI", "PID", "filtered PI", "clipped PI", "cascade"])
-def test_a_law_of_past_outputs_is_recognised(controller: str) -> None:
+def test_control_laws_of_past_outputs_are_recognised(controller: str) -> None:
     for seed in range(3):
         for dither in (0.0, 5e-3):
-            assert recognised(
+            assert is_recognised(
                 closed_loop_record(controller, seed=seed, dither=dither, delayed=True)
             ), (seed, dither)
 
 
-def test_a_cooler_and_a_controller_at_its_limits_are_recognised() -> None:
-    assert recognised(closed_loop_record("PI", heating=False))
-    assert recognised(closed_loop_record("clipped PI", noise=0.3))
+def test_cooler_and_saturated_controller_are_recognised() -> None:
+    assert is_recognised(closed_loop_record("PI", heating=False))
+    assert is_recognised(closed_loop_record("clipped PI", noise=0.3))
 
 
-def test_an_input_in_coarse_steps_is_recognised() -> None:
-    """Steps of 0.3 %, of an input that moves by 3 %."""
-    assert recognised(closed_loop_record("PI", samples=1000, step=0.3, disturbance=3.0))
+def test_coarsely_quantised_input_is_recognised() -> None:
+    """Steps of 0.3 % of an input that moves by 3 %."""
+    assert is_recognised(closed_loop_record("PI", samples=1000, step=0.3, disturbance=3.0))
 
 
 def test_noise_on_the_input_is_recognised_in_a_long_record() -> None:
-    """Noise of 0.01 % is 2 % of what the controller does."""
+    """Noise of 0.01 % is 2 % of the controller's output variation."""
     for seed in range(3):
-        assert recognised(closed_loop_record("PI", samples=1000, seed=seed, dither=0.01)), seed
+        assert is_recognised(closed_loop_record("PI", samples=1000, seed=seed, dither=0.01)), seed
 
 
 @pytest.mark.parametrize("kind", OPEN_LOOPS)
-def test_no_open_loop_is_taken_for_a_closed_one(kind: str) -> None:
+def test_open_loops_are_not_taken_for_closed_ones(kind: str) -> None:
     for samples in (100, 600):
         for seed in range(4):
             data = open_loop_record(kind, samples=samples, seed=seed)
-            assert not recognised(data), (samples, seed)
+            assert not is_recognised(data), (samples, seed)
 
 
-def test_the_error_says_what_to_do() -> None:
+def test_closed_loop_error_says_what_to_do() -> None:
     data = closed_loop_record("PI")
     for call in (fit, compare):
         with pytest.raises(
@@ -74,43 +79,43 @@ def test_the_error_says_what_to_do() -> None:
         assert "check=False" in str(caught.value)
 
 
-def test_without_the_check_the_model_comes_with_a_warning() -> None:
-    found = compare(closed_loop_record("PI"), "P1Z", check=False, **PLAIN)
-    assert "record.closed_loop" in {f.code for f in found.best.findings}
-    assert found.conclusion.severity is Severity.WARNING
-    assert not found.conclusion.sentence.startswith("Recommended")
+def test_disabled_check_gives_a_warning() -> None:
+    comparison = compare(closed_loop_record("PI"), "P1Z", check=False, **PLAIN)
+    assert "record.closed_loop" in {f.code for f in comparison.best.findings}
+    assert comparison.conclusion.severity is Severity.WARNING
+    assert not comparison.conclusion.sentence.startswith("Recommended")
 
 
 @pytest.mark.parametrize(("controller", "dither"), [("PI", 0.05), ("PID", 0.05), ("PI", 0.5)])
-def test_no_wrong_model_of_a_noisy_loop_is_recommended(controller: str, dither: float) -> None:
+def test_wrong_model_of_a_noisy_loop_is_not_recommended(controller: str, dither: float) -> None:
     """Too noisy for the check: the plant has a gain of 2 K/%, the model a negative one or none."""
     data = closed_loop_record(controller, samples=300, seed=1, dither=dither, noise=0.3)
-    found = compare(data, "P1", "P1Z", check=False, **PLAIN)
-    assert found.best.identified.gain < 0.1
-    assert found.conclusion.severity is not Severity.INFO
+    comparison = compare(data, "P1", "P1Z", check=False, **PLAIN)
+    assert comparison.best.identified.gain < 0.1
+    assert comparison.conclusion.severity is not Severity.INFO
 
 
-def test_one_of_several_inputs_is_named() -> None:
+def test_closed_loop_input_is_named_among_several() -> None:
     loop = closed_loop_record("PI").runs[0]
-    other = open_loop_record("binary").runs[0].u[:, 0]
+    open_loop_input = open_loop_record("binary").runs[0].u[:, 0]
     data = IOData.from_arrays(
-        np.column_stack([other, loop.u[:, 0]]), loop.y, 1.0, input_names=["fan", "heater"]
+        np.column_stack([open_loop_input, loop.u[:, 0]]), loop.y, 1.0, input_names=["fan", "heater"]
     )
     assert [f.subject for f in closed_loop(data)] == ["heater"]
 
 
-def test_runs_and_gaps_change_nothing() -> None:
+def test_runs_and_gaps_do_not_change_the_decision() -> None:
     loops = [closed_loop_record("PI", samples=200, seed=seed) for seed in range(3)]
-    assert recognised(loops[0].merge(*loops[1:]))
+    assert is_recognised(loops[0].merge(*loops[1:]))
     run = closed_loop_record("PI").runs[0]
     y = run.y.copy()
     y[200:215] = np.nan
-    assert recognised(replace(loops[0], runs=(replace(run, y=y),)))
-    assert not recognised(open_loop_record("random").merge(open_loop_record("random", seed=1)))
+    assert is_recognised(replace(loops[0], runs=(replace(run, y=y),)))
+    assert not is_recognised(open_loop_record("random").merge(open_loop_record("random", seed=1)))
 
 
-def test_a_few_rows_or_a_constant_decide_nothing() -> None:
+def test_short_or_constant_records_are_not_decided() -> None:
     data = closed_loop_record("PI", samples=30)
-    assert not recognised(data)
+    assert not is_recognised(data)
     constant = IOData.from_arrays(np.ones(200), data.runs[0].y[:1, 0] + np.zeros(200), 1.0)
     assert closed_loop(constant) == ()

@@ -1,4 +1,4 @@
-"""The simulation under every fit: exact between samples, and its sensitivities."""
+"""The simulation used by every fit: exact between samples, with exact sensitivities."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def model(c: np.ndarray, integrators: int = 0) -> Rational:
 
 
 @pytest.mark.parametrize("hold", ["foh", "zoh"])
-def test_dead_time_of_a_fraction_of_a_sample_is_exact_under_the_hold(hold):
-    # The same input, written on a grid 20 times finer where the dead time is whole (148 samples), must give the same.
+def test_fractional_dead_time_is_exact_for_either_hold(hold):
+    # the same input on a grid 20 times finer, where the dead time is an integer (148 samples), gives the same
     c = np.array([1.0, 0.3, 2.0, 0.2, 0.09, 0.37])
     coarse = simulate(model(c), U, 0.05, hold)
     if hold == "foh":
@@ -45,14 +45,14 @@ def test_sensitivities_equal_central_differences(hold, start, integrators):
 
 
 def test_equal_lags_lose_no_precision():
-    # Two equal lags have the step response 1 - (1 + t/T) e^(-t/T); a partial-fraction form would divide by zero.
+    # two equal lags have the step response 1 - (1 + t/T) e^(-t/T); a partial-fraction form would divide by zero
     t = np.arange(400) * 0.02
     g = Rational(np.array([1.0]), (Factor((1.0, 0.7)), Factor((1.0, 0.7))))
     y = simulate(g, np.ones(400), 0.02, "zoh", "zero")
     assert np.allclose(y, 1 - (1 + t / 0.7) * np.exp(-t / 0.7), atol=1e-12)
 
 
-def test_a_ramp_through_an_integrator_is_a_parabola_behind_its_lag():
+def test_ramp_through_an_integrator_and_a_lag_matches_the_closed_form():
     t = np.arange(300) * 0.1
     g = Rational(np.array([1.0]), (Factor((1.0, 0.5)),), 0.0, 1)
     y = simulate(g, t, 0.1, "foh", "zero")

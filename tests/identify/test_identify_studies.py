@@ -1,4 +1,5 @@
-"""Monte Carlo studies of bias, coverage, convergence and false alarms, as long as README tells them with ``--full``."""
+"""Monte Carlo studies of bias, coverage, convergence and false alarms; ``--full`` runs the sizes
+quoted in the manual."""
 
 from __future__ import annotations
 
@@ -22,12 +23,12 @@ def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
     seconds = []
     for seed in seeds:
         data = case_a(kind, seed)
-        began = time.perf_counter()
-        found = fit(data, "P2D")
-        seconds.append(time.perf_counter() - began)
-        errors.append([found.estimates[n].value - v for n, v in CASE_A.items()])
-        covered.append([found.estimates[n].contains(v) for n, v in CASE_A.items()])
-        p.append([found.identified.statistics[k] for k in ("p_white", "p_input")])
+        t_start_s = time.perf_counter()
+        result = fit(data, "P2D")
+        seconds.append(time.perf_counter() - t_start_s)
+        errors.append([result.estimates[n].value - v for n, v in CASE_A.items()])
+        covered.append([result.estimates[n].contains(v) for n, v in CASE_A.items()])
+        p.append([result.identified.statistics[k] for k in ("p_white", "p_input")])
     return {
         k: np.array(v)
         for k, v in zip(("errors", "covered", "p", "seconds"), (errors, covered, p, seconds))
@@ -35,42 +36,43 @@ def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", ["plunge", "PRBS"])
-def test_case_a_over_200_seeds(kind, draws):
+def test_case_a_is_unbiased_and_covered_over_200_seeds(kind, draws):
     n = draws(200)
     s = study_case_a(kind, range(n))
     bias = s["errors"].mean(axis=0) / (s["errors"].std(axis=0, ddof=1) / np.sqrt(n))
     assert np.all(np.abs(bias) < 2.5), bias
-    # 93..97 %, but for the chance of so many draws
-    held = s["covered"].sum(axis=0)
+    # 93 to 97 %, within the scatter of so many draws
+    n_covered = s["covered"].sum(axis=0)
     assert np.all(
-        (held >= stats.binom.ppf(0.01, n, 0.93)) & (held <= stats.binom.ppf(0.999, n, 0.97))
-    ), held / n
+        (n_covered >= stats.binom.ppf(0.01, n, 0.93))
+        & (n_covered <= stats.binom.ppf(0.999, n, 0.97))
+    ), n_covered / n
     # no run lost: every error within six standard deviations of the others
     assert np.all(np.abs(s["errors"]) < 6 * s["errors"].std(axis=0))
 
 
-def test_rao_garnier_100_runs_at_10_dB(draws):
+def test_rao_garnier_is_unbiased_over_100_runs_at_10_dB(draws):
     errors = []
     for seed in range(draws(100)):
-        found = fit(
+        result = fit(
             rao_garnier(seed), transfer(1, 4), initial="zero", intervals="quadratic", check=False
         )
-        errors.append([found.estimates[n].value - v for n, v in RAO_GARNIER.items()])
+        errors.append([result.estimates[n].value - v for n, v in RAO_GARNIER.items()])
     errors = np.array(errors)
     spread = 1.4826 * np.median(np.abs(errors), axis=0)
-    good = np.all(np.abs(errors) < 6 * spread, axis=1)
-    assert (~good).sum() <= 0.02 * len(good)
-    kept = errors[good]
-    bias = kept.mean(axis=0) / (kept.std(axis=0, ddof=1) / np.sqrt(len(kept)))
+    is_converged = np.all(np.abs(errors) < 6 * spread, axis=1)
+    assert (~is_converged).sum() <= 0.02 * len(is_converged)
+    converged = errors[is_converged]
+    bias = converged.mean(axis=0) / (converged.std(axis=0, ddof=1) / np.sqrt(len(converged)))
     assert np.all(np.abs(bias) < 2.5), bias
 
 
-def test_false_alarms_over_2000_runs(draws):
+def test_false_alarm_rates_are_nominal_over_2000_runs(draws):
     p = []
     for kind in ("plunge", "PRBS"):
         for seed in range(draws(1000)):
             data = case_a(kind, 10_000 + seed)
-            # begun at the truth: the study is of the tests, and starts are studied above
+            # start at the true values: the study is of the tests; starts are studied above
             s = fit(
                 data, "P2D", start=CASE_A, intervals="quadratic", check=False
             ).identified.statistics
@@ -81,12 +83,14 @@ def test_false_alarms_over_2000_runs(draws):
 
 
 @pytest.mark.parametrize("noise", ["white", (1, 0)])
-def test_coverage_under_coloured_noise(noise, draws):
-    # autoregressive noise of 0.9: the white-noise intervals would cover about 40 % for the slow parameters
+def test_coverage_under_coloured_noise_is_at_least_93_percent(noise, draws):
+    # autoregressive noise of 0.9: white-noise intervals would cover about 40 % for the slow parameters
     covered = []
     for seed in range(draws(100)):
-        found = fit(case_a("PRBS", seed, colour=0.9), "P2D", start=CASE_A, noise=noise, check=False)
-        covered.append([found.estimates[n].contains(v) for n, v in CASE_A.items()])
-    # the sandwich rests on an estimated spectrum: 93 %, but for the chance of so many runs
-    held = np.sum(covered, axis=0)
-    assert np.all(held >= stats.binom.ppf(0.005, len(covered), 0.93)), held / len(covered)
+        result = fit(
+            case_a("PRBS", seed, colour=0.9), "P2D", start=CASE_A, noise=noise, check=False
+        )
+        covered.append([result.estimates[n].contains(v) for n, v in CASE_A.items()])
+    # the sandwich uses an estimated spectrum: 93 %, within the scatter of so many runs
+    n_covered = np.sum(covered, axis=0)
+    assert np.all(n_covered >= stats.binom.ppf(0.005, len(covered), 0.93)), n_covered / len(covered)

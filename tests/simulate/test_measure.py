@@ -1,4 +1,4 @@
-"""The chain, noise, spikes and quantisation do what the truth says they do."""
+"""Measuring chain, noise, spikes and quantisation of the simulator have the stated true values."""
 
 import numpy as np
 import pytest
@@ -26,35 +26,36 @@ FILTERS = [
 ]
 
 
-def test_a_filter_of_unknown_shape_is_refused_everywhere() -> None:
-    """Neither a chain nor the rig takes it for a cascade."""
+def test_unknown_filter_shape_raises_in_chain_and_simulator() -> None:
+    """Neither the chain nor the simulator takes it for a cascade."""
     with pytest.raises(InputError, match="shape 'bessel'"):
         Conditioning(4.0, 2, "bessel")
-    odd = Conditioning(4.0, 2)
-    object.__setattr__(odd, "shape", "bessel")
+    unknown_shape = Conditioning(4.0, 2)
+    object.__setattr__(unknown_shape, "shape", "bessel")
     with pytest.raises(InputError, match="shape 'bessel'"):
-        chain_poles(0.5, 0.1, odd)
+        chain_poles(0.5, 0.1, unknown_shape)
 
 
 @pytest.mark.parametrize("conditioning", FILTERS)
-def test_a_ramp_comes_out_late_by_exactly_the_lag(conditioning: Conditioning) -> None:
+def test_ramp_is_delayed_by_exactly_the_lag(conditioning: Conditioning) -> None:
     t = np.arange(0, 20 * 300 + 1) / 300
     fine = np.repeat((3.0 * t)[:, None], 2, axis=1)
     out = chain_responses(fine, 1 / 300, 4, [(0.5, 0.1, conditioning), (0.7, 0.15, conditioning)])
     lag = t[-1] - out[-1] / 3.0
     expected = np.array([0.6, 0.85]) + conditioning.lag_s
-    assert np.abs(lag - expected).max() < 1e-9  # exact for straight lines; the transient is e^-28
+    assert np.abs(lag - expected).max() < 1e-9  # exact for a ramp; the transient is e^-28
 
 
 @pytest.mark.parametrize("conditioning", FILTERS)
-def test_chain_agrees_with_the_toolkit_s_own_transfer_function(conditioning: Conditioning) -> None:
+def test_simulated_chain_agrees_with_the_transfer_function_of_the_library(
+    conditioning: Conditioning,
+) -> None:
     rng = np.random.default_rng(1)
     u = np.cumsum(rng.standard_normal(4001))
-    ours = chain_responses(u[:, None], 1 / 300, 4, [(0.5, 0.1, conditioning)])[:, 0]
-    theirs = Chain((0.5, 0.1), conditioning=conditioning).response(u, 1 / 300)[::4]
-    assert (
-        np.abs(ours - theirs).max() < 1e-8 * np.abs(u).max()
-    )  # two exact discretisations, round-off of polynomials
+    simulated = chain_responses(u[:, None], 1 / 300, 4, [(0.5, 0.1, conditioning)])[:, 0]
+    library_response = Chain((0.5, 0.1), conditioning=conditioning).response(u, 1 / 300)[::4]
+    # two exact discretisations; round-off of the polynomials
+    assert np.abs(simulated - library_response).max() < 1e-8 * np.abs(u).max()
 
 
 def test_chain_has_unit_static_gain() -> None:
@@ -65,7 +66,7 @@ def test_chain_has_unit_static_gain() -> None:
 
 def test_clean_log_of_a_ramp_lags_each_channel_by_its_true_lag() -> None:
     disk = draw_truth(5).fast
-    log, true = log_disk(
+    log, true_traces = log_disk(
         lambda t: np.repeat(t[:, None], 6, axis=1),
         30.0,
         disk,
@@ -73,10 +74,10 @@ def test_clean_log_of_a_ramp_lags_each_channel_by_its_true_lag() -> None:
         CLEAN,
         spikes=True,
     )
-    assert np.abs(true[-1] - log[-1] - list(disk.lags_s.values())).max() < 1e-9
+    assert np.abs(true_traces[-1] - log[-1] - list(disk.lags_s.values())).max() < 1e-9
 
 
-def test_static_line_turns_the_log_back_into_degrees() -> None:
+def test_static_line_converts_the_log_back_to_degrees() -> None:
     disk = draw_truth(5).slow
     read = np.random.default_rng(0).uniform(20, 160, (50, 6))
     only_static = Imperfections(noise=False, spikes=False, quantise=False)
@@ -85,7 +86,7 @@ def test_static_line_turns_the_log_back_into_degrees() -> None:
         assert np.allclose(channel.gain * log[:, k] + channel.offset_degC, read[:, k], atol=1e-12)
 
 
-def test_noise_has_the_stated_deviation() -> None:
+def test_noise_has_the_stated_standard_deviation() -> None:
     disk = draw_truth(2).fast
     log = add_logger_errors(
         np.full((20000, 6), 80.0),
@@ -94,14 +95,13 @@ def test_noise_has_the_stated_deviation() -> None:
         Imperfections(static=False),
         spikes=False,
     )
-    stated = [c.noise_K for c in disk.channels.values()]
-    assert np.all((np.array(stated) >= 0.12) & (np.array(stated) <= 0.15))
-    assert log.std(axis=0) == pytest.approx(
-        stated, rel=0.03
-    )  # 6 sigma of 20000 samples, and 0.1 % of quantisation
+    expected_sd = [c.noise_K for c in disk.channels.values()]
+    assert np.all((np.array(expected_sd) >= 0.12) & (np.array(expected_sd) <= 0.15))
+    # 6 sigma of 20000 samples, and 0.1 % from quantisation
+    assert log.std(axis=0) == pytest.approx(expected_sd, rel=0.03)
 
 
-def test_sixteen_bits_round_by_half_a_step_and_clip() -> None:
+def test_sixteen_bit_quantisation_rounds_by_half_a_step_and_clips() -> None:
     values = np.linspace(-150, 800, 5001)
     step = (RANGE_degC[1] - RANGE_degC[0]) / (2**BITS - 1)
     inside = (values > RANGE_degC[0]) & (values < RANGE_degC[1])
@@ -110,7 +110,7 @@ def test_sixteen_bits_round_by_half_a_step_and_clip() -> None:
     assert (out.min(), out.max()) == pytest.approx(RANGE_degC)
 
 
-def test_spikes_are_rare_short_and_tall() -> None:
+def test_spikes_have_the_stated_rate_and_height() -> None:
     train = spike_train(np.random.default_rng(0), 75 * 2000, 0.03)
     starts = np.sum((train[1:] != 0) & (train[:-1] == 0))
     assert starts == pytest.approx(60, abs=31)  # Poisson, four standard deviations
@@ -118,7 +118,7 @@ def test_spikes_are_rare_short_and_tall() -> None:
     assert np.abs(train).max() > 5
 
 
-def test_fast_shaft_spikes_more() -> None:
+def test_fast_shaft_has_more_spikes() -> None:
     truth = draw_truth(0)
     slow = max(c.spikes_per_s for c in truth.slow.channels.values())
     assert min(c.spikes_per_s for c in truth.fast.channels.values()) > slow
