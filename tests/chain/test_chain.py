@@ -1,4 +1,4 @@
-"""The measurement chain: moments, exactness between samples, and what it exports."""
+"""The measurement chain: moments, exactness between samples, and exported forms."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CHAINS = {
 
 @pytest.mark.parametrize("name", CHAINS)
 def test_lag_is_the_delay_of_a_ramp(name):
-    # behind a ramp of slope one every chain of unit gain ends up its first moment late
+    # after a ramp of slope one every chain of unit gain is late by its first moment
     chain = CHAINS[name]
     t = np.arange(4000) * 0.01
     assert t[-1] - chain.response(t, 0.01, "foh", "zero")[-1] == pytest.approx(
@@ -32,7 +32,7 @@ def test_lag_is_the_delay_of_a_ramp(name):
 
 
 @pytest.mark.parametrize("name", CHAINS)
-def test_slow_sine_response_is_the_frequency_response(name):
+def test_slow_sine_response_matches_the_frequency_response(name):
     chain = CHAINS[name]
     f = 0.25
     dt = 1e-3
@@ -40,7 +40,7 @@ def test_slow_sine_response_is_the_frequency_response(name):
     y = chain.response(np.sin(2 * np.pi * f * t), dt)[12_000:]
     g = chain.frequency_response(f)
     expected = np.abs(g) * np.sin(2 * np.pi * f * t[12_000:] + np.angle(g))
-    # straight lines between samples: (2 pi f dt)^2/8 = 3e-7; cement by six poles and a rest: 1e-3
+    # linear between samples: (2 pi f dt)^2/8 = 3e-7; cement by six poles and a remainder: 1e-3
     assert np.max(np.abs(y - expected)) < (1e-3 if chain.cement_s else 2e-6)
 
 
@@ -53,21 +53,20 @@ def test_response_does_not_depend_on_the_grid(hold):
     fine = (
         np.interp(np.arange(n) / 50, np.arange(200), u) if hold == "foh" else np.repeat(u, 50)[:n]
     )
-    assert (
-        np.max(np.abs(chain.response(u, 0.05, hold) - chain.response(fine, 0.001, hold)[::50]))
-        < 1e-10
-    )
+    coarse_response = chain.response(u, 0.05, hold)
+    fine_response = chain.response(fine, 0.001, hold)[::50]
+    assert np.max(np.abs(coarse_response - fine_response)) < 1e-10
 
 
 def test_response_of_a_table_is_that_of_its_columns():
     chain = CHAINS["zero and dead time"]
     u = np.random.default_rng(1).normal(size=(120, 3))
-    both = chain.response(u, 0.02)
-    assert both.shape == (120, 3)
-    assert np.array_equal(both[:, 1], chain.response(u[:, 1], 0.02))
+    responses = chain.response(u, 0.02)
+    assert responses.shape == (120, 3)
+    assert np.array_equal(responses[:, 1], chain.response(u[:, 1], 0.02))
 
 
-def test_no_lags_at_all_is_a_pure_delay():
+def test_chain_without_lags_is_a_pure_delay():
     t = np.arange(50) * 0.1
     y = Chain((), delay_s=0.25, conditioning=NO_CONDITIONING).response(t, 0.1)
     assert np.allclose(y, np.maximum(t - 0.25, 0.0), atol=1e-12)
@@ -82,9 +81,9 @@ def test_cement_is_the_diffusion_solution():
         2 * (-1.0) ** (k + 1) / np.sqrt(rate) * np.exp(-np.outer(t[1:], rate)), axis=1
     )
     chain = Chain((), conditioning=NO_CONDITIONING, cement_s=1.0)
-    assert (
-        np.max(np.abs(chain.response(np.ones(601), 0.005, "foh", "zero")[1:] - exact)) < 2e-3
-    )  # as documented
+    # as documented
+    step = chain.response(np.ones(601), 0.005, "foh", "zero")[1:]
+    assert np.max(np.abs(step - exact)) < 2e-3
     assert sum(cement_lags()) == pytest.approx(0.5)
 
 
@@ -110,23 +109,22 @@ def test_discrete_form_is_the_response_without_dead_time():
     u = np.random.default_rng(2).normal(size=300)
     for hold in ("foh", "zoh"):
         b, a = chain.discrete(0.05, hold)
-        start = (
-            u[0] if hold == "foh" else 0.0
-        )  # a straight line needs a sample before the first one
+        # first-order hold needs a sample before the first one
+        start = u[0] if hold == "foh" else 0.0
         y = lfilter(b, a, u - start) + start
         assert np.allclose(
             y, chain.response(u, 0.05, hold, "equilibrium" if start else "zero"), atol=1e-9
         )
 
 
-def test_negative_lags_are_refused():
+def test_negative_lags_raise():
     with pytest.raises(InputError, match="must not be negative"):
         Chain((-0.1,), conditioning=B)
     with pytest.raises(InputError, match="must be positive"):
         Chain((0.1,), pair=(0.2, 0.0), conditioning=B)
 
 
-KINDS = {
+CHAIN_PAIRS = {
     "lags": (Chain((0.66, 0.1), conditioning=B), Chain((0.6, 0.12), conditioning=B)),
     "lag, zero and dead time": (
         Chain((0.5,), 0.1, 0.05, conditioning=B),
@@ -143,31 +141,32 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_a_channel_is_made_to_read_as_another_chain_would(name):
-    own, common = KINDS[name]
+@pytest.mark.parametrize("name", CHAIN_PAIRS)
+def test_equalised_channel_reads_as_through_the_other_chain(name):
+    chain, common = CHAIN_PAIRS[name]
     t = np.arange(0, 30, 1 / 75)
     x = 100 - 15 * (1 - np.exp(-np.clip(t - 10, 0, None) / 3))
-    made = equalise(own.response(x, 1 / 75)[:, None], 1 / 75, [own], common)[:, 0]
-    wanted = common.response(x, 1 / 75)
-    assert np.abs(own.response(x, 1 / 75) - wanted).max() > 0.1
-    assert (
-        np.abs(made - wanted).max() < 5e-3
-    )  # the bend of 5 K/s lies between samples: a quarter of it times dt^2/lag
+    equalised = equalise(chain.response(x, 1 / 75)[:, None], 1 / 75, [chain], common)[:, 0]
+    expected = common.response(x, 1 / 75)
+    assert np.abs(chain.response(x, 1 / 75) - expected).max() > 0.1
+    # a change of slope of 5 K/s between samples: a quarter of it times dt^2/lag
+    assert np.abs(equalised - expected).max() < 5e-3
 
 
-def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second():
+def test_column_is_extended_backwards_by_the_mean_of_its_first_second():
     rng = np.random.default_rng(5)
-    own, common = KINDS["lags"]
+    chain, common = CHAIN_PAIRS["lags"]
     y = 80 + rng.standard_normal((300, 2))
-    y[0] += 10  # one spike at the start is no level
-    made = equalise(y, 1 / 75, [own, own], common)
-    rested = np.concatenate([np.tile(y[:75].mean(axis=0), (1500, 1)), y])
-    assert np.abs(made - equalise(rested, 1 / 75, [own, own], common)[1500:]).max() < 1e-6
+    y[0] += 10  # a spike at the start must not be taken for the level
+    equalised = equalise(y, 1 / 75, [chain, chain], common)
+    extended = np.concatenate([np.tile(y[:75].mean(axis=0), (1500, 1)), y])
+    assert (
+        np.abs(equalised - equalise(extended, 1 / 75, [chain, chain], common)[1500:]).max() < 1e-6
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "message"),
     [
         ("P4", "no process model"),
         ("P2ZZ", "no process model"),
@@ -175,12 +174,12 @@ def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second(
         ("P0Z", "use P1Z"),
     ],
 )
-def test_structures_that_cannot_be_are_refused(name, words):
-    with pytest.raises(InputError, match=words):
+def test_invalid_chain_structures_raise(name, message):
+    with pytest.raises(InputError, match=message):
         ChainStructure.from_name(name)
 
 
-def test_one_lag_is_a_number_several_a_list_and_no_filter_is_added() -> None:
+def test_lags_may_be_a_number_or_a_list_and_no_filter_is_added() -> None:
     t = np.arange(0, 10, 0.05)
     step = Chain(1.5).response((t > 0).astype(float), 0.05, "zoh", "zero")
     assert step[1:] == pytest.approx(1 - np.exp(-(t[1:] - 0.05) / 1.5), abs=1e-12)
@@ -191,9 +190,7 @@ def test_one_lag_is_a_number_several_a_list_and_no_filter_is_added() -> None:
             Chain(wrong)  # type: ignore[arg-type]
 
 
-def test_the_smoother_takes_a_lag_as_a_number_and_refuses_a_list_that_could_mean_two_things() -> (
-    None
-):
+def test_smoother_accepts_one_lag_as_a_number_and_rejects_an_ambiguous_list() -> None:
     t = np.arange(0, 20, 0.05)
     y = Chain(1.5).response(20 + np.sin(t / 3), 0.05) + 0.01 * np.random.default_rng(
         1

@@ -1,4 +1,5 @@
-"""The least-squares core against NIST's certified values (Statistical Reference Datasets, nonlinear regression)."""
+"""Least-squares core against certified values of NIST (Statistical Reference Datasets, nonlinear
+regression)."""
 
 import os
 import re
@@ -32,8 +33,8 @@ MODELS = {
 }
 
 
-def read(name):
-    """x, y, two starts, certified parameters and their standard deviations."""
+def read_dataset(name):
+    """x, y, two start vectors, certified parameters and their standard deviations."""
     path = DATA / f"{name}.dat"
     if not path.exists():
         pytest.skip(f"{path} is absent (set TCDYN_DATA)")
@@ -53,8 +54,8 @@ def read(name):
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize(("start", "digits"), [(1, 4), (2, 6)])
-def test_nonlinear_fits_reach_nist_certified_digits(name, start, digits):
-    x, y, starts, certified, deviations = read(name)
+def test_nonlinear_fits_reach_the_certified_digits_of_nist(name, start, digits):
+    x, y, starts, certified, deviations = read_dataset(name)
     model = MODELS[name]
 
     def evaluate(b):
@@ -63,12 +64,12 @@ def test_nonlinear_fits_reach_nist_certified_digits(name, start, digits):
 
     names = tuple(f"b{k + 1}" for k in range(len(certified)))
     with np.errstate(all="ignore"):
-        found = minimise(
+        optimum = minimise(
             Problem(names, evaluate), starts[start - 1], limit=800, tolerance=0.0, relative=1e-15
         )
-    assert found.converged
-    assert found.theta == pytest.approx(certified, rel=10.0**-digits)
-    variance = found.cost / (len(x) - len(certified))
-    assert np.sqrt(variance * np.diag(found.covariance)) == pytest.approx(
+    assert optimum.converged
+    assert optimum.theta == pytest.approx(certified, rel=10.0**-digits)
+    variance = optimum.cost / (len(x) - len(certified))
+    assert np.sqrt(variance * np.diag(optimum.covariance)) == pytest.approx(
         deviations, rel=10.0 ** -min(digits, 5)
     )

@@ -1,4 +1,4 @@
-"""The page of one test: the answer first, its parts add up, pictures that grey paper can carry."""
+"""Page of one test: the result first, components that add up, figures that remain legible in grey."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from tcdyn.workflows import beta_tables
 
 
 def decimals(text: str) -> int:
+    """Number of digits after the decimal point."""
     return len(text.partition(".")[2])
 
 
-def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
+def test_uncertainty_components_add_up_to_the_total(partition: Partition) -> None:
     table = beta_tables.budget_table(partition)
     assert table["source"].iloc[-1] == "all together"
     steady, cooling = partition.budget.total_u
-    both = partition.both.estimates["beta"].u
-    assert hypot(*beta_tables.joint_budget(partition).values()) == pytest.approx(both, rel=1e-9)
+    joint_u = partition.both.estimates["beta"].u
+    assert hypot(*beta_tables.joint_budget(partition).values()) == pytest.approx(joint_u, rel=1e-9)
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
-        [both, steady, cooling], abs=5e-5
+        [joint_u, steady, cooling], abs=5e-5
     )
-    # independent sources in a nearly linear model: 4000 draws know each spread to 1.1 %, and none is above the sum
+    # independent sources in a nearly linear model: 4000 samples determine each spread to 1.1 %, none is above the sum
     assert hypot(*(r.u_beta_steady for r in partition.budget.rows)) == pytest.approx(
         steady, rel=0.06
     )
@@ -49,39 +50,38 @@ def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) ->
         assert len(u.replace(".", "").lstrip("0")) == 2 or decimals(u) == 0, u
 
 
-def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition) -> None:
-    said = verdict(partition)
-    assert said.startswith("β = 0.")
-    assert said.index("95 %") < said.index("estimates of beta")
+def test_summary_gives_the_result_before_the_agreement(partition: Partition) -> None:
+    sentence = verdict(partition)
+    assert sentence.startswith("β = 0.")
+    assert sentence.index("95 %") < sentence.index("estimates of beta")
     assert any(f"{partition.test.speed_exponent:g}" in line for line in beta_assumptions(partition))
 
 
 @pytest.mark.e2e
-def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_path: Path) -> None:
-    found = partition.findings
-    said = partition.crosscheck.sentence
-    assert found[-1] is partition.crosscheck.finding
-    assert sum(f.code.startswith("ways.") for f in found) == 1
-    kept = beta_tables.beta_file(partition, {})
-    assert kept["findings"][-1]["code"] == partition.crosscheck.finding.code
-    assert kept["crosscheck"]["sentence"] == said
-    assert said not in kept["warnings"]
+def test_crosscheck_is_a_finding_and_is_printed_once(partition: Partition, tmp_path: Path) -> None:
+    findings = partition.findings
+    sentence = partition.crosscheck.sentence
+    assert findings[-1] is partition.crosscheck.finding
+    assert sum(f.code.startswith("ways.") for f in findings) == 1
+    stored = beta_tables.beta_file(partition, {})
+    assert stored["findings"][-1]["code"] == partition.crosscheck.finding.code
+    assert stored["crosscheck"]["sentence"] == sentence
+    assert sentence not in stored["warnings"]
     page = write_beta_report(tmp_path / "x.html", {"B3": partition}).read_text(encoding="utf-8")
-    assert page.count(said.partition(",")[0]) == 1
+    assert page.count(sentence.partition(",")[0]) == 1
 
 
-def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
+def test_model_on_the_page_is_the_model_of_the_joint_fit(partition: Partition) -> None:
     for disk in DISKS:
-        m = beta_tables.compare_joint_fit(partition, disk)
-        assert m.time_since_unloading_s[0] < -60
-        assert m.time_since_unloading_s[-1] > 5
-        under_load = m.readings_degC[m.time_since_unloading_s < 0].mean(axis=0) - m.model_degC[
-            m.time_since_unloading_s < 0
-        ].mean(axis=0)
-        assert (
-            abs(under_load).max() < 0.03
-        )  # K: what nobody measured has moved the model onto the readings
-        z = (m.readings_degC - m.model_degC) / m.sd_K
+        comparison = beta_tables.compare_joint_fit(partition, disk)
+        assert comparison.time_since_unloading_s[0] < -60
+        assert comparison.time_since_unloading_s[-1] > 5
+        is_loaded = comparison.time_since_unloading_s < 0
+        reading = comparison.readings_degC[is_loaded].mean(axis=0)
+        under_load = reading - comparison.model_degC[is_loaded].mean(axis=0)
+        # K: the nuisance parameters have moved the model onto the readings
+        assert abs(under_load).max() < 0.03
+        z = (comparison.readings_degC - comparison.model_degC) / comparison.sd_K
         assert 0.7 < float((z**2).mean()) < 2.0
     rows = beta_tables.residuals_table(partition)
     assert len(rows) == 6
@@ -89,14 +89,14 @@ def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
 
 
 @pytest.mark.e2e
-def test_a_page_tells_answer_status_and_sources_and_that_it_is_simulated(
+def test_page_states_result_status_sources_and_simulation(
     partition: Partition, tmp_path: Path
 ) -> None:
     sources = pd.DataFrame({"what": ["log"], "file": ["B3.csv"]})
     page = write_beta_report(
         tmp_path / "x.html", {"B3": partition}, {"B3": 0.7}, sources
     ).read_text(encoding="utf-8")
-    page = page.replace("\u00a0", " ")  # no line ends there
+    page = page.replace("\u00a0", " ")  # non-breaking spaces
     head = page[page.index("<h1>") : page.index("<section>")]
     assert '<span class="simulated">' in head
     assert typeset(f"<b>β = {partition.both.estimates['beta']}</b>") in head
@@ -112,12 +112,12 @@ def test_disks_differ_in_tone_line_and_marker() -> None:
     fast, slow = (
         sum(w * c for w, c in zip((0.299, 0.587, 0.114), to_rgb(DISK_COLOUR[d]))) for d in DISKS
     )
-    assert abs(fast - slow) > 0.2  # of white; a printer's grey wedge has ten steps
+    assert abs(fast - slow) > 0.2  # in units of white; a printer resolves about ten greys
     assert DISK_LINE["fast"] != DISK_LINE["slow"]
     assert DISK_MARKER["fast"] != DISK_MARKER["slow"]
 
 
-def test_equal_answers_on_the_lines_stay_visible(partition: Partition) -> None:
+def test_equal_estimates_on_the_lines_remain_visible(partition: Partition) -> None:
     _, (ax,) = figure()
     draw.draw_lines(partition, ax)
     points = [c.lines[0] for c in ax.containers if c.get_label().endswith("fast")]

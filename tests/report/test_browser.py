@@ -1,4 +1,5 @@
-"""Every kind of page opened by a real browser: it draws, needs no network, and its console complains of nothing."""
+"""Pages of every kind in a real browser: they are drawn, need no network, and log no console
+message."""
 
 from __future__ import annotations
 
@@ -22,17 +23,13 @@ from tests.conftest import Campaign
 from tests.report.test_campaign_page import sixteen
 
 BROWSER = next(
-    (
-        found
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (found := shutil.which(name))
-    ),
-    None,
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 
 
-def records(campaign: Campaign) -> list[object]:
+def record_options(campaign: Campaign) -> list[object]:
+    """Command-line options that name the calibration records."""
     return [w for path in campaign.record_paths.values() for w in ("--record", path)]
 
 
@@ -42,13 +39,13 @@ def beta(_: Campaign, partition: Partition, page: Path) -> int:
 
 
 def demo(campaign: Campaign, partition: Partition, page: Path) -> int:
-    """The page of ``tcdyn demo``: that of a test with the simulation's truth in it."""
+    """The page of ``tcdyn demo``, with the true value of the simulation."""
     write_beta_report(page, {"B3": partition}, {"B3": campaign.truth["tests"]["B3"]["beta"]})
     return 0
 
 
 def campaign_page(_: Campaign, __: Partition, page: Path) -> int:
-    """The page of sixteen tests; the command that analyses logs first has tests of its own."""
+    """The page of sixteen tests. The command that analyses the logs first has its own tests."""
     write_campaign_report(page, CampaignRun(page.parent, (), sixteen()))
     return 0
 
@@ -79,7 +76,7 @@ def compensate(campaign: Campaign, _: Partition, page: Path) -> int:
     return tcdyn(
         "compensate",
         campaign.files.ehl["B3"],
-        *records(campaign),
+        *record_options(campaign),
         "--out",
         out,
         "--report",
@@ -104,8 +101,10 @@ def identify(_: Campaign, __: Partition, page: Path) -> int:
     )
     table.to_csv(page.with_suffix(".csv"), index=False)
     data = page.with_suffix(".csv")
-    wanted = ("--hold", "zoh", "--models", "P1")
-    return tcdyn("identify", data, "--input", "u", "--output", "y", *wanted, "--report", page, "-q")
+    options = ("--hold", "zoh", "--models", "P1")
+    return tcdyn(
+        "identify", data, "--input", "u", "--output", "y", *options, "--report", page, "-q"
+    )
 
 
 def verify(_: Campaign, __: Partition, page: Path) -> int:
@@ -115,8 +114,8 @@ def verify(_: Campaign, __: Partition, page: Path) -> int:
 PAGES = (beta, campaign_page, certificate, compensate, design, identify, demo, verify)
 
 
-def chromium(*words: object) -> str:
-    """What the browser says on its standard error."""
+def chromium(*arguments: object) -> str:
+    """Standard error of the browser."""
     flags = [
         "--headless",
         "--no-sandbox",
@@ -128,14 +127,14 @@ def chromium(*words: object) -> str:
         "--disable-sync",
         "--enable-logging=stderr",
     ]
-    done = subprocess.run(
-        [str(BROWSER), *flags, *(str(w) for w in words)],
+    process = subprocess.run(
+        [str(BROWSER), *flags, *(str(w) for w in arguments)],
         capture_output=True,
         text=True,
         timeout=120,
         check=True,
     )
-    return done.stderr
+    return process.stderr
 
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda make: make.__name__)
@@ -152,25 +151,24 @@ def page(
 
 
 @needs_browser
-def test_a_page_opens_in_a_browser_without_console_errors(page: Path, tmp_path: Path) -> None:
+def test_page_opens_in_a_browser_without_console_messages(page: Path, tmp_path: Path) -> None:
     picture = tmp_path / "page.png"
     profile = f"--user-data-dir={tmp_path / 'profile'}"
-    said = chromium(profile, "--window-size=1100,3000", f"--screenshot={picture}", page.as_uri())
-    assert "CONSOLE" not in said
-    assert picture.stat().st_size > 60_000  # a page of pictures; an empty one is some kilobytes
+    log = chromium(profile, "--window-size=1100,3000", f"--screenshot={picture}", page.as_uri())
+    assert "CONSOLE" not in log
+    assert picture.stat().st_size > 60_000  # an empty page has a few kilobytes
 
 
 @pytest.mark.e2e
-def test_a_page_is_one_file_that_tells_its_answer_and_its_assumptions_first(page: Path) -> None:
+def test_page_is_one_file_with_result_and_assumptions_first(page: Path) -> None:
     html = page.read_text(encoding="utf-8")
     assert "<script" not in html
     assert not re.search(r'(src|href)="(?!data:)', html)
     assert "url(" not in html
     first = html.index("<h2>")
     assert html.index('class="verdict"') < first
-    if (
-        "Published numbers" not in html
-    ):  # computed from the thesis's own figures: each row says what it assumes
+    # a page computed from published figures of the thesis states its assumptions in each row
+    if "Published numbers" not in html:
         assert html.index('class="assumptions"') < first
     body = html[html.index("<body>") :]
     assert "+-" not in body

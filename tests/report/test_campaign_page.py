@@ -1,4 +1,5 @@
-"""The page and pictures of many tests: names that do not cover each other, lines only where three points make one."""
+"""Page and figures of many tests: labels do not overlap, lines need three points, wording of
+results."""
 
 from __future__ import annotations
 
@@ -37,8 +38,9 @@ from tests.campaign.toy import beta_json, toy
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]
 
 
-def sixteen(close: float = 1.0) -> pd.DataFrame:
-    """The thesis's programme: four loads at four speeds; dT u_s within ``close`` of each other's spread."""
+def programme_table(spread: float = 1.0) -> pd.DataFrame:
+    """The test programme of the thesis: four loads at four speeds. ``close`` scales the spread of
+    dT u_s."""
     rows = []
     for k, name in enumerate(NAMES):
         row: dict[str, Any] = dict.fromkeys(table_columns(), 0.1)
@@ -51,7 +53,7 @@ def sixteen(close: float = 1.0) -> pd.DataFrame:
             "load_N": load,
             "sliding_speed_m_s": speed,
         }
-        row |= {"delta_T_us_K_m_s": 400 + close * load * speed / 40, "u_delta_T_us_K_m_s": 3.0}
+        row |= {"delta_T_us_K_m_s": 400 + spread * load * speed / 40, "u_delta_T_us_K_m_s": 3.0}
         row |= {
             "beta": 0.75 - 1e-4 * load * speed / 40,
             "u_beta": 0.01,
@@ -61,144 +63,148 @@ def sixteen(close: float = 1.0) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=table_columns())
 
 
-def test_names_of_tests_do_not_cover_each_other() -> None:
-    for close in (1.0, 0.05):
+def test_labels_of_tests_do_not_overlap() -> None:
+    for spread in (1.0, 0.05):
         fig, (ax,) = figure(height_in=4.4)
-        draw.draw_beta(sixteen(close), ax)
+        draw.draw_beta(programme_table(spread), ax)
         canvas = FigureCanvasAgg(fig)
         canvas.draw()
         boxes = [t.get_window_extent(canvas.get_renderer()) for t in ax.texts]
         assert sorted(t.get_text() for t in ax.texts) == sorted(NAMES)
-        assert not [1 for one, two in combinations(boxes, 2) if one.overlaps(two)]
+        assert not [1 for first, second in combinations(boxes, 2) if first.overlaps(second)]
         assert all(box.y1 <= fig.bbox.y1 for box in boxes)
 
 
-def test_two_tests_make_no_line_and_three_do() -> None:
+def test_trend_line_needs_three_tests() -> None:
     for count, lines in ((2, 0), (3, 1)):
         _, (ax,) = figure()
-        table = sixteen().head(count)
+        table = programme_table().head(count)
         draw.draw_traction(table, ax)
-        drawn = [
+        trends = [
             line
             for line in ax.lines
             if len(line.get_xdata()) == 2 and line.get_linestyle() != "None"
         ]
-        assert len(drawn) == lines
+        assert len(trends) == lines
         assert " ".join(trend_lines(table).get("quantity", ())).count("traction force") == lines
 
 
-def test_pictures_tell_groups_apart_without_colour() -> None:
+def test_groups_are_distinguishable_without_colour() -> None:
     _, (ax,) = figure()
-    draw.draw_traction(sixteen(), ax)
+    draw.draw_traction(programme_table(), ax)
     handles = ax.get_legend().legend_handles
-    looks = {(h.get_marker(), str(h.get_linestyle())) for h in handles}
-    assert len(looks) == 4
+    styles = {(h.get_marker(), str(h.get_linestyle())) for h in handles}
+    assert len(styles) == 4
 
 
-def test_tables_speak_words_and_units_not_column_names() -> None:
-    table = sixteen()
-    everything = " ".join(
-        table_html(shown) for shown in (trend_lines(table), partition_table(table))
+def test_tables_use_words_and_units_instead_of_column_names() -> None:
+    table = programme_table()
+    page_text = " ".join(
+        table_html(table_) for table_ in (trend_lines(table), partition_table(table))
     )
-    assert "_" not in everything.replace("ΔT u_s", "")
-    assert "bulk temperature, fast disk [°C]" in everything
+    assert "_" not in page_text.replace("ΔT u_s", "")
+    assert "bulk temperature, fast disk [°C]" in page_text
     assert partition_table(table).shape[1] <= 8  # more do not fit a printed page
 
 
 @pytest.fixture(scope="module")
-def whole() -> JoinedCampaign:
-    found = joined({t.name: beta_json(t) for t in toy(1).tests})
-    assert found is not None
-    return found
+def campaign_fit() -> JoinedCampaign:
+    joined_campaign = joined({t.name: beta_json(t) for t in toy(1).tests})
+    assert joined_campaign is not None
+    return joined_campaign
 
 
-def test_a_slope_is_claimed_only_where_its_interval_leaves_zero_out(whole: JoinedCampaign) -> None:
-    assert "β changes with ΔT u_s" in trend_sentence(whole)
-    flat = replace(whole.trends[0], p_value=(0.2,))
-    assert "do not show" in trend_sentence(replace(whole, trends=(flat,)))
-    assert "needs three set points" in trend_sentence(replace(whole, trends=()))
+def test_slope_is_claimed_only_if_its_interval_excludes_zero(campaign_fit: JoinedCampaign) -> None:
+    assert "β changes with ΔT u_s" in trend_sentence(campaign_fit)
+    flat = replace(campaign_fit.trends[0], p_value=(0.2,))
+    assert "do not show" in trend_sentence(replace(campaign_fit, trends=(flat,)))
+    assert "needs three set points" in trend_sentence(replace(campaign_fit, trends=()))
 
 
-def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_where_it_is_real(
-    whole: JoinedCampaign,
+def test_slope_over_heat_is_given_per_thousand_units_and_scatter_only_if_significant(
+    campaign_fit: JoinedCampaign,
 ) -> None:
-    """2.00(10)e-5 for one K m/s is 0.0200(10) for a thousand; u to two digits, the ends to match."""
+    """2.00(10)e-5 for one K m/s is 0.0200(10) for a thousand. u has two digits; the ends of the
+    interval match."""
     slope = Estimate(value=2e-5, u=1e-6, low95=1.8e-5, high95=2.2e-5)
     line = replace(
-        whole.trends[0], slopes=(slope,), p_value=(1e-13,), scatter=0.003, line_p_value=1e-4
+        campaign_fit.trends[0], slopes=(slope,), p_value=(1e-13,), scatter=0.003, line_p_value=1e-4
     )
-    one = replace(whole, trends=(line,))
-    row = joined_trend_lines(one).iloc[0]
+    with_line = replace(campaign_fit, trends=(line,))
+    row = joined_trend_lines(with_line).iloc[0]
     assert row["slope"] == "0.0200 ± 0.0010 per 1000 K m/s"
     assert row["95 % interval"] == "0.0180 to 0.0220"
     assert row["chance if zero"] == "below 1e-12"
-    said = trend_sentence(one)
-    assert "the slope 0.0200 +- 0.0010 per 1000 K m/s (95 % interval 0.0180 to 0.0220)" in said
-    assert "the tests scatter by 0.0030 more" in said
-    likely = replace(one, trends=(replace(line, p_value=(0.03,), line_p_value=0.3),))
-    assert joined_trend_lines(likely).iloc[0]["chance if zero"] == "0.03"
-    assert "scatter" not in trend_sentence(likely)
+    text = trend_sentence(with_line)
+    assert "the slope 0.0200 +- 0.0010 per 1000 K m/s (95 % interval 0.0180 to 0.0220)" in text
+    assert "the tests scatter by 0.0030 more" in text
+    insignificant = replace(with_line, trends=(replace(line, p_value=(0.03,), line_p_value=0.3),))
+    assert joined_trend_lines(insignificant).iloc[0]["chance if zero"] == "0.03"
+    assert "scatter" not in trend_sentence(insignificant)
 
 
-def test_one_power_of_the_speed_is_doubted_where_chance_does_not_explain_the_change(
-    whole: JoinedCampaign,
+def test_single_speed_exponent_is_questioned_only_for_a_significant_change(
+    campaign_fit: JoinedCampaign,
 ) -> None:
-    for chance, said in ((0.2, "one power is enough"), (0.01, "one power may not be enough")):
-        assert said in exponent_text(
-            replace(whole, speed_law=replace(whole.speed_law, p_value=chance))
+    for p_value, text in ((0.2, "one power is enough"), (0.01, "one power may not be enough")):
+        assert text in exponent_text(
+            replace(campaign_fit, speed_law=replace(campaign_fit.speed_law, p_value=p_value))
         )
 
 
-def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(
-    whole: JoinedCampaign,
+def test_free_level_of_a_model_curve_costs_one_degree_of_freedom(
+    campaign_fit: JoinedCampaign,
 ) -> None:
     curve = Curve("m.csv", "load_N", np.array([800.0, 2400.0]), np.array([0.7, 0.7]), np.zeros(2))
     test = CurveTest(
         curve, ("A1", "A2", "A3"), 12.0, 0.007, 5.0, 0.08, Estimate.normal(0.01, 0.002)
     )
-    said = joined_sections(replace(whole, curves=(test,)))[1].text
+    text = joined_sections(replace(campaign_fit, curves=(test,)))[1].text
     assert (
         "chi-squared 12.0 on 3 tests (chance 0.007); with its level free 5.0 on 2 (chance 0.08)"
-        in said
+        in text
     )
-    assert "does not fit" not in said
+    assert "does not fit" not in text
 
 
-def test_the_page_says_that_the_shape_of_a_curve_does_not_fit_and_what_scatter_was_added(
-    whole: JoinedCampaign,
+def test_page_states_that_a_curve_does_not_fit_and_the_scatter_added(
+    campaign_fit: JoinedCampaign,
 ) -> None:
     curve = Curve("m.csv", "load_N", np.array([800.0, 2400.0]), np.array([0.7, 0.7]), np.zeros(2))
     test = CurveTest(
         curve, ("A1", "A2", "A3"), 52.0, 1e-10, 45.0, 1e-9, Estimate.normal(0.01, 0.002), 0.0131
     )
-    said = joined_sections(replace(whole, curves=(test,)))[1].text
-    assert "the tests lying 0.0100 \u00b1 0.0020 above it." in said.replace("\u00a0", " ").replace(
+    text = joined_sections(replace(campaign_fit, curves=(test,)))[1].text
+    assert "the tests lying 0.0100 \u00b1 0.0020 above it." in text.replace("\u00a0", " ").replace(
         "+-", "\u00b1"
     )
-    assert "The shape of the curve does not fit the tests" in said
-    assert "an independent scatter of 0.013 was added to every test" in said
+    assert "The shape of the curve does not fit the tests" in text
+    assert "an independent scatter of 0.013 was added to every test" in text
 
 
-def test_the_verdict_of_a_campaign_counts_the_tests_whose_ways_agree(tmp_path: Path) -> None:
-    table = sixteen().head(3)
-    said = campaign_verdict(CampaignRun(tmp_path, (), table))
-    assert "The estimates of β agree in 3 of 3 tests." in said
+def test_campaign_summary_counts_the_tests_whose_estimates_agree(tmp_path: Path) -> None:
+    table = programme_table().head(3)
+    text = campaign_verdict(CampaignRun(tmp_path, (), table))
+    assert "The estimates of β agree in 3 of 3 tests." in text
     assert (
-        said.index(str(table["test"].iloc[-1]))
-        < said.index("largest in")
-        < said.index(str(table["test"].iloc[0]))
+        text.index(str(table["test"].iloc[-1]))
+        < text.index("largest in")
+        < text.index(str(table["test"].iloc[0]))
     )
     table = table.assign(agree=["yes", "no", "yes"])
     assert "agree in 2 of 3 tests, not in A2." in campaign_verdict(CampaignRun(tmp_path, (), table))
 
 
-def test_a_campaign_of_one_test_is_not_told_in_the_plural_nor_as_one_measurement(
+def test_campaign_of_one_test_is_worded_in_the_singular(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tcdyn.report.campaign.campaign_pictures", lambda table: [])
     for count, title in ((1, "Campaign of 1 test<"), (2, "Campaign of 2 tests<")):
         run = CampaignRun(
-            tmp_path, (), sixteen().head(count), joined({"EHL_A1": beta_json(toy(1).tests[0])})
+            tmp_path,
+            (),
+            programme_table().head(count),
+            joined({"EHL_A1": beta_json(toy(1).tests[0])}),
         )
         page = write_campaign_report(tmp_path / "p.html", run).read_text(encoding="utf-8")
         assert title in page
@@ -209,44 +215,49 @@ def test_a_campaign_of_one_test_is_not_told_in_the_plural_nor_as_one_measurement
         assert "All tests of a rig share its errors" not in page
 
 
-def test_the_page_shows_both_uncertainties_n_trends_and_junctions(whole: JoinedCampaign) -> None:
-    sections = joined_sections(whole)
+def test_page_shows_both_uncertainties_the_exponent_trends_and_junctions(
+    campaign_fit: JoinedCampaign,
+) -> None:
+    sections = joined_sections(campaign_fit)
     assert sum(s.figure is not None for s in sections) == 2
-    table = beta_table(whole)
+    table = beta_table(campaign_fit)
     assert {"u within [1]", "u absolute [1]"} <= set(table.columns)
     within, absolute = (table[c].astype(float) for c in ("u within [1]", "u absolute [1]"))
     assert (within < absolute).all()
-    everything = " ".join(
+    page_text = " ".join(
         f"{s.text} {table_html(s.table) if s.table is not None else ''}" for s in sections
     )
-    assert "n = " in everything
-    assert "with sliding speed" in everything
-    assert "_" not in everything.replace("ΔT u_s", "").replace("speed_exponent", "")
+    assert "n = " in page_text
+    assert "with sliding speed" in page_text
+    assert "_" not in page_text.replace("ΔT u_s", "").replace("speed_exponent", "")
     axes = [ax for s in sections if s.figure is not None for ax in s.figure.axes]
     assert all(ax.get_xlabel() and ax.get_ylabel() for ax in axes)
 
 
-def test_bars_within_the_campaign_lie_inside_the_absolute_ones(whole: JoinedCampaign) -> None:
+def test_error_bars_within_the_campaign_lie_inside_the_absolute_ones(
+    campaign_fit: JoinedCampaign,
+) -> None:
     _, (ax,) = figure()
-    drawn = draw_joined_beta(whole, ax)
-    heights = [
+    trends = draw_joined_beta(campaign_fit, ax)
+    bar_heights = [
         np.ptp([seg[:, 1] for seg in c.lines[2][0].get_segments()], axis=1)
-        for c in drawn.containers
+        for c in trends.containers
     ]
-    assert len(heights) == 2
-    assert (heights[1] < heights[0]).all()
+    assert len(bar_heights) == 2
+    assert (bar_heights[1] < bar_heights[0]).all()
 
 
-def test_a_note_that_repeats_is_said_once() -> None:
-    found = [(f"EHL_A{k}", info("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)]
-    alone = ("EHL_A2", warning("said", subject="slow_b", text="odd"))
-    said = [f.sentence for f in merge_findings([*found, alone])]
-    assert said == ["1 spikes (in A1; so or nearly so in A2, A3)", "EHL_A2: odd"]
+def test_repeated_finding_is_printed_once() -> None:
+    repeated = [
+        (f"EHL_A{k}", info("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)
+    ]
+    single = ("EHL_A2", warning("said", subject="slow_b", text="odd"))
+    sentences = [f.sentence for f in merge_findings([*repeated, single])]
+    assert sentences == ["1 spikes (in A1; so or nearly so in A2, A3)", "EHL_A2: odd"]
 
 
-def test_a_campaign_has_the_thesis_s_figures() -> None:
-    sections = campaign_pictures(sixteen().head(4))
-    assert [s.figure is not None for s in sections] == [
-        True
-    ] * 4  # 7.18, 7.20, 6.17, and 6.33 with 6.34
-    assert "running surfaces" in sections[0].text  # what dT u_s is
+def test_campaign_has_the_figures_of_the_thesis() -> None:
+    sections = campaign_pictures(programme_table().head(4))
+    # figures 7.18, 7.20, 6.17, and 6.33 with 6.34
+    assert [s.figure is not None for s in sections] == [True] * 4
+    assert "running surfaces" in sections[0].text  # explains dT u_s

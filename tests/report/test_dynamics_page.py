@@ -1,4 +1,5 @@
-"""The pages on dynamics: how much was identified from, and a followed log with its band."""
+"""Pages on dynamics: how much data an identification used, and a live-compensated log with its
+band."""
 
 from __future__ import annotations
 
@@ -18,39 +19,39 @@ from tcdyn.workflows.live import LiveCompensator
 from tests.identify.identify_cases import case_a
 
 
-def test_the_page_of_an_identification_counts_runs_and_samples(
+def test_identification_page_counts_runs_and_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for drawn in ("fit_figure", "dynamics_figure", "residual_figure"):
-        monkeypatch.setattr(f"tcdyn.report.dynamics.{drawn}", lambda *_: None)
-    one = case_a("prbs", 1)
-    found = compare(one, ["P1"])
-    for record, said in (
-        (one, "1 run, 800 samples at 0.05 s."),
-        (one.merge(one), "2 runs, 1600 samples at 0.05 s."),
+    for figure_name in ("fit_figure", "dynamics_figure", "residual_figure"):
+        monkeypatch.setattr(f"tcdyn.report.dynamics.{figure_name}", lambda *_: None)
+    single_run = case_a("prbs", 1)
+    comparison = compare(single_run, ["P1"])
+    for record, text in (
+        (single_run, "1 run, 800 samples at 0.05 s."),
+        (single_run.merge(single_run), "2 runs, 1600 samples at 0.05 s."),
     ):
-        write_identify_report(tmp_path / "p.html", record, found, Conditioning(poles=0))
-        assert said in (tmp_path / "p.html").read_text(encoding="utf-8")
+        write_identify_report(tmp_path / "p.html", record, comparison, Conditioning(poles=0))
+        assert text in (tmp_path / "p.html").read_text(encoding="utf-8")
 
 
-def test_the_picture_of_a_followed_log_holds_its_95_percent_band_and_leaves_room_about_what_was_seen(
+def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     tmp_path: Path,
 ) -> None:
-    """Readings from 20 to 60 degC with u of 0.5 K: half the band is 1.96 u, the margin a tenth of 40 K and one."""
+    """Readings from 20 to 60 degC with u of 0.5 K: half the band is 1.96 u; the margin is a tenth
+    of 40 K plus one."""
     t = np.linspace(0.0, 10.0, 5)
     x = np.array([20.0, 30.0, 60.0, 50.0, 40.0])
     pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5}).to_csv(tmp_path / "o.csv", index=False)
     plan = cast(LiveCompensator, SimpleNamespace(junctions=["e_degC"]))
-    (tmp_path / "log.csv").write_text(
-        "t,T\n0,20\n", encoding="utf-8"
-    )  # other names: no readings are drawn
+    # other column names: no readings are plotted
+    (tmp_path / "log.csv").write_text("t,T\n0,20\n", encoding="utf-8")
     section, rows = _followed(plan, tmp_path / "log.csv", tmp_path / "o.csv")
     assert rows == 5
     assert section.figure is not None
     (ax,) = section.figure.axes
     corners = ax.collections[0].get_paths()[0].vertices
-    for at, value in zip(t, x):
-        ends = corners[np.isclose(corners[:, 0], at), 1]
+    for time, value in zip(t, x):
+        ends = corners[np.isclose(corners[:, 0], time), 1]
         assert (ends.min(), ends.max()) == pytest.approx(
             (value - 0.98, value + 0.98), abs=1e-4
         )  # 1.95996

@@ -1,4 +1,4 @@
-"""Marks, lines and words of pictures stand where the numbers say that they are drawn from."""
+"""Marks, lines and labels of figures lie where the plotted numbers are."""
 
 from __future__ import annotations
 
@@ -29,39 +29,43 @@ from tests.rig.log_cases import oven_frame
 RIG = load_rig()
 
 
-def drawn(line: Any) -> np.ndarray:
+def points_of(line: Any) -> np.ndarray:
     """Points (N, 2) of a line."""
     return np.transpose(line.get_data()).astype(float)
 
 
 def axes() -> Axes:
+    """New axes."""
     return figure()[1][0]
 
 
-def unloaded() -> Any:
-    """A log of 20 000 rows at 10 Hz that parts at 1500 s, its rows from 1000 on analysed; both disks as on the rig."""
+def partition_with_unloading() -> Any:
+    """A log of 20 000 rows at 10 Hz with unloading at 1500 s, analysed from row 10 000 on; both
+    disks as in the rig file."""
     time_s = np.arange(20_000) / 10
     rows = slice(10_000, 20_000)
     disks = {}
-    done = {}
+    compensated = {}
     for disk, offset in (("fast", 0.0), ("slow", 100.0)):
         setup = RIG.disk_setup(disk)
         readings = offset + np.arange(len(setup.channels)) + time_s[:, None] / 100
         disks[disk] = SimpleNamespace(setup=setup, excluded="", readings_degC=readings)
-        done[disk] = SimpleNamespace(
+        compensated[disk] = SimpleNamespace(
             temperature=readings[rows] + 1.0, sd=np.full_like(readings[rows], 0.25)
         )
     events = SimpleNamespace(unload_s=1500.0, load_on_s=50.0)
     return SimpleNamespace(
-        test=SimpleNamespace(time_s=time_s, events=events, disks=disks), rows=rows, compensated=done
+        test=SimpleNamespace(time_s=time_s, events=events, disks=disks),
+        rows=rows,
+        compensated=compensated,
     )
 
 
-def test_an_unloading_is_drawn_about_the_parting_with_bands_of_95_percent() -> None:
-    p = unloaded()
+def test_unloading_figure_shows_compensated_traces_with_95_percent_bands() -> None:
+    p = partition_with_unloading()
     ax = partitions.draw_unloading(p, "slow", axes(), before_s=2.0, after_s=4.0)
     setup = p.test.disks["slow"].setup
-    lines = [line for line in ax.lines if len(drawn(line)) == 61]  # of six seconds
+    lines = [line for line in ax.lines if len(points_of(line)) == 61]  # of six seconds
     channels = list(partitions.plotted_channels(setup, ""))
     assert len(channels) == 3
     assert [line.get_label() for line in lines[1::2]] == [
@@ -69,24 +73,24 @@ def test_an_unloading_is_drawn_about_the_parting_with_bands_of_95_percent() -> N
     ]
     assert "e, 1.25 mm deep, compensated" in [line.get_label() for line in lines]
     for c, logged, compensated, band in zip(channels, lines[::2], lines[1::2], ax.collections):
-        level = 100.0 + setup.channels.index(c) + 15.0  # at the parting
-        t, y = drawn(logged).T
+        level = 100.0 + setup.channels.index(c) + 15.0  # at unloading
+        t, y = points_of(logged).T
         assert (t[0], t[-1]) == pytest.approx((-2.0, 4.0))
         assert y == pytest.approx(level + t / 100)
-        assert drawn(compensated)[:, 1] == pytest.approx(y + 1.0)
+        assert points_of(compensated)[:, 1] == pytest.approx(y + 1.0)
         low, high = band.get_datalim(ax.transData).intervaly
         assert (low, high) == pytest.approx((y[0] + 1 - 0.25 * Z95, y[-1] + 1 + 0.25 * Z95))
 
 
-def test_temperatures_of_a_whole_test_are_drawn_by_every_third_row_of_20_000() -> None:
-    p = unloaded()
+def test_temperatures_of_a_complete_test_are_plotted_at_every_third_of_20_000_rows() -> None:
+    p = partition_with_unloading()
     ax = partitions.draw_temperatures(p, axes())
     *channels, on, off = ax.lines
     assert len(channels) == 6
     for line in channels:
         disk, c = str(line.get_label()).split()
         level = (100.0 if disk == "slow" else 0.0) + p.test.disks[disk].setup.channels.index(c)
-        t, y = drawn(line).T
+        t, y = points_of(line).T
         assert np.diff(t) == pytest.approx(0.3)
         assert t[-1] > 1999
         assert y == pytest.approx(level + t / 100)
@@ -94,20 +98,21 @@ def test_temperatures_of_a_whole_test_are_drawn_by_every_third_row_of_20_000() -
 
 
 @pytest.mark.parametrize(("disk", "word"), [("fast", "A + B h"), ("slow", "1 - (C + D h)")])
-def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(
-    disk: str, word: str
-) -> None:
-    share = SimpleNamespace(intercept=0.2, slope=1e-4)
-    h = {way: Estimate.normal(at, 50.0) for way, at in (("cooling", 800.0), ("joint", 1000.0))}
+def test_partition_line_of_a_disk_passes_through_points_on_it(disk: str, word: str) -> None:
+    heat_share = SimpleNamespace(intercept=0.2, slope=1e-4)
+    h = {
+        estimator: Estimate.normal(value, 50.0)
+        for estimator, value in (("cooling", 800.0), ("joint", 1000.0))
+    }
     beta = {w: Estimate.normal(0.2 + 1e-4 * e.value, 0.01) for w, e in h.items()}
     if disk == "slow":
         beta = {w: Estimate.normal(1 - e.value, e.u) for w, e in beta.items()}
-    answers = {**beta, **{f"h {w}": e for w, e in h.items()}}
+    estimates = {**beta, **{f"h {w}": e for w, e in h.items()}}
     p: Any = SimpleNamespace(
-        disk=disk, estimates=answers, impossible=(), line=SimpleNamespace(line=share)
+        disk=disk, estimates=estimates, impossible=(), line=SimpleNamespace(line=heat_share)
     )
     ax = partitions.draw_line(p, axes())
-    line = drawn(ax.lines[0])
+    line = points_of(ax.lines[0])
     assert word in str(ax.lines[0].get_label())
     assert line[:, 0] == pytest.approx([0.0, 1250.0])  # a quarter beyond the larger h
     marks, low, high = bars(ax)
@@ -119,7 +124,7 @@ def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(
     assert (high - low)[::2] == pytest.approx(2 * Z95 * 50.0)  # those along h
 
 
-def test_lines_of_transducers_end_with_their_points() -> None:
+def test_lines_of_transducers_end_at_their_points() -> None:
     volts = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 3.0])
     session = np.array(["a"] * 3 + ["b"] * 3)
     line: Any = SimpleNamespace(
@@ -128,24 +133,24 @@ def test_lines_of_transducers_end_with_their_points() -> None:
     )
     force = 200 * volts + np.repeat([5.0, -10.0], 3)
     ax = pictures.draw_transducer(line, volts, force, session, axes())
-    assert drawn(ax.lines[1]) == pytest.approx(np.array([[0.0, 5.0], [2.0, 405.0]]))
-    assert drawn(ax.lines[3]) == pytest.approx(np.array([[0.5, 90.0], [3.0, 590.0]]))
+    assert points_of(ax.lines[1]) == pytest.approx(np.array([[0.0, 5.0], [2.0, 405.0]]))
+    assert points_of(ax.lines[3]) == pytest.approx(np.array([[0.5, 90.0], [3.0, 590.0]]))
     load = np.array([500.0, 1000.0, 3000.0])
     bearing: Any = SimpleNamespace(speeds_rpm=[400.0], lines=[fit_line(load, 3.0 + load / 250)])
     dots, through = pictures.draw_bearing(bearing, axes()).lines
     assert dots.get_label() == "400 rpm"
-    assert drawn(through) == pytest.approx(np.array([[500.0, 5.0], [3000.0, 15.0]]))
+    assert points_of(through) == pytest.approx(np.array([[500.0, 5.0], [3000.0, 15.0]]))
 
 
-def test_residuals_of_channels_stand_side_by_side_about_the_prt_in_a_band_of_95_percent() -> None:
+def test_residuals_of_channels_are_plotted_side_by_side_in_a_95_percent_band() -> None:
     oven = fit_static_lines(oven_frame())
     ax = pictures.draw_residuals(oven, axes())
     prt = oven.residuals["prt_degC"].to_numpy(dtype=float)
-    places = np.array([drawn(line)[:, 0] for line in ax.lines[:6]])
-    assert places.mean(axis=0) == pytest.approx(prt)
-    assert np.diff(places, axis=0) == pytest.approx(0.006 * np.ptp(prt))
+    positions = np.array([points_of(line)[:, 0] for line in ax.lines[:6]])
+    assert positions.mean(axis=0) == pytest.approx(prt)
+    assert np.diff(positions, axis=0) == pytest.approx(0.006 * np.ptp(prt))
     for line in ax.lines[:6]:
-        assert drawn(line)[:, 1] == pytest.approx(
+        assert points_of(line)[:, 1] == pytest.approx(
             oven.residuals[f"{line.get_label()}_degC"].to_numpy()
         )
     tones = [float(str(line.get_color())) for line in ax.lines[:6]]
@@ -157,44 +162,49 @@ def test_residuals_of_channels_stand_side_by_side_about_the_prt_in_a_band_of_95_
     assert ax.lines[6].get_ydata() == pytest.approx([0.0, 0.0])
 
 
-def test_the_lag_s_sources_stand_in_pairs_the_largest_on_top() -> None:
-    shares: Any = [
-        SimpleNamespace(source=name, u_common_s=common, u_differential_s=rest)
-        for name, common, rest in (("depth", 0.04, 0.01), ("noise", 0.01, 0.02), ("h", 0.1, 0.0))
+def test_lag_budget_shows_pairs_of_bars_with_the_largest_on_top() -> None:
+    components: Any = [
+        SimpleNamespace(source=name, u_common_s=common, u_differential_s=differential)
+        for name, common, differential in (
+            ("depth", 0.04, 0.01),
+            ("noise", 0.01, 0.02),
+            ("h", 0.1, 0.0),
+        )
     ]
-    ax = pictures.draw_lag_budget(shares, axes())
-    common, rest = ax.containers
-    for drawn_, side, lengths in (
+    ax = pictures.draw_lag_budget(components, axes())
+    common, differential = ax.containers
+    for bars_drawn, offset, lengths in (
         (common, 0.19, [0.01, 0.04, 0.1]),
-        (rest, -0.19, [0.02, 0.01, 0.0]),
+        (differential, -0.19, [0.02, 0.01, 0.0]),
     ):
-        assert [b.get_width() for b in drawn_] == pytest.approx(lengths)
-        assert [b.get_y() + b.get_height() / 2 for b in drawn_] == pytest.approx(
-            np.arange(3) + side
+        assert [b.get_width() for b in bars_drawn] == pytest.approx(lengths)
+        assert [b.get_y() + b.get_height() / 2 for b in bars_drawn] == pytest.approx(
+            np.arange(3) + offset
         )
     assert [t.get_text() for t in ax.get_yticklabels()] == ["noise", "depth", "h"]
     assert ax.get_xlim() == pytest.approx((0.0, 0.11))
     for text in ax.texts:
         x, y = text.get_position()
-        bar = [b for b in (*common, *rest) if abs(b.get_y() + b.get_height() / 2 - y) < 1e-9]
+        bar = [
+            b for b in (*common, *differential) if abs(b.get_y() + b.get_height() / 2 - y) < 1e-9
+        ]
         assert len(bar) == 1
         assert float(text.get_text()) == pytest.approx(bar[0].get_width())
-        assert x == pytest.approx(
-            bar[0].get_width() + 0.001
-        )  # a hundredth of the longest bar beyond its end
+        # a hundredth of the longest bar beyond its end
+        assert x == pytest.approx(bar[0].get_width() + 0.001)
 
 
-def test_the_histogram_of_errors_counts_them_all_between_lines_that_hold_95_percent() -> None:
+def test_error_histogram_counts_all_errors_and_marks_the_95_percent_limits() -> None:
     errors = np.linspace(-1.0, 1.0, 201)
     ax = pictures.draw_error_histogram(errors, axes(), width_K=0.25)
     assert sum(b.get_height() for b in ax.containers[0]) == 201  # type: ignore[attr-defined]
     assert [line.get_xdata()[0] for line in ax.lines] == pytest.approx([0.0, -0.95, 0.95])  # type: ignore[index]
-    assert pictures.bin_width(np.array([0.0, 2.4])) == 0.2  # twelve of them
+    assert pictures.bin_width(np.array([0.0, 2.4])) == 0.2  # twelve bins
     assert pictures.bin_width(np.array([0.0, 2.3])) == 0.1
     assert pictures.bin_width(np.array([3.0, 3.0])) == 0.1
 
 
-def test_a_log_of_an_oven_is_drawn_as_its_errors_and_a_trace_by_4000_points_at_most() -> None:
+def test_oven_log_is_plotted_as_errors_and_a_trace_by_at_most_4000_points() -> None:
     prt = np.linspace(20.0, 160.0, 8)
     oven: Any = SimpleNamespace(
         frame=pd.DataFrame({"prt_degC": prt, "a_degC": prt + 0.5}),
@@ -203,7 +213,7 @@ def test_a_log_of_an_oven_is_drawn_as_its_errors_and_a_trace_by_4000_points_at_m
         metadata={},
     )
     (dots,) = pictures.draw_log(oven, axes()).lines
-    assert drawn(dots) == pytest.approx(np.column_stack([prt, np.full(8, 0.5)]))
+    assert points_of(dots) == pytest.approx(np.column_stack([prt, np.full(8, 0.5)]))
     names = [f"{c}_degC" for c in "abcdefgh"]
     t = np.arange(12_000) / 75
     log: Any = SimpleNamespace(
@@ -213,57 +223,59 @@ def test_a_log_of_an_oven_is_drawn_as_its_errors_and_a_trace_by_4000_points_at_m
         metadata={},
     )
     lines = pictures.draw_log(log, axes()).lines
-    assert drawn(lines[0])[:, 0] == pytest.approx(t[::3])
+    assert points_of(lines[0])[:, 0] == pytest.approx(t[::3])
     assert [line.get_linestyle() for line in lines] == ["-"] * 6 + ["--"] * 2
     assert lines[0].get_color() == lines[6].get_color() != lines[1].get_color()
 
 
 @pytest.mark.parametrize("taus_s", [(2.0,), (1.5, 0.5)])
-def test_a_chain_is_drawn_by_its_step_response_from_before_the_step_to_six_lags(
+def test_chain_is_plotted_by_its_step_response_up_to_six_lags(
     taus_s: tuple[float, ...],
 ) -> None:
-    step, answer, lag = pictures.draw_chain(Chain(taus_s), axes()).lines
-    t, y = drawn(answer).T
-    assert (t[0], t[-1]) == (
-        pytest.approx(-0.6, abs=0.03),
-        pytest.approx(12.0, abs=0.03),
-    )  # rows are 0.02 s
-    assert drawn(step)[:, 1] == pytest.approx((t > -1e-9).astype(float))
-    since = np.maximum(t, 0.0)
+    step, response, lag = pictures.draw_chain(Chain(taus_s), axes()).lines
+    t, y = points_of(response).T
+    # rows are 0.02 s
+    assert t[0] == pytest.approx(-0.6, abs=0.03)
+    assert t[-1] == pytest.approx(12.0, abs=0.03)
+    assert points_of(step)[:, 1] == pytest.approx((t > -1e-9).astype(float))
+    time_since_step = np.maximum(t, 0.0)
     if len(taus_s) == 1:
-        expected = 1 - np.exp(-since / 2.0)
+        expected = 1 - np.exp(-time_since_step / 2.0)
     else:
-        expected = 1 - (1.5 * np.exp(-since / 1.5) - 0.5 * np.exp(-since / 0.5)) / (1.5 - 0.5)
+        expected = 1 - (
+            1.5 * np.exp(-time_since_step / 1.5) - 0.5 * np.exp(-time_since_step / 0.5)
+        ) / (1.5 - 0.5)
     assert y == pytest.approx(expected, abs=0.012)  # a row of 0.02 s at 0.5/s
     assert lag.get_xdata()[0] == pytest.approx(2.0)  # type: ignore[index]
     assert lag.get_label() == "lag 2 s"
 
 
-def test_names_over_a_picture_take_as_many_rows_as_keep_them_apart() -> None:
+def test_labels_above_a_figure_use_rows_that_keep_them_apart() -> None:
     ax = axes()
     name_points(ax, [10.0, 10.2, 20.0], ["A1", "A2", "B1"])
     assert ax.get_xlim() == pytest.approx((9.4, 20.6))  # six hundredths of the span on either side
     texts = {t.get_text(): t for t in ax.texts if isinstance(t, Annotation)}
     assert [texts[n].xyann for n in ("A1", "A2", "B1")] == [(0, 3), (0, 13), (0, 3)]
     assert sorted(line.get_xdata()[0] for line in ax.lines) == [10.0, 10.2, 20.0]  # type: ignore[index]
-    alone = axes()
-    name_points(alone, [50.0], ["A1"])
-    assert alone.get_xlim() == pytest.approx((45.0, 55.0))
-    apart = axes()  # of the axes' width 0.013 a letter and 0.006: 0.032; the span is 0.893 of it
+    single_axes = axes()
+    name_points(single_axes, [50.0], ["A1"])
+    assert single_axes.get_xlim() == pytest.approx((45.0, 55.0))
+    pair_axes = (
+        axes()
+    )  # a label takes 0.013 of the width for each letter plus 0.006: 0.032; the data span is 0.893
     for gap, second in ((0.035, 13), (0.037, 3)):
-        apart.clear()
-        name_points(apart, [0.0, gap, 1.0], ["A1", "A2", "B1"])
-        assert {t.get_text(): t.xyann[1] for t in apart.texts if isinstance(t, Annotation)}[
-            "A2"
-        ] == second
+        pair_axes.clear()
+        name_points(pair_axes, [0.0, gap, 1.0], ["A1", "A2", "B1"])
+        offsets = {t.get_text(): t.xyann[1] for t in pair_axes.texts if isinstance(t, Annotation)}
+        assert offsets["A2"] == second
 
 
-def test_the_referee_s_marks_stand_in_a_frame_that_holds_them_and_two_sd() -> None:
+def test_axes_of_the_inverse_check_contain_all_marks_and_two_standard_deviations() -> None:
     table = pd.DataFrame(
         {"disk": ["fast", "slow"], "quantity": ["beta", "h_W_m2K"], "z": [-5.0, 0.5]}
     )
     ax = draw_inverse_check(table, axes())
-    assert [drawn(line)[0].tolist() for line in ax.lines[:2]] == [[-5.0, 1.0], [0.5, 0.0]]
+    assert [points_of(line)[0].tolist() for line in ax.lines[:2]] == [[-5.0, 1.0], [0.5, 0.0]]
     assert [t.get_text() for t in ax.get_yticklabels()] == ["fast β", "slow h"]
     assert ax.get_xlim() == pytest.approx((-6.0, 6.0))
     assert ax.get_ylim() == pytest.approx((-0.6, 1.6))
@@ -274,7 +286,7 @@ def test_the_referee_s_marks_stand_in_a_frame_that_holds_them_and_two_sd() -> No
     )
 
 
-def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_events_inside() -> None:
+def test_compensated_trace_is_plotted_with_band_flags_and_events_in_the_window() -> None:
     t = np.arange(12_000) / 10
     flags = np.zeros((12_000, 2), dtype=int)
     flags[[3000, 9000, 9003], 1] = 1
@@ -288,22 +300,22 @@ def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_event
         events_s=((500.0, "load"), (900.0, "parting"), (1100.0, "stop")),
     )
     ax = draw_compensated(result, y, axes(), channel=1, window_s=(300.0, 1000.0))
-    logged, done, bad, event, last = ax.lines
-    x = drawn(done)[:, 0]
+    logged, compensated, flagged, event, last_event = ax.lines
+    x = points_of(compensated)[:, 0]
     assert x == pytest.approx(300 + 0.1 * np.arange(7001))
-    assert drawn(done)[:, 1] == pytest.approx(2 * x + 5)
-    assert np.nanmax(np.abs(drawn(logged)[:, 1] - 2 * x)) < 1e-9
-    assert drawn(bad) == pytest.approx(np.array([[300.0, 600.0], [900.0, 1800.0]]))
-    assert [event.get_xdata()[0], last.get_xdata()[0]] == [500.0, 900.0]  # type: ignore[index]
+    assert points_of(compensated)[:, 1] == pytest.approx(2 * x + 5)
+    assert np.nanmax(np.abs(points_of(logged)[:, 1] - 2 * x)) < 1e-9
+    assert points_of(flagged) == pytest.approx(np.array([[300.0, 600.0], [900.0, 1800.0]]))
+    assert [event.get_xdata()[0], last_event.get_xdata()[0]] == [500.0, 900.0]  # type: ignore[index]
     (band,) = ax.collections
     assert band.get_datalim(ax.transData).intervaly == pytest.approx(
         [605 - Z95 / 2, 2005 + Z95 / 2]
     )
-    whole = draw_compensated(result, None, axes()).lines[0]
-    assert drawn(whole)[:, 0] == pytest.approx(t[::3])
+    full_line = draw_compensated(result, None, axes()).lines[0]
+    assert points_of(full_line)[:, 0] == pytest.approx(t[::3])
 
 
-def test_the_chosen_weight_stands_on_the_l_curve_between_its_neighbours() -> None:
+def test_chosen_weight_is_plotted_on_the_l_curve_between_its_neighbours() -> None:
     weights = np.array([[1.0], [100.0]])
     tradeoff: Any = SimpleNamespace(
         misfit=np.array([[4.0], [1.0]]),
@@ -313,10 +325,10 @@ def test_the_chosen_weight_stands_on_the_l_curve_between_its_neighbours() -> Non
         criterion="the corner",
     )
     _, chosen = draw_tradeoff(tradeoff, axes()).lines
-    assert drawn(chosen) == pytest.approx(np.array([[2.0, 3.0]]))  # geometric means
+    assert points_of(chosen) == pytest.approx(np.array([[2.0, 3.0]]))  # geometric means
 
 
-def test_a_step_before_use_is_drawn_for_eight_rise_times_at_most() -> None:
+def test_step_response_of_a_filter_report_is_plotted_for_at_most_eight_rise_times() -> None:
     t = np.linspace(0.0, 100.0, 11)
     report: Any = SimpleNamespace(
         step_time_s=t,
