@@ -20,7 +20,7 @@ from tcdyn.report.campaign import write_campaign_report
 from tcdyn.workflows.campaign import CampaignRun
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
-from tests.report.test_campaign_page import sixteen
+from tests.report.test_campaign_page import programme_table
 
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -46,7 +46,7 @@ def demo(campaign: Campaign, partition: Partition, page: Path) -> int:
 
 def campaign_page(_: Campaign, __: Partition, page: Path) -> int:
     """The page of sixteen tests. The command that analyses the logs first has its own tests."""
-    write_campaign_report(page, CampaignRun(page.parent, (), sixteen()))
+    write_campaign_report(page, CampaignRun(page.parent, (), programme_table()))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Small logs of each kind, sound in every respect, for tests to read, reshape and damage."""
+"""Small valid logs of each kind, for tests that read, reshape and damage them."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ def immersion_frame(n: int = 3000, seed: int = 0, momentary: bool = False) -> pd
     """40 s of a plunge into oil at 100 degC, entry at 5 s."""
     rng = np.random.default_rng(seed)
     t = np.arange(n) / RATE_HZ
-    since = np.maximum(t - 5.0, 0.0)
+    time_since_entry = np.maximum(t - 5.0, 0.0)
     switch = (t >= 5.0) & ((t < 5.3) | (not momentary))
     columns = {"time_s": t, "switch": switch.astype(float)}
-    columns["probe_degC"] = 20 + 80 * (1 - np.exp(-since / 0.3)) + rng.normal(0, 0.12, n)
+    columns["probe_degC"] = 20 + 80 * (1 - np.exp(-time_since_entry / 0.3)) + rng.normal(0, 0.12, n)
     columns["fluid_degC"] = 100 + rng.normal(0, 0.05, n)
     for channel, depth in DEPTHS.items():
-        rise = 80 * (1 - np.exp(-np.maximum(since - 0.2 - 0.02 * depth, 0) / 15.0))
+        rise = 80 * (1 - np.exp(-np.maximum(time_since_entry - 0.2 - 0.02 * depth, 0) / 15.0))
         columns[f"{channel}_degC"] = 20 + rise + rng.normal(0, 0.12, n)
     return pd.DataFrame(columns)
 
 
 def oven_truth(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Gain and offset of six channels."""
+    """True gain and offset of six channels."""
     rng = np.random.default_rng([seed, 1])
     return rng.normal(1.0, 0.01, 6), rng.normal(0.0, 0.5, 6)
 
@@ -67,15 +67,15 @@ def oven_frame(seed: int = 0, noise: float = 0.05) -> pd.DataFrame:
     rows = []
     for repeat in (1, 2, 3):
         for setpoint in range(20, 161, 20):
-            true = setpoint + rng.normal(0, 0.5)
-            logged = (true - offset) / gain + rng.normal(0, noise, 6)
-            rows.append([repeat, setpoint, true + rng.uniform(-0.1, 0.1), *logged])
+            true_degC = setpoint + rng.normal(0, 0.5)
+            logged = (true_degC - offset) / gain + rng.normal(0, noise, 6)
+            rows.append([repeat, setpoint, true_degC + rng.uniform(-0.1, 0.1), *logged])
     names = ["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]
     return pd.DataFrame(rows, columns=names).astype(float)
 
 
 def hole_frame(n: int = 1500, seed: int = 0) -> pd.DataFrame:
-    """Five thermocouples at one depth, water at 80 degC."""
+    """Five thermocouples at one depth, in water at 80 degC."""
     rng = np.random.default_rng(seed)
     t = np.arange(n) / RATE_HZ
     lags = {"ideal_1": 0.1, "ideal_2": 0.1, "hole_13": 0.3, "hole_22": 0.35, "hole_30": 0.8}
@@ -92,22 +92,26 @@ FRAMES = {"ehl": ehl_frame, "immersion": immersion_frame, "oven": oven_frame, "h
 def csv_text(
     frame: pd.DataFrame, separator: str = ",", decimal: str = ".", head: str = "", units: str = ""
 ) -> str:
-    """The frame as text whose numbers read back exactly."""
+    """The frame as text, with numbers that read back exactly."""
     rows = [
         separator.join(repr(float(v)).replace(".", decimal) for v in row)
         for row in frame.to_numpy()
     ]
-    top = separator.join(frame.columns) + "\n" + (units + "\n" if units else "")
-    return head + top + "\n".join(rows) + "\n"
+    header = separator.join(frame.columns) + "\n" + (units + "\n" if units else "")
+    return head + header + "\n".join(rows) + "\n"
 
 
 def lvm_text(
     frame: pd.DataFrame, separator: str = "\t", decimal: str = ".", comment: bool = True
 ) -> str:
-    """The frame as LabVIEW writes it, one X column, a comment on the first row."""
-    word = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[separator]
+    """The frame as LabVIEW writes it: one X column, and a comment in the first row."""
+    separator_name = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[separator]
     names = [c for c in frame.columns if c != "time_s"]
-    head = ["LabVIEW Measurement", f"Writer_Version{separator}2", f"Separator{separator}{word}"]
+    head = [
+        "LabVIEW Measurement",
+        f"Writer_Version{separator}2",
+        f"Separator{separator}{separator_name}",
+    ]
     head += [
         f"Decimal_Separator{separator}{decimal}",
         f"X_Columns{separator}One",

@@ -1,4 +1,5 @@
-"""Logs as rigs have them: other units, a shaft's torque, no switch, what is stated, channels of the air."""
+"""Logs as existing rigs write them: other units, torque of a shaft, no switch, specified
+constants, air channels."""
 
 from __future__ import annotations
 
@@ -24,91 +25,95 @@ UNITS = {"K": lambda x: x + 273.15, "degF": lambda x: 1.8 * x + 32, "mV": lambda
 def read(
     frame: pd.DataFrame, folder: Path, tables: dict[str, Any] | None = None, kind: Any = "ehl"
 ) -> Log:
+    """Write the frame, and read it with the rig file of ``tables``."""
     return read_log(write_log(frame, folder / "log.csv"), kind, parse_rig(tables or {}, "rig.toml"))
 
 
 @pytest.mark.e2e
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("kind", FRAMES)
-@pytest.mark.parametrize("mapped", [False, True], ids=["by the column's name", "by [columns]"])
-def test_temperatures_in_another_unit_are_read_as_in_degrees(
+@pytest.mark.parametrize("mapped", [False, True], ids=["by column name", "by [columns]"])
+def test_temperatures_in_other_units_are_read_like_degrees(
     tmp_path: Path, kind: str, unit: str, mapped: bool
 ) -> None:
     frame = FRAMES[kind]()
-    new = {n: f"{n.removesuffix('degC')}{unit}" for n in frame if is_junction_column(n)}
-    mine = {k: f"TC {i}" for i, k in enumerate(new.values())} if mapped else {}
-    tables = {"logger": {"couple": "K"}, "columns": mine}
-    moved = (
-        frame.assign(**{n: UNITS[unit](frame[n]) for n in new})
-        .rename(columns=new)
-        .rename(columns=mine)
+    unit_columns = {n: f"{n.removesuffix('degC')}{unit}" for n in frame if is_junction_column(n)}
+    user_columns = {k: f"TC {i}" for i, k in enumerate(unit_columns.values())} if mapped else {}
+    tables = {"logger": {"couple": "K"}, "columns": user_columns}
+    converted = (
+        frame.assign(**{n: UNITS[unit](frame[n]) for n in unit_columns})
+        .rename(columns=unit_columns)
+        .rename(columns=user_columns)
     )
-    plain = read(frame, tmp_path, kind=kind)
-    found = read(moved, tmp_path, tables, kind)
-    assert found.frame.to_numpy() == pytest.approx(plain.frame.to_numpy(), abs=1e-8)
-    assert [f.code for f in found.findings] == [f.code for f in plain.findings]
+    in_degrees = read(frame, tmp_path, kind=kind)
+    log = read(converted, tmp_path, tables, kind)
+    assert log.frame.to_numpy() == pytest.approx(in_degrees.frame.to_numpy(), abs=1e-8)
+    assert [f.code for f in log.findings] == [f.code for f in in_degrees.findings]
 
 
 @pytest.mark.e2e
-def test_friction_as_a_shaft_s_torque_is_the_torque_over_the_disk_s_radius(tmp_path: Path) -> None:
+def test_torque_of_a_shaft_gives_friction_by_the_disk_radius(tmp_path: Path) -> None:
     frame = ehl_frame()
     torque = frame.assign(torque_slow_Nm=0.05 * frame["friction_N"]).drop(columns="friction_N")
     tables = {"slow": {"disk": {"outer_radius_mm": 50.0}}}
-    found = read(torque, tmp_path, tables).frame
-    assert found["friction_N"].to_numpy() == pytest.approx(frame["friction_N"].to_numpy(), rel=1e-9)
+    log = read(torque, tmp_path, tables).frame
+    assert log["friction_N"].to_numpy() == pytest.approx(frame["friction_N"].to_numpy(), rel=1e-9)
     mapped = {**tables, "columns": {"torque_slow_Nm": "M"}}
-    again = read(torque.rename(columns={"torque_slow_Nm": "M"}), tmp_path, mapped).frame
-    assert again["friction_N"].to_numpy() == pytest.approx(frame["friction_N"].to_numpy(), rel=1e-9)
-    both = read(frame.assign(torque_slow_Nm=9.0), tmp_path)
-    assert both.frame["friction_N"].equals(read(frame, tmp_path).frame["friction_N"])
-    assert [f.numbers["names"] for f in both.findings if f.code == "columns.unused"] == [
-        ("torque_slow_Nm",)
-    ]
+    with_mapping = read(torque.rename(columns={"torque_slow_Nm": "M"}), tmp_path, mapped).frame
+    assert with_mapping["friction_N"].to_numpy() == pytest.approx(
+        frame["friction_N"].to_numpy(), rel=1e-9
+    )
+    with_friction_and_torque = read(frame.assign(torque_slow_Nm=9.0), tmp_path)
+    assert with_friction_and_torque.frame["friction_N"].equals(
+        read(frame, tmp_path).frame["friction_N"]
+    )
+    assert [
+        f.numbers["names"] for f in with_friction_and_torque.findings if f.code == "columns.unused"
+    ] == [("torque_slow_Nm",)]
 
 
-def test_a_log_without_a_switch_is_read_with_a_note_and_one_with_a_switch_of_another_name_is_asked_for(
+def test_missing_switch_gives_an_info_and_a_misspelled_one_raises(
     tmp_path: Path,
 ) -> None:
-    found = read(ehl_frame().drop(columns="contact"), tmp_path)
-    assert [f.code for f in found.findings] == ["contact.not_logged"]
-    assert found.findings[0].severity == "info"
+    log = read(ehl_frame().drop(columns="contact"), tmp_path)
+    assert [f.code for f in log.findings] == ["contact.not_logged"]
+    assert log.findings[0].severity == "info"
     with pytest.raises(InputError, match=r"contact: column is missing; .*did you mean 'Contact'"):
         read(ehl_frame().rename(columns={"contact": "Contact"}), tmp_path)
 
 
 @pytest.mark.parametrize("name", ["load_N", "speed_fast_rpm", "speed_slow_rpm", "ambient_degC"])
-def test_what_is_not_logged_is_asked_for_until_it_is_stated(tmp_path: Path, name: str) -> None:
-    bare = ehl_frame().drop(columns=name)
+def test_missing_channel_raises_unless_specified_as_a_constant(tmp_path: Path, name: str) -> None:
+    without_channel = ehl_frame().drop(columns=name)
     with pytest.raises(InputError, match=f"{name}: column is missing"):
-        read(bare, tmp_path)
-    found = read(bare, tmp_path, {"constants": {name: {"value": 60.0, "u": 1.0}}})
-    assert name not in found.frame
-    assert found.findings == ()
+        read(without_channel, tmp_path)
+    log = read(without_channel, tmp_path, {"constants": {name: {"value": 60.0, "u": 1.0}}})
+    assert name not in log.frame
+    assert log.findings == ()
 
 
-def test_channels_of_the_air_stand_in_for_the_ambient_and_one_that_is_not_there_is_named(
+def test_air_channels_replace_the_ambient_and_a_missing_one_is_named(
     tmp_path: Path,
 ) -> None:
     frame = ehl_frame()
-    about = frame.assign(**{"Air 1": 61.0 + 0.1 * np.arange(len(frame)) / len(frame)}).drop(
-        columns="ambient_degC"
-    )
+    with_air_channel = frame.assign(
+        **{"Air 1": 61.0 + 0.1 * np.arange(len(frame)) / len(frame)}
+    ).drop(columns="ambient_degC")
     tables = {"ambient": {"surface": ["Air 1"], "faces": ["Air 1"]}}
-    found = read(about, tmp_path, tables)
-    assert found.frame["ambient_Air 1_degC"].to_numpy() == pytest.approx(
-        about["Air 1"].to_numpy(), abs=1e-6
+    log = read(with_air_channel, tmp_path, tables)
+    assert log.frame["ambient_Air 1_degC"].to_numpy() == pytest.approx(
+        with_air_channel["Air 1"].to_numpy(), abs=1e-6
     )
-    assert "ambient_Air 1_degC" not in found.channels
+    assert "ambient_Air 1_degC" not in log.channels
     with pytest.raises(InputError, match=r"has no column 'Air 2', which rig.toml .ambient. names"):
-        read(about, tmp_path, {"ambient": {"surface": ["Air 1", "Air 2"]}})
-    with pytest.raises(
-        InputError, match="ambient_degC: column is missing"
-    ):  # of the slow disk nothing is known
-        read(about, tmp_path, {"fast": {"ambient": {"surface": ["Air 1"]}}})
+        read(with_air_channel, tmp_path, {"ambient": {"surface": ["Air 1", "Air 2"]}})
+    # the ambient of the slow disk remains unknown
+    with pytest.raises(InputError, match="ambient_degC: column is missing"):
+        read(with_air_channel, tmp_path, {"fast": {"ambient": {"surface": ["Air 1"]}}})
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         ({"constants": {"friction_N": {"value": 60.0, "u": 1.0}}}, "constants.friction_N"),
         ({"constants": {"load_N": {"value": 60.0}}}, "constants.load_N.u: Field required"),
@@ -121,12 +126,12 @@ def test_channels_of_the_air_stand_in_for_the_ambient_and_one_that_is_not_there_
         ({"logger": {"couple": "S"}}, "logger.couple"),
     ],
 )
-def test_what_is_stated_amiss_is_named(tables: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_invalid_specified_values_are_named(tables: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         parse_rig(tables, "rig.toml")
 
 
-def test_what_is_stated_is_printed_so_that_it_reads_back(tmp_path: Path) -> None:
+def test_specified_values_are_printed_so_that_they_read_back(tmp_path: Path) -> None:
     tables = {
         "constants": {"load_N": {"value": 2320.0, "u": 20.0}},
         "slow": {"ambient": {"surface": ["Air 1", "Air 2"]}},

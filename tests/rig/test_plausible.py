@@ -1,4 +1,5 @@
-"""Readings that cannot be the sensor's are found; readings that a fast input made through the chain are not."""
+"""Readings that a sensor cannot give are found; readings of a fast input through the chain are not
+flagged."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ def first_order(x: np.ndarray, dt_s: float, tau_s: float) -> np.ndarray:
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.7, 2.0, 25.0])
 @pytest.mark.parametrize("seed", range(5))
-def test_no_reading_of_a_physical_input_is_called_unreachable(tau_s: float, seed: int) -> None:
+def test_readings_of_physical_inputs_are_not_flagged_as_unreachable(
+    tau_s: float, seed: int
+) -> None:
     """Inputs jump anywhere between 0 and 2500 degC, the worst that a process can do; noise 0.5 K."""
     rng = np.random.default_rng(seed)
     x = np.repeat(rng.uniform(0, 2500, 60), rng.integers(1, 30, 60))
@@ -27,7 +30,7 @@ def test_no_reading_of_a_physical_input_is_called_unreachable(tau_s: float, seed
     assert not impossible_changes(y, 0.1, tau_s).any()
 
 
-def test_an_unplugged_sensor_is_found_and_the_rest_is_kept() -> None:
+def test_unplugged_sensor_is_found_and_other_readings_are_kept() -> None:
     rng = np.random.default_rng(1)
     y = 850 - 50 * np.exp(-np.arange(1200) / 200) + rng.normal(0, 0.3, 1200)
     y[700:760] = 25 + rng.normal(0, 0.3, 60)  # the cold junction
@@ -36,12 +39,12 @@ def test_an_unplugged_sensor_is_found_and_the_rest_is_kept() -> None:
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.35])
 def test_dense_drop_outs_are_found(share: float) -> None:
-    """Where they come near one half of the samples, nothing tells any more which side is the sensor's."""
+    """If nearly half of the samples are drop-outs, the two levels cannot be distinguished."""
     rng = np.random.default_rng(2)
     y = 800 + 40 * np.sin(np.arange(1200) / 100) + rng.normal(0, 0.3, 1200)
-    bad = rng.random(1200) < share
-    y[bad] = rng.normal(0, 0.3, bad.sum())  # not one exact value
-    assert np.array_equal(impossible_changes(y, 1.0, 25.0), bad)
+    is_dropout = rng.random(1200) < share
+    y[is_dropout] = rng.normal(0, 0.3, is_dropout.sum())  # not one exact value
+    assert np.array_equal(impossible_changes(y, 1.0, 25.0), is_dropout)
 
 
 def test_every_second_reading_of_an_open_circuit_is_found() -> None:
@@ -50,21 +53,21 @@ def test_every_second_reading_of_an_open_circuit_is_found() -> None:
     assert np.flatnonzero(impossible_changes(y, 1.0, 25.0)).tolist() == list(range(700, 900, 2))
 
 
-def test_a_spike_whose_rise_alone_was_possible_is_one_sample() -> None:
+def test_spike_with_a_possible_rise_is_flagged_as_one_sample() -> None:
     """A rise by 30 K in one row can come through the lag, the fall back cannot."""
     y = 180 + np.random.default_rng(14).normal(0, 0.2, 800)
     y[300] += 30
     assert np.flatnonzero(impossible_changes(y, 0.05, 1.0)).tolist() == [300]
 
 
-def test_a_chain_that_passes_a_change_at_once_has_no_unreachable_readings() -> None:
+def test_chain_with_direct_share_has_no_unreachable_readings() -> None:
     y = np.where(np.arange(200) < 100, 20.0, 500.0)
     assert impossible_changes(y, 1.0, 25.0).any()
     assert not impossible_changes(y, 1.0, 25.0, direct_share=0.5).any()
     assert not impossible_changes(y, 1.0, 0.0).any()
 
 
-def test_the_physical_range_is_that_of_thermocouples() -> None:
+def test_physical_range_is_that_of_thermocouples() -> None:
     assert out_of_range(np.array([-385.0, -273.0, 2315.0, 3001.0, np.inf, np.nan])).tolist() == [
         True,
         False,
@@ -76,7 +79,7 @@ def test_the_physical_range_is_that_of_thermocouples() -> None:
 
 
 @pytest.mark.parametrize("code", [9.9e37, 9.91e37, -9e9, 1e38, np.inf])
-def test_overload_codes_stand_out_of_any_unit(code: float) -> None:
+def test_overload_codes_are_found_in_any_unit(code: float) -> None:
     y = np.random.default_rng(4).normal(850, 20, 500)
     y[77] = code
     assert np.flatnonzero(overload_codes(y)).tolist() == [77]
@@ -85,18 +88,18 @@ def test_overload_codes_stand_out_of_any_unit(code: float) -> None:
 
 
 @pytest.mark.parametrize("code", [0.0, -200.0, 2300.0])
-def test_a_repeated_code_in_a_plunge_is_found(code: float) -> None:
+def test_repeated_code_in_a_plunge_is_found(code: float) -> None:
     rng = np.random.default_rng(5)
     t = np.arange(600) * 0.05
     y = np.round(
         21 + 63 * np.where(t > 6, 1 - np.exp(-(t - 6) / 1.5), 0) + rng.normal(0, 0.05, 600), 2
     )
-    bad = rng.random(600) < 0.05
-    y[bad] = code
-    assert np.array_equal(dropout_codes(y), bad)
+    is_dropout = rng.random(600) < 0.05
+    y[is_dropout] = code
+    assert np.array_equal(dropout_codes(y), is_dropout)
 
 
-def test_states_of_a_process_are_no_drop_outs() -> None:
+def test_process_states_are_not_drop_outs() -> None:
     rng = np.random.default_rng(6)
     relay = np.repeat([0.0, 60.0, 0.0, 60.0], 50)
     coarse_step = np.r_[np.full(100, 20.0), np.round(rng.normal(84, 1, 100))]

@@ -1,4 +1,4 @@
-"""The record: whole, checked key by key, comparable with the one before."""
+"""The calibration record: complete, checked key by key, and comparable with the previous one."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
 
 def make_chain(shift_s: float = 0.0) -> ChainRecord:
+    """A chain record; channel e is shifted by ``shift_s``."""
     lags = {c: 0.70 + 0.01 * k + (shift_s if c == "e" else 0.0) for k, c in enumerate(CHANNELS)}
     common = float(np.mean(list(lags.values())))
     filter_s = load_rig().common.conditioning.lag_s
@@ -63,14 +64,15 @@ def make_chain(shift_s: float = 0.0) -> ChainRecord:
     )
 
 
-def make_record(frame=None, **more) -> DiskRecord:
+def make_record(frame=None, **overrides) -> DiskRecord:
+    """A record of the oven frame; keywords override its fields."""
     fit = fit_static_lines(oven_frame() if frame is None else frame)
     fields = {
         "disk": "fast",
         "created": now_utc(),
         "static": fit.lines,
         "chain": make_chain(),
-        **more,
+        **overrides,
     }
     return DiskRecord(**fields)
 
@@ -78,12 +80,12 @@ def make_record(frame=None, **more) -> DiskRecord:
 RECORD = make_record()
 
 
-def test_a_record_reads_back_equal_with_the_contracts_keys(tmp_path):
+def test_record_reads_back_equal_with_the_documented_keys(tmp_path):
     path = write_record(RECORD, tmp_path / "fast.disk.json")
     assert read_record(path) == RECORD
     keys = json.loads(path.read_text())
     assert keys["schema"] == "tcdyn.disk/2"
-    wanted = {
+    expected_keys = {
         "schema",
         "disk",
         "created",
@@ -95,29 +97,28 @@ def test_a_record_reads_back_equal_with_the_contracts_keys(tmp_path):
         "warnings",
         "setup",
     }
-    assert wanted <= set(keys)
+    assert expected_keys <= set(keys)
     assert {"structure", "channels", "covariance", "common_lag_s", "differential_lag_s"} == set(
         keys["chain"]
     )
     assert {"value", "u", "low95", "high95"} == set(keys["chain"]["channels"]["a"]["lag_s"])
 
 
-def test_the_filters_factors_make_its_polynomial_and_its_lag_is_their_first_moment():
+def test_filter_factors_multiply_to_its_polynomial_and_its_lag_is_their_first_moment():
     for shape in ("cascade", "butterworth"):
         for poles in range(1, 5):
             b = Conditioning(4.0, poles, shape)
-            _, den = signal.butter(poles, 2 * np.pi * b.cutoff_Hz, analog=True)
-            den = (
-                den if shape == "butterworth" else np.poly(np.full(poles, -2 * np.pi * b.cutoff_Hz))
-            )
+            corner = 2 * np.pi * b.cutoff_Hz
+            _, butterworth = signal.butter(poles, corner, analog=True)
+            cascade = np.poly(np.full(poles, -corner))
+            den = butterworth if shape == "butterworth" else cascade
             product = reduce(np.polymul, (f[::-1] for f in b.factors), [1.0])
-            assert product == pytest.approx(
-                den / den[-1], rel=1e-12
-            )  # rounding of the polynomial's products
+            # rounding of the products of the polynomial
+            assert product == pytest.approx(den / den[-1], rel=1e-12)
             assert b.lag_s == pytest.approx(den[-2] / den[-1], rel=1e-12)
 
 
-NONSENSE = {
+INVALID_VALUES = {
     "schema": ("tcdyn.disk/9", "schema"),
     "disk": ("", "disk"),
     "created": ("yesterday", "created"),
@@ -145,26 +146,26 @@ NONSENSE = {
 }
 
 
-@pytest.mark.parametrize("key", NONSENSE)
-def test_a_record_edited_to_nonsense_is_refused_by_key(key):
-    value, words = NONSENSE[key]
+@pytest.mark.parametrize("key", INVALID_VALUES)
+def test_record_with_an_invalid_value_raises_and_names_the_key(key):
+    value, message = INVALID_VALUES[key]
     data = copy.deepcopy(json.loads(RECORD.to_json()))
-    # a lag known to 0.2 s may be edited by 0.6 s unnoticed: make it well known first, so that the contradiction shows
+    # a change by 0.6 s of a lag known to 0.2 s would pass: a small uncertainty makes the contradiction visible
     *path, last = key.split(".")
-    place = data
-    for part in path:
-        place = place[part]
-    place[last] = value
+    entry = data
+    for key_part in path:
+        entry = entry[key_part]
+    entry[last] = value
     if key == "conditioning.cutoff_Hz":
         for channel in data["chain"]["channels"].values():
             channel["lag_s"]["u"] = 0.005
         data["chain"]["covariance"] = (2.5e-5 * np.eye(6)).tolist()
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         parse_record(data, "fast.disk.json")
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("", "not readable as JSON"),
         ("[1, 2]", "no disk record"),
@@ -176,126 +177,129 @@ def test_a_record_edited_to_nonsense_is_refused_by_key(key):
         ("[" * 100_000, "not readable as JSON|no disk record"),
     ],
 )
-def test_files_that_are_no_record_are_refused(tmp_path, text, words):
-    with pytest.raises(InputError, match=words):
+def test_files_that_are_not_records_raise(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
         read_record(write(tmp_path, "r.json", text))
 
 
-def test_a_record_of_version_0_1_is_read_with_its_two_lags_and_written_as_today(tmp_path):
-    old = Path(__file__).with_name(
-        "of_version_0_1.disk.json"
-    )  # of a simulated campaign; its fit is shortened
-    before = json.loads(old.read_text())
-    record = read_record(old)
+def test_record_of_version_0_1_is_read_with_its_two_lags_and_written_in_the_current_format(
+    tmp_path,
+):
+    # from a simulated campaign; its fit is shortened
+    old_file = Path(__file__).with_name("of_version_0_1.disk.json")
+    stored = json.loads(old_file.read_text())
+    record = read_record(old_file)
     for c in CHANNELS:
-        row = before["chain"]["channels"][c]
-        now = record.chain.channels[c]
-        assert now.taus_s == (row["tau1_s"], row["tau2_s"])
-        assert now.lag_s.model_dump() == row["lag_s"]
-        assert record.static[c].gain == before["static"][c]["gain"]
-    assert record.warnings == before["warnings"]
-    again = read_record(write_record(record, tmp_path / "new.json"))
-    assert again == record
-    del before["chain"]["channels"]["b"]["tau1_s"]
+        row = stored["chain"]["channels"][c]
+        channel = record.chain.channels[c]
+        assert channel.taus_s == (row["tau1_s"], row["tau2_s"])
+        assert channel.lag_s.model_dump() == row["lag_s"]
+        assert record.static[c].gain == stored["static"][c]["gain"]
+    assert record.warnings == stored["warnings"]
+    rewritten = read_record(write_record(record, tmp_path / "new.json"))
+    assert rewritten == record
+    del stored["chain"]["channels"]["b"]["tau1_s"]
     with pytest.raises(InputError, match=r"chain\.channels\.b\.taus_s"):
-        read_record(write(tmp_path, "old.json", json.dumps(before)))
+        read_record(write(tmp_path, "old.json", json.dumps(stored)))
 
 
 CHAINS = {
     "three lags": Chain((0.4, 0.2, 0.1), conditioning=RIG_FILTER),
-    "a lag, a zero and a dead time": Chain(
-        (0.5,), zero_s=0.1, delay_s=0.2, conditioning=RIG_FILTER
-    ),
-    "a pair": Chain((), pair=(0.3, 0.5), conditioning=RIG_FILTER),
-    "a cement": Chain((0.2,), cement_s=0.8, conditioning=RIG_FILTER),
+    "lag, zero and dead time": Chain((0.5,), zero_s=0.1, delay_s=0.2, conditioning=RIG_FILTER),
+    "complex pair": Chain((), pair=(0.3, 0.5), conditioning=RIG_FILTER),
+    "cement": Chain((0.2,), cement_s=0.8, conditioning=RIG_FILTER),
 }
 
 
 @pytest.mark.parametrize("name", CHAINS)
-def test_a_record_keeps_any_chain_as_it_is(name, tmp_path):
+def test_record_preserves_any_chain(name, tmp_path):
     chain = CHAINS[name]
     lag = Estimate.normal(chain.lag_s, 0.2)
     rows = {c: ChannelChain(**chain.parameters, lag_s=lag) for c in CHANNELS}
-    apart = {c: Estimate.normal(0.0, 0.005) for c in CHANNELS}
+    differential = {c: Estimate.normal(0.0, 0.005) for c in CHANNELS}
     covariance = (0.04 * np.ones((6, 6)) + 2.5e-5 * np.eye(6)).tolist()
     common = ChainRecord(
         structure="any",
         channels=rows,
         covariance=covariance,
         common_lag_s=lag,
-        differential_lag_s=apart,
+        differential_lag_s=differential,
     )
     record = read_record(write_record(make_record(chain=common), tmp_path / "r.json"))
     assert {*record_chains(record, record.disk_setup())} == {chain}
 
 
-def test_records_of_two_disks_are_not_compared():
+def test_records_of_two_disks_cannot_be_compared():
     with pytest.raises(InputError, match="one disk"):
         compare_records(RECORD, make_record(disk="slow"))
 
 
-def again(seed: int, drift_K: float = 0.0):
-    """A second oven of the disk of seed 0, channel b reading ``drift_K`` lower."""
+def second_oven_frame(seed: int, drift_K: float = 0.0):
+    """A second oven log of the disk of seed 0; channel b reads ``drift_K`` lower."""
     gain, offset = oven_truth(0)
     frame = oven_frame(seed)
-    own_gain, own_offset = oven_truth(seed)
+    other_gain, other_offset = oven_truth(seed)
     for k, c in enumerate(CHANNELS):
-        true = own_gain[k] * frame[f"{c}_degC"] + own_offset[k]
-        frame[f"{c}_degC"] = (true - offset[k] - (drift_K if c == "b" else 0.0)) / gain[k]
+        true_degC = other_gain[k] * frame[f"{c}_degC"] + other_offset[k]
+        frame[f"{c}_degC"] = (true_degC - offset[k] - (drift_K if c == "b" else 0.0)) / gain[k]
     return frame
 
 
 @pytest.mark.e2e
-def test_drift_between_two_calibrations_is_significant_when_real_and_rarely_otherwise():
-    false = [
-        len(compare_records(RECORD, make_record(again(s))).significant) > 0 for s in range(1, 61)
+def test_drift_between_two_calibrations_is_significant_if_real_and_rarely_otherwise():
+    false_alarms = [
+        len(compare_records(RECORD, make_record(second_oven_frame(s))).significant) > 0
+        for s in range(1, 61)
     ]
-    assert np.mean(false) <= 0.14  # 5 % over all rows, three sigma of 60 above it
-    found = compare_records(RECORD, make_record(again(1, 0.5)))
-    assert {q[0] for q in found.significant["quantity"]} == {"b"}
-    assert "drifted significantly: b" in found.sentence()
+    assert np.mean(false_alarms) <= 0.14  # 5 % over all rows, three sigma of 60 above it
+    comparison = compare_records(RECORD, make_record(second_oven_frame(1, 0.5)))
+    assert {q[0] for q in comparison.significant["quantity"]} == {"b"}
+    assert "drifted significantly: b" in comparison.sentence()
 
 
-def test_a_changed_differential_lag_is_significant_though_the_common_one_is_loose():
-    found = compare_records(RECORD, make_record(chain=make_chain(0.06)))
-    assert "e differential lag_s" in set(found.significant["quantity"])
-    assert "e lag_s" not in set(found.significant["quantity"])
+def test_changed_differential_lag_is_significant_despite_an_uncertain_common_lag():
+    comparison = compare_records(RECORD, make_record(chain=make_chain(0.06)))
+    assert "e differential lag_s" in set(comparison.significant["quantity"])
+    assert "e lag_s" not in set(comparison.significant["quantity"])
 
 
 LEVELS = "P1.csv: column switch: levels 0 and 5 are read as 0 and 1"
-MENDED = info("said", text=LEVELS)
+LEVELS_INFO = info("said", text=LEVELS)
 
 
-def test_a_record_that_has_sentences_only_keeps_them_as_they_stand():
-    old = RECORD.to_dict()
-    del old["findings"], old["sha256"]
-    back = parse_record({**old, "warnings": ["the clock stood still", LEVELS]}, "a")
-    assert back.warnings == ["the clock stood still", LEVELS]
-    assert [f.code for f in back.findings] == ["said", "said"]
-    assert parse_record(back.to_dict(), "a") == back
+def test_record_with_sentences_only_preserves_them():
+    record_keys = RECORD.to_dict()
+    del record_keys["findings"], record_keys["sha256"]
+    parsed = parse_record({**record_keys, "warnings": ["the clock stood still", LEVELS]}, "a")
+    assert parsed.warnings == ["the clock stood still", LEVELS]
+    assert [f.code for f in parsed.findings] == ["said", "said"]
+    assert parse_record(parsed.to_dict(), "a") == parsed
 
 
-def test_check_names_what_a_reader_would_ask():
+def test_check_names_missing_chain_and_future_date():
     assert check_record(RECORD) == ()
-    odd = make_record(
+    questionable = make_record(
         chain=None,
         created="2999-01-01T00:00:00+00:00",
-        findings=[warning("said", text="hand made"), MENDED],
+        findings=[warning("said", text="hand made"), LEVELS_INFO],
     )
-    assert [f.code for f in check_record(odd)] == ["said", "record.future", "record.no_chain"]
-    assert (
-        check_record(make_record(findings=[MENDED])) == ()
-    )  # a info: mended in full, nothing to decide
+    assert [f.code for f in check_record(questionable)] == [
+        "said",
+        "record.future",
+        "record.no_chain",
+    ]
+    # an info: corrected, nothing to decide
+    assert check_record(make_record(findings=[LEVELS_INFO])) == ()
 
 
-def test_what_the_tests_of_a_line_say_is_found_in_a_record_of_version_0_1_too():
+def test_line_tests_are_reported_for_a_record_of_version_0_1():
     data = json.loads(Path(__file__).with_name("of_version_0_1.disk.json").read_text())
     data["static"]["c"]["quadratic_p"] = 1e-4
     (curved,) = (f for f in check_record(parse_record(data, "old")) if f.code.startswith("line."))
     assert (curved.code, curved.subject, curved.numbers) == ("line.curved", "c", {"p": 1e-4})
 
 
-def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
+def test_comparison_names_only_changed_rig_keys_and_ignores_columns():
     data = RECORD.to_dict()
     data["setup"]["columns"] = {"fast_a_degC": "TC1"}
     assert compare_records(RECORD, parse_record(data, "b")).notes == ()
@@ -304,24 +308,24 @@ def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
     assert info == "[disk] conductivity_W_mK was 41.0, is 43.0"
 
 
-def test_the_commands_show_compare_and_check(tmp_path):
+def test_record_commands_show_diff_and_check(tmp_path):
     runner = CliRunner()
-    one = write_record(RECORD, tmp_path / "a.json")
-    two = write_record(make_record(again(1, 0.5)), tmp_path / "b.json")
-    shown = runner.invoke(app, ["show", str(one)])
-    assert shown.exit_code == 0
-    assert "common" in shown.output
-    compared = runner.invoke(app, ["diff", str(one), str(two)])
-    assert compared.exit_code == 0
-    assert "drifted significantly" in compared.output
-    assert runner.invoke(app, ["diff", "--all", str(one), str(one)]).output.count("lag_s") >= 6
-    assert runner.invoke(app, ["check", str(one)]).exit_code == 0
+    first = write_record(RECORD, tmp_path / "a.json")
+    second = write_record(make_record(second_oven_frame(1, 0.5)), tmp_path / "b.json")
+    show_result = runner.invoke(app, ["show", str(first)])
+    assert show_result.exit_code == 0
+    assert "common" in show_result.output
+    diff_result = runner.invoke(app, ["diff", str(first), str(second)])
+    assert diff_result.exit_code == 0
+    assert "drifted significantly" in diff_result.output
+    assert runner.invoke(app, ["diff", "--all", str(first), str(first)]).output.count("lag_s") >= 6
+    assert runner.invoke(app, ["check", str(first)]).exit_code == 0
     write(tmp_path, "c.json", RECORD.to_json().replace('"disk": "fast"', '"disk": 7'))
-    refused = runner.invoke(app, ["check", str(tmp_path / "c.json")])
-    assert isinstance(refused.exception, InputError)
+    check_result = runner.invoke(app, ["check", str(tmp_path / "c.json")])
+    assert isinstance(check_result.exception, InputError)
 
 
-def test_lags_are_drawn_with_their_intervals_and_differences_with_theirs_about_the_common_lag():
+def test_lags_are_plotted_with_intervals_of_common_and_differential_lag():
     chain = make_chain()
     ax = draw_lags(chain, figure()[1][0])
     bars = [
@@ -329,16 +333,21 @@ def test_lags_are_drawn_with_their_intervals_and_differences_with_theirs_about_t
         for line in ax.lines
         if len(line.get_ydata()) == 2 and np.ptp(line.get_xdata()) == 0
     ]
-    for c, thin, thick in zip(sorted(chain.channels), bars[::2], bars[1::2], strict=True):
+    for c, lag_bar, differential_bar in zip(
+        sorted(chain.channels), bars[::2], bars[1::2], strict=True
+    ):
         lag = chain.channels[c].lag_s
-        apart = chain.differential_lag_s[c]
-        assert thin == pytest.approx([lag.low95, lag.high95])
-        assert thick == pytest.approx(
-            [chain.common_lag_s.value + end for end in (apart.low95, apart.high95)]
+        differential = chain.differential_lag_s[c]
+        assert lag_bar == pytest.approx([lag.low95, lag.high95])
+        assert differential_bar == pytest.approx(
+            [
+                chain.common_lag_s.value + limit
+                for limit in (differential.low95, differential.high95)
+            ]
         )
 
 
-def test_the_certificate_is_one_page_with_a_verdict_on_each_thermocouple(tmp_path):
+def test_certificate_is_one_page_with_a_result_for_each_thermocouple(tmp_path):
     oven = fit_static_lines(oven_frame())
     page = write_page(
         tmp_path / "fast.html",

@@ -1,4 +1,4 @@
-"""The rig file: what is printed can be read again, and says how columns and a single disk are written."""
+"""The rig file: the printed file reads back and explains how columns and single disks are written."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.rig.rigfile import load_rig, parse_rig, rig_toml
 
 
-def test_the_printed_file_reads_back_and_its_hints_are_valid(tmp_path: Path) -> None:
+def test_printed_rig_file_reads_back_and_its_hints_are_valid(tmp_path: Path) -> None:
     text = rig_toml(load_rig())
     path = tmp_path / "rig.toml"
     path.write_text(text)
@@ -24,10 +24,10 @@ def test_the_printed_file_reads_back_and_its_hints_are_valid(tmp_path: Path) -> 
     rig = load_rig(path)
     assert rig.common.columns == {"fast_a_degC": "TC1 fast"}
     assert (rig.fast.disk.conductivity_W_mK, rig.slow.disk.conductivity_W_mK) == (41.0, 43.0)
-    assert "# fast_a" not in rig_toml(rig)  # no example once there are columns
+    assert "# fast_a" not in rig_toml(rig)  # no example if there are columns
 
 
-def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
+def test_unknown_key_is_named(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("[disk]\nconductivity = 43\n")
     with pytest.raises(InputError, match=r"disk\.conductivity: there is no such key"):
@@ -38,7 +38,7 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (
             "[disk]\ncrown_radius_mm = 30",
@@ -80,12 +80,10 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
         ("[disk]\nwidth_mm = -1", r"disk\.width_mm: Input should be greater than 1 \(got -1\)"),
     ],
 )
-def test_what_the_analysis_would_refuse_is_refused_with_the_file(
-    tmp_path: Path, text: str, words: str
-) -> None:
+def test_invalid_rig_files_raise_when_read(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
-    with pytest.raises(InputError, match=words) as problem:
+    with pytest.raises(InputError, match=message) as problem:
         load_rig(path)
     assert "Value error" not in str(problem.value)
 
@@ -99,35 +97,43 @@ def test_columns_may_be_exchanged_or_shared_by_logs_of_different_disks(tmp_path:
     assert load_rig(path).columns("slow")["a_degC"] == "T1"
 
 
-def test_a_layout_has_a_name_and_an_angle_that_is_written_wins(tmp_path: Path) -> None:
-    """Design, section 12: table 6.2 has a, e, f against b, c, d; Clarke and Voller a, c, d against b, e, f."""
+def test_layout_is_chosen_by_name_and_an_explicit_angle_takes_precedence(tmp_path: Path) -> None:
+    """Design, section 12: table 6.2 has a, e, f opposite b, c, d; Clarke and Voller a, c, d
+    opposite b, e, f."""
 
-    def sides(text: str, disk: str = "fast") -> dict[bool, str]:
+    def junctions_by_side(text: str, disk: str = "fast") -> dict[bool, str]:
         path = tmp_path / "rig.toml"
         path.write_text(text)
         j = load_rig(path).disk_setup(disk).junctions
         near = {c: abs((j[c].angle_deg + 90) % 360 - 90) < 60 for c in j}
-        return {side: "".join(c for c in sorted(j) if near[c] == side) for side in (True, False)}
+        return {
+            is_near: "".join(c for c in sorted(j) if near[c] == is_near)
+            for is_near in (True, False)
+        }
 
-    assert sides("") == {True: "aef", False: "bcd"}
-    assert sides("[thermocouples]\nlayout = 'voller'") == {True: "acd", False: "bef"}
-    assert sides("[thermocouples]\nlayout = 'voller'\nd = { angle_deg = 165 }") == {
+    assert junctions_by_side("") == {True: "aef", False: "bcd"}
+    assert junctions_by_side("[thermocouples]\nlayout = 'voller'") == {True: "acd", False: "bef"}
+    assert junctions_by_side("[thermocouples]\nlayout = 'voller'\nd = { angle_deg = 165 }") == {
         True: "ac",
         False: "bdef",
     }
-    assert sides("[slow.thermocouples]\nlayout = 'clarke'") == {True: "aef", False: "bcd"}
-    assert sides("[slow.thermocouples]\nlayout = 'clarke'", "slow") == {True: "acd", False: "bef"}
+    assert junctions_by_side("[slow.thermocouples]\nlayout = 'clarke'") == {
+        True: "aef",
+        False: "bcd",
+    }
+    assert junctions_by_side("[slow.thermocouples]\nlayout = 'clarke'", "slow") == {
+        True: "acd",
+        False: "bef",
+    }
     e = load_rig(tmp_path / "rig.toml").disk_setup("slow").junctions["e"]
-    assert (e.depth_m, e.z_m) == pytest.approx(
-        (3.0e-3, 7.53e-3)
-    )  # Clarke's e is not under the track
-    assert "layout" not in rig_toml(
-        load_rig(tmp_path / "rig.toml")
-    )  # every angle is printed instead
+    # junction e of Clarke is not under the track
+    assert (e.depth_m, e.z_m) == pytest.approx((3.0e-3, 7.53e-3))
+    # every angle is printed instead
+    assert "layout" not in rig_toml(load_rig(tmp_path / "rig.toml"))
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "message"),
     [
         (
             {"contact": {"flux_table_mm": [-1.0, 1.0], "flux_table_weight": [1.0, 1.0]}},
@@ -136,8 +142,8 @@ def test_a_layout_has_a_name_and_an_angle_that_is_written_wins(tmp_path: Path) -
         ({"fast": {"surface": {"air_degC": 40.0}}}, "heat_transfer_W_m2K"),
     ],
 )
-def test_what_is_stated_without_that_it_hangs_on_is_refused(
-    tables: dict[str, Any], words: str
+def test_dependent_value_without_its_prerequisite_raises(
+    tables: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         parse_rig(tables, "rig.toml")

@@ -1,4 +1,4 @@
-"""Thermocouples on ITS-90, both ways; logs in millivolts of type J."""
+"""Thermocouples on ITS-90 in both directions; logs in millivolts of type J."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from tests.rig.log_cases import ehl_frame, immersion_frame, oven_frame
 
 def test_emf_agrees_with_the_published_table():
     table = {25: 1.27729, 50: 2.58532, 85: 4.45619, 100: 5.26892, 200: 10.77875, 760: 42.91864}
-    own = emf_mV(np.array(list(table), dtype=float))
-    assert own == pytest.approx(list(table.values()), abs=5e-6)  # the table's last digit
+    emf = emf_mV(np.array(list(table), dtype=float))
+    assert emf == pytest.approx(list(table.values()), abs=5e-6)  # last digit of the table
     assert emf_mV([-210.0, 1200.0]) == pytest.approx([-8.095, 69.553], abs=5e-4)
 
 
@@ -42,43 +42,46 @@ TABLES = {
 }
 
 
-@pytest.mark.parametrize("couple", TABLES)
-def test_every_type_agrees_with_its_published_table_and_both_ways_agree(couple):
-    table = TABLES[couple]
-    assert emf_mV(np.array(list(table), dtype=float), couple) == pytest.approx(
+@pytest.mark.parametrize("thermocouple", TABLES)
+def test_every_type_agrees_with_its_table_and_the_inverse_recovers_the_temperature(thermocouple):
+    table = TABLES[thermocouple]
+    assert emf_mV(np.array(list(table), dtype=float), thermocouple) == pytest.approx(
         list(table.values()), abs=5.1e-4
     )
     t = np.linspace(min(table), max(table), 5000)
-    assert temperature_degC(emf_mV(t, couple), thermocouple_type=couple) == pytest.approx(
-        t, abs=1e-8
-    )  # Newton's last step
-    assert np.all(np.diff(emf_mV(t, couple)) > 0)
-    below, at = emf_mV(-1e-9, couple), emf_mV(1e-9, couple)  # the two ranges join
-    assert float(at - below) == pytest.approx(0.0, abs=1e-6)
+    # tolerance: last step of Newton's method
+    recovered = temperature_degC(emf_mV(t, thermocouple), thermocouple_type=thermocouple)
+    assert recovered == pytest.approx(t, abs=1e-8)
+    assert np.all(np.diff(emf_mV(t, thermocouple)) > 0)
+    # the two ranges join at 0 degC
+    below = emf_mV(-1e-9, thermocouple)
+    above = emf_mV(1e-9, thermocouple)
+    assert float(above - below) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_type_that_there_is_not_is_refused():
+def test_unknown_type_raises():
     with pytest.raises(InputError, match="E or J or K or N or T"):
         emf_mV(20.0, "X")
 
 
 @given(st.floats(-210, 1200))
-def test_both_ways_agree(t):
-    assert float(temperature_degC(emf_mV(t))) == pytest.approx(t, abs=1e-9)  # Newton's last step
+def test_inverse_function_recovers_the_temperature(t):
+    assert float(temperature_degC(emf_mV(t))) == pytest.approx(
+        t, abs=1e-9
+    )  # last step of Newton's method
 
 
 @given(st.floats(-20, 60), st.floats(-100, 700))
-def test_the_cold_junction_adds_its_own_emf(cold, hot):
+def test_cold_junction_adds_its_own_emf(cold, hot):
     assert float(temperature_degC(emf_mV(hot) - emf_mV(cold), cold)) == pytest.approx(hot, abs=1e-8)
 
 
-def test_the_two_ranges_join_at_760_degC():
-    assert float(emf_mV(760.0 + 1e-9) - emf_mV(760.0)) == pytest.approx(
-        0.0, abs=1e-6
-    )  # table's resolution is 1 uV
+def test_two_ranges_join_at_760_degc():
+    # the resolution of the table is 1 uV
+    assert float(emf_mV(760.0 + 1e-9) - emf_mV(760.0)) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_values_outside_are_refused_or_made_infinite_and_nan_stays():
+def test_values_outside_the_range_raise_or_become_infinite_and_nan_remains():
     with pytest.raises(InputError, match="5000 degC at index 1"):
         emf_mV([20.0, 5000.0])
     with pytest.raises(InputError, match="mV"):
@@ -88,34 +91,35 @@ def test_values_outside_are_refused_or_made_infinite_and_nan_stays():
     )
 
 
-def test_any_shape_and_a_trace_at_a_time():
+def test_arrays_of_any_shape_are_converted():
     t = np.random.default_rng(0).uniform(0, 200, (75, 12))
     assert temperature_degC(emf_mV(t)) == pytest.approx(t, abs=1e-9)
 
 
 def millivolts(frame, cold_degC):
-    couples = {n: emf_mV(frame[n]) - emf_mV(cold_degC) for n in frame if is_junction_column(n)}
-    return frame.assign(**couples)
+    """The frame with junction columns in millivolts."""
+    emfs = {n: emf_mV(frame[n]) - emf_mV(cold_degC) for n in frame if is_junction_column(n)}
+    return frame.assign(**emfs)
 
 
 @pytest.mark.parametrize("kind", ["ehl", "immersion", "oven"])
-def test_a_log_in_millivolts_is_read_as_the_log_in_degrees(tmp_path, kind):
+def test_log_in_millivolts_is_read_like_the_log_in_degrees(tmp_path, kind):
     frame = {"ehl": ehl_frame, "immersion": immersion_frame, "oven": oven_frame}[kind]()
     rig = parse_rig({"logger": {"millivolts": True, "cold_junction_degC": 24.0}}, "rig.toml")
-    plain = read_log(write_log(frame, tmp_path / "C.csv"), kind)
-    found = read_log(write_log(millivolts(frame, 24.0), tmp_path / "mV.csv"), kind, rig)
-    assert found.frame.to_numpy() == pytest.approx(plain.frame.to_numpy(), abs=1e-8)
-    assert found.warnings == ()
+    in_degrees = read_log(write_log(frame, tmp_path / "C.csv"), kind)
+    in_millivolts = read_log(write_log(millivolts(frame, 24.0), tmp_path / "mV.csv"), kind, rig)
+    assert in_millivolts.frame.to_numpy() == pytest.approx(in_degrees.frame.to_numpy(), abs=1e-8)
+    assert in_millivolts.warnings == ()
 
 
-def test_a_spike_beyond_type_j_is_taken_as_missing_and_degrees_for_millivolts_are_refused(tmp_path):
+def test_impossible_millivolts_become_missing_and_degrees_instead_of_millivolts_raise(tmp_path):
     rig = parse_rig(
         tomllib.loads(rig_toml(parse_rig({"logger": {"millivolts": True}}, "rig.toml"))), "rig.toml"
     )
     frame = millivolts(ehl_frame(), 0.0)
     frame.loc[1000, "fast_e_degC"] = 500.0
-    found = read_log(write_log(frame, tmp_path / "spike.csv"), "ehl", rig)
-    assert [f.code for f in found.findings] == ["values.impossible"]
-    assert found.frame["fast_e_degC"].isna().sum() == 1
+    log = read_log(write_log(frame, tmp_path / "spike.csv"), "ehl", rig)
+    assert [f.code for f in log.findings] == ["values.impossible"]
+    assert log.frame["fast_e_degC"].isna().sum() == 1
     with pytest.raises(InputError, match="no junction has"):
         read_log(write_log(ehl_frame(), tmp_path / "C.csv"), "ehl", rig)
