@@ -394,7 +394,7 @@ def common_and_differential_u_s(covariance: Array) -> tuple[float, float]:
     u_common^2 = 1'C1 / n^2, the mean of all elements of C, for n channels. u_differential^2 is the
     mean of the diagonal of :func:`differential_covariance`. ``tcdyn.smoothing.traces.DiskTraces``
     computes the same mean for its ``common_lag_u_s``; keep both equal.
-    ``test_the_covariance_is_mostly_common`` in ``tests/immersion/test_plunge_fit.py`` compares that
+    ``test_lag_covariance_is_mostly_common`` in ``tests/immersion/test_plunge_fit.py`` compares that
     mean with the posterior; ``tests/immersion/test_design_predictions.py`` compares plans.
     """
     common_variance = covariance.mean()

@@ -1,8 +1,8 @@
-"""Does ``design`` foresee what ``calibrate`` gets? Simulated calibrations against its 10 to 90 % band.
+"""Uncertainties predicted by ``design``, with their 10 to 90 % band, against those of ``calibrate`` on simulations.
 
-``python tests/immersion/foreseen_study.py N SEED``: N disks plunged in hot oil
-at 110 and 138 degC, h(T) of five published
-forms, lags of 0.65 s within 20 %; each is fitted, other chain structures tried, and its u set against the band.
+``python tests/immersion/foreseen_study.py N SEED``: N disks plunged in hot oil at 110 and 138 degC, h(T) of five
+published forms, lags of 0.65 s within 20 %. Each is fitted, with the comparison of chain structures, and its u is
+compared with the band.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from forms_study import BATHS, FORMS, plunged
+from forms_study import BATHS, FORMS, simulated_plunges
 
 from immersion.plunge_fit import identify_plunges, with_structure_uncertainty
 from tcdyn.design.plans import PlungePlan, predict_plunges
@@ -21,32 +21,32 @@ EXPECTED_S = 0.65
 
 
 def main(disks: int, seed: int) -> None:
-    """A line a disk, then the band and how many lie within, above and below."""
+    """One line for each disk, then the band and the shares within, above and below."""
     setup = load_rig().disk_setup("fast")
     baths = BATHS[CASE][3]
-    told = predict_plunges(
+    predicted = predict_plunges(
         [PlungePlan(bath_degC=b, initial_degC=26.0) for b in baths], setup, lag_s=EXPECTED_S
     )
-    _, chosen, runs = plunged(CASE, disks, seed, lag_s=EXPECTED_S)
-    found = []
+    _, chosen, runs = simulated_plunges(CASE, disks, seed, lag_s=EXPECTED_S)
+    uncertainties = []
     for k, form in enumerate(chosen):
         fit = with_structure_uncertainty(identify_plunges(runs[2 * k : 2 * k + 2], setup))
-        apart = np.sqrt(np.mean([e.u**2 for e in fit.differential_lag_s.values()]))
-        found.append((fit.common_lag_s.u, apart))
+        differential = np.sqrt(np.mean([e.u**2 for e in fit.differential_lag_s.values()]))
+        uncertainties.append((fit.common_lag_s.u, differential))
         print(
-            f"{FORMS[form].__name__:10} lag {fit.common_lag_s}, differences u {apart:.4f}",
+            f"{FORMS[form].__name__:10} lag {fit.common_lag_s}, differences u {differential:.4f}",
             flush=True,
         )
-    common, apart = np.array(found).T
-    low = told.low_s
-    high = told.high_s
+    common, differential = np.array(uncertainties).T
+    low = predicted.low_s
+    high = predicted.high_s
     print(
-        f"{disks} disks: u of the common lag foreseen {told.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; found "
-        f"{np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "
+        f"{disks} disks: u of the common lag predicted {predicted.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; "
+        f"fitted {np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "
         f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, "
         f"below {100 * np.mean(common < low):.0f} %, "
-        f"above {100 * np.mean(common > high):.0f} %; differences foreseen {told.u_differential_s:.4f}, found "
-        f"{np.sqrt(np.mean(apart**2)):.4f} rms"
+        f"above {100 * np.mean(common > high):.0f} %; differences predicted {predicted.u_differential_s:.4f}, fitted "
+        f"{np.sqrt(np.mean(differential**2)):.4f} rms"
     )
 
 

@@ -1,9 +1,8 @@
-"""Disks plunged in oil and water, heated and cooled, with h(T) of other published forms than the fit's: do lags hold?
+"""Coverage for disks plunged in oil and water, heated and cooled, with other published forms of h(T) than the fit uses.
 
-The simulator shares nothing with the fit: finite volumes (``plunge_simulator``), and here its own properties of oil and
-water and five forms. ``python tests/immersion/forms_study.py N SEED`` prints coverage
-and findings of N disks, two plunges
-each.
+The simulator is independent of the fit: finite volumes (``plunge_simulator``), its own properties of oil and water,
+and five forms of h(T). ``python tests/immersion/forms_study.py N SEED`` prints coverage and findings of N disks with
+two plunges each.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ def water(T: np.ndarray) -> tuple[np.ndarray, ...]:
 def rayleigh(
     p: tuple[np.ndarray, ...], wall: np.ndarray, bulk: np.ndarray, length: float
 ) -> np.ndarray:
-    """Ra of a length, by properties ``p``."""
+    """Rayleigh number of a length, with properties ``p``."""
     return GRAVITY * p[3] * np.abs(bulk - wall) * length**3 / (p[1] * p[2])
 
 
@@ -106,12 +105,12 @@ BATHS = {  # fluid, temperatures of the disk and of the two baths [degC], second
 }
 
 
-def plunged(
+def simulated_plunges(
     case: str, disks: int, seed: int, lag_s: float | None = None
 ) -> tuple[Draws, list[int], list[Any]]:
-    """Truth, form of each disk, and runs of ``disks`` in one bath; forms follow one another.
+    """True values, form of each disk, and runs of ``disks`` disks in one bath; the forms alternate.
 
-    ``lag_s``: the disks' lags are this within 20 %, not drawn from 0.3 to 1 s.
+    With ``lag_s`` the lags of the disks are this within 20 %, instead of sampled from 0.3 to 1 s.
     """
     rng = np.random.default_rng([seed, list(BATHS).index(case)])
     fluid, name, start, baths, after_s = BATHS[case]
@@ -120,7 +119,8 @@ def plunged(
     if lag_s is not None:
         mean = (d.tau1 + d.tau2).mean(axis=1)
         scale = (lag_s * np.exp(np.repeat(0.2 * rng.standard_normal(disks), 2)) / mean)[:, None]
-        d.tau1, d.tau2 = scale * d.tau1, scale * d.tau2
+        d.tau1 = scale * d.tau1
+        d.tau2 = scale * d.tau2
     chosen = np.repeat(np.arange(disks) % len(FORMS), 2)
 
     def h_of(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
@@ -131,28 +131,29 @@ def plunged(
 
 
 def study(
-    case: str, disks: int, seed: int, structures: bool = False, **how: Any
+    case: str, disks: int, seed: int, structures: bool = False, **options: Any
 ) -> list[dict[str, Any]]:
-    """A row a disk: form, error and u of the common lag and of the differences (6,), codes and kinds of findings."""
-    d, chosen, runs = plunged(case, disks, seed)
+    """One row for each disk: form, errors and u of common lag and differences (6,), codes and kinds of findings."""
+    d, chosen, runs = simulated_plunges(case, disks, seed)
     setup = load_rig().disk_setup("fast")
     rows = []
     for k, form in enumerate(chosen):
-        fit = identify_plunges(runs[2 * k : 2 * k + 2], setup, **how)
+        fit = identify_plunges(runs[2 * k : 2 * k + 2], setup, **options)
         fit = with_structure_uncertainty(fit) if structures else fit
-        true = d.tau1[2 * k] + d.tau2[2 * k] + OWN_LAG_S
-        apart = fit.differential_lag_s
+        true_lags = d.tau1[2 * k] + d.tau2[2 * k] + OWN_LAG_S
+        differential = fit.differential_lag_s
         common = fit.common_lag_s
         rows.append(
             {
                 "case": case,
                 "form": FORMS[form].__name__,
-                "common": common.value - true.mean(),
+                "common": common.value - true_lags.mean(),
                 "u_common": common.u,
-                "common_held": common.contains(true.mean()),
-                "apart": np.array([apart[c].value for c in CHANNELS]) - (true - true.mean()),
-                "u_apart": np.array([apart[c].u for c in CHANNELS]),
-                "said": [
+                "common_covered": common.contains(true_lags.mean()),
+                "differential": np.array([differential[c].value for c in CHANNELS])
+                - (true_lags - true_lags.mean()),
+                "u_differential": np.array([differential[c].u for c in CHANNELS]),
+                "warnings": [
                     (f.code, f.numbers.get("kind", ""))
                     for f in fit.findings
                     if f.severity == "warning"
@@ -162,22 +163,23 @@ def study(
     return rows
 
 
-def described(rows: list[dict[str, Any]]) -> str:
+def summary_line(rows: list[dict[str, Any]]) -> str:
     """Coverage in percent, errors, u and findings, in one line."""
-    z = np.array([r["apart"] / r["u_apart"] for r in rows])
+    z = np.array([r["differential"] / r["u_differential"] for r in rows])
     common = np.array([r["common"] for r in rows])
-    doubts = [{s for s in r["said"] if s[0] in ("plunge.pull", "plunge.fluid")} for r in rows]
-    told = dict(Counter(kind or code for said in doubts for code, kind in said))
-    mean = " ".join(f"{m:+.0f}" for m in 1e3 * np.mean([r["apart"] for r in rows], axis=0))
-    u_apart, u_common = (
-        np.sqrt(np.mean([r[k] ** 2 for r in rows])) for k in ("u_apart", "u_common")
+    plunge_codes = ("plunge.pull", "plunge.fluid")
+    warnings = [{w for w in r["warnings"] if w[0] in plunge_codes} for r in rows]
+    counts = dict(Counter(kind or code for found in warnings for code, kind in found))
+    mean = " ".join(f"{m:+.0f}" for m in 1e3 * np.mean([r["differential"] for r in rows], axis=0))
+    u_differential, u_common = (
+        np.sqrt(np.mean([r[k] ** 2 for r in rows])) for k in ("u_differential", "u_common")
     )
-    held = [r["common_held"] for r in rows]
+    covered = [r["common_covered"] for r in rows]
     return (
-        f"{len(rows):4d} disks: differences held {100 * np.mean(np.abs(z) < 1.96):.0f} %, rms z "
-        f"{np.sqrt(np.mean(z**2)):.2f}, rms u {1e3 * u_apart:.1f} ms, mean error a .. f [ms] {mean}; common held "
-        f"{100 * np.mean(held):.0f} %, error {np.mean(common):+.3f} +- {np.std(common):.3f} s, u {u_common:.3f}; "
-        f"prior sds cried on {100 * np.mean([bool(said) for said in doubts]):.0f} % {told or ''}"
+        f"{len(rows):4d} disks: differences covered {100 * np.mean(np.abs(z) < 1.96):.0f} %, rms z "
+        f"{np.sqrt(np.mean(z**2)):.2f}, rms u {1e3 * u_differential:.1f} ms, mean error a .. f [ms] {mean}; "
+        f"common covered {100 * np.mean(covered):.0f} %, error {np.mean(common):+.3f} +- {np.std(common):.3f} s, u {u_common:.3f}; "
+        f"warnings of deviating priors on {100 * np.mean([bool(found) for found in warnings]):.0f} % {counts or ''}"
     )
 
 
@@ -185,12 +187,12 @@ def main(disks: int, seed: int, structures: bool = False) -> None:
     """A line for each bath and each form, and one for all."""
     rows: list[dict[str, Any]] = []
     for case in BATHS:
-        own = study(case, disks // len(BATHS), seed, structures)
-        print(f"{case:14}", described(own), flush=True)
-        rows += own
+        case_rows = study(case, disks // len(BATHS), seed, structures)
+        print(f"{case:14}", summary_line(case_rows), flush=True)
+        rows += case_rows
     for form in sorted({r["form"] for r in rows}):
-        print(f"{form:14}", described([r for r in rows if r["form"] == form]))
-    print(f"{'all':14}", described(rows))
+        print(f"{form:14}", summary_line([r for r in rows if r["form"] == form]))
+    print(f"{'all':14}", summary_line(rows))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Closed forms at constant h that ``radial`` is held against: eigenfunction series, one exponential at small Biot."""
+"""Closed forms at constant h, the references of ``radial``: eigenfunction series, and one
+exponential at small Biot number."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ def series_plunge(
     ro = cylinder.outer_radius_m
     k = cylinder.conductivity_W_mK
 
-    def parts(x: float, r: Array | float) -> tuple[Array, Array]:
+    def value_and_slope(x: float, r: Array | float) -> tuple[Array, Array]:
         a = y1(x * ri)
         b = j1(x * ri)
         return np.asarray(j0(x * r) * a - y0(x * r) * b), np.asarray(
@@ -40,7 +41,7 @@ def series_plunge(
         )
 
     def condition(x: float) -> float:
-        value, slope = parts(x, ro)
+        value, slope = value_and_slope(x, ro)
         return float(k * slope + h_W_m2K * value)
 
     step = np.pi / (ro - ri) / 12
@@ -54,12 +55,12 @@ def series_plunge(
     t = np.asarray(time_s, dtype=float)
     theta = np.zeros((len(t), len(r)))
     for lam in roots:
-        edge, slope = parts(lam, ro)
-        inner, _ = parts(lam, ri)
+        edge, slope = value_and_slope(lam, ro)
+        inner, _ = value_and_slope(lam, ri)
         norm = (ro**2 * (edge**2 + (slope / lam) ** 2) - ri**2 * inner**2) / 2
         mean = -ro * slope / lam**2  # integral of R r dr
         rate = cylinder.diffusivity_m2_s * lam**2 + cylinder.leak_1_s
-        theta += float(mean / norm) * parts(lam, r)[0] * np.exp(-rate * t)[:, None]
+        theta += float(mean / norm) * value_and_slope(lam, r)[0] * np.exp(-rate * t)[:, None]
     return np.asarray(fluid_degC + (initial_degC - fluid_degC) * theta)
 
 

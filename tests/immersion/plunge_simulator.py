@@ -1,6 +1,6 @@
-"""An independent simulation of many plunges at once: explicit finite volumes, own fluid and own correlation.
+"""An independent simulation of many plunges at once: explicit finite volumes, with its own fluid and correlation.
 
-Shares no line with the fit: Heun steps in time, 45 cells from bore to surface, the chain stepped sample by sample.
+Independent of the code of the fit: Heun steps in time, 45 cells from bore to surface, the chain step by step.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ K_STEEL = 41.0
 
 def oil_h(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     """Churchill and Chu (5.4) in Mobil Jet Oil II; Walther's constants as printed in ANCHORS.md."""
-    film = (wall + bulk) / 2
-    nu = (10**10 ** (9.31259 - 3.66650 * np.log10(film + 273.15)) - 0.7) * 1e-6
-    rho = 1003.5 - 0.7 * (film - 15)
-    k = 0.14868 - 2.2275e-4 * (film + 273.15 - 366.67)
+    film_degC = (wall + bulk) / 2
+    nu = (10**10 ** (9.31259 - 3.66650 * np.log10(film_degC + 273.15)) - 0.7) * 1e-6
+    rho = 1003.5 - 0.7 * (film_degC - 15)
+    k = 0.14868 - 2.2275e-4 * (film_degC + 273.15 - 366.67)
     diffusivity = k / (rho * 2000.0)
     ra = 9.80665 * (0.7 / rho) * np.abs(bulk - wall) * WIDTH**3 / (nu * diffusivity)
     return (
@@ -38,7 +38,7 @@ def oil_h(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Draws:
-    """Truth of M plunges; arrays (M,) or, per channel, (M, 6)."""
+    """True values of M plunges; arrays (M,) or, per channel, (M, 6)."""
 
     bath: np.ndarray
     initial: np.ndarray
@@ -59,15 +59,16 @@ class Draws:
 def draw_pairs(
     rng: np.random.Generator, pairs: int, baths: tuple[float, float] = (110.0, 138.0)
 ) -> Draws:
-    """Pairs of plunges of one disk each, from the priors that ``PlungePriors()`` states; lags 0.3 to 1 s."""
+    """Pairs of plunges of one disk each, sampled from the priors of ``PlungePriors()``; lags of
+    0.3 to 1 s."""
     m = 2 * pairs
 
-    def shared(values: np.ndarray) -> np.ndarray:
+    def per_disk(values: np.ndarray) -> np.ndarray:
         return np.repeat(values, 2, axis=0)
 
-    lag = shared(rng.uniform(0.3, 1.0, pairs)[:, None] + 0.04 * rng.standard_normal((pairs, 6)))
+    lag = per_disk(rng.uniform(0.3, 1.0, pairs)[:, None] + 0.04 * rng.standard_normal((pairs, 6)))
     logit = 1.5 * rng.standard_normal((pairs, 1)) + 0.7 * rng.standard_normal((pairs, 6))
-    root = np.sqrt(1 - 1 / (1 + np.exp(-shared(logit))))
+    root = np.sqrt(1 - 1 / (1 + np.exp(-per_disk(logit))))
     return Draws(
         bath=np.tile(baths, pairs).astype(float),
         initial=26 + rng.standard_normal(m),
@@ -76,42 +77,42 @@ def draw_pairs(
         burst=1.5 * np.exp(0.7 * rng.standard_normal(m)),
         burst_time=1.2 * np.exp(0.5 * rng.standard_normal(m)),
         burst_shape=np.exp(0.3 * rng.standard_normal(m)),
-        conductivity=shared(K_STEEL * np.exp(0.03 * rng.standard_normal(pairs))),
-        depth=shared(DEPTHS_m + 1e-4 * rng.standard_normal((pairs, 6))),
+        conductivity=per_disk(K_STEEL * np.exp(0.03 * rng.standard_normal(pairs))),
+        depth=per_disk(DEPTHS_m + 1e-4 * rng.standard_normal((pairs, 6))),
         tau1=lag * (1 + root) / 2,
         tau2=lag * (1 - root) / 2,
-        offset=shared(0.05 * rng.standard_normal((pairs, 6))),
-        gain=shared(1 + 5e-4 * rng.standard_normal((pairs, 6))),
+        offset=per_disk(0.05 * rng.standard_normal((pairs, 6))),
+        gain=per_disk(1 + 5e-4 * rng.standard_normal((pairs, 6))),
     )
 
 
 def same_pairs(pairs: int, lag: float = 0.65, baths: tuple[float, float] = (110.0, 138.0)) -> Draws:
-    """Pairs that are all alike, at the middle of the priors; only noise will tell them apart."""
+    """Identical pairs at the middle of the priors; they differ only by noise."""
     m = 2 * pairs
-    one = np.ones(m)
-    six = np.ones((m, 6))
+    ones = np.ones(m)
+    channel_ones = np.ones((m, 6))
     root = np.sqrt(0.5)
     return Draws(
         np.tile(baths, pairs).astype(float),
-        26 * one,
-        one,
-        0 * one,
-        1.5 * one,
-        1.2 * one,
-        one,
-        K_STEEL * one,
-        DEPTHS_m * six,
-        lag * (1 + root) / 2 * six,
-        lag * (1 - root) / 2 * six,
-        0 * six,
-        six,
+        26 * ones,
+        ones,
+        0 * ones,
+        1.5 * ones,
+        1.2 * ones,
+        ones,
+        K_STEEL * ones,
+        DEPTHS_m * channel_ones,
+        lag * (1 + root) / 2 * channel_ones,
+        lag * (1 - root) / 2 * channel_ones,
+        0 * channel_ones,
+        channel_ones,
     )
 
 
 def lag_update(
     state: np.ndarray, old: np.ndarray, new: np.ndarray, tau: np.ndarray, dt: float
 ) -> np.ndarray:
-    """One step of a first-order lag whose input is a straight line."""
+    """One step of a first-order lag whose input is linear."""
     e = np.exp(-dt / tau)
     slope = (new - old) / dt
     return new - slope * tau + (state - old + slope * tau) * e
@@ -126,7 +127,7 @@ def simulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,) after entry and readings (N, M, 6) of every plunge, noise added; entry at time 0.
 
-    ``h_of(wall, bulk)`` [degC] is the natural convection's h [W/m2K] of every plunge (M,).
+    ``h_of(wall, bulk)`` [degC] is h of natural convection [W/m2K] of every plunge (M,).
     """
     m = len(d.bath)
     dt = 1 / (RATE_Hz * STEPS_PER_SAMPLE)
@@ -156,7 +157,7 @@ def simulate(
 
     position = (R_OUT - d.depth - centres[0]) / dr
     index = np.clip(position.astype(int), 0, CELLS - 2)
-    share = position - index
+    weight = position - index
     rows = np.arange(m)[:, None]
     T = np.tile(d.initial, (CELLS, 1))
     x = np.repeat(d.initial[:, None], 6, axis=1)
@@ -175,7 +176,7 @@ def simulate(
         t = k * dt
         k1 = rate(T, t)
         T = T + dt / 2 * (k1 + rate(T + dt * k1, t + dt))
-        new = (1 - share) * T[index, rows] + share * T[index + 1, rows]
+        new = (1 - weight) * T[index, rows] + weight * T[index + 1, rows]
         old_a = a
         old_b = b
         old_c1 = c1

@@ -1,4 +1,5 @@
-"""Fits many simulated pairs and gathers errors against stated uncertainties: used by the study tests and by hand."""
+"""Fits of many simulated pairs, with errors against stated uncertainties; used by the study tests
+and by hand."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ def make_runs(
     entry_u_s: float = 0.05,
     fluid_name: str = "mobil-jet-ii",
 ) -> list[PlungeRun]:
-    """One PlungeRun per plunge: an entry event off by its own u, a bath thermometer off by 0.5 K (1 sigma)."""
+    """One PlungeRun per plunge; the entry event has an error of its own u, the bath thermometer of
+    0.5 K (1 sigma)."""
     runs = []
     substance = fluid(fluid_name)
     for k in range(len(d.bath)):
@@ -45,18 +47,18 @@ def study(
     rows: dict[str, list] = {"common": [], "u_common": [], "differential": [], "u_differential": []}
     for pair in range(len(d.bath) // 2):
         fit = identify_plunges(runs[2 * pair : 2 * pair + 2], setup, alternatives=alternatives)
-        true = d.tau1[2 * pair] + d.tau2[2 * pair] + OWN_LAG_S
-        rows["common"].append(fit.common_lag_s.value - true.mean())
+        true_lags = d.tau1[2 * pair] + d.tau2[2 * pair] + OWN_LAG_S
+        rows["common"].append(fit.common_lag_s.value - true_lags.mean())
         rows["u_common"].append(fit.common_lag_s.u)
         rows["differential"].append(
-            [fit.differential_lag_s[c].value for c in CHANNELS] - (true - true.mean())
+            [fit.differential_lag_s[c].value for c in CHANNELS] - (true_lags - true_lags.mean())
         )
         rows["u_differential"].append([fit.differential_lag_s[c].u for c in CHANNELS])
     return {k: np.array(v) for k, v in rows.items()}
 
 
 def describe(result: dict[str, np.ndarray]) -> str:
-    """The figures the issue asks for, in one line."""
+    """Summary in one line."""
     zc = result["common"] / result["u_common"]
     zd = result["differential"] / result["u_differential"]
     return (

@@ -1,4 +1,4 @@
-"""Correlations against published numbers, against ht, and against their own limits."""
+"""Correlations against published numbers, the package ht, and their own limits."""
 
 import ht
 import numpy as np
@@ -10,13 +10,14 @@ from tcdyn.core.errors import InputError
 
 
 def nusselt(name: str, ra: float, pr: float) -> float:
+    """Nusselt number of a correlation."""
     return float(CORRELATIONS[name].nusselt(ra, pr))
 
 
 OIL = Bath(fluid("mobil-jet-ii"), correlation("5.4"), 0.00953, 0.0762)
 
 
-def test_the_three_of_the_thesis_at_oil_conditions() -> None:
+def test_correlations_of_the_thesis_at_oil_conditions() -> None:
     # ANCHORS: Pr = 60, Ra = 1e6; two decimals are given
     assert nusselt("mcadams", 1e6, 60) == pytest.approx(18.66, abs=0.005)
     assert nusselt("similarity", 1e6, 60) == pytest.approx(21.34, abs=0.005)
@@ -25,7 +26,7 @@ def test_the_three_of_the_thesis_at_oil_conditions() -> None:
 
 @pytest.mark.parametrize("pr", [0.7, 6.0, 60.0, 300.0])
 @pytest.mark.parametrize("ra", [1e4, 1e6, 1e8])
-def test_forms_that_ht_has_agree_with_ht(ra: float, pr: float) -> None:
+def test_correlations_agree_with_the_package_ht(ra: float, pr: float) -> None:
     gr = ra / pr
     assert nusselt("churchill-chu", ra, pr) == pytest.approx(
         ht.Nu_vertical_plate_Churchill(Pr=pr, Gr=gr), rel=1e-9
@@ -38,15 +39,15 @@ def test_forms_that_ht_has_agree_with_ht(ra: float, pr: float) -> None:
     )
 
 
-def test_the_boundary_layer_solution_is_met_at_high_prandtl_number() -> None:
+def test_boundary_layer_solution_is_approached_at_high_prandtl_number() -> None:
     # exact similarity solution, Pr -> infinity: mean Nu = 0.670 Ra^0.25; the integral solution lies 1.1 % above it
     assert nusselt("similarity", 1e6, 1e9) / (0.670 * 1e6**0.25) == pytest.approx(1.0, abs=0.015)
-    assert nusselt("churchill-chu-laminar", 1e8, 1e9) / 100.0 == pytest.approx(
-        0.670, abs=0.007
-    )  # 0.68 left over
+    # the additive 0.68 remains
+    ratio = nusselt("churchill-chu-laminar", 1e8, 1e9) / 100.0
+    assert ratio == pytest.approx(0.670, abs=0.007)
 
 
-def test_h_vanishes_with_the_difference_and_grows_with_its_fourth_root() -> None:
+def test_h_vanishes_with_the_temperature_difference_and_grows_with_its_fourth_root() -> None:
     plain = Bath(fluid("water"), correlation("mcadams"), 0.01, 0.08)
     assert float(plain.h_W_m2K(50.0, 50.0)) == 0.0
     # same film temperature, sixteen times the difference: twice h
@@ -55,53 +56,58 @@ def test_h_vanishes_with_the_difference_and_grows_with_its_fourth_root() -> None
     )
 
 
-def test_property_uncertainty_reaches_h_by_the_quarter_power_law() -> None:
-    own = Bath(fluid("mobil-jet-ii"), correlation("mcadams"), 0.00953, 0.0762)
-    parts = own.property_u_rel(30.0, 110.0)
-    f = own.fluid
-    assert parts["nu"] == pytest.approx(f.u_nu / 4, rel=0.05)  # h ~ nu^-1/4; one-sided step of 5 %
-    assert parts["k"] == pytest.approx(0.75 * f.u_k, rel=0.05)
-    assert parts["beta"] == pytest.approx(f.u_beta / 4, rel=0.10)
+def test_property_uncertainties_propagate_to_h_by_the_quarter_power_law() -> None:
+    oil_bath = Bath(fluid("mobil-jet-ii"), correlation("mcadams"), 0.00953, 0.0762)
+    components = oil_bath.property_u_rel(30.0, 110.0)
+    f = oil_bath.fluid
+    assert components["nu"] == pytest.approx(
+        f.u_nu / 4, rel=0.05
+    )  # h ~ nu^-1/4; one-sided step of 5 %
+    assert components["k"] == pytest.approx(0.75 * f.u_k, rel=0.05)
+    assert components["beta"] == pytest.approx(f.u_beta / 4, rel=0.10)
     for name in ("rho", "c"):
-        assert parts[name] == pytest.approx(getattr(f, f"u_{name}") / 4, rel=0.05)
-    assert parts["total"] == pytest.approx(
-        np.sqrt(sum(v**2 for k, v in parts.items() if k != "total"))
+        assert components[name] == pytest.approx(getattr(f, f"u_{name}") / 4, rel=0.05)
+    assert components["total"] == pytest.approx(
+        np.sqrt(sum(v**2 for k, v in components.items() if k != "total"))
     )
 
 
-def test_ranges_are_checked_and_said() -> None:
-    fine = check_validity(OIL, np.linspace(26, 100, 30), 110.0)
-    assert {f.code for f in fine} <= {"correlation.no_plate"}
-    tiny = check_validity(
+def test_ranges_of_validity_are_checked_and_reported() -> None:
+    valid = check_validity(OIL, np.linspace(26, 100, 30), 110.0)
+    assert {f.code for f in valid} <= {"correlation.no_plate"}
+    small_plate = check_validity(
         Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762), 26.0, 110.0
     )
-    ran = next(f for f in tiny if f.code == "correlation.range")
-    assert ran.numbers["ran"][0] < ran.numbers["holds"][0] == 1e4
+    range_finding = next(f for f in small_plate if f.code == "correlation.range")
+    assert range_finding.numbers["ran"][0] < range_finding.numbers["holds"][0] == 1e4
     slender = check_validity(Bath(fluid("water"), correlation("5.4"), 0.3, 0.005), 20.0, 80.0)
     (thin,) = [f for f in slender if f.code == "correlation.no_plate"]
     assert thin.numbers["ratio"] < thin.numbers["least"]
 
 
-def test_what_is_near_the_bath_is_not_asked_for_its_range() -> None:
-    """Below a tenth of the largest difference Gr falls to nothing; what counts lies between the ends that are told."""
+def test_surface_near_the_bath_temperature_is_not_checked_for_the_range() -> None:
+    """Below a tenth of the largest difference Gr vanishes; the range reported is that of the
+    larger differences."""
 
-    def ran(surface: np.ndarray) -> tuple[float, ...]:
+    def range_finding(surface: np.ndarray) -> tuple[float, ...]:
         thin = Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762)
-        (told,) = [f for f in check_validity(thin, surface, 110.0) if f.code == "correlation.range"]
-        return tuple(told.numbers["ran"])
+        (finding,) = [
+            f for f in check_validity(thin, surface, 110.0) if f.code == "correlation.range"
+        ]
+        return tuple(finding.numbers["ran"])
 
-    whole = ran(np.array([30.0, 101.9]))  # a difference of 80 K, and of 8.1
-    assert ran(np.array([30.0, 101.9, 102.1, 109.9])) == whole
-    assert set(ran(np.array([30.0]))) < set(whole)
-    assert whole[0] < whole[1]
+    full_range = range_finding(np.array([30.0, 101.9]))  # a difference of 80 K, and of 8.1
+    assert range_finding(np.array([30.0, 101.9, 102.1, 109.9])) == full_range
+    assert set(range_finding(np.array([30.0]))) < set(full_range)
+    assert full_range[0] < full_range[1]
 
 
-def test_the_disk_of_the_thesis_may_be_treated_as_a_plate() -> None:
+def test_disk_of_the_thesis_may_be_treated_as_a_plate() -> None:
     # "This condition is satisfied in the immersion tests experiments", section 5.7; oil at 110 degC, disk at 26 degC
     assert check_validity(OIL, 26.0, 110.0) == ()
 
 
-def test_names_and_equation_numbers_find_the_same_correlation() -> None:
+def test_names_and_equation_numbers_select_the_same_correlation() -> None:
     assert correlation("(5.3)") is CORRELATIONS["similarity"]
     with pytest.raises(InputError, match="unknown correlation"):
         correlation("5.9")

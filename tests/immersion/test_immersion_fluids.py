@@ -18,9 +18,8 @@ def test_jet_oil_passes_through_its_data_sheet() -> None:
 def test_jet_oil_viscosity_is_the_published_walther_line() -> None:
     T = np.array([25.0, 60.0, 85.0, 130.0])
     line = 10 ** (10 ** (9.31259 - 3.66650 * np.log10(T + 273.15))) - 0.7
-    np.testing.assert_allclose(
-        fluid("mobil-jet-ii").at(T).nu_m2_s * 1e6, line, rtol=2e-4
-    )  # constants printed to 6 digits: 1e-4 seen
+    # constants are printed to 6 digits: 1e-4 observed
+    np.testing.assert_allclose(fluid("mobil-jet-ii").at(T).nu_m2_s * 1e6, line, rtol=2e-4)
 
 
 @pytest.mark.parametrize(
@@ -36,18 +35,18 @@ def test_water_agrees_with_steam_tables(
     T: float, rho: float, c: float, k: float, mu: float, beta: float
 ) -> None:
     p = fluid("water").at(T)
-    assert float(p.rho_kg_m3) == pytest.approx(rho, rel=2e-5)  # Kell's formula is good to 1e-5
+    assert float(p.rho_kg_m3) == pytest.approx(rho, rel=2e-5)  # accuracy of Kell's formula: 1e-5
     assert float(p.c_J_kgK) == pytest.approx(c, rel=5e-4)
     assert float(p.k_W_mK) == pytest.approx(k, rel=2e-3)  # stated uncertainty of conductivity 0.7 %
     assert float(p.nu_m2_s * p.rho_kg_m3) == pytest.approx(mu, rel=2e-3)
     assert float(p.beta_1_K) == pytest.approx(beta, rel=5e-3)
 
 
-def test_a_table_written_from_a_fluid_gives_that_fluid_back(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_table_written_from_a_fluid_reads_back_as_this_fluid(tmp_path) -> None:  # type: ignore[no-untyped-def]
     oil = fluid("mobil-jet-ii")
     T = np.array([15.0, 40.0, 70.0, 100.0, 140.0, 200.0])
     p = oil.at(T)
-    path = tmp_path / "own.csv"
+    path = tmp_path / "oil.csv"
     pd.DataFrame(
         {
             "T_degC": T,
@@ -57,15 +56,15 @@ def test_a_table_written_from_a_fluid_gives_that_fluid_back(tmp_path) -> None:  
             "nu_m2_s": p.nu_m2_s,
         }
     ).to_csv(path, index=False)
-    own = read_fluid(path)
+    from_table = read_fluid(path)
     between = np.array([30.0, 85.0, 120.0])
-    np.testing.assert_allclose(own.at(between).nu_m2_s, oil.at(between).nu_m2_s, rtol=1e-6)
-    np.testing.assert_allclose(own.at(between).prandtl, oil.at(between).prandtl, rtol=1e-6)
-    np.testing.assert_allclose(own.at(between).beta_1_K, oil.at(between).beta_1_K, rtol=1e-6)
+    np.testing.assert_allclose(from_table.at(between).nu_m2_s, oil.at(between).nu_m2_s, rtol=1e-6)
+    np.testing.assert_allclose(from_table.at(between).prandtl, oil.at(between).prandtl, rtol=1e-6)
+    np.testing.assert_allclose(from_table.at(between).beta_1_K, oil.at(between).beta_1_K, rtol=1e-6)
 
 
-def test_a_table_in_mm2_is_refused_with_the_remedy() -> None:
-    bad = pd.DataFrame(
+def test_table_in_mm2_raises_with_the_remedy() -> None:
+    in_mm2 = pd.DataFrame(
         {
             "T_degC": [20, 80],
             "rho_kg_m3": [990, 950],
@@ -75,13 +74,13 @@ def test_a_table_in_mm2_is_refused_with_the_remedy() -> None:
         }
     )
     with pytest.raises(InputError, match="m2/s, not mm2/s"):
-        fluid_from_table(bad, "bad")
+        fluid_from_table(in_mm2, "bad")
 
 
-def test_temperatures_outside_a_fluids_range_are_said() -> None:
+def test_temperatures_outside_the_range_of_a_fluid_are_reported() -> None:
     assert fluid("water").check_range(20, 80) == ()
-    (found,) = fluid("water").check_range(20, 120)
-    assert (found.code, found.subject, found.numbers["known_degC"]) == (
+    (finding,) = fluid("water").check_range(20, 120)
+    assert (finding.code, finding.subject, finding.numbers["known_degC"]) == (
         "fluid.extrapolated",
         "water",
         (0, 100),

@@ -18,31 +18,34 @@ DEPTHS = np.array([1.25e-3, 3e-3, 6e-3])
 
 
 def constant(h):  # type: ignore[no-untyped-def]
+    """A constant heat transfer coefficient."""
     return lambda T, F, t: np.full_like(T, h)
 
 
 @pytest.mark.parametrize("h", [300.0, 2000.0])
 @pytest.mark.parametrize("face", [0.0, 20.0])
-def test_constant_h_is_the_exact_series(h: float, face: float) -> None:
+def test_constant_h_matches_the_exact_series(h: float, face: float) -> None:
     disk = Cylinder.from_setup(SETUP, face)
     out = simulate_plunge_model(disk, DEPTHS, constant(h), 26.0, 110.0, 200.0)
     t = np.array([0.2, 0.5, 1.0, 3.0, 10.0, 50.0, 190.0])
     exact = series_plunge(disk, disk.outer_radius_m - DEPTHS, t, h, 26.0, 110.0)
-    # straight lines between knots 1.2 s apart at 50 s: (dt/tau)^2/8 of 84 K with tau = 25 s is 0.02 K at h = 2000,
-    # and the Volterra solution itself is closer than that; 2e-3 seen
+    # linear between knots 1.2 s apart at 50 s: (dt/tau)^2/8 of 84 K with tau = 25 s is 0.02 K at h = 2000,
+    # and the Volterra solution itself is closer; 2e-3 observed
     np.testing.assert_allclose(out.at(t, 0.0), exact, atol=5e-3)
 
 
-def test_a_finer_grid_converges_at_second_order() -> None:
+def test_grid_refinement_converges_at_second_order() -> None:
     errors = []
     for n in (101, 201, 401):
-        grid = 20.0 * np.linspace(0, 1, n) ** 2  # squared: the square-root start is smooth on it
+        grid = 20.0 * np.linspace(0, 1, n) ** 2  # quadratic: the square-root start is smooth on it
         out = simulate_plunge_model(
             DISK, DEPTHS, constant(500.0), 26.0, 110.0, 20.0, grid_s=grid, modes=120
         )
-        late = [n // 2, 3 * n // 4, n - 1]
-        exact = series_plunge(DISK, DISK.outer_radius_m - DEPTHS, grid[late], 500.0, 26.0, 110.0)
-        errors.append(np.max(np.abs(out.junction_degC[late] - exact)))
+        late_rows = [n // 2, 3 * n // 4, n - 1]
+        exact = series_plunge(
+            DISK, DISK.outer_radius_m - DEPTHS, grid[late_rows], 500.0, 26.0, 110.0
+        )
+        errors.append(np.max(np.abs(out.junction_degC[late_rows] - exact)))
     order = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     assert np.all(order > 1.8)
 
@@ -58,21 +61,23 @@ def test_plunge_at_small_biot_number_is_a_single_exponential() -> None:
 def test_modes_add_up_to_the_static_profile() -> None:
     r = DISK.outer_radius_m - np.array([0.0, *DEPTHS])
     _, gains = DISK.modes(r, 600)
-    # the surface's modes fall as 1/k^2: the tail after 600 is 1/600 of the leading one
+    # the modes of the surface fall as 1/k^2: the tail after 600 is 1/600 of the leading one
     np.testing.assert_allclose(gains.sum(axis=1), DISK.static_profile(r), atol=2e-7)
 
 
-def test_a_solid_disk_is_the_limit_of_a_small_bore() -> None:
+def test_solid_disk_is_the_limit_of_a_small_bore() -> None:
     t = plunge_grid(60.0)
     solid = replace(DISK, inner_radius_m=0.0)
-    pin = replace(DISK, inner_radius_m=1e-4)
+    small_bore = replace(DISK, inner_radius_m=1e-4)
     r = DISK.outer_radius_m - DEPTHS
-    one = influence(solid, r, t)[0]
-    two = influence(pin, r, t)[0]
-    np.testing.assert_allclose(one, two, atol=2e-4 * np.max(one))
+    solid_response = influence(solid, r, t)[0]
+    small_bore_response = influence(small_bore, r, t)[0]
+    np.testing.assert_allclose(
+        solid_response, small_bore_response, atol=2e-4 * np.max(solid_response)
+    )
 
 
-def test_energy_taken_in_is_the_flux_let_in() -> None:
+def test_stored_energy_equals_the_integrated_flux() -> None:
     bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
     radii = np.linspace(DISK.inner_radius_m, DISK.outer_radius_m, 81)
     out = simulate_plunge_model(
@@ -81,11 +86,11 @@ def test_energy_taken_in_is_the_flux_let_in() -> None:
     end = out.junction_degC[-1] - 26.0
     stored = DISK.heat_capacity_J_m3K * np.trapezoid(end * radii, radii)
     entered = DISK.outer_radius_m * np.trapezoid(out.flux_W_m2, out.t_s)
-    assert stored == pytest.approx(entered, rel=2e-4)  # Simpson-free quadrature of 80 cells
+    assert stored == pytest.approx(entered, rel=2e-4)  # trapezoidal rule with 80 cells
 
 
-def test_bath_drift_is_followed() -> None:
-    # once the start is forgotten, a disk in a steadily warming bath lags it by rate times its time constant
+def test_disk_lags_a_drifting_bath_by_its_time_constant() -> None:
+    # after the initial transient a disk in a steadily warming bath lags it by rate times its time constant
     rate = 0.01
     out = simulate_plunge_model(
         DISK, DEPTHS, constant(2000.0), 50.0, lambda t: 50.0 + rate * t, 400.0

@@ -1,4 +1,5 @@
-"""Every picture of a plunge draws from a result and returns its axes; the design command writes what it says."""
+"""Figures of a plunge plot the result and return their axes; the design command writes table and
+page."""
 
 from __future__ import annotations
 
@@ -31,6 +32,7 @@ SETUP = load_rig().disk_setup("fast")
 
 @cache
 def fit() -> PlungeFit:
+    """The fit of one simulated plunge."""
     rng = np.random.default_rng(8)
     d = same_pairs(1)
     times, readings = simulate(d, 60.0, rng)
@@ -41,11 +43,12 @@ def fit() -> PlungeFit:
 
 @cache
 def planned() -> Design:
+    """The design of two plunges."""
     return compare_tests(SETUP, [PlungePlan(duration_s=40.0), PlungePlan(duration_s=80.0)], draws=4)
 
 
 @pytest.mark.study
-def test_pictures_of_a_fit_have_axes_with_units() -> None:
+def test_figures_of_a_fit_have_axes_with_units() -> None:
     run = fit().runs[0]
     models = {**published_degC(run, SETUP), "fitted": fit().junction_degC(0)}
     drawings = [
@@ -66,7 +69,7 @@ def test_pictures_of_a_fit_have_axes_with_units() -> None:
         assert ax.lines or ax.collections or ax.containers
 
 
-def test_a_planned_test_s_bar_ends_where_a_tenth_of_the_draws_lies_beyond() -> None:
+def test_bar_of_a_planned_test_ends_at_the_10_and_90_percent_quantiles() -> None:
     table = planned().table()
     marks, low, high = bars(pictures.draw_design(planned(), figure()[1][0]))
     assert marks[:, 0] == pytest.approx(table["u_common_s"])
@@ -75,10 +78,10 @@ def test_a_planned_test_s_bar_ends_where_a_tenth_of_the_draws_lies_beyond() -> N
     assert (high > low).any()
 
 
-def test_the_interval_of_the_common_lag_stands_over_its_posterior() -> None:
+def test_interval_of_the_common_lag_is_plotted_over_its_posterior() -> None:
     ax = pictures.draw_common_lag(fit(), figure()[1][0])
     lag = fit().common_lag_s
-    posterior, profile, *others = [np.transpose(line.get_data()) for line in ax.lines]
+    posterior, profile, *correlation_marks = [np.transpose(line.get_data()) for line in ax.lines]
     (band,) = ax.patches
     assert band.get_x() == pytest.approx(lag.low95)  # type: ignore[attr-defined]
     assert band.get_x() + band.get_width() == pytest.approx(lag.high95)  # type: ignore[attr-defined]
@@ -88,23 +91,23 @@ def test_the_interval_of_the_common_lag_stands_over_its_posterior() -> None:
     assert profile[:, 1].max() == pytest.approx(1.0)
     top = profile[np.argmax(profile[:, 1]), 0]
     assert abs(top - lag.value) < lag.u
-    assert [line[0, 0] for line in others] == pytest.approx(
+    assert [line[0, 0] for line in correlation_marks] == pytest.approx(
         list(fit().model_form.common_lag_s.values())
     )
 
 
-def test_differences_of_the_lags_have_bars_of_95_percent() -> None:
+def test_differential_lags_have_bars_of_95_percent() -> None:
     marks, low, high = bars(pictures.draw_differential_lags(fit(), figure()[1][0]))
-    found = [fit().differential_lag_s[c] for c in fit().channels]
-    assert marks[:, 1] == pytest.approx([e.value for e in found])
-    assert low == pytest.approx([e.low95 for e in found])
-    assert high == pytest.approx([e.high95 for e in found])
+    estimates = [fit().differential_lag_s[c] for c in fit().channels]
+    assert marks[:, 1] == pytest.approx([e.value for e in estimates])
+    assert low == pytest.approx([e.low95 for e in estimates])
+    assert high == pytest.approx([e.high95 for e in estimates])
 
 
-def test_a_record_is_drawn_from_its_entry_up_to_the_time_asked_for() -> None:
+def test_record_is_plotted_from_its_start_up_to_the_requested_time() -> None:
     run = fit().runs[0]
-    since = run.time_s - run.entry.time_s
-    for until_s, end in ((None, since[-1]), (20.0, 20.0)):
+    time_since_entry = run.time_s - run.entry.time_s
+    for until_s, end in ((None, time_since_entry[-1]), (20.0, 20.0)):
         *channels, bath, entry = pictures.draw_record(run, figure()[1][0], until_s).lines
         assert [line.get_label() for line in channels] == list(run.channels)
         assert (bath.get_label(), np.unique(entry.get_xdata())) == ("bath", 0.0)
@@ -112,90 +115,93 @@ def test_a_record_is_drawn_from_its_entry_up_to_the_time_asked_for() -> None:
             t, y = np.transpose(line.get_data()).T
             step = t[1] - t[0]
             assert 1500 <= len(t) <= 8000
-            assert t[0] == since[0]
+            assert t[0] == time_since_entry[0]
             assert end - step < t[-1] <= end
-            assert y == pytest.approx(np.interp(t, since, run.readings_degC[:, k]))
-        assert bath.get_ydata() == pytest.approx(np.interp(t, since, run.fluid_degC))
+            assert y == pytest.approx(np.interp(t, time_since_entry, run.readings_degC[:, k]))
+        assert bath.get_ydata() == pytest.approx(np.interp(t, time_since_entry, run.fluid_degC))
 
 
-def test_an_entry_is_drawn_with_both_witnesses_and_its_uncertainty() -> None:
+def test_entry_is_plotted_with_switch_probe_and_uncertainty() -> None:
     entry = fit().runs[0].entry
     entry = replace(entry, switch_s=entry.time_s + 0.1, probe_s=entry.time_s - 0.05)
     run = replace(fit().runs[0], entry=entry)
     ax = pictures.draw_entry(
         run, {"fitted": fit().junction_degC(0)}, figure()[1][0], channel="b", until_s=12.0
     )
-    measured, fitted, *witnesses = ax.lines
-    since = run.time_s - run.entry.time_s
-    near = (since > -3) & (since < 12)
-    assert measured.get_xdata() == pytest.approx(since[near])
-    assert measured.get_ydata() == pytest.approx(run.readings_degC[near, run.channels.index("b")])
+    measured, fitted, *event_marks = ax.lines
+    time_since_entry = run.time_s - run.entry.time_s
+    in_window = (time_since_entry > -3) & (time_since_entry < 12)
+    assert measured.get_xdata() == pytest.approx(time_since_entry[in_window])
+    assert measured.get_ydata() == pytest.approx(
+        run.readings_degC[in_window, run.channels.index("b")]
+    )
     assert 11.5 < np.max(fitted.get_xdata()) < 12.0  # its steps grow to 0.3 s
     (band,) = ax.patches
     assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx(
         [-run.entry.u_s, run.entry.u_s]
     )
-    assert {str(line.get_label()): np.mean(line.get_xdata()) for line in witnesses} == {
+    assert {str(line.get_label()): np.mean(line.get_xdata()) for line in event_marks} == {
         "switch": pytest.approx(0.1),
         "free probe": pytest.approx(-0.05),
     }
 
 
-def test_first_seconds_of_a_plunge_are_drawn_of_the_shallowest_and_the_deepest_junction() -> None:
+def test_first_seconds_of_a_plunge_are_plotted_for_the_shallowest_and_deepest_junction() -> None:
     blocks = fit().optimum.problem.models[0].blocks
-    foreseen = fit().optimum.predictions_degC[0]
+    predicted = fit().optimum.predictions_degC[0]
     ax = pictures.draw_plunge(fit(), 0, figure()[1][0], until_s=6.0)
-    near = (blocks.time_s > -2.0) & (blocks.time_s < 6.0)
+    in_window = (blocks.time_s > -2.0) & (blocks.time_s < 6.0)
     dots = ax.lines[:4:2]
     lines = ax.lines[1:4:2]
     depth_mm = {c: 1e3 * SETUP.junctions[c].depth_m for c in fit().channels}
-    ends = min(depth_mm, key=depth_mm.__getitem__), max(depth_mm, key=depth_mm.__getitem__)
-    for c, seen, model in zip(ends, dots, lines, strict=True):
+    end_channels = min(depth_mm, key=depth_mm.__getitem__), max(depth_mm, key=depth_mm.__getitem__)
+    for c, readings, model in zip(end_channels, dots, lines, strict=True):
         j = fit().channels.index(c)
-        assert np.array_equal(np.transpose(seen.get_data())[:, 0], blocks.time_s[near])
-        np.testing.assert_array_equal(seen.get_ydata(), blocks.readings_degC[near, j])
-        np.testing.assert_array_equal(model.get_ydata(), foreseen[near, j])
+        assert np.array_equal(np.transpose(readings.get_data())[:, 0], blocks.time_s[in_window])
+        np.testing.assert_array_equal(readings.get_ydata(), blocks.readings_degC[in_window, j])
+        np.testing.assert_array_equal(model.get_ydata(), predicted[in_window, j])
         assert model.get_label() == f"{c}, {depth_mm[c]:g} mm deep"
-    assert 0.5 < depth_mm[ends[0]] < depth_mm[ends[1]] < 10  # a disk of 20 mm
+    assert 0.5 < depth_mm[end_channels[0]] < depth_mm[end_channels[1]] < 10  # a disk of 20 mm
 
 
-def test_h_is_drawn_from_a_hundredth_of_a_second_on_and_lies_near_the_correlation() -> None:
+def test_h_is_plotted_from_a_hundredth_of_a_second_and_agrees_with_the_correlation() -> None:
     fitted, published = pictures.draw_heat_transfer(fit(), 0, figure()[1][0]).lines
     t, h = np.transpose(fitted.get_data()).T
     assert 0.01 < t[0] < 0.1
     assert t[-1] > 30
-    late = t > 20
-    ratio = h[late] / np.asarray(published.get_ydata())[late]
+    after_20_s = t > 20
+    ratio = h[after_20_s] / np.asarray(published.get_ydata())[after_20_s]
     assert ((ratio > 0.5) & (ratio < 2)).all()  # correlations disagree by half
 
 
-def test_holes_are_drawn_from_a_second_before_the_entry_and_nothing_near_is_cut_off() -> None:
+def test_holes_are_plotted_from_one_second_before_entry_with_all_readings_visible() -> None:
     result = compare_holes(simulate_hole(1)[0])
     ax = pictures.draw_holes(result, figure()[1][0])
     assert ax.get_xlim() == (-1.0, pytest.approx(min(10.0, result.block_time_s[-1])))
-    near = result.readings_degC[result.block_time_s <= 10.0]
-    assert ax.get_ylim() == pytest.approx((np.nanmin(near) - 1, np.nanmax(near) + 1))
+    in_window = result.readings_degC[result.block_time_s <= 10.0]
+    assert ax.get_ylim() == pytest.approx((np.nanmin(in_window) - 1, np.nanmax(in_window) + 1))
     tones = [line.get_color() for line in ax.lines[::2]]
-    assert (
-        len(set(tones)) == len(result.names) - sum(n.startswith("ideal") for n in result.names) + 1
-    )
+    n_ideal = sum(n.startswith("ideal") for n in result.names)
+    assert len(set(tones)) == len(result.names) - n_ideal + 1
 
 
-def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_them() -> None:
+def test_marks_of_a_planned_test_are_side_by_side_within_the_ticks() -> None:
     ax = pictures.draw_design(planned(), figure()[1][0])
     table = planned().table()
     marks, _, _ = bars(ax)
-    (rest,) = [line for line in ax.lines if line.get_label() == "differences between channels"]
-    rows = np.arange(len(table))[::-1]  # the first on top
+    (differential,) = [
+        line for line in ax.lines if line.get_label() == "differences between channels"
+    ]
+    rows = np.arange(len(table))[::-1]  # the first row is on top
     assert marks[:, 1] == pytest.approx(rows + 0.12)
-    assert np.transpose(rest.get_data()) == pytest.approx(
+    assert np.transpose(differential.get_data()) == pytest.approx(
         np.column_stack([table["u_differential_s"], rows - 0.12])
     )
     levels = {str(line.get_label()): np.unique(line.get_xdata()) for line in ax.lines}
-    limits = {words: at for words, at in levels.items() if "determined well" in words}
+    limits = {label: position for label, position in levels.items() if "determined well" in label}
     assert len(limits) == 2
-    for words, at in limits.items():
-        assert at == pytest.approx(float(words.split(" %")[0]) / 100 * planned().lag_s)
+    for label, position in limits.items():
+        assert position == pytest.approx(float(label.split(" %")[0]) / 100 * planned().lag_s)
     low = table["u_differential_s"].min()
     high = table["u_common_90_s"].max()
     ticks = ax.get_xticks()
@@ -204,60 +210,61 @@ def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_th
     assert [t.get_text() for t in ax.get_xticklabels()] == [f"{t:g}" for t in ticks]
 
 
-@pytest.mark.parametrize("many", [1, 2, 3])
-def test_plunges_are_drawn_two_in_a_row(many: int) -> None:
-    drawn: list[int] = []
+@pytest.mark.parametrize("n_plunges", [1, 2, 3])
+def test_plunges_are_plotted_two_in_a_row(n_plunges: int) -> None:
+    plotted_runs: list[int] = []
 
     def draw(_: PlungeFit, run: int, ax: Axes) -> Axes:
-        drawn.append(run)
+        plotted_runs.append(run)
         return ax
 
-    several = SimpleNamespace(runs=fit().runs * many)
-    picture = pictures._panels(several, draw, 3.0)  # type: ignore[arg-type]
-    assert drawn == list(range(many))
-    assert len(picture.axes) == many
-    assert picture.get_figheight() == 3.0 * (2 if many == 3 else 1)
-    assert len({round(ax.get_position().x0, 3) for ax in picture.axes}) == min(many, 2)
+    repeated_fit = SimpleNamespace(runs=fit().runs * n_plunges)
+    picture = pictures._panels(repeated_fit, draw, 3.0)  # type: ignore[arg-type]
+    assert plotted_runs == list(range(n_plunges))
+    assert len(picture.axes) == n_plunges
+    assert picture.get_figheight() == 3.0 * (2 if n_plunges == 3 else 1)
+    assert len({round(ax.get_position().x0, 3) for ax in picture.axes}) == min(n_plunges, 2)
 
 
-def test_what_is_left_of_a_plunge_is_drawn_in_units_of_the_noise() -> None:
-    left = pictures.standardised(fit(), 0)
-    assert np.nanstd(left) == pytest.approx(1.0, abs=0.3)
+def test_residuals_of_a_plunge_are_plotted_in_units_of_the_noise() -> None:
+    residuals = pictures.standardised(fit(), 0)
+    assert np.nanstd(residuals) == pytest.approx(1.0, abs=0.3)
     ax = pictures.draw_plunge_residuals(fit(), 0, figure()[1][0])
-    inside = np.abs(left[np.isfinite(left)]) < 1.96
-    told = float(ax.get_title("left").split(": ")[1].split(" %")[0])
-    assert told == pytest.approx(
-        100 * inside.mean(), abs=1.5
-    )  # the title leaves out the first 0.02 s
+    inside = np.abs(residuals[np.isfinite(residuals)]) < 1.96
+    percent_in_title = float(ax.get_title("left").split(": ")[1].split(" %")[0])
+    # the title leaves out the first 0.02 s
+    assert percent_in_title == pytest.approx(100 * inside.mean(), abs=1.5)
     mean = ax.lines[1].get_ydata()
     blocks = fit().optimum.problem.models[0].blocks
-    assert mean == pytest.approx(np.nanmean(left[blocks.time_s > 0.02], axis=1), nan_ok=True)
+    assert mean == pytest.approx(np.nanmean(residuals[blocks.time_s > 0.02], axis=1), nan_ok=True)
 
 
-def test_the_junction_leads_its_reading_by_the_lag_on_the_slow_part() -> None:
-    seen = fit().junction_degC(0)
+def test_junction_leads_its_reading_by_the_lag_in_the_slow_part() -> None:
+    junction = fit().junction_degC(0)
     run = fit().runs[0]
     t = run.time_s - run.entry.time_s
-    inside = (t > 20) & (t < 50)
+    in_slow_part = (t > 20) & (t < 50)
     for j, c in enumerate(fit().channels):
-        behind = t[inside] - np.interp(run.readings_degC[inside, j], seen[c], seen.index)
-        # static remainders of some hundredths of a kelvin at 0.4 K/s are 0.1 s
-        assert np.mean(behind) == pytest.approx(fit().lag_s[c].value, abs=0.15)
+        lag_s = t[in_slow_part] - np.interp(
+            run.readings_degC[in_slow_part, j], junction[c], junction.index
+        )
+        # static errors of some hundredths of a kelvin at 0.4 K/s are 0.1 s
+        assert np.mean(lag_s) == pytest.approx(fit().lag_s[c].value, abs=0.15)
 
 
-def test_published_correlations_disagree_by_far_more_than_the_lag() -> None:
+def test_published_correlations_differ_by_far_more_than_the_effect_of_the_lag() -> None:
     run = fit().runs[0]
     at_30_s = [
         table[table.index > 30].iloc[0].mean() for table in published_degC(run, SETUP).values()
     ]
-    assert np.ptp(at_30_s) > 0.5  # and it is why h must be free
+    assert np.ptp(at_30_s) > 0.5  # therefore h must be a free parameter
 
 
 @pytest.mark.e2e
-def test_the_design_command_writes_a_table_and_a_page(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_design_command_writes_a_table_and_a_page(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
     design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.html", json_=True)
-    told = json.loads(capsys.readouterr().out)
-    assert len(told["tests"]) == 5
+    plan = json.loads(capsys.readouterr().out)
+    assert len(plan["tests"]) == 5
     assert "data:image/png" in (tmp_path / "plan.html").read_text(encoding="utf-8")
     design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.csv", quiet=True)
     assert (tmp_path / "plan.csv").read_text(encoding="utf-8").startswith("test,")
