@@ -1,7 +1,7 @@
-"""The commands against pandas reading and writing the same log once, and how they grow with the rows of a log.
+"""Times of the commands relative to pandas reading and writing the same log, and their growth with the rows of a log.
 
-Run: ``python -m tests.benchmarks.commands FOLDER [ROWS ...]``: FOLDER keeps the campaign of test D4, made if not there;
-each of ROWS, such as 10000 1000000, is a log of so many, made of that one. Baseline: pandas, in the same run.
+Run: ``python -m tests.benchmarks.commands FOLDER [ROWS ...]``. FOLDER stores the campaign of test D4 and is made if
+missing; each of ROWS, such as 10000 1000000, is a log of this length made from it. Baseline: pandas, in the same run.
 """
 
 from __future__ import annotations
@@ -34,51 +34,58 @@ COMMANDS = (
 SMOOTHED = (12, 105_000)
 
 
-def command(*words: object) -> tuple[float, float]:
-    """Seconds and largest memory [MB] of one command in a process of its own."""
+def command(*arguments: object) -> tuple[float, float]:
+    """Seconds and peak memory [MB] of one command in its own process."""
     start = time.perf_counter()
     run = subprocess.Popen(
-        [sys.executable, "-m", "tcdyn.cli.app", *map(str, words)], stdout=subprocess.DEVNULL
+        [sys.executable, "-m", "tcdyn.cli.app", *map(str, arguments)], stdout=subprocess.DEVNULL
     )
     _, status, used = os.wait4(run.pid, 0)
     if os.waitstatus_to_exitcode(status) == 2:
-        raise SystemExit(f"{words} failed")
+        raise SystemExit(f"{arguments} failed")
     return time.perf_counter() - start, used.ru_maxrss / 1024
 
 
-def longer(log: Path, rows: int, out: Path) -> Path:
-    """A log of so many rows: to and fro through what is quiet before loading, under load and at the end, or a part."""
+def extended_log(log: Path, rows: int, out: Path) -> Path:
+    r"""A log of ``rows`` rows: steady parts before loading, under load and at the end are repeated
+    forwards and backwards.
+    For fewer rows than the log has, a section around unloading."""
     frame = pd.read_csv(log, comment="#")
     on, off = np.flatnonzero(frame["contact"] > 0.5)[[0, -1]]
-    parts = [np.arange(on), np.arange(on, off - 5000), np.arange(off - 5000, len(frame) - 2000)]
+    sections = [np.arange(on), np.arange(on, off - 5000), np.arange(off - 5000, len(frame) - 2000)]
     if rows < len(frame):
-        parts = [np.arange(max(off - int(0.7 * rows), 0), min(off + int(0.3 * rows), len(frame)))]
-    turns = [
+        sections = [
+            np.arange(max(off - int(0.7 * rows), 0), min(off + int(0.3 * rows), len(frame)))
+        ]
+    repeated_rows = [
         np.arange(50, on - 50),
         np.arange(off - 9000, off - 5000),
         np.arange(len(frame) - 4000, len(frame) - 2000),
     ]
     order = []
-    for part, turn in zip(parts, turns if len(parts) > 1 else [turns[0]]):
-        times = max(rows - len(frame), 0) / (len(turns) * 2 * len(turn))
-        order += [part, *[turn[::-1], turn] * round(times)]
+    for section, steady in zip(
+        sections, repeated_rows if len(sections) > 1 else [repeated_rows[0]]
+    ):
+        times = max(rows - len(frame), 0) / (len(repeated_rows) * 2 * len(steady))
+        order += [section, *[steady[::-1], steady] * round(times)]
     index = np.concatenate(order)
     rng = np.random.default_rng(0)
     dt = float(frame["time_s"].iloc[-1]) / (len(frame) - 1)
     noisy = [c for c in frame if c.endswith(("_degC", "_N"))]
     with out.open("w", encoding="utf-8") as stream:
         for first in range(0, len(index), 200_000):
-            piece = frame.iloc[index[first : first + 200_000]].copy()
-            piece["time_s"] = np.round(dt * np.arange(first, first + len(piece)), 6)
-            piece[noisy] = (
-                piece[noisy] + 1e-4 * rng.standard_normal((len(piece), len(noisy)))
+            block = frame.iloc[index[first : first + 200_000]].copy()
+            block["time_s"] = np.round(dt * np.arange(first, first + len(block)), 6)
+            block[noisy] = (
+                block[noisy] + 1e-4 * rng.standard_normal((len(block), len(noisy)))
             ).round(4)
-            piece.to_csv(stream, index=False, header=first == 0)
+            block.to_csv(stream, index=False, header=first == 0)
     return out
 
 
 def main(folder: Path, lengths: list[int]) -> None:
-    """A row for each command: seconds, and how many times pandas' reading and writing; then a row for each length."""
+    """One row for each command: seconds, and the ratio to reading and writing with pandas; then
+    one row for each length."""
     log = folder / "EHL_D4.csv"
     if not log.is_file():
         command("demo", "--out", folder, "--test", "D4", "--quiet")
@@ -107,8 +114,8 @@ def main(folder: Path, lengths: list[int]) -> None:
         ),
         "demo": ("demo", "--out", folder / "demo", "--seed", "2", "--quiet"),
     }
-    for name, words in jobs.items():
-        took, memory = min(command(*words) for _ in range(3))  # as of the baseline
+    for name, arguments in jobs.items():
+        took, memory = min(command(*arguments) for _ in range(3))  # as for the baseline
         print(f"{name:14} {took:6.2f} s {took / base:6.2f} {memory:6.0f} MB", flush=True)
     took = max(min(command(name, "--help")[0] for _ in range(3)) for name in COMMANDS)
     print(f"{'slowest --help':14} {took:6.2f} s {took / base:6.2f}")
@@ -122,24 +129,26 @@ def main(folder: Path, lengths: list[int]) -> None:
     took = best_s(lambda: smooth(y, 1 / 75, 0.7, events_s=[rows / 100], noise_sd=0.15), 2)
     print(f"{'smoother alone':14} {took:6.2f} s {took / base:6.2f}")
     counts = np.array([1, 5, 20, 100, 500])
-    kept = toy(1, 500).tests
-    spans = [best_s(lambda n=n: solve_campaign(kept[:n])) for n in counts.tolist()]
-    said = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
+    statistics = toy(1, 500).tests
+    spans = [best_s(lambda n=n: solve_campaign(statistics[:n])) for n in counts.tolist()]
+    times_text = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
     slope = np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]
-    print(f"campaign from kept answers: {said} tests; slope from 20 on {slope:.2f}")
-    told = []
+    print(f"campaign from stored statistics: {times_text} tests; slope from 20 on {slope:.2f}")
+    measurements = []
     for rows in lengths:
-        made = longer(log, rows, folder / "longer.csv")
+        long_log = extended_log(log, rows, folder / "longer.csv")
         for name, out in (("compensate", "longer.out.csv"), ("beta", "longer.json")):
-            took, memory = command(name, made, *records, "--out", folder / out, "-q")
-            told.append((name, rows, took, memory))
+            took, memory = command(name, long_log, *records, "--out", folder / out, "-q")
+            measurements.append((name, rows, took, memory))
             print(
-                f"{name:11} {rows:9} rows {made.stat().st_size / 1e6:6.0f} MB: {took:7.1f} s {memory:6.0f} MB",
+                f"{name:11} {rows:9} rows {long_log.stat().st_size / 1e6:6.0f} MB: {took:7.1f} s {memory:6.0f} MB",
                 flush=True,
             )
     for name in ("compensate", "beta") if len(lengths) > 1 else ():
-        at, seconds = np.log([(r, s) for n, r, s, _ in told if n == name]).T
-        print(f"{name}: slope of log seconds over log rows {np.polyfit(at, seconds, 1)[0]:.2f}")
+        log_rows, seconds = np.log([(r, s) for n, r, s, _ in measurements if n == name]).T
+        print(
+            f"{name}: slope of log seconds over log rows {np.polyfit(log_rows, seconds, 1)[0]:.2f}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
-"""Compensation against named baselines, ratios in brackets.
+r"""Compensation against named baselines, with ratios in brackets.
 
-Run: ``python -m tests.benchmarks.compensate [case|unload|noise|log]``.
-"""
+Run: ``python -m tests.benchmarks.compensate [case|unload|noise|log]``."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 def case_b(records: int = 10) -> None:
-    """Case B of the anchors; baselines there: smoother 0.249, causal Kalman filter 1.01, tuned FIR 0.69 degC rms."""
+    """Case B of the anchors; its baselines: smoother 0.249, causal Kalman filter 1.01, tuned FIR 0.69 degC rms."""
     dt = 0.05
     n = 800
     rng = np.random.default_rng(0)
@@ -42,22 +41,23 @@ def case_b(records: int = 10) -> None:
         f"\nCase B, {records} records: rms (ratio to the anchor), coverage all / transient / edges"
     )
 
-    def show(name: str, found: Array, sd: Array | None, baseline: float) -> None:
-        error = found - x[:, None]
+    def print_row(name: str, estimate: Array, sd: Array | None, baseline: float) -> None:
+        error = estimate - x[:, None]
         rms = float(np.sqrt(np.mean(error[middle] ** 2)))
         cover = ""
         if sd is not None:
-            held = np.abs(error) < 1.96 * sd
-            cover = f"{100 * held.mean():.1f} / {100 * held[transient].mean():.1f} / {100 * held[edges].mean():.1f} %"
+            covered = np.abs(error) < 1.96 * sd
+            shares = [covered.mean(), covered[transient].mean(), covered[edges].mean()]
+            cover = " / ".join(f"{100 * share:.1f}" for share in shares) + " %"
         print(f"  {name:42s} {rms:6.3f} K ({rms / baseline:.2f})  {cover}")
 
-    show("uncorrected", y, None, 9.4)
+    print_row("uncorrected", y, None, 9.4)
     for name, events in (
-        ("smoother, event found by itself", ()),
+        ("smoother, event detected", ()),
         ("smoother, event given", (5.0,)),
     ):
         runs = [smooth(y[:, k], dt, chain, events_s=events) for k in range(records)]
-        show(
+        print_row(
             name,
             np.column_stack([r.temperature for r in runs]),
             np.column_stack([r.sd for r in runs]),
@@ -65,38 +65,40 @@ def case_b(records: int = 10) -> None:
         )
     runs = []
     for k in range(records):
-        drawn = Chain((1.0 + 0.05 * rng.standard_normal(),), conditioning=NO_CONDITIONING)
-        runs.append(smooth(y[:, k], dt, drawn, lag_covariance=[[0.05**2]]))
-    show(
-        "smoother, lag drawn from 1.0 +- 0.05 s",
+        sampled_chain = Chain((1.0 + 0.05 * rng.standard_normal(),), conditioning=NO_CONDITIONING)
+        runs.append(smooth(y[:, k], dt, sampled_chain, lag_covariance=[[0.05**2]]))
+    print_row(
+        "smoother, lag sampled from 1.0 +- 0.05 s",
         np.column_stack([r.temperature for r in runs]),
         np.column_stack([r.sd for r in runs]),
         0.249,
     )
     plain = smooth(y, dt, chain, find_events=False)
-    show("smoother, event neither given nor sought", plain.temperature, plain.sd, 0.249)
+    print_row("smoother, no event", plain.temperature, plain.sd, 0.249)
     for criterion in ("gcv", "discrepancy", "l-curve"):
         ours, _ = deconvolve(y, dt, chain, criterion=criterion)
-        show(f"deconvolution, {criterion}", ours.temperature, ours.sd, 0.249)
+        print_row(f"deconvolution, {criterion}", ours.temperature, ours.sd, 0.249)
     for lag in (0, 10):
         live = LiveSmoother.from_chains([chain] * records, dt, 0.2, 0.1, lag)
-        _, found, sd, _ = live.run(
+        _, estimate, sd, _ = live.run(
             live.initial_state(y[0]), np.concatenate([y, np.tile(y[-1], (lag, 1))])
         )
-        show(f"live smoother, {lag} samples behind", found[lag:], sd[lag:], 1.01)
-    show("proper inverse, 1.5 Hz", proper_inverse(chain, dt, 1.5)(y), None, 1.01)
+        print_row(f"live smoother, {lag} samples behind", estimate[lag:], sd[lag:], 1.01)
+    print_row("proper inverse, 1.5 Hz", proper_inverse(chain, dt, 1.5)(y), None, 1.01)
     for band_Hz in (0.6, 0.9, 1.5):
-        other = pydynamic_fir(y, dt, chain, band_Hz)
-        if other is None:
-            print("  PyDynamic is not installed: its FIR route is left out (pip install PyDynamic)")
+        fir_result = pydynamic_fir(y, dt, chain, band_Hz)
+        if fir_result is None:
+            print(
+                "  PyDynamic is not installed: its FIR method is left out (pip install PyDynamic)"
+            )
             break
-        show(f"PyDynamic LSFIR, {band_Hz} Hz", *other, 0.69)
+        print_row(f"PyDynamic LSFIR, {band_Hz} Hz", *fir_result, 0.69)
 
 
 def pydynamic_fir(
     y: Array, dt: float, chain: Chain, band_Hz: float, order: int = 24
 ) -> tuple[Array, Array] | None:
-    """The archived PTB library's route: least-squares inverse FIR, low-pass FIR, GUM propagation; None without it."""
+    """The archived PTB library: least-squares inverse FIR, low-pass FIR, GUM propagation. None if not installed."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")
         try:
@@ -106,8 +108,8 @@ def pydynamic_fir(
             return None
         f = np.linspace(0.0, 1.2 * band_Hz, 80)
         response = chain.frequency_response(f)
-        both = np.concatenate([response.real, response.imag])
-        taps, _ = LSFIR(both, order, f, 1 / dt, order // 2, verbose=False, inv=True)
+        real_and_imaginary = np.concatenate([response.real, response.imag])
+        taps, _ = LSFIR(real_and_imaginary, order, f, 1 / dt, order // 2, verbose=False, inv=True)
         low = signal.firwin(2 * order + 1, band_Hz, fs=1 / dt)
         runs = [
             FIRuncFilter(
@@ -131,40 +133,40 @@ def junction_after_unloading(dt: float, n: int, off_s: float, fine: int = 8) -> 
         a[i : i + 2, i : i + 2] += conductivity / heat / dx**2 * np.array([[-1, 1], [1, -1]])
     a[0, 0] -= 1 / (1 / h + dx / 2 / conductivity) / (heat * dx)
     rates, modes = np.linalg.eigh(a)
-    fall = modes[0] / (heat * dx) / rates
+    amplitudes = modes[0] / (heat * dx) / rates
     t = np.arange(n * fine) * dt / fine
-    place = modes[int(1.25e-3 / dx)]
+    mode_at_junction = modes[int(1.25e-3 / dx)]
     x = np.full(len(t), 0.0)
-    age = np.maximum(t - off_s, 0)
+    time_since_unloading = np.maximum(t - off_s, 0)
     for k in range(cells):
-        x -= place[k] * fall[k] * np.exp(rates[k] * age)
+        x -= mode_at_junction[k] * amplitudes[k] * np.exp(rates[k] * time_since_unloading)
     x *= 12.0 / (x[0] - np.interp(off_s + 1.0, t, x))
     return x[::fine] + 60.0, x + 60.0
 
 
 def unloading(records: int = 10) -> None:
-    """12 degC in the first second, noise 0.15: ours, and a smoother that knows the true spectrum of the cooling."""
+    """12 degC in the first second, noise 0.15: the smoother, and one with the true spectrum of the cooling."""
     dt = 1 / 75
     n = 3000
-    off = 20.0067
-    x, fine = junction_after_unloading(dt, n, off)
+    unload_s = 20.0067
+    x, fine = junction_after_unloading(dt, n, unload_s)
     chain = Chain((0.6, 0.07), conditioning=RIG_FILTER)
     rng = np.random.default_rng(1)
     clean = chain.response(fine, dt / 8)[::8, None]
     y = clean + 0.15 * rng.standard_normal((n, records))
     t = np.arange(n) * dt
-    after = (t >= off) & (t < off + 5)
-    ours = smooth(y, dt, chain, events_s=(off,))
+    after = (t >= unload_s) & (t < unload_s + 5)
+    ours = smooth(y, dt, chain, events_s=(unload_s,))
     error = ours.temperature - x[:, None]
     raw = np.sqrt(np.mean((y - x[:, None])[after] ** 2))
     rms = np.sqrt(np.mean(error[after] ** 2))
-    held = np.mean(np.abs(error[after]) < 1.96 * ours.sd[after])
+    coverage = np.mean(np.abs(error[after]) < 1.96 * ours.sd[after])
     print("\nUnloading at e, 5 s after it, K rms")
-    print(f"  raw {raw:.2f}, smoother {rms:.3f} (coverage {100 * held:.0f} %)")
-    known = smooth(
-        y, dt, chain, events_s=(off,), noise_sd=0.15, intensity=best_intensity(x, dt, off)
+    print(f"  raw {raw:.2f}, smoother {rms:.3f} (coverage {100 * coverage:.0f} %)")
+    with_true_intensity = smooth(
+        y, dt, chain, events_s=(unload_s,), noise_sd=0.15, intensity=best_intensity(x, dt, unload_s)
     )
-    oracle_rms = np.sqrt(np.mean((known.temperature - x[:, None])[after] ** 2))
+    oracle_rms = np.sqrt(np.mean((with_true_intensity.temperature - x[:, None])[after] ** 2))
     print(
         f"  smoother given the true squared curvature as its intensity: {oracle_rms:.3f} (ratio {rms / oracle_rms:.2f})"
     )
@@ -177,21 +179,28 @@ def best_intensity(x: Array, dt: float, off: float):
     from tcdyn.smoothing import Burst, Intensity
 
     first = int(np.ceil(off / dt)) + 1
-    bend = np.diff(x[first:], 2) ** 2 / dt**3
-    age = (np.arange(len(bend)) + 1) * dt
-    keep = age < 10
+    squared_curvature = np.diff(x[first:], 2) ** 2 / dt**3
+    time_since_event = (np.arange(len(squared_curvature)) + 1) * dt
+    is_fitted = time_since_event < 10
     model = lambda t, h, d: h - 3 * np.log1p(t / np.exp(d) / 3)  # noqa: E731
-    (h, d), _ = curve_fit(model, age[keep], np.log(bend[keep] + 1e-12), (5.0, -1.0))
+    (h, d), _ = curve_fit(
+        model,
+        time_since_event[is_fitted],
+        np.log(squared_curvature[is_fitted] + 1e-12),
+        (5.0, -1.0),
+    )
     return Intensity((0.0, off), (1e-9, 1e-6), (Burst(off, float(np.exp(h)), float(np.exp(d))),))
 
 
 def case_c(records: int = 12) -> None:
-    """A kink of 12 K at 1 s and a slow swing under five kinds of noise, within +-1 s and +5 s of the kink."""
-    print("\nCase C: rms [K], 95 % interval holds")
+    """A kink of 12 K at 1 s and a slow oscillation under five kinds of noise, within -1 s and +5 s of the kink."""
+    print("\nCase C: rms [K], coverage of the 95 % interval")
     for kink, duration_s in ((True, 40.0), (False, 60.0), (False, 200.0)):
-        t, truth, clean = logged(kink, duration_s)
-        near = (t > EVENT_S - 1) & (t < EVENT_S + 5) if kink else (t > 1) & (t < duration_s - 1)
-        for world in (
+        t, true_temperature, clean = logged(kink, duration_s)
+        in_window = (
+            (t > EVENT_S - 1) & (t < EVENT_S + 5) if kink else (t > 1) & (t < duration_s - 1)
+        )
+        for noise_kind in (
             "ar0.0",
             "ar0.2",
             "ar0.4",
@@ -201,20 +210,20 @@ def case_c(records: int = 12) -> None:
             *(["hum"] if kink else []),
         ):
             squares = []
-            held = []
+            covered = []
             for seed in range(500, 500 + records):
-                y = clean + disturbance(world, np.random.default_rng(seed), len(t))
-                done = smooth(y, DT_S, CHAIN, events_s=(EVENT_S,) if kink else ())
-                off = (done.temperature[:, 0] - truth)[near]
-                squares.append(np.mean(off**2))
-                held.append(np.mean(np.abs(off) < 1.96 * done.sd[near, 0]))
+                y = clean + disturbance(noise_kind, np.random.default_rng(seed), len(t))
+                result = smooth(y, DT_S, CHAIN, events_s=(EVENT_S,) if kink else ())
+                error = (result.temperature[:, 0] - true_temperature)[in_window]
+                squares.append(np.mean(error**2))
+                covered.append(np.mean(np.abs(error) < 1.96 * result.sd[in_window, 0]))
             print(
-                f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {world}: {np.mean(squares) ** 0.5:.3f} K, "
-                f"{100 * np.mean(held):.0f} %"
+                f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {noise_kind}: {np.mean(squares) ** 0.5:.3f} K, "
+                f"{100 * np.mean(covered):.0f} %"
             )
 
 
-def whole_log() -> None:
+def complete_log() -> None:
     """12 channels, 2000 s at 75 Hz, with standard deviations; the causal inverse in samples per second."""
     dt = 1 / 75
     n = 150_000
@@ -229,19 +238,19 @@ def whole_log() -> None:
     smooth(y, dt, chain, events_s=(off,))
     print(
         f"\n12 channels x {n} samples smoothed with sd: {time.perf_counter() - wall:.2f} s wall, "
-        f"{time.process_time() - cpu:.2f} s of one core (wanted: 5 s)"
+        f"{time.process_time() - cpu:.2f} s of one core (target: 5 s)"
     )
     f = proper_inverse(chain, dt, 2.0)
     f(y[:100])
     wall = time.process_time()
     f(np.ascontiguousarray(y.T).ravel())
     rate = y.size / (time.process_time() - wall) / 1e6
-    print(f"causal inverse: {rate:.0f} million samples/s (wanted: 10)")
+    print(f"causal inverse: {rate:.0f} million samples/s (target: 10)")
     live = LiveSmoother.from_chains([chain] * 12, dt, 0.15, 1e-2, lag_samples=15)
     wall = time.process_time()
     live.run(live.initial_state(y[0]), y[:2000])
     print(
-        f"live smoother, 12 channels, 15 samples behind: {(time.process_time() - wall) / 2:.3f} ms a sample (wanted: 1)"
+        f"live smoother, 12 channels, 15 samples behind: {(time.process_time() - wall) / 2:.3f} ms a sample (target: 1)"
     )
 
 
@@ -250,7 +259,7 @@ if __name__ == "__main__":
         ("case", case_b),
         ("unload", unloading),
         ("noise", case_c),
-        ("log", whole_log),
+        ("log", complete_log),
     ):
         if len(sys.argv) < 2 or name in sys.argv[1:]:
             run()

@@ -1,9 +1,9 @@
 # ruff: noqa: E402  the thread limits must stand before numpy is loaded
-"""The thesis's (beta, h) map against a factorised Crank-Nicolson: ``python -m tests.benchmarks.conduction``.
+"""The (beta, h) map of the thesis against a factorised Crank-Nicolson: ``python -m tests.benchmarks.conduction``.
 
-12 film coefficients x 10 shares, 65 x 105 nodes, 1050 s at 75 Hz, junctions a, c, e, on one core. The baseline is
-not the thesis's 100 s per pair but the best plain form of its scheme: SuperLU factorised once per h, one right-hand
-side per step (linear in beta: 12 passes serve 120 pairs), timed over a stated stretch and extrapolated.
+12 heat transfer coefficients x 10 shares, 65 x 105 nodes, 1050 s at 75 Hz, junctions a, c, e, on one core. The baseline
+is not the 100 s per pair of the thesis but the best simple form of its scheme: SuperLU factorised once per h, one
+right-hand side per step (linear in beta: 12 passes give 120 pairs), timed over a number of steps and extrapolated.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ from tcdyn.rig.rigfile import load_rig
 DT_S = 1 / 75
 DURATION_S = 1050.0
 HALF_WIDTH_M = 1.62e-3
-FILMS = np.linspace(100, 1200, 12)
+SURFACE_H = np.linspace(100, 1200, 12)
 SHARES = np.linspace(0.1, 1.0, 10)
-STRETCH, PIECES = 1000, 5  # steps of the baseline that are timed; its fastest fifth counts
+STEPS = 1000  # steps of the baseline that are timed; its fastest fifth counts
+SEGMENTS = 5
 
 
 @dataclass(frozen=True)
 class MapTiming:
-    """Seconds of the whole map, of the baseline extrapolated, their ratio, and the peak memory of the map [MB]."""
+    """Seconds of the complete map, of the extrapolated baseline, their ratio, and the peak memory of the map [MB]."""
 
     ours_s: float
     baseline_s: float
@@ -43,8 +44,8 @@ class MapTiming:
     peak_MB: float
 
 
-def drive(duration_s: float) -> RimInputs:
-    """A test of that length: heat on throughout, junctions that rise and carry noise."""
+def simulated_inputs(duration_s: float) -> RimInputs:
+    """A test of this length: heat throughout, junctions that rise and have noise."""
     n = round(duration_s / DT_S)
     t = np.arange(n) * DT_S
     rise = 1 - np.exp(-t / 40)
@@ -60,21 +61,21 @@ def drive(duration_s: float) -> RimInputs:
 
 
 def time_map(duration_s: float, mesh: Mesh) -> float:
-    """Seconds for the whole map on this mesh and record length, gains included."""
+    """Seconds for the complete map on this mesh and record length, gains included."""
     setup = load_rig().disk_setup("fast")
     rim = Rim.from_setup(setup)
-    record = drive(duration_s)
+    record = simulated_inputs(duration_s)
     start = time.perf_counter()
     out = temperature_map(
-        rim, record, SHARES, FILMS, junction_points(setup, "ace"), HALF_WIDTH_M, mesh=mesh
+        rim, record, SHARES, SURFACE_H, junction_points(setup, "ace"), HALF_WIDTH_M, mesh=mesh
     )
     took = time.perf_counter() - start
     assert np.isfinite(out[-1, -1, -1, -1])
     return took
 
 
-def time_baseline(mesh: Mesh, steps: int = STRETCH) -> tuple[float, float]:
-    """(least seconds per step, seconds to factorise) of Crank-Nicolson with its forcing, one right-hand side."""
+def time_baseline(mesh: Mesh, steps: int = STEPS) -> tuple[float, float]:
+    """(least seconds per step, seconds to factorise) of Crank-Nicolson with its input, one right-hand side."""
     rim = Rim.from_setup(load_rig().disk_setup("fast"))
     s = scheme(rim, 700.0, mesh)
     basis = spectrum(rim, 700.0, HALF_WIDTH_M, "modal", "hertz", mesh).profile
@@ -82,28 +83,28 @@ def time_baseline(mesh: Mesh, steps: int = STRETCH) -> tuple[float, float]:
     flux[mesh.nz // 3 : 2 * mesh.nz // 3] = 100.0
     air = s.inner @ basis[3:].sum(axis=0) + s.film + s.face_d + s.face_f
     columns = np.column_stack([s.outer @ flux, *(s.inner @ b for b in basis[:3]), air])
-    u = drive(steps * DT_S + 1).inputs
+    u = simulated_inputs(steps * DT_S + 1).inputs
     start = time.perf_counter()
     stepper = CrankNicolson.prepare(s, DT_S)
     factorised = time.perf_counter() - start
     field = np.full(len(air), 55.0)
     now = columns @ u[0]
     best = np.inf
-    for first in range(0, steps, steps // PIECES):
+    for first in range(0, steps, steps // SEGMENTS):
         start = time.perf_counter()
-        for k in range(first, first + steps // PIECES):
-            later = columns @ u[k + 1]
-            field = stepper.step(field, now, later)
-            now = later
-        best = min(best, (time.perf_counter() - start) / (steps // PIECES))
+        for k in range(first, first + steps // SEGMENTS):
+            following = columns @ u[k + 1]
+            field = stepper.step(field, now, following)
+            now = following
+        best = min(best, (time.perf_counter() - start) / (steps // SEGMENTS))
     return best, factorised
 
 
 def compare(mesh: Mesh | None = None) -> MapTiming:
-    """The headline figure, on mesh IV by default."""
+    """The ratio for the mesh IV by default."""
     mesh = mesh or Mesh()
     per_step, factorise = time_baseline(mesh)
-    baseline = len(FILMS) * (factorise + per_step * DURATION_S / DT_S)
+    baseline = len(SURFACE_H) * (factorise + per_step * DURATION_S / DT_S)
     ours = min(time_map(DURATION_S, mesh) for _ in range(3))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return MapTiming(ours, baseline, baseline / ours, peak)
@@ -133,11 +134,11 @@ def main() -> None:
     print(f"map 12 h x 10 beta, 65 x 105, {DURATION_S:g} s at 75 Hz, junctions a, c, e, one core")
     print(f"  modal engine                     {m.ours_s:8.2f} s   peak memory {m.peak_MB:.0f} MB")
     print(
-        f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from the best of {PIECES} stretches"
+        f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from the best of {SEGMENTS} segments"
     )
     print(f"  ratio                            {m.ratio:8.0f}")
     print(
-        "cost per doubling of the mesh (both ways): whole map, one set of gains, one Crank-Nicolson step"
+        "cost per doubling of the mesh (both ways): complete map, one set of gains, one Crank-Nicolson step"
     )
     for mesh in (Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(129, 209)):
         step = time_baseline(mesh, 60)[0]
@@ -145,7 +146,7 @@ def main() -> None:
             f"  {mesh.nr:4d} x {mesh.nz:<4d} {time_map(DURATION_S, mesh):6.2f} s  "
             f"{time_gains(mesh, 5) * 1e3:7.2f} ms  {step * 1e3:7.3f} ms"
         )
-    print("cost per doubling of the record: whole map on 65 x 105")
+    print("cost per doubling of the record: complete map on 65 x 105")
     for duration in (262.5, 525.0, 1050.0, 2100.0):
         print(f"  {duration:7.1f} s {time_map(duration, Mesh()):6.2f} s")
     assert m.ratio >= 200, f"the map is only {m.ratio:.0f} times faster than the baseline"

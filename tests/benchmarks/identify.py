@@ -1,7 +1,7 @@
-"""Identification side by side on case A: ours, a plain least-squares model (lmfit where installed), sysidentpy, ERA.
+"""Identification on case A: this library, a plain least-squares model (lmfit where installed), sysidentpy, ERA.
 
-Run: ``python -m tests.benchmarks.identify [seeds]``. Prints one table a case: mean and spread of the recovered
-parameters, coverage of the 95 % intervals, simulated fit, runs lost, median seconds, the time relative to ours.
+Run: ``python -m tests.benchmarks.identify [seeds]``. Prints one table for each case: mean and spread of the parameters,
+coverage of the 95 % intervals, simulated fit, lost runs, median seconds, and the time relative to this library.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from identify_cases import CASE_A, case_a
 from tcdyn.identify import IOData, fit, process, simulate
 from tcdyn.identify.narx import narx
 
-START = np.array([1.0, 1.0, 1.0, 0.1])  # what the tools without a start of their own are given
-Answer = tuple[
-    dict[str, float], dict[str, float], float
-]  # parameters, standard uncertainties, simulated fit percent
+START = np.array([1.0, 1.0, 1.0, 0.1])  # for the tools without start values of their own
+# parameters, standard uncertainties, simulated fit percent
+ToolResult = tuple[dict[str, float], dict[str, float], float]
 
 
 def percent(y: np.ndarray, model: np.ndarray) -> float:
@@ -35,8 +34,8 @@ def percent(y: np.ndarray, model: np.ndarray) -> float:
     return 100 * (1 - float(np.linalg.norm(y - model) / np.linalg.norm(y - y.mean())))
 
 
-def ours(data: IOData) -> Answer:
-    """fit(data, "P2D"), start-free."""
+def tcdyn_fit(data: IOData) -> ToolResult:
+    """fit(data, "P2D") without start values."""
     m = fit(data, "P2D")
     return (
         dict(m.identified.theta),
@@ -53,42 +52,46 @@ def residual(x: np.ndarray, data: IOData) -> np.ndarray:
     return simulate(process("P2D").rational(theta), u, 0.05, data.hold) - y
 
 
-def plain(data: IOData) -> Answer:
-    """The same simulation in scipy's least_squares with finite differences: what a user writes by hand."""
+def plain_least_squares(data: IOData) -> ToolResult:
+    """The same simulation in least_squares of scipy with finite differences, as a user would write
+    it by hand."""
     box = ([-np.inf, 1e-3, 1e-3, 0.0], np.inf)
-    found = least_squares(residual, START, args=(data,), x_scale=[1, 1, 1, 0.1], bounds=box)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * 2 * found.cost / (800 - 4)
+    optimum = least_squares(residual, START, args=(data,), x_scale=[1, 1, 1, 0.1], bounds=box)
+    covariance = np.linalg.pinv(optimum.jac.T @ optimum.jac) * 2 * optimum.cost / (800 - 4)
     y = data.runs[0].y[:, 0]
-    x = found.x if found.x[1] >= found.x[2] else found.x[[0, 2, 1, 3]]
+    x = optimum.x if optimum.x[1] >= optimum.x[2] else optimum.x[[0, 2, 1, 3]]
     u = np.sqrt(np.diag(covariance))
-    u = u if found.x[1] >= found.x[2] else u[[0, 2, 1, 3]]
-    return dict(zip(CASE_A, x)), dict(zip(CASE_A, u)), percent(y, found.fun + y)
+    u = u if optimum.x[1] >= optimum.x[2] else u[[0, 2, 1, 3]]
+    return dict(zip(CASE_A, x)), dict(zip(CASE_A, u)), percent(y, optimum.fun + y)
 
 
-def with_lmfit(data: IOData) -> Answer:
+def with_lmfit(data: IOData) -> ToolResult:
     """The same model in lmfit."""
     import lmfit
 
     p = lmfit.Parameters()
     for name, value in zip(CASE_A, START):
         p.add(name, value=value, min=-np.inf if name == "Kp" else 0.0 if name == "Td" else 1e-3)
-    found = lmfit.minimize(lambda q: residual(np.array([q[n].value for n in CASE_A]), data), p)
-    theta = {n: found.params[n].value for n in CASE_A}
-    u = {n: found.params[n].stderr or np.nan for n in CASE_A}
+    result = lmfit.minimize(lambda q: residual(np.array([q[n].value for n in CASE_A]), data), p)
+    theta = {n: result.params[n].value for n in CASE_A}
+    u = {n: result.params[n].stderr or np.nan for n in CASE_A}
     if theta["Tp1"] < theta["Tp2"]:
         for d in (theta, u):
-            d["Tp1"], d["Tp2"] = d["Tp2"], d["Tp1"]
+            first = d["Tp1"]
+            d["Tp1"] = d["Tp2"]
+            d["Tp2"] = first
     y = data.runs[0].y[:, 0]
-    return theta, u, percent(y, found.residual + y)
+    return theta, u, percent(y, result.residual + y)
 
 
-def frols(data: IOData) -> Answer:
-    """sysidentpy FROLS, linear terms, BIC, on all of the record; the fit is of its free simulation."""
+def frols(data: IOData) -> ToolResult:
+    """sysidentpy FROLS, linear terms, BIC, on the complete record; the fit is of its free
+    simulation."""
     m = narx(data, degree=1, lags=12, held_out=1e-9)
     return {}, {}, m.simulated_percent
 
 
-def era(data: IOData) -> Answer:
+def era(data: IOData) -> ToolResult:
     """control.markov and the eigensystem realisation of order 2."""
     import control
 
@@ -101,9 +104,9 @@ def era(data: IOData) -> Answer:
     return {}, {}, percent(y, np.asarray(simulated).ravel())
 
 
-TOOLS: dict[str, Callable[[IOData], Answer]] = {
-    "tcdyn fit P2D": ours,
-    "plain least_squares": plain,
+TOOLS: dict[str, Callable[[IOData], ToolResult]] = {
+    "tcdyn fit P2D": tcdyn_fit,
+    "plain least_squares": plain_least_squares,
     "lmfit": with_lmfit,
     "sysidentpy FROLS": frols,
     "control markov + ERA": era,
@@ -111,7 +114,7 @@ TOOLS: dict[str, Callable[[IOData], Answer]] = {
 
 
 def study(kind: str, seeds: int) -> pd.DataFrame:
-    """One row a tool."""
+    """One row for each tool."""
     rows = []
     base = np.nan
     for name, tool in TOOLS.items():
@@ -123,30 +126,30 @@ def study(kind: str, seeds: int) -> pd.DataFrame:
                     "lmfit is not installed: its row is left out (plain least_squares is the same method)"
                 )
                 continue
-        answers = []
+        results = []
         seconds = []
         lost = 0
         for seed in range(seeds):
             data = case_a(kind, seed)
-            began = time.perf_counter()
+            t_start_s = time.perf_counter()
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
-                    answers.append(tool(data))
+                    results.append(tool(data))
             except Exception:
                 lost += 1
-            seconds.append(time.perf_counter() - began)
-        fits = np.array([a[2] for a in answers])
-        good = [a for a in answers if a[2] > 0 and abs(a[0].get("Tp1", 2.0) - 2.0) < 1.0]
-        lost += len(answers) - len(good)
+            seconds.append(time.perf_counter() - t_start_s)
+        fits = np.array([a[2] for a in results])
+        good = [a for a in results if a[2] > 0 and abs(a[0].get("Tp1", 2.0) - 2.0) < 1.0]
+        lost += len(results) - len(good)
         median = float(np.median(seconds))
         base = median if name == "tcdyn fit P2D" else base
         row = {"tool": name}
-        for p, truth in CASE_A.items():
+        for p, true_value in CASE_A.items():
             values = np.array([a[0][p] for a in good if p in a[0]])
             row[p] = f"{values.mean():.4f} +- {values.std():.4f}" if len(values) else "-"
-            inside = [abs(a[0][p] - truth) < 1.96 * a[1][p] for a in good if p in a[1]]
-            row[f"cover {p}"] = f"{100 * np.mean(inside):.0f}" if inside else "-"
+            covered = [abs(a[0][p] - true_value) < 1.96 * a[1][p] for a in good if p in a[1]]
+            row[f"cover {p}"] = f"{100 * np.mean(covered):.0f}" if covered else "-"
         row |= {
             "fit %": ("< -150" if np.median(fits) < -150 else f"{np.median(fits):.2f}")
             if len(fits)

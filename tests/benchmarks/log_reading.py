@@ -1,4 +1,4 @@
-"""Reading and checking a 2000 s EHL log, against pandas reading the same numbers without a look at them.
+"""Reading and checking a 2000 s EHL log, against pandas reading the same numbers without checks.
 
 Run with ``python -m tests.benchmarks.log_reading``.
 """
@@ -17,7 +17,7 @@ from tests.rig.log_cases import ehl_frame
 
 
 def best_s(work: Callable[[], object], times: int = 3) -> float:
-    """The shortest of some runs [s]."""
+    """The shortest of several runs [s]."""
     spans = []
     for _ in range(times):
         start = time.perf_counter()
@@ -34,14 +34,18 @@ def main() -> None:
         plain = best_s(lambda: pd.read_csv(path))
         print(f"pandas.read_csv {plain:.2f} s ({path.stat().st_size / 1e6:.0f} MB)")
         for ending in ("csv", "parquet", "tdms"):
-            own = write_log(frame, Path(folder) / f"own.{ending}")
-            span = best_s(lambda own=own: read_log(own, "ehl"))
+            path_of_kind = write_log(frame, Path(folder) / f"own.{ending}")
+            span = best_s(lambda path_of_kind=path_of_kind: read_log(path_of_kind, "ehl"))
             print(
                 f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x pandas on CSV"
             )
-            span = best_s(lambda own=own: sum(len(piece.frame) for piece in iter_log(own, "ehl")))
+            span = best_s(
+                lambda path_of_kind=path_of_kind: sum(
+                    len(chunk.frame) for chunk in iter_log(path_of_kind, "ehl")
+                )
+            )
             print(
-                f"iter_log {ending:8s} {span:.2f} s in pieces: {span / plain:.1f} x pandas on CSV"
+                f"iter_log {ending:8s} {span:.2f} s in chunks: {span / plain:.1f} x pandas on CSV"
             )
 
 

@@ -51,65 +51,67 @@ SIGNS = {
 }
 SWAPPED = {**dict(zip(SIGNS, "-+/*><")), ast.LtE: ">=", ast.GtE: "<="}
 TEST_FOLDER_OF = {"design": "immersion", "workflows": "cli", "plots": "report"}
-LIMIT_s = 1500.0
+LIMIT_s = 1500.0  # of one stage
 MOST_s = 90.0
 
 
-def places(path: Path) -> Iterator[tuple[int, int, type]]:
-    """Offset in the text, length and kind of each operator that stands between two things on one line."""
+def operator_locations(path: Path) -> Iterator[tuple[int, int, type]]:
+    """Offset in the text, length and kind of each operator between two operands on one line."""
     text = path.read_text(encoding="utf-8")
     starts = [0, *(m.end() for m in re.finditer("\n", text))]
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.BinOp) and type(node.op) in SWAPPED:
             pairs = [(node.left, type(node.op), node.right)]
         elif isinstance(node, ast.Compare):
-            around = zip([node.left, *node.comparators], node.ops, node.comparators)
-            pairs = [(left, type(op), right) for left, op, right in around if type(op) in SWAPPED]
+            neighbours = zip([node.left, *node.comparators], node.ops, node.comparators)
+            pairs = [
+                (left, type(op), right) for left, op, right in neighbours if type(op) in SWAPPED
+            ]
         else:
             continue
         for left, kind, right in pairs:
             if left.end_lineno is None or left.end_col_offset is None:
                 continue
             line = text[starts[left.end_lineno - 1] :].split("\n", 1)[0].encode()
-            begin = starts[left.end_lineno - 1] + len(line[: left.end_col_offset].decode())
+            start = starts[left.end_lineno - 1] + len(line[: left.end_col_offset].decode())
             end = starts[right.lineno - 1] + len(
                 text[starts[right.lineno - 1] :]
                 .split("\n", 1)[0]
                 .encode()[: right.col_offset]
                 .decode()
             )
-            found = re.search(rf"(?<![*/<>]){re.escape(SIGNS[kind])}(?![*/=])", text[begin:end])
-            if found:
-                yield begin + found.start(), len(SIGNS[kind]), kind
+            match = re.search(rf"(?<![*/<>]){re.escape(SIGNS[kind])}(?![*/=])", text[start:end])
+            if match:
+                yield start + match.start(), len(SIGNS[kind]), kind
 
 
 def stages(file: str) -> list[list[str]]:
     """Tests that import the module, those of its package, and the main job."""
-    parts = Path(file).with_suffix("").parts
-    module = ".".join(p for p in parts if p != "__init__")
+    path_parts = Path(file).with_suffix("").parts
+    module = ".".join(p for p in path_parts if p != "__init__")
     direct = [
         str(p.relative_to(ROOT))
         for p in sorted((ROOT / "tests").rglob("test_*.py"))
         if re.search(rf"\b{re.escape(module)}\b", p.read_text(encoding="utf-8"))
     ]
-    package = Path(parts[1 if parts[0] == "tcdyn" else 0]).stem
-    own = [
+    package = Path(path_parts[1 if path_parts[0] == "tcdyn" else 0]).stem
+    package_tests = [
         f"tests/{name}"
         for name in (TEST_FOLDER_OF.get(package), package)
         if name and (ROOT / "tests" / name).is_dir()
     ][:1]
     return [
         [file, *direct[:8]],
-        own,
+        package_tests,
         ["tests/behaviour", "tests/cli/test_main_job.py", "tests/core/test_results.py"],
     ]
 
 
 def stages_by_coverage(folder: Path, file: str, row: int) -> list[list[str]]:
-    """The tests that run a line: those without the campaign that is made first, then the rest, the quick ones first.
+    """The tests that execute a line: first those without the simulated campaign, then the others, the quick ones first.
 
-    Of each as many as the whole run took ``MOST_s`` for; then the numbers of this version, and of a line that a fixture
-    runs the whole job.
+    Of each as many as took ``MOST_s`` in the complete run; then the tests of the numbers of this version, and for a
+    line that a fixture executes the complete job.
     """
     data = CoverageData(str(folder / ".coverage"))
     data.read()
@@ -125,31 +127,30 @@ def stages_by_coverage(folder: Path, file: str, row: int) -> list[list[str]]:
         name: "campaign" in (ROOT / name).read_text("utf-8")
         for name in {t.split("::")[0] for t in contexts}
     }
-    own = tuple(name for some in stages(file)[:2] for name in some if name != file)
+    package_tests = tuple(name for group in stages(file)[:2] for name in group if name != file)
     quick = sorted(
         contexts,
         key=lambda test: (
             with_campaign[test.split("::")[0]],
-            not test.startswith(own),
+            not test.startswith(package_tests),
             took.get(test, 1.0),
         ),
     )
-    alone = [test for test in quick if not with_campaign[test.split("::")[0]]]
-    found = []
-    for some in (alone, quick[len(alone) :]):
-        until = accumulate(took.get(test, 1.0) for test in some)
-        found.append([test for test, end in zip(some, until) if end < MOST_s] or some[:1])
-    return [*found, stages(file)[-1] if shared else ["tests/behaviour/test_behaviour.py"]]
+    without_campaign = [test for test in quick if not with_campaign[test.split("::")[0]]]
+    test_groups = []
+    for group in (without_campaign, quick[len(without_campaign) :]):
+        until = accumulate(took.get(test, 1.0) for test in group)
+        test_groups.append([test for test, end in zip(group, until) if end < MOST_s] or group[:1])
+    return [*test_groups, stages(file)[-1] if shared else ["tests/behaviour/test_behaviour.py"]]
 
 
-def killed(copy: Path, found: list[list[str]]) -> str:
+def detected_by(copy: Path, test_groups: list[list[str]]) -> str:
     """The stage that detected the mutant, or an empty text."""
-    for name, tests in zip(("module", "package", "job"), found):
+    for name, tests in zip(("module", "package", "job"), test_groups):
         if not tests:
             continue
-        run = get_context("fork").Process(
-            target=run_in, args=(copy, tests)
-        )  # with all libraries imported
+        # a fork has all libraries imported
+        run = get_context("fork").Process(target=run_in, args=(copy, tests))
         run.start()
         run.join(LIMIT_s)
         if run.is_alive():
@@ -168,45 +169,47 @@ def run_in(copy: Path, tests: list[str]) -> None:
     os.chdir(copy)
     sys.path.insert(0, str(copy))
     os.environ |= {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    with open(os.devnull, "wb") as nothing:
+    with open(os.devnull, "wb") as null:
         for stream in (1, 2):
-            os.dup2(nothing.fileno(), stream)
+            os.dup2(null.fileno(), stream)
     sys.exit(
         int(pytest.main(["-x", "-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]))
     )
 
 
 def main(count: int, seed: int, coverage: Path | None = None) -> None:
-    """Draw ``count`` operators; print for each the stage that detected it, and the total."""
+    """Sample ``count`` operators; print for each the stage that detected it, and the total."""
     for name in LIBRARIES:
         import_module(name)
     rng = Random(seed)
     files = [p for package in PACKAGES for p in sorted((ROOT / package).rglob("*.py"))]
-    every = [(p, *place) for p in files for place in places(p)]
+    locations = [(p, *location) for p in files for location in operator_locations(p)]
     detected = 0
     with TemporaryDirectory() as folder:
         copy = Path(folder)
-        for part in (*PACKAGES, "tests", "docs"):
-            shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
+        for folder_name in (*PACKAGES, "tests", "docs"):
+            shutil.copytree(
+                ROOT / folder_name, copy / folder_name, ignore=shutil.ignore_patterns("__pycache__")
+            )
         for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, copy / name)
-        if killed(
+        if detected_by(
             copy, [["tests/estimation", "tests/immersion", "tests/behaviour/test_behaviour.py"]]
         ):
             sys.exit("tests fail without a swapped operator")
-        for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):
+        for k, (path, offset, length, kind) in enumerate(rng.sample(locations, count), 1):
             file = str(path.relative_to(ROOT))
             text = path.read_text(encoding="utf-8")
-            mutant = text[:at] + SWAPPED[kind] + text[at + length :]
+            mutant = text[:offset] + SWAPPED[kind] + text[offset + length :]
             (copy / file).write_text(mutant, encoding="utf-8")
-            line_no = text.count("\n", 0, at) + 1
-            found = stages_by_coverage(coverage, file, line_no) if coverage else []
-            who = killed(copy, found if any(found) else stages(file))
+            line_no = text.count("\n", 0, offset) + 1
+            test_groups = stages_by_coverage(coverage, file, line_no) if coverage else []
+            stage = detected_by(copy, test_groups if any(test_groups) else stages(file))
             (copy / file).write_text(text, encoding="utf-8")
-            detected += bool(who)
+            detected += bool(stage)
             line = text.splitlines()[line_no - 1].strip()
             print(
-                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'NOT DETECTED'}: {line}",
+                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {stage or 'NOT DETECTED'}: {line}",
                 flush=True,
             )
     print(f"{detected} of {count} detected")

@@ -1,4 +1,5 @@
-"""Speed of the plunge model and fit against plain alternatives: ``python -m tests.benchmarks.plunge``."""
+"""Speed of the plunge model and fit against simple alternatives: ``python -m
+tests.benchmarks.plunge``."""
 
 from __future__ import annotations
 
@@ -50,8 +51,9 @@ def baseline(cells: int = 60, duration_s: float = 300.0) -> np.ndarray:
     return np.interp(disk.outer_radius_m - DEPTHS, centres, out.y[:, -1])
 
 
-def fit_side(baseline_s: float) -> None:
-    """One evaluation as the fit makes it, readings of six channels and their 40 derivatives, against differences."""
+def time_fit_model(baseline_s: float) -> None:
+    """One evaluation as in the fit, readings of six channels and their 40 derivatives, against
+    differences."""
     rng = np.random.default_rng(2)
     times, readings = simulate(same_pairs(1), 60.0, rng)
     run = make_runs(same_pairs(1), times, readings, rng)[0]
@@ -63,10 +65,10 @@ def fit_side(baseline_s: float) -> None:
     t0 = process_time()
     for _ in range(10):
         predict(models, layout, theta)
-    one = (process_time() - t0) / 10
+    evaluation_s = (process_time() - t0) / 10
     print(
-        f"model and {layout.size} derivatives: {1e3 * one:.1f} ms; {layout.size + 1} baseline runs would take "
-        f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / one:.0f}"
+        f"model and {layout.size} derivatives: {1e3 * evaluation_s:.1f} ms; {layout.size + 1} baseline runs would take "
+        f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / evaluation_s:.0f}"
     )
 
 
@@ -75,15 +77,15 @@ def main() -> None:
     disk = Cylinder.from_setup(SETUP)
     bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
 
-    def own() -> np.ndarray:
+    def model_temperature() -> np.ndarray:
         out = simulate_plunge_model(
             disk, DEPTHS, lambda T, F, t: bath.h_W_m2K(T, F), 26.0, 110.0, 300.0
         )
         return out.at(np.array([300.0]), 0.0)[0]
 
-    own()
+    model_temperature()
     t0 = process_time()
-    a = own()
+    a = model_temperature()
     fast = process_time() - t0
     t0 = process_time()
     b = baseline()
@@ -92,7 +94,7 @@ def main() -> None:
         f"300 s plunge: {fast:.3f} s; finite volumes with BDF {slow:.2f} s, ratio {slow / fast:.0f}"
     )
     print(f"largest difference at 300 s: {np.max(np.abs(a - b)):.4f} K")
-    fit_side(slow)
+    time_fit_model(slow)
     rng = np.random.default_rng(1)
     d = same_pairs(1)
     times, readings = simulate(d, 140.0, rng)

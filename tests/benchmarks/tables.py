@@ -32,7 +32,7 @@ finally:
 
 
 def write_table(path: Path, rows: int, columns: int, rate_Hz: float, seed: int = 1) -> Path:
-    """A table of sensors of one lag in fluids that swing at random, written in blocks."""
+    """A table of sensors with one lag in fluids with random temperature, written in blocks."""
     rng = np.random.default_rng(seed)
     names = ["time_s", *(f"T{k}_degC" for k in range(columns))]
     poles = [np.exp(-1 / rate_Hz / tau) for tau in (5.0, 2.0, 2.0, LAG_S)]
@@ -49,23 +49,23 @@ def write_table(path: Path, rows: int, columns: int, rate_Hz: float, seed: int =
 
 
 def run(*args: str | Path) -> tuple[int, float, float]:
-    """Exit code of a command in a process of its own, its time [s] and its peak memory [MB]."""
-    begin = time.perf_counter()
-    done = subprocess.run(
+    """Exit code of a command in its own process, its time [s] and its peak memory [MB]."""
+    start = time.perf_counter()
+    process = subprocess.run(
         [sys.executable, "-c", RUN, *map(str, args)], capture_output=True, text=True, check=False
     )
-    peak = [line for line in done.stderr.splitlines() if line.startswith("peak ")]
+    peak = [line for line in process.stderr.splitlines() if line.startswith("peak ")]
     return (
-        done.returncode,
-        time.perf_counter() - begin,
+        process.returncode,
+        time.perf_counter() - start,
         float(peak[-1].split()[1]) / 1024 if peak else np.nan,
     )
 
 
-def compensated(
+def compensate_table(
     folder: Path, rows: int, columns: int, rate_Hz: float, ending: str
 ) -> tuple[int, float, float]:
-    """Exit code, time [s] and peak memory [MB] of one table of that size."""
+    """Exit code, time [s] and peak memory [MB] for one table of this size."""
     sensor = write_sensor(specified_sensor("s", ["T*"], [(LAG_S, 0.02)]), folder / "s.sensor.json")
     table = write_table(folder / f"table{ending}", rows, columns, rate_Hz)
     return run("compensate", table, "--sensor", sensor, "--out", folder / f"out{ending}", "--quiet")
@@ -79,23 +79,23 @@ def main() -> None:
     parser.add_argument("--rate-Hz", type=float, default=75.0)
     parser.add_argument("--parquet", action="store_true")
     args = parser.parse_args()
-    found = []
+    measurements = []
     for rows in map(int, args.rows):
         with tempfile.TemporaryDirectory() as folder:
-            code, span, peak = compensated(
+            code, span, peak = compensate_table(
                 Path(folder),
                 rows,
                 args.columns,
                 args.rate_Hz,
                 ".parquet" if args.parquet else ".csv",
             )
-        found.append((rows, span, peak))
+        measurements.append((rows, span, peak))
         print(
             f"{rows:9d} rows x {args.columns}: {span:7.1f} s, peak {peak:5.0f} MB, exit code {code}",
             flush=True,
         )
-    if len(found) > 1:
-        logs = np.log(found)
+    if len(measurements) > 1:
+        logs = np.log(measurements)
         for what, column in (("time", logs[:, 1]), ("peak memory", logs[:, 2])):
             print(f"{what}: slope {np.polyfit(logs[:, 0], column, 1)[0]:.2f}")
 

@@ -1,4 +1,4 @@
-"""The walk from a log to beta as data: how many files it crosses, and how often it comes back to one it had left.
+"""The path from a log to beta through the code: how many files it crosses, and how often it returns to a file.
 
 Run: ``python -m tests.benchmarks.walk [order]``. Functions are taken in the order of their first calls, for the short
 campaign of ``tests/conftest.py``; ``order`` prints them all.
@@ -19,39 +19,39 @@ from tcdyn.workflows import estimate_beta
 from tests.conftest import small_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("calibration", "immersion", "tcdyn")
+PACKAGES = ("calibration", "immersion", "tcdyn")
 
 
 def walk(job: Callable[[], Any]) -> list[tuple[str, str]]:
     """(file, function) of the library in the order of first calls during ``job``; no lambdas, no comprehensions."""
-    seen: dict[tuple[str, str, int], None] = {}
+    calls: dict[tuple[str, str, int], None] = {}
 
-    def see(frame: FrameType, event: str, _: Any) -> None:
+    def record_call(frame: FrameType, event: str, _: Any) -> None:
         code = frame.f_code
         path = Path(code.co_filename)
         if event != "call" or code.co_name.startswith("<") or ROOT not in path.parents:
             return
-        inside = path.relative_to(ROOT)
-        if inside.parts[0] in ROOMS:
-            seen.setdefault((str(inside), code.co_qualname, code.co_firstlineno))
+        relative_path = path.relative_to(ROOT)
+        if relative_path.parts[0] in PACKAGES:
+            calls.setdefault((str(relative_path), code.co_qualname, code.co_firstlineno))
 
-    sys.setprofile(see)
+    sys.setprofile(record_call)
     try:
         job()
     finally:
         sys.setprofile(None)
-    return [(file, function) for file, function, _ in seen]
+    return [(file, function) for file, function, _ in calls]
 
 
 def figures(steps: list[tuple[str, str]]) -> dict[str, int]:
     """Functions, files, changes of file, and returns to a file already left."""
-    left: set[str] = set()
+    left_files: set[str] = set()
     changes = returns = 0
-    for (before, _), (now, _) in pairwise(steps):
-        if now != before:
-            left.add(before)
+    for (before, _), (after, _) in pairwise(steps):
+        if after != before:
+            left_files.add(before)
             changes += 1
-            returns += now in left
+            returns += after in left_files
     return {
         "functions": len(steps),
         "files": len({f for f, _ in steps}),
@@ -63,8 +63,10 @@ def figures(steps: list[tuple[str, str]]) -> dict[str, int]:
 def main() -> None:
     """Print the figures, and functions by file or in order."""
     with tempfile.TemporaryDirectory() as folder:
-        made = small_campaign(Path(folder))
-        steps = walk(lambda: estimate_beta(made.files.ehl["B3"], made.rig, made.records))
+        campaign = small_campaign(Path(folder))
+        steps = walk(
+            lambda: estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records)
+        )
     print(figures(steps))
     if "order" in sys.argv:
         print(*(f"{file} {function}" for file, function in steps), sep="\n")

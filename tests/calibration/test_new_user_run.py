@@ -1,4 +1,4 @@
-"""A new user's run from files to certificate, and the damaged corpus through the real commands."""
+"""From files to a certificate as a new user does it, and damaged files through the real commands."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tests.rig.log_cases import immersion_frame, oven_frame
 from tests.rig.test_record import RECORD
 
 
-def tcdyn(*words) -> int:
-    """The exit code of ``tcdyn WORDS``."""
-    return run(lambda: app([str(w) for w in words]))
+def tcdyn(*arguments) -> int:
+    """The exit code of ``tcdyn ARGUMENTS``."""
+    return run(lambda: app([str(a) for a in arguments]))
 
 
 @pytest.mark.e2e
-def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_path):
+def test_simulated_oven_and_plunges_give_a_certificate_in_two_commands(tmp_path):
     campaign = tmp_path / "rig"
     assert tcdyn("simulate", "campaign", "--out", campaign, "--test", "B3", "--seed", 4) == 0
     plunges = [w for k in (1, 2) for w in ("--immersion", campaign / f"plunge_fast_{k}.csv")]
@@ -51,15 +51,15 @@ def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_pa
         "--quiet",
     )
     assert code == 0
-    found = read_record(record)
-    truth = json.loads((campaign / "truth" / "truth.json").read_text())
-    assert {i.file for i in found.inputs} == {
+    stored_record = read_record(record)
+    true_values = json.loads((campaign / "truth" / "truth.json").read_text())
+    assert {i.file for i in stored_record.inputs} == {
         "oven_fast.csv",
         "plunge_fast_1.csv",
         "plunge_fast_2.csv",
     }
     assert "thermocouples fit to use" in page.read_text()
-    assert truth
+    assert true_values
     assert tcdyn("record", "show", record) == 0
 
 
@@ -76,7 +76,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
         folder.mkdir()
         path = damage.build(folder)
         out = tmp_path / "out.json"
-        words = {
+        arguments = {
             "oven": (
                 "calibrate",
                 "--disk",
@@ -101,21 +101,21 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
             ),
             "ehl": ("compensate", path, "--record", record, "--out", tmp_path / "out.csv"),
         }[damage.kind]
-        # `compensate` takes plunges, logs whose disks do not part and logs without friction, `beta` does not
+        # `compensate` accepts plunges, logs without unloading and logs without friction; `beta` does not
         if damage.name == "a plunge as an EHL log" or damage.words in (
             "no unloading",
             "friction_N: column is missing",
         ):
-            words = ("beta", path, "--record", record, "--out", tmp_path / "out.csv")
-        assert tcdyn(*words) == 2, damage.name
-        said = capsys.readouterr().err
-        assert "Traceback" not in said, damage.name
+            arguments = ("beta", path, "--record", record, "--out", tmp_path / "out.csv")
+        assert tcdyn(*arguments) == 2, damage.name
+        messages = capsys.readouterr().err
+        assert "Traceback" not in messages, damage.name
         shutil.rmtree(folder)
         assert set(tmp_path.iterdir()) == before, damage.name
 
 
 @pytest.mark.e2e
-def test_the_certificate_shows_the_plunges(tmp_path):
+def test_certificate_shows_the_plunges(tmp_path):
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import write_log as write_rig_log
     from tcdyn.simulate.measure import simulate_oven
@@ -124,35 +124,35 @@ def test_the_certificate_shows_the_plunges(tmp_path):
 
     write_rig_log(simulate_oven("fast", seed=3)[0], tmp_path / "oven.csv")
     write_rig_log(simulate_plunge("fast", seed=3, bath_degC=95.0)[0], tmp_path / "p.csv")
-    found = calibrate_disk(
+    calibration = calibrate_disk(
         load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"]
     )
-    traces, rest = plunge_sections(found.fit)
+    traces, residuals = plunge_sections(calibration.fit)
     assert traces.with_image().image.startswith("data:image/png")
-    assert rest.with_image().image.startswith("data:image/png")
-    # what is left in a single sample is the simulated noise of 0.1 to 0.15 degC
-    assert all(float(rest.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
+    assert residuals.with_image().image.startswith("data:image/png")
+    # the remaining noise of a single sample is the simulated 0.1 to 0.15 degC
+    assert all(float(residuals.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
 
 
-def test_a_transducers_gain_and_zero_are_printed_and_written(tmp_path, capsys):
+def test_gain_and_zero_of_a_transducer_are_printed_and_written(tmp_path, capsys):
     volts, force, session = sessions(0)
     path = tmp_path / "weights.csv"
     out = tmp_path / "cell.json"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "--out", out) == 0
-    said = capsys.readouterr().out
-    found = json.loads(out.read_text())
+    printed = capsys.readouterr().out
+    stored = json.loads(out.read_text())
     line = fit_transducer(volts, force, session)
-    assert found["slope_N_V"]["value"] == pytest.approx(line.slope_N_V.value, rel=1e-12)
-    assert found["intercept_N"]["2"]["u"] == pytest.approx(line.intercept_N["2"].u, rel=1e-12)
-    assert line.slope_N_V.text("N/V") in said
-    assert f"{line.slope_N_V.low95:.6g} to {line.slope_N_V.high95:.6g}" in said
+    assert stored["slope_N_V"]["value"] == pytest.approx(line.slope_N_V.value, rel=1e-12)
+    assert stored["intercept_N"]["2"]["u"] == pytest.approx(line.intercept_N["2"].u, rel=1e-12)
+    assert line.slope_N_V.text("N/V") in printed
+    assert f"{line.slope_N_V.low95:.6g} to {line.slope_N_V.high95:.6g}" in printed
     path.write_text("volts,force_N\n0.1,0\n0.2,\n0.3,200\n")
     assert tcdyn("transducer", path) == 2
     assert "column force_N, row 3: no number" in capsys.readouterr().err
 
 
-def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_path, capsys):
+def test_gain_of_a_friction_transducer_gives_the_uncertainty_of_the_rig_file(tmp_path, capsys):
     from tcdyn.rig.rigfile import load_rig, rig_toml
 
     volts, force, session = sessions(0)
@@ -160,28 +160,27 @@ def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_pat
     rig = tmp_path / "rig.toml"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "--of", "friction", "--weights-rel", "0.002") == 0
-    said = capsys.readouterr().out
-    assert "under [uncertainty]" in said
-    shown = rig_toml(load_rig())
-    new = said.splitlines()[-1]
-    assert shown.count("\nfriction_rel = ") == 1
+    printed = capsys.readouterr().out
+    assert "under [uncertainty]" in printed
+    rig_text = rig_toml(load_rig())
+    uncertainty_line = printed.splitlines()[-1]
+    assert rig_text.count("\nfriction_rel = ") == 1
     rig.write_text(
         "\n".join(
-            new if line.startswith("friction_rel = ") else line for line in shown.splitlines()
+            uncertainty_line if line.startswith("friction_rel = ") else line
+            for line in rig_text.splitlines()
         )
     )
     line = fit_transducer(volts, force, session)
     expected = np.hypot(line.slope_N_V.u / line.slope_N_V.value, 0.002)
     assert load_rig(rig).disk_setup("fast") == load_rig().disk_setup("fast")
-    assert load_rig(rig).common.uncertainty.friction_rel == pytest.approx(
-        expected, rel=5e-3
-    )  # three digits
+    # printed with three digits
+    assert load_rig(rig).common.uncertainty.friction_rel == pytest.approx(expected, rel=5e-3)
     assert tcdyn("transducer", path, "--of", "load") == 0
-    said = capsys.readouterr().out
-    assert "half_width_rel" in said
-    assert all(
-        each.startswith("# ") for each in said.splitlines()
-    )  # nothing of it changes a rig file
+    printed = capsys.readouterr().out
+    assert "half_width_rel" in printed
+    # only comments: nothing of it changes a rig file
+    assert all(printed_line.startswith("# ") for printed_line in printed.splitlines())
     assert tcdyn("transducer", path, "--of", "load", "--weights-rel", "0.002", "--json") == 0
     assert json.loads(capsys.readouterr().out) == {
         "half_width_rel_by_load": pytest.approx(expected / 3)
@@ -190,14 +189,14 @@ def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_pat
     assert "load or friction" in capsys.readouterr().err
 
 
-def test_sessions_whose_gains_differ_end_in_exit_code_one(tmp_path):
+def test_sessions_with_different_gains_end_with_exit_code_1(tmp_path):
     volts, force, session = sessions(0, twist=0.01)
     path = tmp_path / "weights.csv"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "-q") == 1
 
 
-def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_at_rest():
+def test_channels_that_deviate_before_a_plunge_are_named_only_for_a_disk_at_rest():
     from immersion.entry import EntryEvent
     from immersion.fluids import fluid
     from immersion.plunge_data import PlungeRun
@@ -210,9 +209,9 @@ def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_a
         gain=1.0, offset=0.0, covariance=((1e-8, 0.0), (0.0, 0.03**2)), range_degC=(20.0, 160.0)
     )
 
-    def named(off_K, slope_K_s=0.0):
+    def deviating_channels(offset_K, slope_K_s=0.0):
         shape = np.where(t < 10, 25 + slope_K_s * t, 90.0)[:, None] + np.array(
-            [0, 0, off_K, 0, -off_K, 0]
+            [0, 0, offset_K, 0, -offset_K, 0]
         )
         readings = shape + 0.1 * rng.standard_normal(shape.shape)
         entry = EntryEvent(10.0, 0.01, 10.0, 10.0, "both")
@@ -230,7 +229,8 @@ def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_a
             )
         )
 
-    assert named(0.0) == set()
-    assert named(0.15) == set()  # twice what lines (0.03 K) and a disk at rest (0.07 K) leave open
-    assert named(0.4) == {"c", "e"}
-    assert named(0.4, slope_K_s=-0.1) == set()
+    assert deviating_channels(0.0) == set()
+    # twice the uncertainty of the lines (0.03 K) and of a disk at rest (0.07 K)
+    assert deviating_channels(0.15) == set()
+    assert deviating_channels(0.4) == {"c", "e"}
+    assert deviating_channels(0.4, slope_K_s=-0.1) == set()

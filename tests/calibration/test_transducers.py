@@ -19,12 +19,12 @@ def sessions(seed, slope=240.0, shifts=(0.0, 40.0, 100.0), sd_V=8.3e-4, twist=0.
     rng = np.random.default_rng(seed)
     force = np.tile(LOADS, len(shifts))
     session = np.repeat(np.arange(len(shifts)), len(LOADS))
-    own = slope * (1 + twist * session)
-    volts = (force - np.array(shifts)[session]) / own + rng.normal(0, sd_V, len(force))
+    session_slope = slope * (1 + twist * session)
+    volts = (force - np.array(shifts)[session]) / session_slope + rng.normal(0, sd_V, len(force))
     return volts, force, session
 
 
-def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_right_rate():
+def test_intervals_of_slope_and_shift_have_nominal_coverage():
     slope = []
     shift = []
     alarms = []
@@ -33,26 +33,26 @@ def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_
         slope.append(line.slope_N_V.contains(240.0))
         shift.append(line.intercept_N["2"].contains(100.0))
         alarms.append(line.slopes_differ_p < 0.05)
-    # three sigma of a 95 % (5 %) rate over 400 draws is 3.3 %
+    # three sigma of a 95 % (5 %) rate over 400 samples is 3.3 %
     assert 0.917 <= np.mean(slope) <= 0.983
     assert 0.917 <= np.mean(shift) <= 0.983
     assert np.mean(alarms) <= 0.083
 
 
-def test_lines_are_drawn_through_their_points():
+def test_lines_are_plotted_through_their_points():
     volts, force, session = sessions(3)
     ax = draw_transducer(
         fit_transducer(volts, force, session), volts, force, session, figure()[1][0]
     )
-    drawn = [np.transpose(line.get_data()) for line in ax.lines]
-    assert len(drawn) == 6
-    for dots, line in zip(drawn[::2], drawn[1::2]):
-        at = np.polyval(np.polyfit(*dots.T, 1), line[:, 0])
-        assert line[:, 1] == pytest.approx(at, abs=2.0)
+    plotted = [np.transpose(line.get_data()) for line in ax.lines]
+    assert len(plotted) == 6
+    for dots, line in zip(plotted[::2], plotted[1::2]):
+        expected = np.polyval(np.polyfit(*dots.T, 1), line[:, 0])
+        assert line[:, 1] == pytest.approx(expected, abs=2.0)
         assert [line[:, 0].min(), line[:, 0].max()] == [dots[:, 0].min(), dots[:, 0].max()]
 
 
-def test_the_shift_between_sessions_is_figure_2_21s():
+def test_shift_between_sessions_is_that_of_figure_2_21():
     line = fit_transducer(*sessions(0))
     assert line.shift_N.value == pytest.approx(100.0, abs=3 * line.shift_N.u)
     assert line.r_squared > 0.999
@@ -61,18 +61,18 @@ def test_the_shift_between_sessions_is_figure_2_21s():
     assert line.force_N(1.0 + 0.25, zero_V=0.25) == pytest.approx(240.0, rel=1e-3)
 
 
-def test_a_changed_slope_is_noticed():
+def test_changed_slope_is_detected():
     line = fit_transducer(*sessions(0, twist=0.002))
     assert line.slopes_differ_p < 1e-4
     assert [f.code for f in line.findings] == ["transducer.slopes_differ"]
 
 
-def test_fewer_points_than_sessions_need_are_refused():
+def test_too_few_points_for_the_sessions_raise():
     with pytest.raises(InputError, match="2 a session"):
         fit_transducer([1.0, 2.0, 3.0], [0.0, 1.0, 2.0], [1, 1, 2])
 
 
-def bearing(seed=0, noise=0.0):
+def bearing_data(seed=0, noise=0.0):
     """Figure 2.25: four speeds, 800 to 2320 N, in pure rolling."""
     rng = np.random.default_rng(seed)
     speeds = np.array([774.0, 1005.0, 1238.0, 1546.0])
@@ -83,7 +83,7 @@ def bearing(seed=0, noise=0.0):
 
 
 def test_half_of_the_measured_bearing_friction_is_added():
-    fitted = fit_bearing_friction(*bearing())
+    fitted = fit_bearing_friction(*bearing_data())
     assert len(fitted.lines) == 4
     value, u = fitted.correction_N([800.0, 2000.0], [774.0, 1120.0])
     assert value == pytest.approx(
@@ -97,8 +97,8 @@ def test_half_of_the_measured_bearing_friction_is_added():
     ]
 
 
-def test_each_family_of_bearing_friction_is_drawn_with_its_line():
-    ax = draw_bearing(fit_bearing_friction(*bearing()), figure()[1][0])
+def test_each_family_of_bearing_friction_is_plotted_with_its_line():
+    ax = draw_bearing(fit_bearing_friction(*bearing_data()), figure()[1][0])
     for rpm, dots, line in zip((774, 1005, 1238, 1546), ax.lines[::2], ax.lines[1::2]):
         assert float(dots.get_label().removesuffix(" rpm")) == pytest.approx(rpm, abs=3.0)
         assert line.get_xdata().tolist() == [800.0, 2320.0]
@@ -107,27 +107,34 @@ def test_each_family_of_bearing_friction_is_drawn_with_its_line():
         )
 
 
-def test_u_of_the_bearing_friction_is_half_that_of_the_lines_widened_as_few_points_ask():
-    """On a line s^2 (1/n + (x - mean)^2/Sxx); half way between two speeds a quarter of each line's variance."""
-    load, friction, _ = bearing(1, 0.2)
-    found = fit_bearing_friction(load, friction, np.repeat([774.0, 1005.0, 1238.0, 1546.0], 6))
+def test_uncertainty_of_the_bearing_friction_follows_from_the_lines_with_student_factor():
+    """On a line s^2 (1/n + (x - mean)^2/Sxx); half way between two speeds a quarter of the
+    variance of each line."""
+    load, friction, _ = bearing_data(1, 0.2)
+    fit = fit_bearing_friction(load, friction, np.repeat([774.0, 1005.0, 1238.0, 1546.0], 6))
     x = load[:6]
-    at = np.array([900.0, x.mean(), 2300.0])
-    wide = stats.t.ppf(0.975, 4) / stats.norm.ppf(0.975)
+    load_points = np.array([900.0, x.mean(), 2300.0])
+    student_factor = stats.t.ppf(0.975, 4) / stats.norm.ppf(0.975)
     variance = []
     for y in (friction[:6], friction[6:12]):
         s2 = np.sum((y - np.polyval(np.polyfit(x, y, 1), x)) ** 2) / 4
-        variance.append(wide**2 * s2 * (1 / 6 + (at - x.mean()) ** 2 / np.sum((x - x.mean()) ** 2)))
-    assert found.correction_N(at, 774.0)[1] == pytest.approx(0.5 * np.sqrt(variance[0]), rel=1e-6)
-    assert found.correction_N(at, 889.5)[1] == pytest.approx(
+        variance.append(
+            student_factor**2
+            * s2
+            * (1 / 6 + (load_points - x.mean()) ** 2 / np.sum((x - x.mean()) ** 2))
+        )
+    assert fit.correction_N(load_points, 774.0)[1] == pytest.approx(
+        0.5 * np.sqrt(variance[0]), rel=1e-6
+    )
+    assert fit.correction_N(load_points, 889.5)[1] == pytest.approx(
         0.5 * np.sqrt(sum(variance) / 4), rel=1e-6
     )
 
 
-def test_bearing_intervals_hold_the_truth_at_the_right_rate():
-    hits = []
+def test_bearing_intervals_have_nominal_coverage():
+    covered = []
     for seed in range(300):
-        value, u = fit_bearing_friction(*bearing(seed, 0.2)).correction_N(1500.0, 1005.0)
-        hits.append(abs(value - 0.5 * (2.0 + 0.004 * 1005 + 3.0)) < 1.96 * u)
-    # three sigma of 300 is 3.8 %; the t widening is exact for one family only, hence the upper side is left open
-    assert np.mean(hits) > 0.912
+        value, u = fit_bearing_friction(*bearing_data(seed, 0.2)).correction_N(1500.0, 1005.0)
+        covered.append(abs(value - 0.5 * (2.0 + 0.004 * 1005 + 3.0)) < 1.96 * u)
+    # three sigma of 300 is 3.8 %; the Student factor is exact for one family only, so the upper side is open
+    assert np.mean(covered) > 0.912

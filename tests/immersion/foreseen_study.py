@@ -38,11 +38,12 @@ def main(disks: int, seed: int) -> None:
             flush=True,
         )
     common, differential = np.array(uncertainties).T
+    low_u, high_u = np.quantile(common, [0.1, 0.9])
     low = predicted.low_s
     high = predicted.high_s
     print(
         f"{disks} disks: u of the common lag predicted {predicted.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; "
-        f"fitted {np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "
+        f"fitted {np.sqrt(np.mean(common**2)):.3f} rms, {low_u:.3f} to {high_u:.3f}; "
         f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, "
         f"below {100 * np.mean(common < low):.0f} %, "
         f"above {100 * np.mean(common > high):.0f} %; differences predicted {predicted.u_differential_s:.4f}, fitted "

@@ -178,7 +178,8 @@ def summary_line(rows: list[dict[str, Any]]) -> str:
     return (
         f"{len(rows):4d} disks: differences covered {100 * np.mean(np.abs(z) < 1.96):.0f} %, rms z "
         f"{np.sqrt(np.mean(z**2)):.2f}, rms u {1e3 * u_differential:.1f} ms, mean error a .. f [ms] {mean}; "
-        f"common covered {100 * np.mean(covered):.0f} %, error {np.mean(common):+.3f} +- {np.std(common):.3f} s, u {u_common:.3f}; "
+        f"common covered {100 * np.mean(covered):.0f} %, error {np.mean(common):+.3f} +- {np.std(common):.3f} s, "
+        f"u {u_common:.3f}; "
         f"warnings of deviating priors on {100 * np.mean([bool(found) for found in warnings]):.0f} % {counts or ''}"
     )
 

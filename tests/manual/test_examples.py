@@ -1,4 +1,5 @@
-"""Every public name has an example that runs: in a docstring, on a page, or in a script of the gallery."""
+"""Every public name has an example that runs: in a docstring, on a page, or in a script of the
+gallery."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parent.parent.parent
-ROOMS = (
+MODULES = (
     "tcdyn",
     "tcdyn.chain",
     "tcdyn.smoothing",
@@ -24,16 +25,17 @@ ROOMS = (
 PACKAGES = ("calibration", "immersion", "tcdyn")
 
 
-def public() -> dict[str, Any]:
-    """What the rooms offer, by the first name that offers it; types of arguments alone are no names to call."""
-    found: dict[int, tuple[str, Any]] = {}
-    for room in ROOMS:
-        module = import_module(room)
+def public_names() -> dict[str, Any]:
+    """Public functions and classes by the first name that exports them; type aliases are not
+    callable."""
+    by_id: dict[int, tuple[str, Any]] = {}
+    for module_name in MODULES:
+        module = import_module(module_name)
         for name in module.__all__:
-            thing = getattr(module, name)
-            if inspect.isclass(thing) or inspect.isfunction(thing):
-                found.setdefault(id(thing), (f"{room}.{name}", thing))
-    return dict(found.values())
+            item = getattr(module, name)
+            if inspect.isclass(item) or inspect.isfunction(item):
+                by_id.setdefault(id(item), (f"{module_name}.{name}", item))
+    return dict(by_id.values())
 
 
 def examples() -> Iterator[str]:
@@ -51,10 +53,14 @@ def examples() -> Iterator[str]:
         yield path.read_text(encoding="utf-8")
 
 
-def test_every_public_name_is_called_by_an_example() -> None:
+def test_every_public_name_is_used_in_an_example() -> None:
     called = set(re.findall(r"\b[A-Za-z_]\w*\b", "\n".join(examples())))
-    given = set()  # classes that a called function returns need no example of their own
-    for thing in public().values():
-        if inspect.isfunction(thing) and thing.__name__ in called:
-            given |= set(re.findall(r"\w+", str(thing.__annotations__.get("return", ""))))
-    assert [name for name, thing in public().items() if thing.__name__ not in called | given] == []
+    returned_classes = set()  # classes that a called function returns need no example of their own
+    for item in public_names().values():
+        if inspect.isfunction(item) and item.__name__ in called:
+            returned_classes |= set(re.findall(r"\w+", str(item.__annotations__.get("return", ""))))
+    assert [
+        name
+        for name, item in public_names().items()
+        if item.__name__ not in called | returned_classes
+    ] == []

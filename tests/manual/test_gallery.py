@@ -9,7 +9,7 @@ GALLERY = Path(__file__).parent.parent.parent / "docs" / "gallery"
 SCRIPTS = sorted(path.stem for path in GALLERY.glob("*.py") if path.stem not in ("common", "make"))
 
 
-def test_the_page_shows_every_picture_with_its_script_and_what_its_docstring_says() -> None:
+def test_page_shows_every_picture_with_its_script_and_its_docstring() -> None:
     page = (GALLERY / "index.md").read_text(encoding="utf-8")
     rows = re.findall(
         r"^\| .*_pictures/(\w+)\.png\) \| (.*) \{download\}`(\w+)\.py` \|$", page, re.M

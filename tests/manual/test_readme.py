@@ -23,21 +23,24 @@ MARKED_COMMANDS = ("demo-command", "test-command")
 
 
 def command_lines(block: str) -> list[list[str]]:
-    """Words of the command lines of a shell block, continued lines joined."""
+    """Arguments of the command lines of a shell block, with continued lines joined."""
     return [shlex.split(line) for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 
 
 def commands() -> list[list[str]]:
-    """Words of every call of ``tcdyn`` in a code block or in the text."""
+    """Arguments of every call of ``tcdyn`` in a code block or in the text."""
     blocks = [
-        words for language, block in BLOCKS if language == "sh" for words in command_lines(block)
+        arguments
+        for language, block in BLOCKS
+        if language == "sh"
+        for arguments in command_lines(block)
     ]
-    calls = [words for words in blocks if words[0] == "tcdyn"]
+    calls = [arguments for arguments in blocks if arguments[0] == "tcdyn"]
     return calls + [shlex.split(line) for line in INLINE_COMMANDS]
 
 
 @pytest.mark.parametrize("name", MARKED_COMMANDS)
-def test_a_marked_command_is_one_line_and_the_first_code_after_its_marker(name: str) -> None:
+def test_marked_command_is_one_line_directly_after_its_marker(name: str) -> None:
     assert TEXT.count(f"<!-- {name} -->") == 1
     marked = re.search(rf"<!-- {name} -->\n```sh\n(.+?)\n```", TEXT, re.S)
     assert marked is not None
@@ -45,7 +48,7 @@ def test_a_marked_command_is_one_line_and_the_first_code_after_its_marker(name: 
 
 
 @pytest.mark.e2e
-def test_every_block_runs_and_prints_what_its_comments_say(
+def test_every_block_runs_and_prints_what_its_comments_state(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -55,9 +58,9 @@ def test_every_block_runs_and_prints_what_its_comments_say(
             continue
         languages.append(language)
         if language == "sh":
-            for words in command_lines(block):
-                assert words[0] == "tcdyn"
-                assert tcdyn(*words[1:]) == 0, " ".join(words)
+            for arguments in command_lines(block):
+                assert arguments[0] == "tcdyn"
+                assert tcdyn(*arguments[1:]) == 0, " ".join(arguments)
         else:
             assert language == "python"
             output = io.StringIO()
@@ -68,30 +71,24 @@ def test_every_block_runs_and_prints_what_its_comments_say(
     assert languages == ["python", "sh", "python"]
 
 
-@pytest.mark.parametrize("words", commands(), ids=" ".join)
-def test_every_command_and_option_that_is_named_exists(words: list[str]) -> None:
-    if words[1] == "COMMAND":
-        assert words[2:] == ["--help"]
+@pytest.mark.parametrize("arguments", commands(), ids=" ".join)
+def test_every_named_command_and_option_exists(arguments: list[str]) -> None:
+    if arguments[1] == "COMMAND":
+        assert arguments[2:] == ["--help"]
         return
-    assert words[1] in COMMANDS
-    command = COMMANDS[words[1]]
+    assert arguments[1] in COMMANDS
+    command = COMMANDS[arguments[1]]
     subcommands = getattr(command, "commands", {})
     if subcommands:
-        command = subcommands[words[2]]
+        command = subcommands[arguments[2]]
     options = {option for parameter in command.params for option in parameter.opts}
-    assert {word for word in words if word.startswith("--")} <= options
+    assert {word for word in arguments if word.startswith("--")} <= options
 
 
-def test_the_table_lists_every_command_that_has_a_task_of_its_own() -> None:
-    named = {words[1] for words in commands()}
-    helpers = {
-        "round",
-        "rig",
-        "transducer",
-        "spot",
-        "record",
-        "hole",
-    }  # commands of the two-disk rig's own guides
+def test_table_lists_every_command_with_a_task_of_its_own() -> None:
+    named = {arguments[1] for arguments in commands()}
+    # commands that are described in the guides of the two-disk rig
+    helpers = {"round", "rig", "transducer", "spot", "record", "hole"}
     assert set(COMMANDS) - helpers <= named | {"demo"}
 
 

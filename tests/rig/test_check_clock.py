@@ -158,7 +158,7 @@ def compensate_four_logs(folder, jitter_kind: str) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def even(tmp_path_factory) -> float:
+def even_clock_error(tmp_path_factory) -> float:
     """The error with an even clock and every sample."""
     return compensate_four_logs(tmp_path_factory.mktemp("even"), "even")[0]
 

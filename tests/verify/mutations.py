@@ -1,7 +1,7 @@
-"""Thirty one-place changes of physics, each made in a copy of the source: does ``tcdyn verify`` or a unit test see it?
+"""Thirty single changes of the physics, each in a copy of the source: do ``tcdyn verify`` or unit tests detect them?
 
 Run by hand: ``python -m tests.verify.mutations`` (all), with numbers for some, ``--tests`` to run the named unit tests
-also where ``verify`` has seen the change.
+also if ``verify`` has detected the change.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("calibration", "immersion", "tcdyn", "tests")
+COPIED_FOLDERS = ("calibration", "immersion", "tcdyn", "tests")
 LIMIT_s = 900.0
 
 
@@ -257,7 +257,7 @@ MUTATIONS: tuple[Mutation, ...] = (
 
 @dataclass(frozen=True)
 class Caught:
-    """What was seen of it: the rows of ``verify`` that differ, or how it stopped; whether a unit test failed."""
+    """Result of a mutation: the rows of ``verify`` that differ, or how it stopped; whether a unit test failed."""
 
     rows: tuple[str, ...]
     stopped: str
@@ -274,16 +274,16 @@ class Caught:
         return self.by_verify or bool(self.test_failed)
 
 
-def _run(where: Path, *command: str) -> subprocess.CompletedProcess[str]:
+def _run(copy_root: Path, *command: str) -> subprocess.CompletedProcess[str]:
     env = {
         **os.environ,
-        "PYTHONPATH": str(where),
+        "PYTHONPATH": str(copy_root),
         "PYTHONDONTWRITEBYTECODE": "1",
         "MPLBACKEND": "Agg",
     }
     return subprocess.run(
         [sys.executable, "-m", *command],
-        cwd=where,
+        cwd=copy_root,
         env=env,
         capture_output=True,
         text=True,
@@ -292,60 +292,66 @@ def _run(where: Path, *command: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def tried(mutation: Mutation | None, where: Path, always_tests: bool = False) -> Caught:
-    """The mutation, or none, made in the copy at ``where``, looked for, and taken back."""
-    path = where / (mutation.file if mutation else "pyproject.toml")
-    before = path.read_text(encoding="utf-8")
+def try_mutation(mutation: Mutation | None, copy_root: Path, always_tests: bool = False) -> Caught:
+    """Make the mutation in the copy at ``where`` (None: no change), run the checks, and undo it."""
+    path = copy_root / (mutation.file if mutation else "pyproject.toml")
+    original = path.read_text(encoding="utf-8")
     try:
         if mutation:
-            path.write_text(mutation.changed(before), encoding="utf-8")
-        told = _run(where, "tcdyn.cli.app", "verify", "--json")
+            path.write_text(mutation.changed(original), encoding="utf-8")
+        process = _run(copy_root, "tcdyn.cli.app", "verify", "--json")
         try:
             rows = tuple(
                 f"{r['source']}: {r['quantity']}"
-                for r in json.loads(told.stdout)["rows"]
+                for r in json.loads(process.stdout)["rows"]
                 if r["verdict"] == "differs"
             )
             stopped = ""
         except json.JSONDecodeError:
             rows = ()
-            stopped = (told.stderr.strip().splitlines() or ["no output"])[-1]
+            stopped = (process.stderr.strip().splitlines() or ["no output"])[-1]
         failed = None
         if mutation and (always_tests or not (rows or stopped)):
             failed = _run(
-                where, "pytest", "-x", "-q", "-p", "no:cacheprovider", mutation.tests
+                copy_root, "pytest", "-x", "-q", "-p", "no:cacheprovider", mutation.tests
             ).returncode in (1, 2)
         return Caught(rows, stopped, failed)
     finally:
-        path.write_text(before, encoding="utf-8")
+        path.write_text(original, encoding="utf-8")
 
 
 def study(chosen: Sequence[int] = (), always_tests: bool = False) -> dict[int, Caught]:
-    """Every mutation, or the ``chosen`` numbers from one on, printed as it is tried; by number."""
-    out = {}
+    """Results of all mutations, or of the ``chosen`` numbers counted from one, by number; printed
+    as they come."""
+    results = {}
     with TemporaryDirectory() as folder:
-        where = Path(folder)
-        for part in PARTS:
-            shutil.copytree(ROOT / part, where / part, ignore=shutil.ignore_patterns("__pycache__"))
-        shutil.copy(ROOT / "pyproject.toml", where)
-        sound = tried(None, where)
-        if sound.by_verify:
-            raise ValueError(f"the source differs before any change: {sound.rows or sound.stopped}")
+        copy_root = Path(folder)
+        for copied in COPIED_FOLDERS:
+            shutil.copytree(
+                ROOT / copied, copy_root / copied, ignore=shutil.ignore_patterns("__pycache__")
+            )
+        shutil.copy(ROOT / "pyproject.toml", copy_root)
+        unchanged = try_mutation(None, copy_root)
+        if unchanged.by_verify:
+            raise ValueError(
+                f"the source differs before any change: {unchanged.rows or unchanged.stopped}"
+            )
         for number, mutation in enumerate(MUTATIONS, start=1):
             if chosen and number not in chosen:
                 continue
-            found = out[number] = tried(mutation, where, always_tests)
-            seen = found.stopped or f"{len(found.rows)} rows differ"
+            result = try_mutation(mutation, copy_root, always_tests)
+            results[number] = result
+            detected = result.stopped or f"{len(result.rows)} rows differ"
             unit = {None: "", True: "; unit test fails", False: "; UNIT TEST PASSES"}[
-                found.test_failed
+                result.test_failed
             ]
-            print(f"{number:2d} {mutation.what} ({mutation.file}): {seen}{unit}", flush=True)
-            for line in found.rows[:3]:
+            print(f"{number:2d} {mutation.what} ({mutation.file}): {detected}{unit}", flush=True)
+            for line in result.rows[:3]:
                 print(f"      {line}", flush=True)
-    print(
-        f"of {len(out)}: verify {sum(c.by_verify for c in out.values())}, either {sum(c.by_any for c in out.values())}"
-    )
-    return out
+    n_verify = sum(c.by_verify for c in results.values())
+    n_any = sum(c.by_any for c in results.values())
+    print(f"of {len(results)}: verify {n_verify}, either {n_any}")
+    return results
 
 
 if __name__ == "__main__":
