@@ -62,7 +62,7 @@ def run(*args: str | Path) -> tuple[int, float, float]:
     )
 
 
-def compensate_table(
+def run_compensate(
     folder: Path, rows: int, columns: int, rate_Hz: float, ending: str
 ) -> tuple[int, float, float]:
     """Exit code, time [s] and peak memory [MB] for one table of this size."""
@@ -82,7 +82,7 @@ def main() -> None:
     measurements = []
     for rows in map(int, args.rows):
         with tempfile.TemporaryDirectory() as folder:
-            code, span, peak = compensate_table(
+            code, span, peak = run_compensate(
                 Path(folder),
                 rows,
                 args.columns,

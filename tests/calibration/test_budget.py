@@ -123,9 +123,8 @@ def test_next_calibration_is_earlier_if_a_channel_drifts() -> None:
         for c, x in current.static.items()
     }
     due, reason = next_calibration(current.model_copy(update={"static": drifted}), [previous])
-    assert (
-        date(2026, 6, 1) < due < date(2026, 7, 10)
-    )  # 1 K in a year: the limit of 0.5 K in half a year
+    # 1 K in a year: the limit of 0.5 K in half a year
+    assert date(2026, 6, 1) < due < date(2026, 7, 10)
     assert "d at" in reason
 
 

@@ -301,9 +301,8 @@ def test_steady_minutes_of_a_continuous_log_become_the_oven_rows(tmp_path):
     assert list(rows["setpoint_degC"]) == [40.0, 80.0, 120.0]
     assert rows["prt_degC"].to_numpy() == pytest.approx([40, 80, 120], abs=0.1)
     line = fit_static_lines(rows).lines["a"]
-    assert line.gain == pytest.approx(
-        1.01, abs=0.002
-    )  # three means with u of 0.02 degC over 80 degC
+    # three means with u of 0.02 degC over 80 degC
+    assert line.gain == pytest.approx(1.01, abs=0.002)
     with pytest.raises(InputError, match="no steady stretch"):
         steady_minutes(frame[t < 1200])
     log = read_log(write_log(frame, tmp_path / "oven.csv"), "oven")

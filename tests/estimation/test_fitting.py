@@ -249,13 +249,11 @@ def test_profile_of_a_mean_equals_constrained_least_squares_at_bounds(
         assert np.all(optimum.theta >= lower)
         assert optimum.cost == pytest.approx(reference.fun, rel=1e-6)
     lower_end = 0.0 if floor == 0.0 else -np.inf
-    assert (
-        interval_profile.value[0] > lower_end
-    )  # a mean of non-negative values is not followed below zero
+    # a mean of non-negative values is not followed below zero
+    assert interval_profile.value[0] > lower_end
     if floor == 0.0:
-        assert (
-            np.count_nonzero(interval_profile.optima[0].theta[:3] == 0.0) >= 1
-        )  # a bound is active
+        # a bound is active
+        assert np.count_nonzero(interval_profile.optima[0].theta[:3] == 0.0) >= 1
 
 
 def test_profile_of_a_function_of_a_parameter_equals_the_direct_profile() -> None:

@@ -134,9 +134,8 @@ def test_chain_advice_evaluates_to_the_identified_chain_without_the_known_filter
     )
     chain = eval(match[1], {"tcdyn": tcdyn}) if match else None
     assert chain.conditioning == conditioning
-    assert np.allclose(
-        chain.taus_s, (0.8, 0.3), rtol=0.01
-    )  # tolerance: noise of 0.1 % over four steps
+    # tolerance: noise of 0.1 % over four steps
+    assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)
     # identified with a filter: without it, it is another chain
     assert chain_advice(best, NO_CONDITIONING) == ""
     plain = compare(data, [process("P2")]).best.identified

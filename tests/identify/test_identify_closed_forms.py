@@ -226,11 +226,12 @@ def test_segments_keep_past_inputs_and_short_segments_are_skipped() -> None:
         (2.0, 20, False),
         (21.5, 21, True),
     ]
+    # gaps are interpolated linearly
     assert segments[1].last_inputs(3).tolist() == [
         36.0,
         37.0,
         38.0,
-    ]  # gaps are interpolated linearly
+    ]
     assert segments[1].last_inputs(41)[:3].tolist() == [0.0, 0.0, 0.0]
     assert segments[0].last_inputs(2).tolist() == [0.0, 0.0]
     u[[30, 38]] = (30.0, 38.0)

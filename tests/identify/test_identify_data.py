@@ -280,9 +280,8 @@ def test_segment_after_lost_rows_has_its_own_initial_state():
             true_value, abs=4 * result.estimates[name].u
         )
     assert result.estimates["Tp1"].u < 0.2
-    shared = compare(
-        record_with_gaps(), ["P1"]
-    )  # the state of each held-out segment is estimated, too
+    # the state of each held-out segment is estimated, too
+    shared = compare(record_with_gaps(), ["P1"])
     assert shared.table["held_out_percent"].iloc[0] > 95
 
 

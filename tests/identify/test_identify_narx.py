@@ -53,9 +53,8 @@ def test_terms_selected_by_one_step_prediction_are_refined_and_the_lag_has_an_in
     result = narx(IOData.from_arrays(u, y, 0.1, hold="zoh"), degree=2, lags=2)
     assert result.simulated_percent > 75
     lag = result.lag_s(0.0)
-    assert lag.value == pytest.approx(
-        0.1 * (1 + 0.8 / 0.2), abs=4 * lag.u
-    )  # at rest it is five samples
+    # at rest it is five samples
+    assert lag.value == pytest.approx(0.1 * (1 + 0.8 / 0.2), abs=4 * lag.u)
     assert 0 < lag.u < 0.1
     assert Narx(TERMS, TRUTH, (0.0, 1.0), (0.0, 1.0), 0.1).intervals == (None, None, None)
 

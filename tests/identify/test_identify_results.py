@@ -357,9 +357,8 @@ def test_tclab_step_record_needs_two_lags_and_a_noise_model():
     c = compare(data, ["P1", "P1D", "P2D"], held_out=0.4)
     percent_held_out = c.table.set_index("model")["held_out_percent"]
     assert percent_held_out["P2D"] > 95
-    assert (
-        80 < percent_held_out["P1D"] < percent_held_out["P2D"]
-    )  # its disturbance takes part of the second lag
+    # its disturbance takes part of the second lag
+    assert 80 < percent_held_out["P1D"] < percent_held_out["P2D"]
     assert percent_held_out["P1"] < percent_held_out["P2D"] - 3
     assert c.recommended == "P2D"
     # the sensor is quantised in steps of 0.32 K: its residuals cannot be white; the noise model accounts for it

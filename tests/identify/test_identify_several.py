@@ -118,9 +118,8 @@ def test_search_finds_the_true_structure_and_drops_an_input_without_effect():
     comparison = compare(wide)
     assert comparison.recommended == "P1D + P1 + -"
     assert comparison.table["refused"].sum() >= 1  # the end of the search is shown
-    assert comparison.best_row["held_out_rms"] == pytest.approx(
-        0.05, rel=0.2
-    )  # the noise, 150 samples
+    # the noise, 150 samples
+    assert comparison.best_row["held_out_rms"] == pytest.approx(0.05, rel=0.2)
     assert "lag.idle" not in comparison.summary()
     assert comparison.conclusion.code == "models.recommended"
 
@@ -228,9 +227,8 @@ def test_covariance_of_poles_matches_closed_form_and_spread_of_repeated_fits():
     top = [max(roots_of(m), key=lambda r: r.value.imag) for m in fits]
     spread = np.cov([[r.value.real, r.value.imag] for r in top], rowvar=False)
     stated = np.mean([r.covariance for r in top], axis=0)
-    assert np.diag(spread) == pytest.approx(
-        np.diag(stated), rel=0.7
-    )  # 40 fits: standard error 0.23
+    # 40 fits: standard error 0.23
+    assert np.diag(spread) == pytest.approx(np.diag(stated), rel=0.7)
 
 
 def replace_y(data: IOData, sd: float, seed: int) -> IOData:

@@ -60,9 +60,8 @@ def test_property_uncertainties_propagate_to_h_by_the_quarter_power_law() -> Non
     oil_bath = Bath(fluid("mobil-jet-ii"), correlation("mcadams"), 0.00953, 0.0762)
     components = oil_bath.property_u_rel(30.0, 110.0)
     f = oil_bath.fluid
-    assert components["nu"] == pytest.approx(
-        f.u_nu / 4, rel=0.05
-    )  # h ~ nu^-1/4; one-sided step of 5 %
+    # h ~ nu^-1/4; one-sided step of 5 %
+    assert components["nu"] == pytest.approx(f.u_nu / 4, rel=0.05)
     assert components["k"] == pytest.approx(0.75 * f.u_k, rel=0.05)
     assert components["beta"] == pytest.approx(f.u_beta / 4, rel=0.10)
     for name in ("rho", "c"):

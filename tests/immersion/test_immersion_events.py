@@ -168,9 +168,8 @@ def test_two_event_times_are_weighted_by_their_variances() -> None:
     assert entry_of(2.99).u_s == pytest.approx(0.24 * 2.99)
     with pytest.raises(InputError, match="agreement within 3 s"):
         entry_of(3.01)
-    assert (
-        entry_of(5.9, switch_u_s=0.6, probe_u_s=0.8).source == "switch and probe"
-    )  # within six combined standard uncertainties of 1 s
+    # within six combined standard uncertainties of 1 s
+    assert entry_of(5.9, switch_u_s=0.6, probe_u_s=0.8).source == "switch and probe"
     with pytest.raises(InputError, match="agreement"):
         entry_of(6.1, switch_u_s=0.6, probe_u_s=0.8)
 

@@ -97,6 +97,7 @@ def test_every_key_of_a_sensor_file_is_documented_with_its_unit() -> None:
 
 
 def test_every_number_of_the_rig_file_ends_with_its_unit() -> None:
+    # dimensionless
     dimensionless = {
         "value",
         "u",
@@ -108,7 +109,7 @@ def test_every_number_of_the_rig_file_ends_with_its_unit() -> None:
         "speed_exponent",
         "speed_exponent_low",
         "speed_exponent_high",
-    }  # pure
+    }
     # value and u, of a constant, have the unit of its name
     for key in re.findall(r"(\w+) = -?\d", rig_toml(load_rig())):
         assert key in dimensionless or any(key.endswith(ending) for ending in ENDINGS), key

@@ -172,6 +172,5 @@ def test_page_is_one_file_with_result_and_assumptions_first(page: Path) -> None:
         assert html.index('class="assumptions"') < first
     body = html[html.index("<body>") :]
     assert "+-" not in body
-    assert not re.search(
-        r"<th[^>]*>(u_)?[a-z]+(_[a-z]+)*_(s|degC|percent|rms)</th>", body
-    )  # raw column names
+    # raw column names
+    assert not re.search(r"<th[^>]*>(u_)?[a-z]+(_[a-z]+)*_(s|degC|percent|rms)</th>", body)

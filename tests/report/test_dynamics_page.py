@@ -52,7 +52,6 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     corners = ax.collections[0].get_paths()[0].vertices
     for time, value in zip(t, x):
         ends = corners[np.isclose(corners[:, 0], time), 1]
-        assert (ends.min(), ends.max()) == pytest.approx(
-            (value - 0.98, value + 0.98), abs=1e-4
-        )  # 1.95996
+        # 1.95996
+        assert (ends.min(), ends.max()) == pytest.approx((value - 0.98, value + 0.98), abs=1e-4)
     assert ax.get_ylim() == pytest.approx((15.0, 65.0))

@@ -260,9 +260,8 @@ def test_labels_above_a_figure_use_rows_that_keep_them_apart() -> None:
     single_axes = axes()
     name_points(single_axes, [50.0], ["A1"])
     assert single_axes.get_xlim() == pytest.approx((45.0, 55.0))
-    pair_axes = (
-        axes()
-    )  # a label takes 0.013 of the width for each letter plus 0.006: 0.032; the data span is 0.893
+    # a label takes 0.013 of the width for each letter plus 0.006: 0.032; the data span is 0.893
+    pair_axes = axes()
     for gap, second in ((0.035, 13), (0.037, 3)):
         pair_axes.clear()
         name_points(pair_axes, [0.0, gap, 1.0], ["A1", "A2", "B1"])

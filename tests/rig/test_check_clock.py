@@ -182,9 +182,8 @@ def test_irregular_stamps_give_one_rate_for_any_start_time():
     )
     assert from_zero.jitter_s is not None
     assert a_day_later.dt_s == pytest.approx(from_zero.dt_s, rel=1e-9)
-    assert from_zero.dt_s == pytest.approx(
-        DT, rel=1e-4
-    )  # the ends stray by a fifth of an interval, of 2900
+    # the ends stray by a fifth of an interval, of 2900
+    assert from_zero.dt_s == pytest.approx(DT, rel=1e-4)
     assert np.array_equal(a_day_later.grid, from_zero.grid)
     assert a_day_later.time_s == pytest.approx(86_400.0 + from_zero.time_s, abs=1e-6)
 

@@ -112,9 +112,8 @@ def test_spikes_are_the_values_removed_from_possible_readings() -> None:
     )
     with pytest.raises(InputError, match=r"row 7 .*: 5 % of the samples are spikes"):
         column_findings(NOISY_COLUMN, with_missing(*rows, 399))
-    assert (
-        column_findings(NOISY_COLUMN, with_missing(*rows, 399), dt_s=None) == []
-    )  # rows of an oven log are not a time series
+    # rows of an oven log are not a time series
+    assert column_findings(NOISY_COLUMN, with_missing(*rows, 399), dt_s=None) == []
 
 
 def partly_constant(steps: int) -> np.ndarray:

@@ -66,9 +66,8 @@ def test_unknown_type_raises():
 
 @given(st.floats(-210, 1200))
 def test_inverse_function_recovers_the_temperature(t):
-    assert float(temperature_degC(emf_mV(t))) == pytest.approx(
-        t, abs=1e-9
-    )  # last step of Newton's method
+    # last step of Newton's method
+    assert float(temperature_degC(emf_mV(t))) == pytest.approx(t, abs=1e-9)
 
 
 @given(st.floats(-20, 60), st.floats(-100, 700))

@@ -30,7 +30,7 @@ from tcdyn.workflows import compensate_table as pipeline
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.follow import follow
 from tcdyn.workflows.live import LiveSettings
-from tests.benchmarks.tables import compensate_table
+from tests.benchmarks.tables import run_compensate
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import lagged, logged, write, written
 
@@ -564,8 +564,8 @@ def test_a_million_rows_need_no_more_memory_than_three_hundred_thousand(
     tmp_path: Path, ending: str
 ) -> None:
     """All buffers are in use by then: 225 MB at 100,000 rows, 283 at 300,000, 277 at 600,000."""
-    few = compensate_table(tmp_path, 300_000, 1, 75.0, ending)
-    many = compensate_table(tmp_path, 1_000_000, 1, 75.0, ending)
+    few = run_compensate(tmp_path, 300_000, 1, 75.0, ending)
+    many = run_compensate(tmp_path, 1_000_000, 1, 75.0, ending)
     assert (few[0], many[0]) == (0, 0)
     assert many[2] < min(few[2] + 60, 450)  # MB
     out = tmp_path / f"out{ending}"

@@ -244,9 +244,8 @@ def test_nearly_uniform_bore_contact_reduces_to_the_axisymmetric_disk() -> None:
     expected, readings = (
         s.sample @ steady_state(s, 300.0, 60.0) for s in (axisymmetric, nearly_axisymmetric)
     )
-    np.testing.assert_allclose(
-        readings[: len(expected)], expected, atol=1e-4
-    )  # a hundred kelvin times 1e-6
+    # a hundred kelvin times 1e-6
+    np.testing.assert_allclose(readings[: len(expected)], expected, atol=1e-4)
     assert (
         harmonic_system(disk_with_bore_contact(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity.shape
         == axisymmetric.capacity.shape
@@ -382,6 +381,5 @@ def test_synthetic_rig_uses_the_fit_of_the_rig_file() -> None:
     first = 2 * np.mean(relative * np.exp(-1j * angle))  # about its angle of maximum: a cosine
     assert with_fit.slow.uneven.amplitude == pytest.approx(first.real, rel=1e-4)
     assert abs(first.imag) < 1e-4
-    assert with_fit.slow.uneven.angle_deg == pytest.approx(
-        330.0
-    )  # opposite the middle of the patch
+    # opposite the middle of the patch
+    assert with_fit.slow.uneven.angle_deg == pytest.approx(330.0)

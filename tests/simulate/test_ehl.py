@@ -91,12 +91,10 @@ def test_switch_load_and_friction_agree_on_the_unloading_time_within_50_ms(
         last_above(t, frame["load_N"].to_numpy(), 0.5 * true_values["load_N"]),
         last_above(t, frame["friction_N"].to_numpy(), 0.5 * true_values["friction_N"]),
     ]
-    assert (
-        np.abs(np.array(event_times) - true_values["unload_s"]).max() < 0.05
-    )  # the bound of the specification
-    assert (
-        abs(true_values["unload_s"] * 75 - round(true_values["unload_s"] * 75)) > 1e-6
-    )  # not on a sample
+    # the bound of the specification
+    assert np.abs(np.array(event_times) - true_values["unload_s"]).max() < 0.05
+    # not on a sample
+    assert abs(true_values["unload_s"] * 75 - round(true_values["unload_s"] * 75)) > 1e-6
 
 
 def test_speeds_and_heat_transfer_coefficients_match_the_programme(

@@ -84,9 +84,8 @@ def test_hand_pressed_switch_scatters_by_150_ms_and_sometimes_bounces() -> None:
         for seed in range(60)
     ]
     switch_delay_s = np.array([r["switch_s"] - r["entry_s"] for r in runs])
-    assert switch_delay_s.std() == pytest.approx(
-        0.15, rel=0.3
-    )  # known to 9 % from 60 samples; three of those
+    # known to 9 % from 60 samples; three of those
+    assert switch_delay_s.std() == pytest.approx(0.15, rel=0.3)
     assert 5 < sum(r["bounces"] > 0 for r in runs) < 35
     assert 15 < sum(r["switch_held"] for r in runs) < 45
 
