@@ -47,7 +47,7 @@ def command(*arguments: object) -> tuple[float, float]:
 
 
 def extended_log(log: Path, rows: int, out: Path) -> Path:
-    r"""A log of ``rows`` rows: steady parts before loading, under load and at the end are repeated
+    """A log of ``rows`` rows: steady parts before loading, under load and at the end are repeated
     forwards and backwards.
     For fewer rows than the log has, a section around unloading."""
     frame = pd.read_csv(log, comment="#")

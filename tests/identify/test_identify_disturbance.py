@@ -138,7 +138,7 @@ def test_mixture_moments_equal_the_moments_of_its_samples():
         covariances[component].diagonal(axis1=1, axis2=2)
     )
     mean, covariance = mixture_moments(np.log(weight) - 700.0, means, covariances)
-    # five standard errors of 100,000 draws
+    # five standard errors of 100,000 samples
     assert np.allclose(mean, samples.mean(axis=0), atol=0.02)
     assert np.allclose(covariance, np.cov(samples.T), atol=0.03)
 

@@ -22,7 +22,7 @@ N = 500
 
 
 def delayed_response(u: np.ndarray) -> np.ndarray:
-    r"""Exact response of gain 2, lag 0.8 s and dead time 0.13 s to ``u`` held.
+    """Exact response of gain 2, lag 0.8 s and dead time 0.13 s to ``u`` held.
     A sample sees the input before last through exp(-0.07/0.8) of an interval, and the one before it
     through the remainder."""
     a = np.exp(-DT_S / 0.8)
@@ -40,7 +40,7 @@ def record(
     walk: float = 0.0,
     every: int = 0,
 ) -> IOData:
-    r"""Held levels 0 and 1 with white noise of 0.02 or AR(1) noise with such steps.
+    """Held levels 0 and 1 with white noise of 0.02 or AR(1) noise with such steps.
     Optional: a drift over the record, a random walk, spikes of +0.6, and every ``every``-th output
     missing."""
     rng = np.random.default_rng(seed)

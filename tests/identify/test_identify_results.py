@@ -133,7 +133,7 @@ def test_uncertainty_bands_have_their_nominal_coverage():
                 times.contains(float(np.interp(0.9, step, t))),
             ]
         )
-    # pointwise 95 %; neighbouring points are correlated, so the error of each mean is that of 60 draws: 2.8 %
+    # pointwise 95 %; neighbouring points are correlated, so the error of each mean is that of 60 samples: 2.8 %
     assert np.all(np.mean(covered, axis=0) > 0.95 - 3 * 0.028)
 
 

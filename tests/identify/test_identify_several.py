@@ -249,7 +249,7 @@ def test_data_and_poles_are_plotted():
     model = fit(data, several(["P1", "P1Z"], ["heat", "fan"]), intervals="quadratic").identified
     marks = [line.get_marker() for line in draw_poles(model, axes[1]).lines]
     assert marks.count("o") == 1
-    assert marks.count("x") == 4  # two poles, each drawn and named
+    assert marks.count("x") == 4  # two poles, each plotted and named
 
 
 def test_clock_stamps_become_seconds_across_midnight(tmp_path):

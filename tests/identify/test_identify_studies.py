@@ -41,7 +41,7 @@ def test_case_a_is_unbiased_and_covered_over_200_seeds(kind, draws):
     s = study_case_a(kind, range(n))
     bias = s["errors"].mean(axis=0) / (s["errors"].std(axis=0, ddof=1) / np.sqrt(n))
     assert np.all(np.abs(bias) < 2.5), bias
-    # 93 to 97 %, within the scatter of so many draws
+    # 93 to 97 %, within the scatter of so many samples
     n_covered = s["covered"].sum(axis=0)
     assert np.all(
         (n_covered >= stats.binom.ppf(0.01, n, 0.93))

@@ -290,7 +290,7 @@ def test_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
 PEAK = """
 import sys
 from tcdyn.rig.log import iter_log
-rows = sum(len(piece.frame) for piece in iter_log(sys.argv[1], "ehl"))
+rows = sum(len(chunk.frame) for chunk in iter_log(sys.argv[1], "ehl"))
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(rows, int(peak.split()[1]) // 1024)
 """

@@ -106,7 +106,7 @@ def test_linearised_disk_reproduces_the_transformed_temperatures() -> None:
 
 
 def test_conduction_of_a_harmonic_equals_the_derivative_of_the_uniform_part() -> None:
-    r"""To first order in T_1 cos(psi): half of the change of the uniform conduction by T_1, plus
+    """To first order in T_1 cos(psi): half of the change of the uniform conduction by T_1, plus
     the circumferential flow.
     The sum over r is taken as a sum of dr/r."""
     disk = disk_of(SLOPES, amplitude=0.6)

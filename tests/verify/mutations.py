@@ -32,7 +32,7 @@ class Mutation:
     tests: str
 
     def changed(self, text: str) -> str:
-        """The source with the change made; raises ValueError unless the old text stands there exactly once."""
+        """The source with the change made; raises ValueError unless the old text occurs exactly once."""
         if text.count(self.old) != 1:
             raise ValueError(f"{self.file}: {self.old!r} stands there {text.count(self.old)} times")
         return text.replace(self.old, self.new)
