@@ -191,6 +191,15 @@ def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax
     -------
     ax
         The same axes.
+
+    Examples
+    --------
+    >>> import matplotlib.pyplot as plt
+    >>> h_W_m2K = np.linspace(5.0, 40.0, 8)
+    >>> share = np.linspace(0.3, 0.7, 5)
+    >>> misfit_K = np.abs(h_W_m2K[:, None] - 20.0) / 10.0 + 20.0 * np.abs(share - 0.45)
+    >>> draw_map_errors(misfit_K, h_W_m2K, share, plt.figure().subplots()).get_xlabel()
+    'h [W/m²K]'
     """
     misfit = np.asarray(error_K).T
     filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), misfit, levels=20, cmap="viridis")
