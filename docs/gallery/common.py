@@ -54,7 +54,7 @@ def made(script: str, name: str) -> Path:
 
 def traces(table: Path, done: Path, column: str, truth: np.ndarray, zero: float = 0.0) -> Figure:
     """Logged, compensated with its 95 % interval, and true."""
-    raw, ours = pd.read_csv(table), pd.read_csv(done, comment="#")
+    raw, ours = pd.read_csv(table), pd.read_csv(done)
     t, u = raw.iloc[:, 0].to_numpy(), ours[f"{column.rsplit('_', 1)[0]}_u_K"].to_numpy()
     picture, (ax,) = figure(height_in=3.6)
     ax.plot(t, raw[column] - zero, color="0.6", linewidth=0.8, label="logged")

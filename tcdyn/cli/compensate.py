@@ -25,6 +25,8 @@ from tcdyn.cli.common import (
     stage_progress,
 )
 from tcdyn.cli.tables import (
+    CsvComments,
+    CsvDialect,
     SensorFiles,
     TableColumns,
     TableReading,
@@ -114,6 +116,8 @@ def compensate(
         bool, typer.Option("--follow", hidden=True, help="replaced by tcdyn follow")
     ] = False,
     column: TableColumns = None,
+    dialect: CsvDialect = "standard",
+    comments: CsvComments = False,
     verbose: Verbose = False,
     *,
     reading: TableReading,
@@ -126,11 +130,14 @@ def compensate(
 
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
-    from tcdyn.io.write import write_text
+    from tcdyn.io.read import open_table
+    from tcdyn.io.write import DIALECTS, csv_style, write_text
     from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows import compensate_log
 
+    check_choice("--dialect", dialect, DIALECTS)
+    of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
     if sensor:
         rig_options = {
             "--record": record,
@@ -145,9 +152,8 @@ def compensate(
         }
         only_with_records([option for option, value in rig_options.items() if value])
         target = out or log.with_name(f"{log.stem}.compensated.csv")
-        return compensate_any_table(
-            log, sensor, target, {"columns": column or (), **reading.options()}, reporter, verbose
-        )
+        options = {"columns": column or (), **reading.options(), **of_csv}
+        return compensate_any_table(log, sensor, target, options, reporter, verbose)
     if not record:
         raise InputError(
             "no record and no sensor was given",
@@ -168,6 +174,8 @@ def compensate(
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     check_outputs([log, rig, *record], out=target, report=report, covariance=covariance)
+    if comments or dialect != "standard":  # an error before the work
+        csv_style(**of_csv, table=open_table(log), out=target)
     way = _method(method, criterion, bandwidth_hz, noise_only)
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_log(
@@ -176,7 +184,7 @@ def compensate(
         covariances = None
         if covariance is not None:
             covariances = done.covariance(covariance_s, covariance_from_s)
-        written, write_findings = done.write(target, progress)
+        written, write_findings = done.write(target, progress, **of_csv)
         if covariance is not None:
             write_text(covariance, dump(covariances))
         if report is not None:

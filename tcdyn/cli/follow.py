@@ -19,13 +19,20 @@ from tcdyn.cli.common import (
     OptionalRecordFiles,
     Reporter,
     RigFileOrRecords,
+    check_choice,
     check_outputs,
     exit_status,
     in_range,
     number_option,
     option_groups,
 )
-from tcdyn.cli.tables import SensorFiles, TableReading, only_with_records
+from tcdyn.cli.tables import (
+    CsvComments,
+    CsvDialect,
+    SensorFiles,
+    TableReading,
+    only_with_records,
+)
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -94,6 +101,8 @@ def follow(
         Path | None,
         typer.Option(help="HTML report: properties of the filter, raw and compensated traces"),
     ] = None,
+    dialect: CsvDialect = "standard",
+    comments: CsvComments = False,
     *,
     reading: TableReading,
     reporter: Reporter,
@@ -112,6 +121,7 @@ def follow(
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
+    from tcdyn.io.write import DIALECTS
     from tcdyn.rig.opened_log import records_by_disk
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
@@ -130,6 +140,7 @@ def follow(
         records = [read_sensor(path) for path in sensor]
     else:
         records = records_by_disk(record or [])
+    check_choice("--dialect", dialect, DIALECTS)
     settings = LiveSettings(behind_s, noise_k, intensity, learn_s)
     rig_table = load_rig(rig) if rig else None
     check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
@@ -158,6 +169,8 @@ def follow(
             options=options,
             state=state,
             overwrite=overwrite,
+            dialect=dialect,
+            comments=comments,
             idle_s=idle_s,
             asked_to_stop=stop,
             announce=announce,

@@ -28,6 +28,22 @@ TableColumns = Annotated[
         "--column", help="with --sensor: column of the sensor, instead of the one in its file"
     ),
 ]
+CsvDialect = Annotated[
+    str,
+    typer.Option(
+        "--dialect",
+        help="of CSV: standard (UTF-8, commas, decimal points) or input (separator, decimal mark, "
+        "encoding and line ends of the log)",
+    ),
+]
+CsvComments = Annotated[
+    bool,
+    typer.Option(
+        "--comments",
+        help="of CSV: metadata as lines '# key: value' above the header, instead of in "
+        "OUT.meta.json",
+    ),
+]
 
 
 @dataclass(frozen=True)

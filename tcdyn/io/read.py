@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from tcdyn.core.findings import Finding
 from tcdyn.io.cells import ABSENT, TextColumn, is_number, is_text, kind_of_cell
 from tcdyn.io.csv_dialect import Dialect, detect_dialect
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
+from tcdyn.io.metadata import read_metadata
 from tcdyn.io.rows import CheckedRows, check_rows
 from tcdyn.io.stamps import has_fraction, is_date, is_stamp, is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
@@ -148,17 +149,34 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
             expected="a log (CSV, LVM, TDMS or Parquet)",
         )
     dialect = detect_dialect(file, where, known)
+    in_file_beside, findings = read_metadata(file, dialect.names)
+    metadata = {**in_file_beside, **dialect.metadata}
     chunks = partial(text_chunks, dialect)
+    if findings:
+        chunks = partial(_chunks_with_findings, chunks, findings)
     clocks = tuple(name for name, cell in zip(dialect.names, dialect.first_row) if is_stamp(cell))
     return CsvTable(
         where,
         dialect.names,
-        dialect.metadata,
+        metadata,
         chunks,
         dialect,
         units=dialect.units,
         clock_columns=clocks,
     )
+
+
+def _chunks_with_findings(
+    chunks: Callable[[Sequence[str], int], Iterator[Columns]],
+    findings: Sequence[Finding],
+    wanted: Sequence[str],
+    rows: int = CHUNK_ROWS,
+) -> Iterator[Columns]:
+    """Yield chunks, the first of them with further findings; parameters as in ``Table``."""
+    remaining = tuple(findings)
+    for chunk in chunks(wanted, rows):
+        yield replace(chunk, findings=(*remaining, *chunk.findings))
+        remaining = ()
 
 
 def _first_bytes(file: Path, where: str) -> bytes:

@@ -1,8 +1,10 @@
 """Atomic writing of files, and writing of logs as CSV, Parquet or TDMS.
 
 Used by every command that writes a file. A file is written under a temporary name and then renamed,
-so that a stopped command leaves the previous file or none. Guarded by ``tests/io/test_write.py``
-(killed writers) and ``tests/io/test_read_back.py`` (numbers survive).
+so that a stopped command leaves the previous file or none. A CSV file begins with its header; its
+metadata are in a JSON file beside it (:mod:`tcdyn.io.metadata`). Guarded by
+``tests/io/test_write.py`` (killed writers), ``tests/io/test_read_back.py`` (numbers survive) and
+``tests/io/test_outputs.py`` (dialects, metadata).
 """
 
 from __future__ import annotations
@@ -12,18 +14,109 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import csv as pacsv
 
 from tcdyn.core.errors import InputError
+from tcdyn.io.csv_dialect import Dialect
+from tcdyn.io.metadata import check_metadata_file_is_ours, metadata_path, metadata_text
+from tcdyn.io.read import CsvTable, Table, open_text
 
 # numbers of the errors that a full or read-only file system causes: they get a sentence for the
 # user, any other error of the block is raised as it is
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
+# pyarrow writes larger numbers with an exponent; times in milliseconds since 1970 are larger
+LARGEST_PLAIN_NUMBER = 1e10
+DialectName = Literal["standard", "input"]
+DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
+
+
+@dataclass(frozen=True)
+class CsvStyle:
+    """How a CSV file is written; by default UTF-8 with commas and decimal points.
+
+    Attributes
+    ----------
+    separator, decimal, encoding, line_end
+        Dialect of the text.
+    comments
+        Whether the metadata are lines "# key: value" above the header, and not a file of their own.
+    """
+
+    separator: str = ","
+    decimal: str = "."
+    encoding: str = "utf-8"
+    line_end: str = "\n"
+    comments: bool = False
+
+    @property
+    def is_standard(self) -> bool:
+        """Whether the dialect is the default one, which pyarrow writes."""
+        return self == CsvStyle(comments=self.comments)
+
+
+STANDARD_STYLE = CsvStyle()
+
+
+def csv_style(
+    dialect: DialectName, comments: bool, table: Table | None, out: str | Path
+) -> CsvStyle:
+    """The style of an output.
+
+    Parameters
+    ----------
+    dialect
+        "standard", or "input": that of the table that was read.
+    comments
+        As in ``CsvStyle``.
+    table
+        The table that was read; None if it was no file.
+    out
+        The output.
+
+    Raises
+    ------
+    InputError
+        For an unknown dialect, and for an option of CSV with another output or another input.
+
+    Notes
+    -----
+    Columns that are separated by runs of spaces are written with tabs.
+    """
+    if dialect not in DIALECTS:
+        raise InputError(f"dialect {dialect!r}", expected=" or ".join(DIALECTS))
+    ending = Path(out).suffix.lower()
+    if ending != ".csv" and (comments or dialect == "input"):
+        raise InputError(
+            f"dialect and comments are of CSV, not of {ending!r}",
+            where=str(out),
+            expected="an output ending in .csv",
+        )
+    if dialect == "standard":
+        return CsvStyle(comments=comments)
+    if not isinstance(table, CsvTable):
+        raise InputError(
+            "has no dialect of CSV that the output could have",
+            where="" if table is None else table.where,
+            expected="a CSV file as input",
+            remedy="use the dialect standard",
+        )
+    source = table.dialect
+    line_end = _line_end(source)
+    return CsvStyle(source.separator, source.decimal, source.encoding, line_end, comments)
+
+
+def _line_end(dialect: Dialect) -> str:
+    """Line end of the first line of a text log."""
+    with open_text(dialect) as stream:
+        return "\r\n" if stream.readline().endswith(b"\r\n") else "\n"
 
 
 @contextmanager
@@ -121,7 +214,11 @@ def _umask() -> int:
 
 
 def write_log(
-    frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str] | None = None
+    frame: pd.DataFrame,
+    path: str | Path,
+    metadata: Mapping[str, str] | None = None,
+    *,
+    style: CsvStyle = STANDARD_STYLE,
 ) -> Path:
     """Write a table to a file; numbers keep all their digits.
 
@@ -132,8 +229,11 @@ def write_log(
     path
         File to write: .csv, .parquet or .tdms.
     metadata
-        Keys and values, which ``read_log`` returns: lines "# key: value" above the header (CSV),
-        key-value pairs of the file (Parquet), properties of the root (TDMS).
+        Keys and values, which ``read_log`` returns: a file ``<name>.csv.meta.json``, or with
+        ``style`` lines "# key: value" above the header (CSV); key-value pairs of the file
+        (Parquet); properties of the root (TDMS).
+    style
+        How a CSV file is written.
 
     Returns
     -------
@@ -146,8 +246,15 @@ def write_log(
         For another ending, or a file that cannot be written.
     """
     target = Path(path)
-    writers = {".csv": _write_csv, ".parquet": _write_parquet, ".tdms": _write_tdms}
-    writer = writers.get(target.suffix.lower())
+    plain = _plain_metadata(metadata or {})
+    ending = target.suffix.lower()
+    if ending == ".csv":
+        text = [name for name in frame.columns if frame[name].dtype.kind not in "fiub"]
+        with log_writer(target, list(frame.columns), plain, text, style=style) as write:
+            write(frame)
+        return target
+    writers = {".parquet": _write_parquet, ".tdms": _write_tdms}
+    writer = writers.get(ending)
     if writer is None:
         raise InputError(
             f"ending {target.suffix!r}",
@@ -155,13 +262,18 @@ def write_log(
             expected="an output ending in .csv, .parquet or .tdms",
         )
     with atomic_path(target) as temporary:
-        writer(frame, temporary, _plain_metadata(metadata or {}))
+        writer(frame, temporary, plain)
     return target
 
 
 @contextmanager
 def log_writer(
-    path: str | Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str] = ()
+    path: str | Path,
+    names: Sequence[str],
+    metadata: Mapping[str, str],
+    text: Collection[str] = (),
+    *,
+    style: CsvStyle = STANDARD_STYLE,
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
     """Yield a function that appends tables to a file, which appears when the block succeeds.
 
@@ -173,7 +285,7 @@ def log_writer(
         File to write: .csv or .parquet.
     names
         Names of the columns.
-    metadata
+    metadata, style
         As for ``write_log``.
     text
         Columns that hold text; the others hold numbers.
@@ -192,13 +304,102 @@ def log_writer(
             expected="an output ending in .csv or .parquet",
         )
     plain = _plain_metadata(metadata)
-    with atomic_path(target) as temporary:
-        if ending == ".parquet":
-            with _parquet_appender(temporary, names, plain, text) as append:
-                yield append
-        else:
-            with _csv_appender(temporary, names, plain, text) as append:
-                yield append
+    if ending == ".parquet":
+        with (
+            atomic_path(target) as temporary,
+            _parquet_appender(temporary, names, plain, text) as append,
+        ):
+            yield append
+        return
+    with (
+        _csv_with_metadata(target, names, plain, style) as temporary,
+        open(temporary, "ab") as stream,
+    ):
+        yield _csv_appender(stream, text, style)
+
+
+def start_csv(
+    path: str | Path,
+    names: Sequence[str],
+    metadata: Mapping[str, str],
+    *,
+    style: CsvStyle = STANDARD_STYLE,
+) -> int:
+    """Write a CSV file without rows, to which rows will be appended, and its metadata.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    names
+        Names of the columns.
+    metadata, style
+        As for ``write_log``.
+
+    Returns
+    -------
+    int
+        Size of the file [bytes].
+    """
+    with _csv_with_metadata(Path(path), names, _plain_metadata(metadata), style) as temporary:
+        return temporary.stat().st_size
+
+
+@contextmanager
+def _csv_with_metadata(
+    target: Path, names: Sequence[str], metadata: Mapping[str, str], style: CsvStyle
+) -> Iterator[Path]:
+    """Yield a temporary CSV file with its header; it and its metadata appear if the block succeeds.
+
+    Parameters
+    ----------
+    target
+        The file.
+    names
+        Names of the columns.
+    metadata
+        Keys and values on one line each.
+    style
+        How the file is written.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written, or the file of metadata is of another program.
+
+    Notes
+    -----
+    The metadata of a previous table are deleted first, and those of the new one appear last: a
+    command that is stopped leaves a table without metadata, never one with those of another.
+    """
+    check_metadata_file_is_ours(target)
+    file = metadata_path(target)
+    header = header_line(names, style.separator).removesuffix("\n") + style.line_end
+    if style.comments or not metadata:
+        lines = [f"# {key}: {value}{style.line_end}" for key, value in metadata.items()]
+        with atomic_path(target) as temporary:
+            temporary.write_bytes(_encoded("".join([*lines, header]), style))
+            yield temporary
+            file.unlink(missing_ok=True)
+        return
+    with atomic_path(file) as temporary_metadata, atomic_path(target) as temporary:
+        temporary.write_bytes(_encoded(header, style))
+        yield temporary
+        written_names = [_one_line(name) for name in names]
+        content = metadata_text(written_names, metadata)
+        temporary_metadata.write_text(content, encoding="utf-8", newline="\n")
+        file.unlink(missing_ok=True)
+
+
+def _encoded(text: str, style: CsvStyle, is_first: bool = True) -> bytes:
+    """The text as bytes; a byte order mark only at the start of a file."""
+    encoding = style.encoding
+    if not is_first:
+        encoding = {"utf-16": "utf-16-le", "utf-8-sig": "utf-8"}.get(encoding, encoding)
+    elif encoding == "utf-16":
+        text = "\ufeff" + text
+        encoding = "utf-16-le"
+    return text.encode(encoding, errors="replace")
 
 
 @contextmanager
@@ -219,40 +420,73 @@ def _parquet_appender(
         yield append
 
 
-@contextmanager
 def _csv_appender(
-    path: Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str]
-) -> Iterator[Callable[[pd.DataFrame], None]]:
-    """Yield a function that appends tables to a CSV file; parameters as for ``log_writer``."""
-    with open(path, "wb") as stream:
-        stream.write(_csv_head(names, metadata))
+    stream: IO[bytes], text: Collection[str], style: CsvStyle
+) -> Callable[[pd.DataFrame], None]:
+    """A function that appends tables to a CSV file.
 
-        def append(frame: pd.DataFrame) -> None:
-            """Append the rows of a table, with quotes where a text needs them."""
-            # pyarrow puts quotes around all text or none
-            needs_quotes = any(
-                frame[name].astype(str).str.contains('[",\r\n]').any() for name in text
-            )
-            options = pacsv.WriteOptions(
-                include_header=False, quoting_style="needed" if needs_quotes else "none"
-            )
-            pacsv.write_csv(_arrow(frame), stream, options)
+    Parameters
+    ----------
+    stream
+        The open file.
+    text
+        Columns that hold text.
+    style
+        How the file is written.
+    """
 
-        yield append
+    def append(frame: pd.DataFrame) -> None:
+        """Append the rows of a table, with quotes where a text needs them."""
+        # pyarrow puts quotes around all text or none
+        needs_quotes = any(frame[name].astype(str).str.contains('[",\r\n]').any() for name in text)
+        options = pacsv.WriteOptions(
+            include_header=False, quoting_style="needed" if needs_quotes else "none"
+        )
+        columns = {str(name): _csv_cells(frame[name].to_numpy()) for name in frame.columns}
+        pacsv.write_csv(pa.table(columns), stream, options)
+
+    def append_in_dialect(frame: pd.DataFrame) -> None:
+        """Append the rows of a table in a dialect that pyarrow cannot write."""
+        rows = frame.to_csv(
+            index=False,
+            header=False,
+            sep=style.separator,
+            decimal=style.decimal,
+            lineterminator=style.line_end,
+        )
+        stream.write(_encoded(str(rows), style, is_first=False))
+
+    return append if style.is_standard else append_in_dialect
 
 
-def header_line(names: Sequence[str]) -> str:
-    """Header line of a CSV file; names with a comma or a quotation mark are quoted (RFC 4180).
+def _csv_cells(values: NDArray[Any]) -> pa.Array:
+    """Cells of a column for pyarrow, NaN as an empty one.
+
+    Numbers that pyarrow would write with an exponent become text.
+    """
+    is_large = values.dtype.kind == "f" and np.fmax.reduce(np.abs(values), initial=0.0) >= (
+        LARGEST_PLAIN_NUMBER
+    )
+    if not is_large:
+        return pa.array(values, from_pandas=True)
+    texts = [None if x != x else repr(x).removesuffix(".0") for x in values.tolist()]
+    return pa.array(texts, pa.string())
+
+
+def header_line(names: Sequence[str], separator: str = ",") -> str:
+    """Header line of a CSV file.
+
+    Names with a separator or a quotation mark are quoted (RFC 4180).
 
     >>> header_line(["time_s", "oven, left"])
     'time_s,"oven, left"\\n'
     """
-    return ",".join(_quoted(_one_line(name)) for name in names) + "\n"
+    return separator.join(_quoted(_one_line(name), separator) for name in names) + "\n"
 
 
-def _quoted(name: str) -> str:
+def _quoted(name: str, separator: str) -> str:
     """The name in quotation marks if it needs them."""
-    if "," not in name and '"' not in name:
+    if separator not in name and '"' not in name:
         return name
     doubled = name.replace('"', '""')
     return f'"{doubled}"'
@@ -274,19 +508,6 @@ def _arrow(frame: pd.DataFrame) -> pa.Table:
     return pa.table(
         {str(n): pa.array(frame[n].to_numpy(), from_pandas=True) for n in frame.columns}
     )
-
-
-def _csv_head(names: Sequence[str], metadata: Mapping[str, str]) -> bytes:
-    """The lines above the first row: metadata and header."""
-    lines = [f"# {key}: {value}\n" for key, value in metadata.items()]
-    return "".join([*lines, header_line(names)]).encode("utf-8")
-
-
-def _write_csv(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
-    """Write a table as CSV with its metadata above the header."""
-    with open(path, "wb") as stream:
-        stream.write(_csv_head(list(frame.columns), metadata))
-        pacsv.write_csv(_arrow(frame), stream, pacsv.WriteOptions(include_header=False))
 
 
 def _write_parquet(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:

@@ -27,6 +27,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
+from tcdyn.io.metadata import COMPENSATED
 from tcdyn.io.read import Table, read_all_rows, sha256
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
@@ -35,7 +36,6 @@ from tcdyn.rig.check_columns import MAX_MISSING_RUN_S, ColumnCheck, DecimatedLog
 from tcdyn.rig.check_kind import check_kind
 from tcdyn.rig.columns import LAYOUTS, SWITCHES, Kind, junction_columns_in
 from tcdyn.rig.opened_log import (
-    COMPENSATED,
     check_records_used,
     columns_to_skip,
     log_kind,

@@ -18,6 +18,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.rig.columns import (
     EHL_RUNNING,
@@ -38,8 +39,6 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.rig.thermocouple_types import convert_columns, to_degC
-
-COMPENSATED = "compensated"  # value of the header entry "tcdyn" of a compensated log
 
 
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
@@ -203,13 +202,8 @@ def open_log(
         air = {name: column for name, column in rig.air_columns().items() if name not in without}
     layouts = rig_layouts(rig, disk)
     table = open_table(file, (*all_column_names(layouts), *mapping.values(), *air.values()))
-    if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
-        raise InputError(
-            "is compensated already",
-            where=table.where,
-            expected="a log as the logger wrote it",
-            remedy="give the raw log; static lines and chain must not be applied twice",
-        )
+    if not allow_compensated:
+        check_not_compensated(table.names, table.metadata, table.where)
     names = match_columns(
         table.names, kind, table.where, mapping, without, rig.replaced_columns(), air, layouts
     )

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
 from tcdyn.io.times import (
@@ -28,7 +29,6 @@ from tcdyn.io.times import (
     is_time_name,
     rows_of_repeated_stamps,
 )
-from tcdyn.rig.log import COMPENSATED
 from tcdyn.rig.plausible import dropout_codes, out_of_range
 from tcdyn.sensors.units import Unit, is_match, unit_findings
 
@@ -180,13 +180,7 @@ def open_source(
         named), and for a table that is compensated already.
     """
     table = open_table(path, (*TIME_COLUMN_NAMES, *known))
-    if table.metadata.get("tcdyn") == COMPENSATED:
-        raise InputError(
-            "is compensated already",
-            where=table.where,
-            expected="a table as the logger wrote it",
-            remedy="give the raw table; a chain must not be removed twice",
-        )
+    check_not_compensated(table.names, table.metadata, table.where)
     table = _with_unique_names(table, [*known, *([time] if time else [])])
     clock = find_time_column(
         table.names,

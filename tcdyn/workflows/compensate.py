@@ -21,7 +21,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, labelled_messages, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.write import write_log
+from tcdyn.io.read import open_table
+from tcdyn.io.write import STANDARD_STYLE, DialectName, csv_style, write_log
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import SingleDiskFit
 from tcdyn.partition.steady import with_inner_row_at_one_radius
@@ -110,7 +111,12 @@ class CompensatedLog(Result):
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
 
     def write(
-        self, path: str | Path, progress: Callable[[str], None] = lambda _: None
+        self,
+        path: str | Path,
+        progress: Callable[[str], None] = lambda _: None,
+        *,
+        dialect: DialectName = "standard",
+        comments: bool = False,
     ) -> tuple[Path, tuple[Finding, ...]]:
         """Write every row of the log to a file, completely or not at all.
 
@@ -120,6 +126,11 @@ class CompensatedLog(Result):
             The file.
         progress
             Called with the name of each stage.
+        dialect
+            Of a CSV file: "standard" (UTF-8, commas, decimal points), or "input", as in the log.
+        comments
+            Whether the metadata are lines "# key: value" above the header of a CSV file, and not in
+            a file ``<name>.csv.meta.json`` beside it.
 
         Returns
         -------
@@ -129,11 +140,13 @@ class CompensatedLog(Result):
             Findings of the log and of all its segments.
         """
         progress("writing")
+        style = STANDARD_STYLE
+        if comments or dialect != "standard":
+            style = csv_style(dialect, comments, open_table(self.raw_log.path), path)
         if self.segments is not None:
-            return Path(path), unique_by_subject(
-                [*self.findings, *self.segments.write(path, progress)]
-            )
-        return write_log(self.frame, path, self.metadata), self.findings
+            segment_findings = self.segments.write(path, progress, style)
+            return Path(path), unique_by_subject([*self.findings, *segment_findings])
+        return write_log(self.frame, path, self.metadata, style=style), self.findings
 
     def as_log(self) -> Log:
         """The compensated log as ``read_log`` would read it, without uncertainties."""

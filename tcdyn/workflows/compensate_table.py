@@ -25,7 +25,7 @@ from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.io.read import display_path, sha256
-from tcdyn.io.write import log_writer
+from tcdyn.io.write import DialectName, csv_style, log_writer
 from tcdyn.rig.log import COMPENSATED
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.file import SensorFile
@@ -157,6 +157,8 @@ def compensate_table(
     unit: Mapping[str, str] | str = "",
     couple: str = "",
     cold: float | str = 0.0,
+    dialect: DialectName = "standard",
+    comments: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedTable:
     """Compensate the columns of any table that sensors cover, and write the table.
@@ -187,6 +189,8 @@ def compensate_table(
         Type of the thermocouple for columns in millivolts.
     cold
         Reference junction of columns in millivolts [degC], or its column.
+    dialect, comments
+        How a CSV file is written, as for ``tcdyn.workflows.compensate.CompensatedLog.write``.
     progress
         Called with the row that is reached.
 
@@ -208,6 +212,7 @@ def compensate_table(
     segment; ``numbers`` are medians and maxima over the segments.
     """
     source = open_source(log, time, time_unit=time_unit)
+    style = csv_style(dialect, comments, source.table, out)
     cold = cold_column(cold, source.table.names, source.table.where)
     names = source.table.names
     value_columns = [n for n in names if n != source.time]
@@ -243,7 +248,7 @@ def compensate_table(
     )
     segment = next(segments, None)
     text = [n for n in names if segment is not None and segment.data[n].dtype == object]
-    with log_writer(out, header, notes, text) as write:
+    with log_writer(out, header, notes, text, style=style) as write:
         while segment is not None:
             if rows >= next_progress_row:
                 progress(f"from row {rows + 1}")

@@ -18,9 +18,9 @@ from tcdyn.core.result import Result
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.growing import GrowingTable
+from tcdyn.io.metadata import COMPENSATED
 from tcdyn.io.read import display_path
-from tcdyn.io.write import header_line, write_text
-from tcdyn.rig.log import COMPENSATED
+from tcdyn.io.write import CsvStyle, DialectName, csv_style, start_csv, write_text
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.appended_file import AppendedFile, digest
@@ -71,6 +71,8 @@ def follow(
     options: TableOptions | None = None,
     state: str | Path | None = None,
     overwrite: bool = False,
+    dialect: DialectName = "standard",
+    comments: bool = False,
     idle_s: float = 30.0,
     poll_s: float = 0.2,
     asked_to_stop: Callable[[], bool] = lambda: False,
@@ -86,7 +88,8 @@ def follow(
     to what that file knows, so that no row is lost or doubled. Without such a file an ``out`` that
     exists is refused, unless ``overwrite`` says to replace it. ``announce`` is called with the plan
     before the first row is written. ``options``: what tells the time and the units of any table
-    where its names do not.
+    where its names do not. ``dialect`` and ``comments``: how ``out`` is written, as for
+    ``tcdyn.io.write.csv_style``.
 
     Raises InputError for a log that is no growing text table, is compensated already, or is not the
     one of the state file; for an end before anything could be learnt. While it follows: for a log
@@ -124,6 +127,7 @@ def follow(
     if source is None:
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
     table = source.table
+    style = csv_style(dialect, comments, table.table, out)
     key = _key(source, records, settings)
     rows: list[list[float]] = []
     if state is not None and continues:
@@ -138,12 +142,12 @@ def follow(
             return FollowRun(table.rows, 0, table.bad_lines, ended, None, ())
         (plan, compensator_state, rows) = start
         written = 0
-        head = _head(source, plan)
         _check_output_free(
             out, overwrite
         )  # it may have come while the first seconds were waited for
-        write_text(out, head)  # what stood there stays until this is whole
-        size = len(head.encode("utf-8"))
+        # what stood there stays until this is whole
+        names = source.output_names(plan.output_names)
+        size = start_csv(out, names, _notes(source, plan), style=style)
     announce(plan)
     saved_at = -np.inf  # at once, so that a run that is killed can be continued
     log_error: InputError | None = None
@@ -152,7 +156,8 @@ def follow(
             if rows:
                 compensator_state, output_rows = plan.advance(compensator_state, np.array(rows))
                 output.append(
-                    _lines(source.in_table_units(output_rows, plan.output_names)), len(output_rows)
+                    _lines(source.in_table_units(output_rows, plan.output_names), style),
+                    len(output_rows),
                 )
             else:
                 output.check(0)
@@ -180,7 +185,9 @@ def follow(
         flushed = plan.flush(
             compensator_state
         )  # a run that goes on from the state file writes these rows again, then better known
-        output.append(_lines(source.in_table_units(flushed, plan.output_names)), len(flushed))
+        output.append(
+            _lines(source.in_table_units(flushed, plan.output_names), style), len(flushed)
+        )
         written = output.rows
     if log_error:
         raise InputError(
@@ -442,23 +449,18 @@ def _restore_plan(
         ) from None
 
 
-def _head(source: GrowingLog, plan: LiveCompensator) -> str:
+def _notes(source: GrowingLog, plan: LiveCompensator) -> dict[str, str]:
+    """Metadata of the output."""
     table = source.table
-    notes = {
-        **table.table.metadata,
-        "tcdyn": COMPENSATED,
-        "source": table.path.name,
-        **plan.notes(),
-    }
-    lines = [
-        f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n"
-        for k, v in notes.items()
-    ]
-    return "".join(lines) + header_line(source.output_names(plan.output_names))
+    notes = {**table.table.metadata, "tcdyn": COMPENSATED, "source": table.path.name}
+    return {**notes, **{key: str(value) for key, value in plan.notes().items()}}
 
 
-def _lines(rows: np.ndarray) -> str:
-    rounded = np.round(rows, DECIMALS + 1)
-    return "".join(
-        ",".join(["" if v != v else f"{v:.12g}" for v in row]) + "\n" for row in rounded.tolist()
-    )
+def _lines(rows: np.ndarray, style: CsvStyle) -> str:
+    """Rows as lines of text."""
+    rounded = np.round(rows, DECIMALS + 1).tolist()
+    lines = []
+    for row in rounded:
+        cells = ["" if v != v else f"{v:.12g}".replace(".", style.decimal) for v in row]
+        lines.append(style.separator.join(cells) + style.line_end)
+    return "".join(lines)

@@ -20,11 +20,11 @@ from tcdyn.core.findings import Finding
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.io.csv_dialect import is_number
 from tcdyn.io.growing import GrowingTable, open_growing
+from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import display_path
 from tcdyn.io.times import TIME_COLUMN_NAMES, find_time_column
 from tcdyn.rig.columns import KNOWN_COLUMNS, TORQUE_COLUMNS, match_columns
 from tcdyn.rig.opened_log import (
-    COMPENSATED,
     all_column_names,
     log_kind_of_columns,
     rig_layouts,
@@ -176,13 +176,7 @@ def growing_log(
         return None
     where = display_path(log)
     table = growing.table
-    if table.metadata.get("tcdyn") == COMPENSATED:
-        raise InputError(
-            "is compensated already",
-            where=where,
-            expected="a log as the logger wrote it",
-            remedy="give the raw log; static lines and chain must not be applied twice",
-        )
+    check_not_compensated(table.names, table.metadata, where)
     if rig is None or not isinstance(records, Mapping):
         return _table_source(growing, records, where, options or {})  # type: ignore[arg-type]
     altered = tuple(

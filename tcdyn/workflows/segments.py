@@ -20,7 +20,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import text_with_u
 from tcdyn.core.findings import Finding
-from tcdyn.io.write import log_writer
+from tcdyn.io.write import STANDARD_STYLE, CsvStyle, log_writer
 from tcdyn.partition.cooling import SingleDiskFit, lag_covariance_with_common_u, refined_chains
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.log import LogChunks
@@ -241,7 +241,12 @@ class LogSegments:
                 piece.findings,
             )
 
-    def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
+    def write(
+        self,
+        out: str | Path,
+        progress: Callable[[str], None],
+        style: CsvStyle = STANDARD_STYLE,
+    ) -> list[Finding]:
         """Write the header and all rows to a file, completely or not at all.
 
         Parameters
@@ -250,6 +255,8 @@ class LogSegments:
             The file.
         progress
             Called after each tenth of the rows.
+        style
+            How a CSV file is written.
 
         Returns
         -------
@@ -271,7 +278,7 @@ class LogSegments:
             if r.chain
             for c in r.chain.channels.values()
         ]
-        with log_writer(out, [*self.header], self.notes) as write:
+        with log_writer(out, [*self.header], self.notes, style=style) as write:
             segments = read_segments(self, [*self.columns], max(lags, default=0.0), SEGMENT_ROWS)
             segment = next(segments, None)
             while segment is not None:

@@ -97,7 +97,7 @@ def main() -> None:
             if path.suffix == ".toml":
                 (FOLDER / "rig.toml").write_bytes(path.read_bytes())
             else:
-                pack(pd.read_csv(path, comment="#"), FOLDER / f"{name}.parquet")
+                pack(pd.read_csv(path), FOLDER / f"{name}.parquet")
 
 
 if __name__ == "__main__":

@@ -90,7 +90,7 @@ def estimates_of(run: Run, folder: Path) -> Estimates:
     path = folder / run.output
     if path.suffix == ".json":
         return dict(_in_json(json.loads(path.read_text(encoding="utf-8")), ""))
-    frame = pd.read_csv(path, comment="#")
+    frame = pd.read_csv(path)
     return dict(_in_log(frame) if "time_s" in frame else _in_table(frame))
 
 

@@ -52,7 +52,7 @@ def test_the_simulator_still_makes_the_committed_logs(tmp_path: Path) -> None:
                 encoding="utf-8"
             )
             continue
-        new = pd.read_csv(path, comment="#")
+        new = pd.read_csv(path)
         stored = unpack(FOLDER / f"{name}.parquet")
         assert list(new) == list(stored)
         for column in new:

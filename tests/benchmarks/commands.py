@@ -50,7 +50,7 @@ def extended_log(log: Path, rows: int, out: Path) -> Path:
     """A log of ``rows`` rows: steady parts before loading, under load and at the end are repeated
     forwards and backwards.
     For fewer rows than the log has, a section around unloading."""
-    frame = pd.read_csv(log, comment="#")
+    frame = pd.read_csv(log)
     on, off = np.flatnonzero(frame["contact"] > 0.5)[[0, -1]]
     sections = [np.arange(on), np.arange(on, off - 5000), np.arange(off - 5000, len(frame) - 2000)]
     if rows < len(frame):
@@ -91,7 +91,7 @@ def main(folder: Path, lengths: list[int]) -> None:
         command("demo", "--out", folder, "--test", "D4", "--quiet")
     records = [word for d in ("fast", "slow") for word in ("--record", folder / f"{d}.disk.json")]
     plunges = [word for k in (1, 2) for word in ("--immersion", folder / f"plunge_fast_{k}.csv")]
-    base = best_s(lambda: pd.read_csv(log, comment="#").to_csv(folder / "copy.csv", index=False))
+    base = best_s(lambda: pd.read_csv(log).to_csv(folder / "copy.csv", index=False))
     print(
         f"pandas reads and writes {log.name} ({log.stat().st_size / 1e6:.0f} MB) in {base:.2f} s; times that:"
     )

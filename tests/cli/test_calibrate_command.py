@@ -37,7 +37,7 @@ class Said:
 @pytest.fixture(scope="module")
 def said(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Said:
     folder = tmp_path_factory.mktemp("calibrate")
-    plunge = pd.read_csv(campaign.files.plunges["fast"][0], comment="#")
+    plunge = pd.read_csv(campaign.files.plunges["fast"][0])
     entry = int(plunge.index[plunge["switch"] > 0.5][0])
     plunge.loc[[entry + 2, entry + 4, entry + 7], "switch"] = 0
     plunge.to_csv(folder / "bouncing.csv", index=False)
@@ -285,9 +285,7 @@ def test_a_plunge_saved_again_in_another_dialect_is_still_the_same_plunge(
 ) -> None:
     f = campaign.files
     plunges = [f.plunges["fast"][0], tmp_path / "again.csv"]
-    pd.read_csv(plunges[0], comment="#").round(2).to_csv(
-        plunges[1], index=False, sep=";", decimal=","
-    )
+    pd.read_csv(plunges[0]).round(2).to_csv(plunges[1], index=False, sep=";", decimal=",")
     with pytest.raises(InputError, match="holds the same samples as"):
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], plunges, ["mobil-jet-ii"])
 
@@ -297,9 +295,7 @@ def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_pat
     """It gave a common lag of seconds and sixteen warnings; the reader had seen the swap."""
     f = campaign.files
     names = {"a_degC": "b_degC", "b_degC": "a_degC"}
-    pd.read_csv(f.plunges["fast"][0], comment="#").rename(columns=names).to_csv(
-        tmp_path / "P1.csv", index=False
-    )
+    pd.read_csv(f.plunges["fast"][0]).rename(columns=names).to_csv(tmp_path / "P1.csv", index=False)
     with pytest.raises(InputError, match=r"a_degC and b_degC.*swapped"):
         calibrate_disk(
             campaign.rig, "fast", f.ovens["fast"], [tmp_path / "P1.csv"], ["mobil-jet-ii"]
@@ -313,7 +309,7 @@ def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: 
     rng = np.random.default_rng(4)
     plunges = [tmp_path / "noisy_1.csv", tmp_path / "noisy_2.csv"]
     for path, own in zip(plunges, f.plunges["fast"]):
-        plunge = pd.read_csv(own, comment="#")
+        plunge = pd.read_csv(own)
         plunge["e_degC"] += 2.0 * rng.standard_normal(len(plunge))
         plunge.to_csv(path, index=False)
     out, page = tmp_path / "fast.disk.json", tmp_path / "fast.html"

@@ -37,7 +37,7 @@ def fast(campaign: Campaign) -> list[object]:
 @pytest.fixture(scope="module")
 def stretch(campaign: Campaign) -> pd.DataFrame:
     """The plunge of the fast disk, seven seconds before the entry and twelve after."""
-    frame = pd.read_csv(campaign.files.plunges["fast"][0], comment="#")
+    frame = pd.read_csv(campaign.files.plunges["fast"][0])
     entry = float(frame.loc[frame["switch"] > 0.5, "time_s"].iloc[0])
     return frame[(frame["time_s"] > entry - 7) & (frame["time_s"] < entry + 12)].reset_index(
         drop=True
@@ -112,7 +112,7 @@ def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
     assert tcdyn("compensate", log, *both(campaign), "--out", out, "-q") == 2
     assert "record of the disk that was plunged" in capsys.readouterr().err
     assert tcdyn("compensate", log, *fast(campaign), "--out", out, "-q") == 0
-    done, raw = pd.read_csv(out, comment="#"), pd.read_csv(log, comment="#")
+    done, raw = pd.read_csv(out), pd.read_csv(log)
     true = pd.read_parquet(campaign.files.folder / "truth" / f"{log.stem}_traces.parquet")
     for c in "abcdef":
         ours, before = (
@@ -165,8 +165,7 @@ def test_follow_prints_the_report_before_use_and_ends_by_itself(
     )  # too much is asked at this noise, and what would help is said
     assert "data:image/png;base64," in page.read_text(encoding="utf-8")
     assert (
-        pd.read_csv(out, comment="#")["time_s"].tolist()
-        == stretch["time_s"].tolist()[: len(pd.read_csv(out, comment="#"))]
+        pd.read_csv(out)["time_s"].tolist() == stretch["time_s"].tolist()[: len(pd.read_csv(out))]
     )
     state = tmp_path / "state.json"
     assert tcdyn(*words, "--state", state, "--overwrite", "--behind-s", "0.2", "-q") == 0
@@ -225,7 +224,7 @@ def test_other_compensators_give_a_second_opinion(
         )
         assert ("the causal inverse removed a common lag" in html) == ("inverse" in words)
         assert "fast.disk.json, of " in html  # the record by its own name
-        done = pd.read_csv(out, comment="#")
+        done = pd.read_csv(out)
         z = (done["e_degC"] - reference["e_degC"]) / np.hypot(done["e_u_K"], reference["e_u_K"])
         assert np.mean(np.abs(z[late]) < 1.96) > 0.9
     said = capsys.readouterr().out
@@ -255,7 +254,7 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     assert tcdyn(*words, cov, "--covariance-from-s", "22", "--covariance-s", "0.5", "-q") == 0
     found, done = (
         json.loads(cov.read_text(encoding="utf-8")),
-        pd.read_csv(out, comment="#").set_index("time_s"),
+        pd.read_csv(out).set_index("time_s"),
     )
     time, c = found["time_s"], np.array(found["covariance_K2"]["e"])
     assert c.shape == (len(time), len(time)) == (38, 38)  # half a second at 75 Hz
@@ -280,7 +279,7 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
         u[0] ** 2 + u[1] ** 2 - 2 * of_means[0, 1]
     )
     assert tcdyn(*words[:-1], "--parts", "-q") == 0
-    parts = pd.read_csv(out, comment="#")
+    parts = pd.read_csv(out)
     assert np.all(np.hypot(parts["e_noise_u_K"], parts["e_common_u_K"]) < parts["e_u_K"] * 1.001)
     assert parts["e_common_u_K"].min() >= 0.99 * shared
     assert tcdyn(*words, out, "-q") == 2  # would write over the other output
@@ -339,7 +338,7 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
         )
         == 0
     )
-    assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()
+    assert pd.read_csv(out)["time_s"].tolist() == stretch["time_s"].tolist()
 
 
 @pytest.mark.e2e
@@ -362,7 +361,7 @@ def test_a_part_of_a_test_is_compensated_as_the_whole_is(
 ) -> None:
     """What both answers have in common, away from the ends, differs by less than their standard deviations: the part
     has the lag of the record where the whole has that of the unloading."""
-    table = pd.read_csv(campaign.files.ehl["B3"], comment="#")
+    table = pd.read_csv(campaign.files.ehl["B3"])
     part = table[(table["time_s"] >= first_s) & (table["time_s"] < last_s)]
     ours = compensate_log(write_log(part, tmp_path / "part.csv"), campaign.records, campaign.rig)
     inner = slice(300, -300)

@@ -234,9 +234,7 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     found = json.loads(capsys.readouterr().out)
     assert set(found["channels"]) == set("abcdef")
     assert "lag left in" in found["metadata"]["method"]
-    assert not any(
-        c.endswith("_u_K") for c in pd.read_csv(out, comment="#")
-    )  # nothing is told of the disk
+    assert not any(c.endswith("_u_K") for c in pd.read_csv(out))  # nothing is told of the disk
     line = campaign.records["fast"].static["e"]
     static = pd.read_csv(slow_plunge)["e_degC"].to_numpy() * line.gain + line.offset
     smooth = read_log(out, "immersion", allow_compensated=True).frame

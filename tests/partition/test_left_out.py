@@ -218,7 +218,7 @@ def write_damaged(campaign: Campaign, tmp_path: Path) -> Callable[[str, str], Pa
         head = [
             line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")
         ]
-        frame = DAMAGE[kind](pd.read_csv(path, comment="#"), name)
+        frame = DAMAGE[kind](pd.read_csv(path), name)
         out = tmp_path / "EHL_B3.csv"
         out.write_text("\n".join([*head, frame.to_csv(index=False)]), encoding="utf-8")
         return out

@@ -51,7 +51,7 @@ def write(path: Path, **columns: Array) -> Path:
 
 def written(path: Path) -> pd.DataFrame:
     """A table that was written."""
-    return pd.read_csv(path, comment="#")
+    return pd.read_csv(path)
 
 
 def varying(x: Array, tau_s: Array, dt_s: float) -> Array:

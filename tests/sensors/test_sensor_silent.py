@@ -39,7 +39,7 @@ def compensated(log: Path) -> tuple[CompensatedTable, pd.DataFrame]:
     done = compensate_table(
         log, [specified_sensor("s", ["TC*"], [(TAU_S, U_S)])], log.with_suffix(".out.csv")
     )
-    return done, pd.read_csv(done.path, comment="#")
+    return done, pd.read_csv(done.path)
 
 
 def stamps(day: str, rows: int) -> list[str]:

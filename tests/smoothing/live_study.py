@@ -161,9 +161,7 @@ def day(hours: float, seed: int, behind_s: float, folder: Path) -> None:
     )
     sd_names, parts = [n.replace("_degC", "_u_K") for n in NAMES], []
     columns = ["time_s", *NAMES, *sd_names]
-    for made, done in zip(
-        known, pd.read_csv(out, comment="#", usecols=columns, chunksize=len(known[0].time_s))
-    ):
+    for made, done in zip(known, pd.read_csv(out, usecols=columns, chunksize=len(known[0].time_s))):
         assert np.allclose(done["time_s"], made.time_s, atol=1e-3)
         parts.append(judged(made, done[NAMES].to_numpy(), done[sd_names].to_numpy(), seed, False))
     for name, own in (

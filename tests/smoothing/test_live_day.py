@@ -40,7 +40,7 @@ def followed(
     run = follow(
         log, {"fast": record()}, out, None, settings, idle_s=0.01, poll_s=0.02, overwrite=True
     )
-    return run, pd.read_csv(out, comment="#")
+    return run, pd.read_csv(out)
 
 
 def errors(made: World, done: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -182,7 +182,7 @@ def test_a_lag_that_divides_otherwise_than_the_record_says_is_within_the_band(
         idle_s=0.01,
         poll_s=0.02,
     )
-    error, sd = errors(made, pd.read_csv(tmp_path / "out.csv", comment="#"))
+    error, sd = errors(made, pd.read_csv(tmp_path / "out.csv"))
     assert np.max(np.abs(error) / sd) < 2.0
 
 

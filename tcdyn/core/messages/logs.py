@@ -53,6 +53,9 @@ def _unused_columns(names: Sequence[str], **_: Any) -> str:
 # rig: files, clocks, columns
 READER: dict[str, Message] = {
     "text.no_line_end": "row {row}, the last, has no line end: its last value may be cut short",
+    "metadata.damaged": "{subject}, the metadata of the table, is damaged and not used",
+    "metadata.other_table": "{subject} holds the metadata of a table with other columns; it is not "
+    "used",
     "text.midnight": "column {subject}: the clock passes midnight; the time continues on the next "
     "day",
     "text.no_number": _no_number,

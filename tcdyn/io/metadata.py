@@ -1,0 +1,187 @@
+"""Metadata of a table in CSV: a JSON file beside it; and how a compensated table is recognised.
+
+A CSV file that tcdyn writes begins with its header, so that every program reads it. What the file
+states about itself is in ``<name>.csv.meta.json``. Written by :mod:`tcdyn.io.write`, read by
+:mod:`tcdyn.io.read`. Guarded by ``tests/io/test_metadata.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, warning
+
+METADATA_ENDING = ".meta.json"  # behind the name of the table
+METADATA_SCHEMA = "tcdyn.table/1"
+COMPENSATED = "compensated"  # value of the entry "tcdyn" of a compensated table
+START_TIME_KEY = "start_time"  # entry with the date and time of the first row, ISO 8601
+# a column of a standard uncertainty, and what may follow its stem in the name of the temperature
+_UNCERTAINTY = re.compile(r"(?P<stem>.+)_u_(?:K|degF)")
+_UNIT_ENDING = r"(?:_degC|_K|_degF|_mV|\s*[\[(][^\])]*[\])])?"
+
+
+def metadata_path(path: str | Path) -> Path:
+    """The file with the metadata of a table.
+
+    >>> metadata_path("lab/kiln.csv").name
+    'kiln.csv.meta.json'
+    """
+    table = Path(path)
+    return table.with_name(table.name + METADATA_ENDING)
+
+
+def metadata_text(names: Sequence[str], metadata: Mapping[str, str]) -> str:
+    """Content of the file with the metadata of a table.
+
+    Parameters
+    ----------
+    names
+        Names of the columns as they are in the header. They show later that the file belongs to the
+        table.
+    metadata
+        Keys and values.
+    """
+    content = {"schema": METADATA_SCHEMA, "columns": list(names), "metadata": dict(metadata)}
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], list[Finding]]:
+    """Metadata in the file beside a table.
+
+    Parameters
+    ----------
+    path
+        The table.
+    names
+        Names of its columns.
+
+    Returns
+    -------
+    metadata
+        Keys and values; empty if there is no such file, or another program wrote it.
+    findings
+        A warning if the file is damaged, or of a table with other columns. It is not used then.
+
+    Notes
+    -----
+    The columns are compared, and not the rows: rows of a table may be appended or cut off.
+    """
+    file = metadata_path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, ValueError):  # most tables have none
+        return {}, []
+    content = _content(text)
+    if content is None:
+        return {}, [warning("metadata.damaged", subject=file.name)]
+    if content.get("schema") != METADATA_SCHEMA:
+        return {}, []
+    columns, metadata = content.get("columns"), content.get("metadata")
+    if not isinstance(columns, list) or not isinstance(metadata, dict):
+        return {}, [warning("metadata.damaged", subject=file.name)]
+    if _signature(columns) != _signature(names):
+        return {}, [warning("metadata.other_table", subject=file.name)]
+    return {str(key): str(value) for key, value in metadata.items()}, []
+
+
+def _signature(names: Sequence[object]) -> str:
+    """The names without what readers change in them: spaces, quotation marks and separators."""
+    return re.sub(r'[\s",;]', "", "".join(map(str, names)))
+
+
+def check_metadata_file_is_ours(path: Path) -> None:
+    """Check that the file of metadata of a table may be replaced or deleted.
+
+    Parameters
+    ----------
+    path
+        The table.
+
+    Raises
+    ------
+    InputError
+        If there is such a file, and another program wrote it.
+    """
+    file = metadata_path(path)
+    if not file.exists():
+        return
+    content = None
+    if file.is_file():
+        content = _content(file.read_text(encoding="utf-8", errors="replace"))
+    if content is None or content.get("schema") != METADATA_SCHEMA:
+        raise InputError(
+            "is no file of metadata of tcdyn, and would be replaced",
+            where=str(file),
+            expected=f"schema {METADATA_SCHEMA}",
+            remedy="rename that file, or give another name of the output",
+        )
+
+
+def _content(text: str) -> dict[str, Any] | None:
+    """The JSON object in a text; None for any other text."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def check_not_compensated(names: Collection[str], metadata: Mapping[str, str], where: str) -> None:
+    """Check that a table is not the output of a compensation.
+
+    Parameters
+    ----------
+    names
+        Names of its columns.
+    metadata
+        Its metadata.
+    where
+        The table, for messages.
+
+    Raises
+    ------
+    InputError
+        With the reason: the metadata say so, or there is a temperature with its standard
+        uncertainty, in columns named as tcdyn names them.
+
+    Notes
+    -----
+    The columns decide alone where the file of metadata was lost. A table in which only the noise
+    was removed has no such columns and is not recognised without its metadata.
+    """
+    expected = "a table as the logger wrote it"
+    remedy = "give the raw table: static lines and chain must not be applied twice"
+    if metadata.get("tcdyn") == COMPENSATED:
+        reason = "is compensated already: its metadata say so"
+        raise InputError(reason, where=where, expected=expected, remedy=remedy)
+    pair = uncertainty_pair(names)
+    if pair is not None:
+        name, u_name = pair
+        raise InputError(
+            f"is compensated already: it has columns {name!r} and {u_name!r}",
+            where=where,
+            expected=expected,
+            remedy=f"{remedy}. If it is raw, rename column {u_name!r}",
+        )
+
+
+def uncertainty_pair(names: Collection[str]) -> tuple[str, str] | None:
+    """A temperature and its standard uncertainty as tcdyn names them, if there is such a pair.
+
+    >>> uncertainty_pair(["time", "T1 [K]", "T1_u_K"]), uncertainty_pair(["T1", "u_K", "T2_u_K"])
+    (('T1 [K]', 'T1_u_K'), None)
+    """
+    for u_name in names:
+        match = _UNCERTAINTY.fullmatch(u_name)
+        if match is None:
+            continue
+        temperature = re.compile(re.escape(match["stem"]) + _UNIT_ENDING)
+        for name in names:
+            if name != u_name and temperature.fullmatch(name):
+                return name, u_name
+    return None
