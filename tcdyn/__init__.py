@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from tcdyn.version import __version__
     from tcdyn.workflows import (
         calibrate_disk,
+        compensate_dataset,
+        compensate_frame,
         compensate_log,
         estimate_beta,
         estimate_one_disk,
@@ -43,6 +45,8 @@ __all__ = [
     "__version__",
     "calibrate_disk",
     "compare",
+    "compensate_dataset",
+    "compensate_frame",
     "compensate_log",
     "estimate_beta",
     "estimate_one_disk",
@@ -70,6 +74,8 @@ _MODULES = {  # public name: where it is defined
     "calibrate_disk": "tcdyn.workflows",
     "read_record": "tcdyn.rig.record",
     "write_record": "tcdyn.rig.record",
+    "compensate_dataset": "tcdyn.workflows",
+    "compensate_frame": "tcdyn.workflows",
     "compensate_log": "tcdyn.workflows",
     "estimate_beta": "tcdyn.workflows",
     "estimate_one_disk": "tcdyn.workflows",

@@ -93,7 +93,9 @@ def csv_style(
     if dialect not in DIALECTS:
         raise InputError(f"dialect {dialect!r}", expected=" or ".join(DIALECTS))
     ending = Path(out).suffix.lower()
-    if ending != ".csv" and (comments or dialect == "input"):
+    if dialect == "standard" and not comments:
+        return STANDARD_STYLE
+    if ending != ".csv":
         raise InputError(
             f"dialect and comments are of CSV, not of {ending!r}",
             where=str(out),

@@ -7,6 +7,7 @@ call them, ``tcdyn.plots`` and ``tcdyn.report`` show their results.
 from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
+from tcdyn.workflows.compensate_frame import compensate_dataset, compensate_frame
 from tcdyn.workflows.demo import DemoRun, run_demo
 from tcdyn.workflows.single_disk import OneDiskRun, estimate_one_disk
 
@@ -17,6 +18,8 @@ __all__ = [
     "DemoRun",
     "OneDiskRun",
     "calibrate_disk",
+    "compensate_dataset",
+    "compensate_frame",
     "compensate_log",
     "estimate_beta",
     "estimate_one_disk",

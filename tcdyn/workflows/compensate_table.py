@@ -8,6 +8,7 @@ be even: they are put on a grid (``tcdyn.sensors.table.even_times``). Guarded by
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import (
     EvenTimes,
+    Source,
     TableSegment,
     even_times,
     on_grid,
@@ -147,9 +149,9 @@ class CompensatedTable(Result):
 
 @one_blas_thread
 def compensate_table(
-    log: str | Path,
+    log: str | Path | Source,
     sensors: Sequence[SensorFile],
-    out: str | Path,
+    out: str | Path | Callable[[pd.DataFrame], None],
     *,
     columns: Sequence[str] = (),
     time: str | None = None,
@@ -171,11 +173,11 @@ def compensate_table(
     Parameters
     ----------
     log
-        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate.
+        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate; or an opened table.
     sensors
         Sensors of one or several files; each column belongs to one.
     out
-        File to write, .csv or .parquet.
+        File to write, .csv or .parquet; or a function that is called with the rows, part by part.
     columns
         Columns that a single sensor covers here, instead of its own.
     time
@@ -211,8 +213,9 @@ def compensate_table(
     as in ``tcdyn.workflows.segments.LogSegments.write``. Noise and intensity are estimated in each
     segment; ``numbers`` are medians and maxima over the segments.
     """
-    source = open_source(log, time, time_unit=time_unit)
-    style = csv_style(dialect, comments, source.table, out)
+    source = log if isinstance(log, Source) else open_source(log, time, time_unit=time_unit)
+    out_path = Path() if callable(out) else Path(out)
+    style = csv_style(dialect, comments, source.table, out_path)
     cold = cold_column(cold, source.table.names, source.table.where)
     names = source.table.names
     value_columns = [n for n in names if n != source.time]
@@ -224,7 +227,7 @@ def compensate_table(
     if carried:
         column_findings.append(info("sensor.carried", columns=carried))
     notes = {**source.table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
-    notes |= {"source_sha256": sha256(log)} if source.path.is_file() else {}
+    notes |= {"source_sha256": sha256(source.path)} if source.path.is_file() else {}
     for w in sensor_cols:
         notes[f"lag_s of {w.column}"] = f"{w.lag_s.text('s')}, sensor {w.file.sensor}"
     renamed = {w.column: w.unit.names(w.column) for w in sensor_cols}
@@ -248,7 +251,10 @@ def compensate_table(
     )
     segment = next(segments, None)
     text = [n for n in names if segment is not None and segment.data[n].dtype == object]
-    with log_writer(out, header, notes, text, style=style) as write:
+    writer = (
+        nullcontext(out) if callable(out) else log_writer(out, header, notes, text, style=style)
+    )
+    with writer as write:
         while segment is not None:
             if rows >= next_progress_row:
                 progress(f"from row {rows + 1}")
@@ -298,7 +304,7 @@ def compensate_table(
             }
         )
     return CompensatedTable(
-        Path(out),
+        out_path,
         rows,
         tuple(sensor_cols),
         tuple(carried),

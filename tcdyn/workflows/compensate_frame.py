@@ -1,0 +1,369 @@
+"""Compensation of tables in memory: Series and DataFrames of pandas, DataArrays and Datasets of
+xarray.
+
+A frame is one more source of rows for :mod:`tcdyn.workflows.compensate_table`, so the numbers are
+those of a file with the same columns. Guarded by ``tests/sensors/test_compensate_frame.py``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import SampleLocation, messages, warnings_and_errors
+from tcdyn.io.metadata import START_TIME_KEY, check_not_compensated
+from tcdyn.io.table import Columns, Table, in_chunks
+from tcdyn.io.times import TimeColumn, find_time_column
+from tcdyn.sensors.file import SensorFile, read_sensor
+from tcdyn.sensors.table import Source
+from tcdyn.sensors.units import match_columns
+from tcdyn.workflows.compensate_table import compensate_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Sensors = SensorFile | str | Path | Sequence[SensorFile | str | Path]
+WARNINGS_KEY = "warnings"  # entry of ``attrs`` with the warnings as sentences
+
+
+def compensate_frame(
+    data: pd.DataFrame | pd.Series,
+    sensors: Sensors,
+    *,
+    columns: Sequence[str] = (),
+    time: str | None = None,
+    time_unit: str | None = None,
+    unit: Mapping[str, str] | str = "",
+    couple: str = "",
+    cold: float | str = 0.0,
+) -> pd.DataFrame:
+    """Compensate the columns of a DataFrame, or a Series, that sensors cover.
+
+    Parameters
+    ----------
+    data
+        The table (N rows). A Series is compensated with a single sensor, whatever its name.
+    sensors
+        Sensors, or paths of sensor files; each column belongs to one.
+    columns
+        Columns that a single sensor covers here, instead of its own.
+    time
+        Column of the time; None: the index. An index of numbers is seconds unless its name or
+        ``time_unit`` states another unit. An index of integers without a name is taken for the
+        numbers of the rows, unless ``time_unit`` is given; a column with the name of a time is used
+        then.
+    time_unit, unit, couple, cold
+        As for ``tcdyn.workflows.compensate_table.compensate_table``.
+
+    Returns
+    -------
+    DataFrame
+        The table with the same index and columns. Each column with a sensor is the temperature at
+        the junction in its own unit (mV: degrees Celsius); a column ``<name>_u_K`` (``_u_degF``) at
+        the end is its standard uncertainty. ``attrs`` holds those of ``data``, the metadata that a
+        file would have, and the list ``warnings``.
+
+    Raises
+    ------
+    InputError
+        As ``compensate_table`` does; for names that occur twice, a column with a sensor that holds
+        no numbers, and an index that is no time.
+
+    Warns
+    -----
+    UserWarning
+        For each finding that is a warning.
+
+    Examples
+    --------
+    >>> from tcdyn.sensors import sensor_file
+    >>> from tcdyn.chain import Chain
+    >>> probe = sensor_file("probe", {"T_degC": Chain(5.0)}, "stated", np.array([[0.01]]), [0.0])
+    >>> reading = 20 + 80 * (1 - np.exp(-np.arange(60) / 5.0))
+    >>> time = pd.date_range("2026-03-01 10:00", periods=60, freq="s")
+    >>> done = compensate_frame(pd.Series(reading, time, name="T_degC"), probe)
+    >>> list(done), done.index.equals(time), done.attrs["start_time"]
+    (['T_degC', 'T_u_K'], True, '2026-03-01T10:00:00')
+    """
+    files = _sensor_files(sensors)
+    if isinstance(data, pd.Series):
+        name = data.name if data.name is not None else _single_column(files)
+        data = data.to_frame(name)
+        columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
+    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
+    return _compensated(data, files, time, time_unit, {}, options)
+
+
+def compensate_dataset(
+    data: xr.Dataset | xr.DataArray,
+    sensors: Sensors,
+    *,
+    columns: Sequence[str] = (),
+    time_unit: str | None = None,
+    unit: Mapping[str, str] | str = "",
+    couple: str = "",
+    cold: float | str = 0.0,
+) -> xr.Dataset:
+    """Compensate the variables of an xarray Dataset, or a DataArray, that sensors cover.
+
+    Parameters
+    ----------
+    data
+        Variables along one dimension, whose coordinate is the time. Units are read from the
+        attribute ``units`` of variables and coordinate where they have one.
+    sensors, columns, time_unit, unit, couple, cold
+        As for ``compensate_frame``.
+
+    Returns
+    -------
+    Dataset
+        The dataset with the temperatures at the junctions and their standard uncertainties, as
+        for ``compensate_frame``; coordinates and other variables as they were.
+
+    Raises
+    ------
+    InputError
+        As ``compensate_frame`` does; for data with several dimensions.
+    """
+    files = _sensor_files(sensors)
+    if not hasattr(data, "data_vars"):
+        name = str(data.name) if data.name is not None else _single_column(files)
+        data = data.to_dataset(name=name)
+        columns = columns or ([name] if len(files) == 1 and len(files[0].columns) == 1 else ())
+    if len(data.dims) != 1:
+        raise InputError(
+            f"the data have dimensions {', '.join(map(repr, data.dims)) or 'none'}",
+            expected="one dimension, the time",
+            remedy="select the data along the other dimensions",
+        )
+    dimension = next(iter(data.dims))
+    index = data.get_index(dimension)
+    if dimension not in data.coords:
+        index = index.rename(None)
+    frame = pd.DataFrame({str(n): v.values for n, v in data.data_vars.items()}, index)
+    frame.attrs = dict(data.attrs)
+    units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
+    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
+    done = _compensated(frame, files, None, time_unit, units, options)
+    result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
+    for name, variable in data.data_vars.items():
+        if name in done.columns:
+            result[name].attrs = variable.attrs
+    result = result.drop_vars([name for name in data.data_vars if name not in done.columns])
+    return result.assign_attrs(done.attrs)
+
+
+def _sensor_files(sensors: Sensors) -> list[SensorFile]:
+    """The sensors as a list; paths are read."""
+    listed = [sensors] if isinstance(sensors, SensorFile | str | Path) else list(sensors)
+    return [s if isinstance(s, SensorFile) else read_sensor(s) for s in listed]
+
+
+def _single_column(files: Sequence[SensorFile]) -> str:
+    """Name for data without one: that of the sensor's column."""
+    return files[0].columns[0].replace("*", "") if files else "temperature"
+
+
+def _compensated(
+    frame: pd.DataFrame,
+    files: Sequence[SensorFile],
+    time: str | None,
+    time_unit: str | None,
+    units: Mapping[str, str],
+    options: Mapping[str, Any],
+) -> pd.DataFrame:
+    """The frame with compensated columns, warnings and attributes; see ``compensate_frame``.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    files
+        The sensors.
+    time, time_unit
+        Column of the time, and its unit.
+    units
+        Units by column, from attributes of xarray.
+    options
+        Further arguments of ``compensate_table``.
+    """
+    names = [str(label) for label in frame.columns]
+    duplicates = [name for name in names if names.count(name) > 1]
+    if duplicates:
+        raise InputError(f"column {duplicates[0]!r} stands twice", remedy="rename one of them")
+    source = frame_source(frame, time, time_unit, units)
+    _check_numeric(source, names, files, options["columns"])
+    parts: list[pd.DataFrame] = []
+    done = compensate_table(source, files, parts.append, **options)
+    serious = messages(warnings_and_errors(done.findings))
+    for message in serious:
+        warnings.warn(message, UserWarning, stacklevel=3)
+    made = pd.concat(parts, ignore_index=True)
+    result = frame.copy()
+    new_names = {}
+    for channel in done.columns:
+        label = frame.columns[names.index(channel.column)]
+        name, u_name = channel.unit.names(channel.column)
+        result[label] = made[name].to_numpy()
+        result[u_name] = made[u_name].to_numpy()
+        if name != channel.column:
+            new_names[label] = name
+    metadata = {key: value for key, value in done.metadata.items() if key != "source"}
+    result = result.rename(columns=new_names)
+    result.attrs = {**frame.attrs, **metadata, WARNINGS_KEY: list(serious)}
+    return result
+
+
+def frame_source(
+    frame: pd.DataFrame,
+    time: str | None = None,
+    time_unit: str | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Source:
+    """The numeric columns of a frame as a source of rows, with its time.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    time, time_unit
+        Column of the time (None: the index), and its unit.
+    units
+        Units by column.
+
+    Raises
+    ------
+    InputError
+        If there is no time, its unit is not clear, or the frame is compensated already.
+    """
+    where = "the DataFrame"
+    metadata = {str(k): v for k, v in frame.attrs.items() if isinstance(v, str)}
+    check_not_compensated([str(label) for label in frame.columns], metadata, where)
+    units = units or {}
+    data: dict[str, Array] = {}
+    for label in frame.columns:
+        numbers = _numbers(frame[label])
+        if numbers is not None:
+            data[str(label)] = numbers
+    times, name = _time_values(frame, time, time_unit, list(data), where)
+    kind = times.dtype.kind
+    if kind in "Mm":
+        clock = TimeColumn(name, 1.0, True, "s", where)
+        first = times[0] if len(times) else pd.NaT
+        if kind == "M" and not pd.isna(first):
+            metadata[START_TIME_KEY] = first.isoformat()
+        data[name] = np.asarray((times - first) / pd.Timedelta(1, "s"), dtype=float)
+    else:
+        clock = find_time_column([name], where, requested=name, unit=time_unit, unit_row=units)
+        data[name] = np.asarray(times, dtype=float)
+    columns = Columns(data, SampleLocation(where))
+    chunks = partial(in_chunks, columns)
+    table = Table(where, tuple(data), metadata, chunks, units=units)
+    return Source(Path("DataFrame"), table, clock)
+
+
+def _numbers(column: pd.Series) -> Array | None:
+    """The column as floats; None if it holds no numbers."""
+    if column.dtype.kind in "fiub":
+        return column.to_numpy(dtype=float, na_value=np.nan)
+    return None
+
+
+def _time_values(
+    frame: pd.DataFrame,
+    time: str | None,
+    time_unit: str | None,
+    names: Sequence[str],
+    where: str,
+) -> tuple[pd.Index[Any], str]:
+    """Times of the rows, and a name for them.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    time, time_unit
+        Column of the time (None: the index, or a column with such a name), and its unit.
+    names
+        Names of the numeric columns.
+    where
+        The table, for messages.
+
+    Raises
+    ------
+    InputError
+        For a column that is missing, and an index that is no time.
+    """
+    index = frame.index
+    numbers_rows = index.dtype.kind in "iu" and index.name is None and time_unit is None
+    if time is None and numbers_rows:
+        candidates = [str(n) for n in frame.columns if str(n) in names or _is_time(frame[n])]
+        time = find_time_column(candidates, where).name
+    if time is not None:
+        labels = {str(label): label for label in frame.columns}
+        if time not in labels:
+            find_time_column(list(labels), where, requested=time)  # raises, with similar names
+        return _as_index(frame[labels[time]], time, where), time
+    name = str(index.name or "index")
+    while name in names:
+        name = f"{name} of the index"
+    return _as_index(index, name, where), name
+
+
+def _is_time(column: pd.Series) -> bool:
+    """Whether a column holds dates or durations."""
+    return column.dtype.kind in "Mm"
+
+
+def _as_index(values: pd.Series | pd.Index[Any], name: str, where: str) -> pd.Index[Any]:
+    """Times as numbers, dates or durations; InputError for anything else."""
+    index = pd.Index(values)
+    if index.dtype.kind not in "fiuMm":
+        raise InputError(
+            f"the time {name!r} holds {index.dtype}",
+            where=where,
+            expected="numbers, dates or durations",
+            remedy="convert it, for example with pandas.to_datetime",
+        )
+    return index
+
+
+def _check_numeric(
+    source: Source, names: Sequence[str], files: Sequence[SensorFile], columns: Sequence[str]
+) -> None:
+    """Check that no column with a sensor holds something else than numbers.
+
+    Parameters
+    ----------
+    source
+        The source, with the numeric columns only.
+    names
+        Names of all columns.
+    files
+        The sensors.
+    columns
+        Columns named by the caller.
+
+    Raises
+    ------
+    InputError
+        With the first such column.
+    """
+    patterns = columns or [pattern for file in files for pattern in file.columns]
+    where = source.table.where
+    for pattern in patterns:
+        for name in match_columns(pattern, names, where):
+            if name not in source.table.names:
+                raise InputError(
+                    f"column {name!r} holds no numbers",
+                    where=where,
+                    remedy="convert it, for example with pandas.to_numeric",
+                )

@@ -1,0 +1,179 @@
+"""A table in memory gives the numbers of a file, with its own index."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import tcdyn
+from tcdyn.chain import Chain
+from tcdyn.core.errors import InputError
+from tcdyn.sensors import sensor_file
+from tcdyn.sensors.file import write_sensor
+from tcdyn.workflows.compensate_table import compensate_table
+from tests.sensors.sensor_world import fluid, logged, write, written
+
+DT_S = 0.5
+N = 600
+START = pd.Timestamp("2026-03-29 01:58:00")
+PROBE = sensor_file("probe", {"T1_degC": Chain(4.0)}, "stated", np.array([[0.01]]), [0.0])
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    time_s, _, reading = logged((4.0,), DT_S, N, 0.05, 11)
+    columns = {"time_s": time_s, "power_kW": 30.0, "T1_degC": reading, "step": np.arange(N)}
+    return pd.DataFrame(columns)
+
+
+@pytest.fixture(scope="module")
+def from_file(table: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    folder = tmp_path_factory.mktemp("frame")
+    log = write(folder / "log.csv", **table)
+    return written(compensate_table(log, [PROBE], folder / "out.csv").path)
+
+
+INDICES = {
+    "float seconds": lambda t: pd.Index(t),
+    "milliseconds in the name": lambda t: pd.Index(np.rint(1e3 * t).astype(int), name="Time [ms]"),
+    "dates": lambda t: START + pd.to_timedelta(t, "s"),
+    "dates with zone, over a change of the clock": lambda t: (
+        START.tz_localize("Europe/Berlin") + pd.to_timedelta(t, "s")
+    ),
+    "durations": lambda t: pd.to_timedelta(t, "s"),
+    "durations that start late": lambda t: pd.to_timedelta(t + 3600, "s"),
+}
+
+
+@pytest.mark.parametrize("name", INDICES)
+def test_any_index_of_time_gives_the_numbers_of_the_file_and_stays(table, from_file, name):
+    index = INDICES[name](table["time_s"].to_numpy())
+    frame = table.drop(columns="time_s").set_index(index)
+    done = tcdyn.compensate_frame(frame, PROBE)
+    assert done.index.identical(frame.index)
+    assert list(done) == ["power_kW", "T1_degC", "step", "T1_u_K"]
+    # written with 5 decimals, and so is the frame
+    for column in ("T1_degC", "T1_u_K"):
+        assert np.array_equal(done[column].to_numpy(), from_file[column].to_numpy())
+    assert done["step"].dtype == frame["step"].dtype
+
+
+def test_the_result_is_the_temperature_of_the_fluid(table):
+    truth = fluid(table["time_s"].to_numpy())
+    done = tcdyn.compensate_frame(table, PROBE)
+    error = done["T1_degC"] - truth
+    before = table["T1_degC"] - truth
+    # the lag of 4 s leaves 10 K; noise of 0.05 K is amplified to a few tenths of a kelvin
+    assert np.sqrt(np.mean(error**2)) < 0.05 * np.sqrt(np.mean(before**2))
+    assert np.mean(np.abs(error) < 1.96 * done["T1_u_K"]) > 0.9
+
+
+def test_a_column_of_time_is_found_or_named(table, from_file):
+    expected = from_file["T1_degC"].to_numpy()
+    by_name = table.rename(columns={"time_s": "x"})
+    dated = table.assign(time_s=START + pd.to_timedelta(table["time_s"], "s"))
+    kept_rows = table[table["power_kW"] > 0]  # an index of integers numbers the rows
+    for frame, time in ((table, None), (by_name, "x"), (dated, None), (kept_rows, None)):
+        done = tcdyn.compensate_frame(frame, PROBE, time=time)
+        assert np.array_equal(done["T1_degC"].to_numpy(), expected)
+        pd.testing.assert_frame_equal(
+            done.drop(columns=["T1_degC", "T1_u_K"]), frame.drop(columns="T1_degC")
+        )
+
+
+def test_a_series_is_compensated_whatever_its_name(table, from_file, tmp_path):
+    path = write_sensor(PROBE, tmp_path / "probe.sensor.json")
+    time = pd.to_timedelta(table["time_s"], "s")
+    for name, expected in (("T1_degC", "T1_degC"), ("gas", "gas"), (None, "T1_degC")):
+        series = pd.Series(table["T1_degC"].to_numpy(), time, name=name)
+        done = tcdyn.compensate_frame(series, path)
+        u_name = "gas_u_K" if name == "gas" else "T1_u_K"
+        assert list(done) == [expected, u_name]
+        assert np.array_equal(done[expected].to_numpy(), from_file["T1_degC"].to_numpy())
+
+
+def test_other_columns_may_hold_anything(table):
+    frame = table.assign(operator="A", phase=pd.Categorical(["heat"] * N), when=START)
+    frame.index = pd.to_timedelta(table["time_s"], "s")
+    done = tcdyn.compensate_frame(frame.drop(columns="time_s"), PROBE)
+    for column in ("operator", "phase", "when"):
+        pd.testing.assert_series_equal(done[column], frame[column])
+
+
+def test_units_are_those_of_names_or_arguments(table, from_file):
+    time = pd.Index(table["time_s"])
+    kelvin = pd.Series(table["T1_degC"].to_numpy() + 273.15, time, name="gas")
+    done = tcdyn.compensate_frame(kelvin, PROBE, unit="K")
+    # kelvin and back: some digits of the last decimal
+    assert np.allclose(done["gas"] - 273.15, from_file["T1_degC"], rtol=0, atol=2e-5)
+    volts = pd.Series(0.04 * table["T1_degC"].to_numpy(), time, name="T1_mV")
+    assert list(tcdyn.compensate_frame(volts, PROBE, couple="K")) == ["T1_degC", "T1_u_K"]
+
+
+def test_attributes_hold_the_metadata(table):
+    frame = table.set_index(START.tz_localize("UTC") + pd.to_timedelta(table["time_s"], "s"))
+    frame.attrs = {"operator": "someone", "runs": 3}
+    done = tcdyn.compensate_frame(frame, PROBE)
+    assert done.attrs["operator"] == "someone"
+    assert done.attrs["runs"] == 3
+    assert done.attrs["tcdyn"] == "compensated"
+    assert done.attrs["start_time"] == "2026-03-29T01:58:00+00:00"
+    assert "sensor probe" in done.attrs["lag_s of T1_degC"]
+    assert done.attrs["warnings"] == []
+    with pytest.raises(InputError, match="compensated already: its metadata"):
+        tcdyn.compensate_frame(done, PROBE)
+    done.attrs = {}
+    with pytest.raises(InputError, match=r"compensated already: it has columns 'T1_degC'"):
+        tcdyn.compensate_frame(done, PROBE)
+
+
+def test_a_doubtful_result_warns(table):
+    frame = table.copy()
+    frame.loc[100:140, "T1_degC"] = 4000.0
+    with pytest.warns(UserWarning, match="T1_degC"):
+        done = tcdyn.compensate_frame(frame, PROBE)
+    assert done.attrs["warnings"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.drop(columns="time_s"), "no time column"),
+        (lambda f: f.assign(T1_degC=f["T1_degC"].astype(str)), "'T1_degC' holds no numbers"),
+        (lambda f: f.drop(columns="T1_degC"), "'T1_degC' is missing"),
+        (lambda f: f.set_index(f["time_s"].astype(str)), "holds"),
+        (lambda f: f.set_index(pd.Index(f["time_s"] / 60, name="hours?") * 1e-3), "no unit"),
+        (lambda f: f.iloc[::-1], "backward"),
+        (lambda f: pd.concat([f, f[["T1_degC"]]], axis=1), "stands twice"),
+    ],
+)
+def test_what_is_not_clear_is_an_error(table, change, message):
+    with pytest.raises(InputError, match=message):
+        tcdyn.compensate_frame(change(table), PROBE)
+
+
+def test_datasets_and_arrays_of_xarray_keep_their_coordinates(table, from_file):
+    xr = pytest.importorskip("xarray")
+    time = START + pd.to_timedelta(table["time_s"].to_numpy(), "s")
+    array = xr.DataArray(
+        table["T1_degC"].to_numpy() + 273.15,
+        coords={"time": time, "station": "kiln"},
+        dims="time",
+        name="gas",
+        attrs={"units": "K", "long_name": "gas"},
+    )
+    dataset = array.to_dataset(name="T1_degC").assign(power=("time", np.ones(N)))
+    for data, name in ((array, "gas"), (dataset, "T1_degC")):
+        done = tcdyn.compensate_dataset(data, PROBE)
+        assert done[name].attrs["long_name"] == "gas"
+        assert done.attrs["start_time"] == START.isoformat()
+        assert set(done.coords) == {"time", "station"}
+        xr.testing.assert_identical(done["time"], data["time"])
+        # kelvin and back: some digits of the last decimal
+        assert np.allclose(done[name] - 273.15, from_file["T1_degC"], rtol=0, atol=2e-5)
+    assert np.array_equal(done["power"], np.ones(N))
+    with pytest.raises(InputError, match="dimensions"):
+        tcdyn.compensate_dataset(array.expand_dims("x"), PROBE)
+    with pytest.raises(InputError, match="no time column"):
+        tcdyn.compensate_dataset(array.drop_vars("time"), PROBE)
