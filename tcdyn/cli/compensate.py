@@ -131,7 +131,7 @@ def compensate(
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
     from tcdyn.io.read import open_table
-    from tcdyn.io.write import DIALECTS, csv_style, write_text
+    from tcdyn.io.write import DIALECTS, output_style, write_text
     from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows import compensate_log
@@ -175,7 +175,7 @@ def compensate(
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     check_outputs([log, rig, *record], out=target, report=report, covariance=covariance)
     if comments or dialect != "standard":  # an error before the work
-        csv_style(**of_csv, table=open_table(log), out=target)
+        output_style(**of_csv, table=open_table(log), out=target)
     way = _method(method, criterion, bandwidth_hz, noise_only)
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_log(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.io.cells import TextColumn
+from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, Track, align, in_chunks
 
 log_manager.set_level(logging.ERROR)
@@ -67,15 +69,30 @@ def tdms_table(path: Path, where: str) -> Table:
         names = list(channels)
         has_tracks = any("wf_increment" in c.properties for c in channels.values())
         clocks = [n for n, c in channels.items() if np.issubdtype(c.dtype, np.datetime64)]
+        starts = _starts(list(channels.values()))
         for owner in (file, *file.groups()):
             for key, value in owner.properties.items():
                 metadata.setdefault(str(key)[:200], str(value)[:2000])
     if not names:
         raise InputError("holds no channels", where=where, expected="a TDMS log")
     make_time = has_tracks and not any(name in names for name in TIME_NAMES)
+    if make_time and starts:
+        metadata.setdefault(START_TIME_KEY, f"{max(starts)}+00:00")  # TDMS has UTC
     all_names = ["time_s", *names] if make_time else names
     chunks = partial(_tdms_chunks, path, where, make_time)
     return Table(where, tuple(all_names), metadata, chunks, clock_columns=tuple(clocks))
+
+
+def _starts(channels: Sequence[Any]) -> list[np.datetime64]:
+    """Instants of the first samples of the channels whose time track states it."""
+    starts = []
+    for channel in channels:
+        start = channel.properties.get("wf_start_time")
+        if isinstance(start, np.datetime64 | datetime):
+            offset_s = channel.properties.get("wf_start_offset", 0.0)
+            offset_us = round(1e6 * offset_s) if isinstance(offset_s, float) else 0
+            starts.append(np.datetime64(start, "us") + np.timedelta64(offset_us, "us"))
+    return starts
 
 
 def _channels(file: Any) -> list[Any]:
@@ -370,9 +387,13 @@ def parquet_table(path: Path, where: str) -> Table:
         name = key.decode("utf-8", "replace")
         if name not in ("pandas", "ARROW:schema"):
             metadata[name] = value.decode("utf-8", "replace")
+    types = {}
+    for column in schema:
+        if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+            types[column.name] = column.type
     chunks = partial(_parquet_chunks, path, where)
     clocks = tuple(f.name for f in schema if pa.types.is_timestamp(f.type))
-    return Table(where, tuple(schema.names), metadata, chunks, clock_columns=clocks)
+    return Table(where, tuple(schema.names), metadata, chunks, clock_columns=clocks, types=types)
 
 
 def _parquet_chunks(

@@ -7,16 +7,19 @@ with their own headers. Guarded by ``tests/io/test_file_formats.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import LINE_END, Dialect
+from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.table import Columns, Table, Track, align, in_chunks, read_all_rows
 
 # a file of this format begins with these bytes
@@ -24,6 +27,7 @@ FIRST_BYTES = b"LabVIEW Measurement"
 # lines and words of the format
 _HEADER_END = "***End_of_Header***"
 _SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+_LVM_DATE = re.compile(r"\d{4}/\d{1,2}/\d{1,2}")
 _HEADER_LINES = 60  # a header of a segment ends within them; chosen by judgement
 
 # reader of the rows of text below a header: ``tcdyn.io.read.text_chunks``
@@ -112,7 +116,21 @@ def lvm_table(path: Path, where: str, read_chunks: ChunkReader) -> Table:
             remedy="save each segment in its own file",
         )
     columns = _with_time(segments)
+    start = _start_time(metadata)
+    if start:
+        metadata.setdefault(START_TIME_KEY, start)
     return Table(where, tuple(columns.data), metadata, partial(in_chunks, columns))
+
+
+def _start_time(header: Mapping[str, str]) -> str:
+    """Date and time in the header of the file, in ISO 8601; empty for another form of date."""
+    date, time = header.get("Date", ""), header.get("Time", "")
+    if not time or _LVM_DATE.fullmatch(date) is None:
+        return ""
+    try:
+        return pd.Timestamp(f"{date} {time.replace(',', '.')}").isoformat()
+    except ValueError:
+        return ""
 
 
 def _file_header(lines: list[str]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
@@ -66,6 +67,8 @@ class Table:
         Units by column, from a row below the header.
     clock_columns
         Columns whose first cell is a clock time.
+    types
+        Types of the columns of instants and durations of a Parquet file, by column.
     """
 
     where: str
@@ -74,6 +77,7 @@ class Table:
     chunks: Callable[[Sequence[str], int], Iterator[Columns]]
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     clock_columns: tuple[str, ...] = field(default=(), kw_only=True)
+    types: Mapping[str, pa.DataType] = field(default_factory=dict, kw_only=True)
 
 
 def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:

@@ -14,7 +14,7 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal, get_args
 
@@ -39,15 +39,18 @@ DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 
 
 @dataclass(frozen=True)
-class CsvStyle:
-    """How a CSV file is written; by default UTF-8 with commas and decimal points.
+class OutputStyle:
+    """How a file is written; CSV by default in UTF-8 with commas and decimal points.
 
     Attributes
     ----------
     separator, decimal, encoding, line_end
-        Dialect of the text.
+        Dialect of a CSV file.
     comments
-        Whether the metadata are lines "# key: value" above the header, and not a file of their own.
+        Whether the metadata of a CSV file are lines "# key: value" above the header, and not a file
+        of their own.
+    types
+        Types in a Parquet file by column, where the cells are text, such as time stamps.
     """
 
     separator: str = ","
@@ -55,19 +58,21 @@ class CsvStyle:
     encoding: str = "utf-8"
     line_end: str = "\n"
     comments: bool = False
+    types: Mapping[str, pa.DataType] = field(default_factory=dict)
 
     @property
     def is_standard(self) -> bool:
-        """Whether the dialect is the default one, which pyarrow writes."""
-        return self == CsvStyle(comments=self.comments)
+        """Whether the dialect of CSV is the default one, which pyarrow writes."""
+        dialect = (self.separator, self.decimal, self.encoding, self.line_end)
+        return dialect == (",", ".", "utf-8", "\n")
 
 
-STANDARD_STYLE = CsvStyle()
+STANDARD_STYLE = OutputStyle()
 
 
-def csv_style(
+def output_style(
     dialect: DialectName, comments: bool, table: Table | None, out: str | Path
-) -> CsvStyle:
+) -> OutputStyle:
     """The style of an output.
 
     Parameters
@@ -75,7 +80,7 @@ def csv_style(
     dialect
         "standard", or "input": that of the table that was read.
     comments
-        As in ``CsvStyle``.
+        As in ``OutputStyle``.
     table
         The table that was read; None if it was no file.
     out
@@ -93,8 +98,9 @@ def csv_style(
     if dialect not in DIALECTS:
         raise InputError(f"dialect {dialect!r}", expected=" or ".join(DIALECTS))
     ending = Path(out).suffix.lower()
+    types = {} if table is None else table.types
     if dialect == "standard" and not comments:
-        return STANDARD_STYLE
+        return OutputStyle(types=types)
     if ending != ".csv":
         raise InputError(
             f"dialect and comments are of CSV, not of {ending!r}",
@@ -102,7 +108,7 @@ def csv_style(
             expected="an output ending in .csv",
         )
     if dialect == "standard":
-        return CsvStyle(comments=comments)
+        return OutputStyle(comments=comments)
     if not isinstance(table, CsvTable):
         raise InputError(
             "has no dialect of CSV that the output could have",
@@ -112,7 +118,7 @@ def csv_style(
         )
     source = table.dialect
     line_end = _line_end(source)
-    return CsvStyle(source.separator, source.decimal, source.encoding, line_end, comments)
+    return OutputStyle(source.separator, source.decimal, source.encoding, line_end, comments)
 
 
 def _line_end(dialect: Dialect) -> str:
@@ -220,7 +226,7 @@ def write_log(
     path: str | Path,
     metadata: Mapping[str, str] | None = None,
     *,
-    style: CsvStyle = STANDARD_STYLE,
+    style: OutputStyle = STANDARD_STYLE,
 ) -> Path:
     """Write a table to a file; numbers keep all their digits.
 
@@ -275,7 +281,7 @@ def log_writer(
     metadata: Mapping[str, str],
     text: Collection[str] = (),
     *,
-    style: CsvStyle = STANDARD_STYLE,
+    style: OutputStyle = STANDARD_STYLE,
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
     """Yield a function that appends tables to a file, which appears when the block succeeds.
 
@@ -309,7 +315,7 @@ def log_writer(
     if ending == ".parquet":
         with (
             atomic_path(target) as temporary,
-            _parquet_appender(temporary, names, plain, text) as append,
+            _parquet_appender(temporary, names, plain, text, style.types) as append,
         ):
             yield append
         return
@@ -325,7 +331,7 @@ def start_csv(
     names: Sequence[str],
     metadata: Mapping[str, str],
     *,
-    style: CsvStyle = STANDARD_STYLE,
+    style: OutputStyle = STANDARD_STYLE,
 ) -> int:
     """Write a CSV file without rows, to which rows will be appended, and its metadata.
 
@@ -349,7 +355,7 @@ def start_csv(
 
 @contextmanager
 def _csv_with_metadata(
-    target: Path, names: Sequence[str], metadata: Mapping[str, str], style: CsvStyle
+    target: Path, names: Sequence[str], metadata: Mapping[str, str], style: OutputStyle
 ) -> Iterator[Path]:
     """Yield a temporary CSV file with its header; it and its metadata appear if the block succeeds.
 
@@ -393,7 +399,7 @@ def _csv_with_metadata(
         file.unlink(missing_ok=True)
 
 
-def _encoded(text: str, style: CsvStyle, is_first: bool = True) -> bytes:
+def _encoded(text: str, style: OutputStyle, is_first: bool = True) -> bytes:
     """The text as bytes; a byte order mark only at the start of a file."""
     encoding = style.encoding
     if not is_first:
@@ -406,24 +412,50 @@ def _encoded(text: str, style: CsvStyle, is_first: bool = True) -> bytes:
 
 @contextmanager
 def _parquet_appender(
-    path: Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str]
+    path: Path,
+    names: Sequence[str],
+    metadata: Mapping[str, str],
+    text: Collection[str],
+    types: Mapping[str, pa.DataType],
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
-    """Yield a function that appends tables to a Parquet file; parameters as for ``log_writer``."""
+    """Yield a function that appends tables to a Parquet file.
+
+    Parameters
+    ----------
+    path, names, metadata, text
+        As for ``log_writer``.
+    types
+        As in ``OutputStyle``.
+    """
     from pyarrow import parquet as pq
 
-    types = [(name, pa.string() if name in text else pa.float64()) for name in names]
-    schema = pa.schema(types, metadata=dict(metadata))
+    types_of_all: list[tuple[str, pa.DataType]] = []
+    for name in names:
+        default = pa.string() if name in text else pa.float64()
+        types_of_all.append((name, types.get(name, default)))
+    schema = pa.schema(types_of_all, metadata=dict(metadata))
     with pq.ParquetWriter(path, schema) as writer:
 
         def append(frame: pd.DataFrame) -> None:
             """Append the rows of a table."""
-            writer.write_table(_arrow(frame).replace_schema_metadata(dict(metadata)))
+            columns = [_typed_cells(frame[name].to_numpy(), kind) for name, kind in types_of_all]
+            writer.write_table(pa.table(columns, schema=schema))
 
         yield append
 
 
+def _typed_cells(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
+    """Cells of a column in a type of pyarrow, NaN as an empty one; text becomes instants."""
+    if pa.types.is_timestamp(kind):
+        instants = pd.to_datetime(pd.Series(values), utc=kind.tz is not None, format="ISO8601")
+        return pa.array(instants, kind)
+    if pa.types.is_duration(kind):
+        return pa.array(pd.to_timedelta(pd.Series(values)), kind)
+    return pa.array(values, kind, from_pandas=True)
+
+
 def _csv_appender(
-    stream: IO[bytes], text: Collection[str], style: CsvStyle
+    stream: IO[bytes], text: Collection[str], style: OutputStyle
 ) -> Callable[[pd.DataFrame], None]:
     """A function that appends tables to a CSV file.
 

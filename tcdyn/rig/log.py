@@ -27,8 +27,9 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
-from tcdyn.io.metadata import COMPENSATED
+from tcdyn.io.metadata import COMPENSATED, START_TIME_KEY
 from tcdyn.io.read import Table, read_all_rows, sha256
+from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
 from tcdyn.rig.check_clock import Sampling, check_time, resample_to_grid, scale_jitter
@@ -401,7 +402,11 @@ def iter_log(
     findings: list[Finding] = []
     decimated = DecimatedLog()
     location = SampleLocation(table.where)
+    metadata = dict(table.metadata)
     for chunk in table.chunks(list(dict.fromkeys(names.values())), rows):
+        if not clock:
+            start = start_time(chunk.stamps, names["time_s"], chunk.data[names["time_s"]])
+            metadata |= {START_TIME_KEY: start} if start else {}
         location = chunk.location
         findings += chunk.findings
         clock += chunk.data[names["time_s"]].tobytes()
@@ -442,7 +447,7 @@ def iter_log(
     log = LogChunks(
         file,
         kind,
-        dict(table.metadata),
+        metadata,
         sampling,
         switches,
         tuple(finding.at(table.where) for finding in findings),

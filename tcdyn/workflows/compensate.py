@@ -22,7 +22,7 @@ from tcdyn.core.findings import Finding, info, labelled_messages, messages, warn
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
-from tcdyn.io.write import STANDARD_STYLE, DialectName, csv_style, write_log
+from tcdyn.io.write import STANDARD_STYLE, DialectName, output_style, write_log
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import SingleDiskFit
 from tcdyn.partition.steady import with_inner_row_at_one_radius
@@ -142,7 +142,7 @@ class CompensatedLog(Result):
         progress("writing")
         style = STANDARD_STYLE
         if comments or dialect != "standard":
-            style = csv_style(dialect, comments, open_table(self.raw_log.path), path)
+            style = output_style(dialect, comments, open_table(self.raw_log.path), path)
         if self.segments is not None:
             segment_findings = self.segments.write(path, progress, style)
             return Path(path), unique_by_subject([*self.findings, *segment_findings])

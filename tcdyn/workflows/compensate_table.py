@@ -25,8 +25,10 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import ALTERED_CODE
+from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.read import display_path, sha256
-from tcdyn.io.write import DialectName, csv_style, log_writer
+from tcdyn.io.start_time import start_time
+from tcdyn.io.write import DialectName, log_writer, output_style
 from tcdyn.rig.log import COMPENSATED
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.file import SensorFile
@@ -215,7 +217,7 @@ def compensate_table(
     """
     source = log if isinstance(log, Source) else open_source(log, time, time_unit=time_unit)
     out_path = Path() if callable(out) else Path(out)
-    style = csv_style(dialect, comments, source.table, out_path)
+    style = output_style(dialect, comments, source.table, out_path)
     cold = cold_column(cold, source.table.names, source.table.where)
     names = source.table.names
     value_columns = [n for n in names if n != source.time]
@@ -251,6 +253,9 @@ def compensate_table(
     )
     segment = next(segments, None)
     text = [n for n in names if segment is not None and segment.data[n].dtype == object]
+    if segment is not None:
+        start = start_time(segment.data, source.time, segment.time_s)
+        notes |= {START_TIME_KEY: start} if start else {}
     writer = (
         nullcontext(out) if callable(out) else log_writer(out, header, notes, text, style=style)
     )

@@ -20,7 +20,7 @@ from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.growing import GrowingTable
 from tcdyn.io.metadata import COMPENSATED
 from tcdyn.io.read import display_path
-from tcdyn.io.write import CsvStyle, DialectName, csv_style, start_csv, write_text
+from tcdyn.io.write import DialectName, OutputStyle, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.appended_file import AppendedFile, digest
@@ -89,7 +89,7 @@ def follow(
     exists is refused, unless ``overwrite`` says to replace it. ``announce`` is called with the plan
     before the first row is written. ``options``: what tells the time and the units of any table
     where its names do not. ``dialect`` and ``comments``: how ``out`` is written, as for
-    ``tcdyn.io.write.csv_style``.
+    ``tcdyn.io.write.output_style``.
 
     Raises InputError for a log that is no growing text table, is compensated already, or is not the
     one of the state file; for an end before anything could be learnt. While it follows: for a log
@@ -127,7 +127,7 @@ def follow(
     if source is None:
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
     table = source.table
-    style = csv_style(dialect, comments, table.table, out)
+    style = output_style(dialect, comments, table.table, out)
     key = _key(source, records, settings)
     rows: list[list[float]] = []
     if state is not None and continues:
@@ -456,7 +456,7 @@ def _notes(source: GrowingLog, plan: LiveCompensator) -> dict[str, str]:
     return {**notes, **{key: str(value) for key, value in plan.notes().items()}}
 
 
-def _lines(rows: np.ndarray, style: CsvStyle) -> str:
+def _lines(rows: np.ndarray, style: OutputStyle) -> str:
     """Rows as lines of text."""
     rounded = np.round(rows, DECIMALS + 1).tolist()
     lines = []

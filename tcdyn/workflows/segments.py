@@ -20,7 +20,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import text_with_u
 from tcdyn.core.findings import Finding
-from tcdyn.io.write import STANDARD_STYLE, CsvStyle, log_writer
+from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
 from tcdyn.partition.cooling import SingleDiskFit, lag_covariance_with_common_u, refined_chains
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.log import LogChunks
@@ -245,7 +245,7 @@ class LogSegments:
         self,
         out: str | Path,
         progress: Callable[[str], None],
-        style: CsvStyle = STANDARD_STYLE,
+        style: OutputStyle = STANDARD_STYLE,
     ) -> list[Finding]:
         """Write the header and all rows to a file, completely or not at all.
 

@@ -22,7 +22,7 @@ from tcdyn.io.metadata import (
     uncertainty_pair,
 )
 from tcdyn.io.read import open_table, read_all_rows
-from tcdyn.io.write import CsvStyle, log_writer, write_log
+from tcdyn.io.write import OutputStyle, log_writer, write_log
 
 FRAME = pd.DataFrame({"time_s": [0.0, 1.0, 2.0], "T [°C]": [20.0, 20.5, 21.25]})
 NOTES = {"operator": "A: B", "bath": "Öl", "tcdyn": "compensated"}
@@ -43,7 +43,7 @@ def test_a_table_begins_with_its_header_and_keeps_its_metadata(tmp_path):
 
 def test_metadata_as_comments_need_no_file(tmp_path):
     write_log(FRAME, tmp_path / "a.csv", NOTES)
-    path = write_log(FRAME, tmp_path / "a.csv", NOTES, style=CsvStyle(comments=True))
+    path = write_log(FRAME, tmp_path / "a.csv", NOTES, style=OutputStyle(comments=True))
     assert open_table(path).metadata == NOTES
     assert list(tmp_path.iterdir()) == [path]  # the file of the table before is gone
     pd.testing.assert_frame_equal(pd.read_csv(path, comment="#"), FRAME, check_dtype=False)

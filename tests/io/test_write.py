@@ -12,7 +12,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.read import sha256
-from tcdyn.io.write import CsvStyle, atomic_path, write_text
+from tcdyn.io.write import OutputStyle, atomic_path, write_text
 from tcdyn.rig.log import write_log
 from tests.rig.log_cases import ehl_frame
 
@@ -92,6 +92,6 @@ def test_a_hash_is_that_of_the_standards_own_example(tmp_path):
 
 
 def test_metadata_cannot_break_out_of_its_line(tmp_path):
-    style = CsvStyle(comments=True)
+    style = OutputStyle(comments=True)
     path = write_log(ehl_frame(), tmp_path / "a.csv", {"note\ntime_s": "1\n2,3"}, style=style)
     assert path.read_text().split("\n")[0] == "# note time_s: 1 2,3"
