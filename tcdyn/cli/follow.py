@@ -159,6 +159,7 @@ def follow(
         reporter.text(f"following {log}; Ctrl-C ends it")
 
     options: Any = reading.options()
+    of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
     with _stop_request() as stop:
         done = run(
             log,
@@ -169,8 +170,7 @@ def follow(
             options=options,
             state=state,
             overwrite=overwrite,
-            dialect=dialect,
-            comments=comments,
+            **of_csv,
             idle_s=idle_s,
             asked_to_stop=stop,
             announce=announce,

@@ -11,7 +11,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -69,30 +68,36 @@ def tdms_table(path: Path, where: str) -> Table:
         names = list(channels)
         has_tracks = any("wf_increment" in c.properties for c in channels.values())
         clocks = [n for n, c in channels.items() if np.issubdtype(c.dtype, np.datetime64)]
-        starts = _starts(list(channels.values()))
+        start = _start_time(list(channels.values()))
         for owner in (file, *file.groups()):
             for key, value in owner.properties.items():
                 metadata.setdefault(str(key)[:200], str(value)[:2000])
     if not names:
         raise InputError("holds no channels", where=where, expected="a TDMS log")
     make_time = has_tracks and not any(name in names for name in TIME_NAMES)
-    if make_time and starts:
-        metadata.setdefault(START_TIME_KEY, f"{max(starts)}+00:00")  # TDMS has UTC
+    if make_time and start:
+        metadata.setdefault(START_TIME_KEY, start)
     all_names = ["time_s", *names] if make_time else names
     chunks = partial(_tdms_chunks, path, where, make_time)
     return Table(where, tuple(all_names), metadata, chunks, clock_columns=tuple(clocks))
 
 
-def _starts(channels: Sequence[Any]) -> list[np.datetime64]:
-    """Instants of the first samples of the channels whose time track states it."""
-    starts = []
+def _start_time(channels: Sequence[Any]) -> str:
+    """Instant at which all channels have begun, in ISO 8601; empty if no time track states it.
+
+    TDMS states instants in UTC.
+    """
+    starts: list[pd.Timestamp] = []
     for channel in channels:
-        start = channel.properties.get("wf_start_time")
-        if isinstance(start, np.datetime64 | datetime):
-            offset_s = channel.properties.get("wf_start_offset", 0.0)
-            offset_us = round(1e6 * offset_s) if isinstance(offset_s, float) else 0
-            starts.append(np.datetime64(start, "us") + np.timedelta64(offset_us, "us"))
-    return starts
+        offset_s = channel.properties.get("wf_start_offset", 0.0) or 0.0
+        try:
+            start = pd.Timestamp(channel.properties.get("wf_start_time"))
+            start += pd.Timedelta(float(offset_s), "s")
+        except (TypeError, ValueError, OverflowError):  # reported when the channel is read
+            continue
+        if not pd.isna(start):
+            starts.append(start)
+    return f"{max(starts).isoformat()}+00:00" if starts else ""
 
 
 def _channels(file: Any) -> list[Any]:

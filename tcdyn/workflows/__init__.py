@@ -7,8 +7,8 @@ call them, ``tcdyn.plots`` and ``tcdyn.report`` show their results.
 from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
-from tcdyn.workflows.compensate_frame import compensate_dataset, compensate_frame
 from tcdyn.workflows.demo import DemoRun, run_demo
+from tcdyn.workflows.frames import compensate_dataset, compensate_frame
 from tcdyn.workflows.single_disk import OneDiskRun, estimate_one_disk
 
 __all__ = [

@@ -218,7 +218,9 @@ def _compensated(
             new_names[label] = name
     metadata = {key: value for key, value in done.metadata.items() if key != "source"}
     result = result.rename(columns=new_names)
-    result.attrs = {**frame.attrs, **metadata, WARNINGS_KEY: list(serious)}
+    result.attrs = dict(frame.attrs)
+    result.attrs.update(metadata)
+    result.attrs[WARNINGS_KEY] = list(serious)
     return result
 
 
@@ -257,10 +259,12 @@ def frame_source(
     kind = times.dtype.kind
     if kind in "Mm":
         clock = TimeColumn(name, 1.0, True, "s", where)
-        first = times[0] if len(times) else pd.NaT
+        instants = pd.Series(times)
+        first = instants.iloc[0] if len(instants) else pd.NaT
         if kind == "M" and not pd.isna(first):
             metadata[START_TIME_KEY] = first.isoformat()
-        data[name] = np.asarray((times - first) / pd.Timedelta(1, "s"), dtype=float)
+        elapsed: Any = instants - first
+        data[name] = np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)
     else:
         clock = find_time_column([name], where, requested=name, unit=time_unit, unit_row=units)
         data[name] = np.asarray(times, dtype=float)
