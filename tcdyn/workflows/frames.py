@@ -132,6 +132,11 @@ def compensate_dataset(
     ------
     InputError
         As ``compensate_frame`` does; for data with several dimensions.
+
+    Examples
+    --------
+    >>> kiln = xr.open_dataset("kiln.nc")  # doctest: +SKIP
+    >>> compensate_dataset(kiln["T1_degC"], "probe.sensor.json")  # doctest: +SKIP
     """
     files = _sensor_files(sensors)
     if not hasattr(data, "data_vars"):
