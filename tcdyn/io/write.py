@@ -556,9 +556,10 @@ def _write_tdms(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) ->
     from nptdms import ChannelObject, RootObject, TdmsWriter
 
     root = RootObject(properties=dict(metadata))
-    channels = [
-        ChannelObject("log", str(name), np.ascontiguousarray(frame[name].to_numpy(dtype=float)))
-        for name in frame.columns
-    ]
+    channels = []
+    for name in frame.columns:
+        is_number = frame[name].dtype.kind in "fiub"
+        cells = frame[name].to_numpy(dtype=float if is_number else str)
+        channels.append(ChannelObject("log", str(name), np.ascontiguousarray(cells)))
     with TdmsWriter(path) as writer:
         writer.write_segment([root, *channels])

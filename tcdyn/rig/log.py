@@ -275,6 +275,31 @@ class LogChunks:
         frame.insert(0, "time_s", time_s)
         return frame
 
+    def time_stamps(self) -> tuple[str, NDArray[Any]] | None:
+        """The column of clock stamps as it is in the file.
+
+        Returns
+        -------
+        name
+            Name of the column in the file.
+        cells
+            Text (N,) for each row of the even grid, empty where the file has no row. Where several
+            rows of the file are one of the grid, that of the first.
+        None
+            If the time is numbers.
+        """
+        name = self._names["time_s"]
+        cells: list[NDArray[Any]] = []
+        for chunk in self._table.chunks([name], self._chunk_rows):
+            if not len(chunk.data[name]):  # findings only
+                continue
+            if name not in chunk.stamps:
+                return None
+            cells.append(chunk.stamps[name])
+        on_grid = np.full(self.rows, "", dtype=object)
+        on_grid[self.sampling.grid[::-1]] = np.concatenate(cells)[::-1]
+        return name, on_grid
+
     def to_log(
         self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None
     ) -> Log:

@@ -328,7 +328,9 @@ def compensate_log(
         t for t, _ in next(iter(results.values())).events_s
     ]
     segments = None
-    if len(table.frame) < pieces.rows:
+    if len(table.frame) == pieces.rows:
+        frame = _with_time_stamps(frame, pieces)
+    else:
         segments = LogSegments(
             pieces,
             rig,
@@ -345,6 +347,20 @@ def compensate_log(
     return CompensatedLog(
         frame, notes, tuple(findings), results, traces, tuple(events_s), table, way, segments
     )
+
+
+def _with_time_stamps(frame: pd.DataFrame, log: LogChunks) -> pd.DataFrame:
+    """The table with the clock stamps of the log, if it has some, after its first column.
+
+    The name is that in the file, or "time_stamp" if another column of the table has it.
+    """
+    stamps = log.time_stamps()
+    if stamps is None:
+        return frame
+    name, cells = stamps
+    result = frame.copy(deep=False)
+    result.insert(1, "time_stamp" if name in frame else name, cells)
+    return result
 
 
 def log_around_unloading(pieces: LogChunks) -> Log:

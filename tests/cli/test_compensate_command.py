@@ -104,6 +104,44 @@ def test_every_format_comes_in_and_goes_out_once(
     assert not (tmp_path / "twice.csv").exists()
 
 
+@pytest.mark.parametrize("wanted", ["csv", "parquet", "tdms"])
+def test_a_log_with_stamps_keeps_them_its_start_and_on_request_its_dialect(
+    campaign: Campaign,
+    tmp_path: Path,
+    stretch: pd.DataFrame,
+    reference: pd.DataFrame,
+    wanted: str,
+) -> None:
+    start = pd.Timestamp("2026-03-09 23:59:50")
+    elapsed_s = stretch["time_s"] - stretch["time_s"].iloc[0]
+    instants = start + pd.to_timedelta(elapsed_s, "s")
+    stamps = [s.strftime("%d.%m.%Y %H:%M:%S,%f") for s in instants]
+    german = stretch.drop(columns="time_s")
+    german.insert(0, "time_s", stamps)
+    log, out = tmp_path / "plunge.csv", tmp_path / f"done.{wanted}"
+    lost = [700, 701]  # rows that the logger did not write
+    german.drop(index=lost).to_csv(
+        log, sep=";", decimal=",", index=False, encoding="latin-1", lineterminator="\r\n"
+    )
+    record = {"fast": campaign.records["fast"]}
+    compensated = compensate_log(log, record)
+    assert compensated.metadata["start_time"] == start.isoformat()
+    expected = pd.Series(stamps)
+    expected[lost] = ""
+    assert compensated.frame["time_stamp"].tolist() == expected.tolist()
+    compensated.write(out, dialect="input" if wanted == "csv" else "standard")
+    if wanted == "csv":
+        back = pd.read_csv(out, sep=";", decimal=",", encoding="latin-1")
+        assert back["time_stamp"].fillna("").tolist() == expected.tolist()
+        assert b"\r\n" in out.read_bytes()
+    done = read_log(out, "immersion", allow_compensated=True)
+    assert done.metadata == compensated.metadata
+    assert np.allclose(done.frame["time_s"], elapsed_s, rtol=0, atol=1e-5)
+    # two samples are missing, and the times of the stamps are rounded to microseconds
+    near = np.abs(np.arange(len(stretch)) - 700) < 200
+    assert np.allclose(done.frame["e_degC"][~near], reference["e_degC"][~near], rtol=0, atol=0.05)
+
+
 @pytest.mark.e2e
 def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
