@@ -49,3 +49,16 @@ def test_the_date_of_a_time_of_day_is_in_its_own_column(tmp_path):
 def test_a_column_of_numbers_has_no_start():
     assert start_time({"t": np.array([0.0, 1.0])}, "t", np.array([0.0, 1.0])) == ""
     assert start_time({}, "t", np.array([0.0, 1.0])) == ""
+
+
+@pytest.mark.parametrize(
+    ("date", "expected"),
+    [("2026/03/04", "2026-03-04T10:00:00.250000"), ("04.03.26", None), ("", None)],
+)
+def test_the_header_of_labview_states_the_start(tmp_path, date, expected):
+    head = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t,", "X_Columns\tOne"]
+    head += [f"Date\t{date}", "Time\t10:00:00,25", "***End_of_Header***", "", "Channels\t1"]
+    head += ["***End_of_Header***", "X_Value\tT1\tComment", "0,0\t20,5", "0,5\t20,6"]
+    path = tmp_path / "log.lvm"
+    path.write_text("\n".join(head) + "\n", encoding="utf-8")
+    assert open_table(path).metadata.get("start_time") == expected
