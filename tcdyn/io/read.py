@@ -374,6 +374,7 @@ class _TextReader:
             The rows of data.
         """
         self.dialect = dialect
+        self.encoding = "cp1252" if dialect.encoding == "cp1252" else "utf-8"
         self.wanted = wanted
         self.checked = checked
         self.location = checked.location
@@ -416,7 +417,7 @@ class _TextReader:
         try:
             for batch in self._batches(CHUNK_ROWS, types):
                 for name in names:
-                    cells = Counter(_cells(batch.column(self.keys[name])))
+                    cells = Counter(_cells(batch.column(self.keys[name]), self.encoding))
                     for cell, count in cells.items():
                         counts[name][kind_of_cell(cell, self.dialect.decimal)] += count
         except pa.ArrowInvalid:
@@ -507,7 +508,7 @@ class _TextReader:
             if pa.types.is_floating(column.type):
                 data[name] = np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
                 continue
-            cells = _cells(column)
+            cells = _cells(column, self.encoding)
             if name in self.date_columns or name in self.columns_of_words:
                 data[name] = np.full(batch.num_rows, np.nan)
                 stamps[name] = np.array(cells, dtype=object)
@@ -527,14 +528,15 @@ class _TextReader:
     def _with_dates(self, batch: pa.RecordBatch, cells: list[str]) -> list[str]:
         """Times of day with the date of their row, or the last one above it."""
         texts = []
-        for day, cell in zip(_cells(batch.column(self.keys[self.date_columns[0]])), cells):
+        days = _cells(batch.column(self.keys[self.date_columns[0]]), self.encoding)
+        for day, cell in zip(days, cells):
             self.last_day = day or self.last_day
             texts.append(f"{self.last_day} {cell}" if cell else "")
         return texts
 
     def _milliseconds(self, batch: pa.RecordBatch) -> Array:
         """Milliseconds (N,) in a column of their own [s]; NaN where there are none."""
-        texts = _cells(batch.column(self.keys[self.millisecond_column]))
+        texts = _cells(batch.column(self.keys[self.millisecond_column]), self.encoding)
         return np.array([1e-3 * float(t) if is_number(t) else np.nan for t in texts])
 
 
@@ -548,10 +550,10 @@ def _millisecond_column(first_cells: dict[str, str]) -> str:
     return found[0] if len(found) == 1 else ""
 
 
-def _cells(column: pa.Array) -> list[str]:
+def _cells(column: pa.Array, encoding: str) -> list[str]:
     """Cells of a text column, without quotes and spaces around them."""
     cells = []
     for cell in column.cast(pa.binary()).to_pylist():
-        text = "" if cell is None else cell.decode("utf-8", errors="replace")
+        text = "" if cell is None else cell.decode(encoding, errors="replace")
         cells.append(text.strip().strip('"').strip())
     return cells

@@ -102,6 +102,19 @@ def test_the_dialect_of_the_input_is_written_on_request(tmp_path, name):
     assert table.metadata["start_time"] == START.isoformat()
 
 
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8", "utf-16"])
+def test_text_of_other_columns_survives_in_any_encoding(tmp_path, encoding):
+    log = tmp_path / "log.csv"
+    texts = ["Öl; heiß", "kühl"] * (N // 2)
+    frame = pd.DataFrame({"Time [s]": TIME_S, "T1 [°C]": READING, "Zustand": texts})
+    form = {"sep": ";", "decimal": ",", "encoding": encoding}
+    frame.to_csv(log, index=False, **form)
+    same = compensate_table(log, [PROBE], tmp_path / "same.csv", dialect="input")
+    plain = compensate_table(log, [PROBE], tmp_path / "plain.csv")
+    assert pd.read_csv(same.path, **form)["Zustand"].tolist() == texts
+    assert pd.read_csv(plain.path)["Zustand"].tolist() == texts
+
+
 def test_a_dialect_that_does_not_exist_is_an_error(tmp_path):
     log = log_of(tmp_path, "US")
     with pytest.raises(InputError, match="dialect 'french'"):
