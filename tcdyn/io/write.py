@@ -10,13 +10,14 @@ metadata are in a JSON file beside it (:mod:`tcdyn.io.metadata`). Guarded by
 from __future__ import annotations
 
 import errno
+import io
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -323,7 +324,12 @@ def log_writer(
         _csv_with_metadata(target, names, plain, style) as temporary,
         open(temporary, "ab") as stream,
     ):
-        yield _csv_appender(stream, text, style)
+
+        def append(frame: pd.DataFrame) -> None:
+            """Append the rows of a table."""
+            stream.write(csv_rows(frame, text, style))
+
+        yield append
 
 
 def start_csv(
@@ -454,33 +460,21 @@ def _typed_cells(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
     return pa.array(values, kind, from_pandas=True)
 
 
-def _csv_appender(
-    stream: IO[bytes], text: Collection[str], style: OutputStyle
-) -> Callable[[pd.DataFrame], None]:
-    """A function that appends tables to a CSV file.
+def csv_rows(
+    frame: pd.DataFrame, text: Collection[str] = (), style: OutputStyle = STANDARD_STYLE
+) -> bytes:
+    """Rows of a table as lines of a CSV file, with quotes where a text needs them.
 
     Parameters
     ----------
-    stream
-        The open file.
+    frame
+        The table.
     text
-        Columns that hold text.
+        Its columns that hold text.
     style
         How the file is written.
     """
-
-    def append(frame: pd.DataFrame) -> None:
-        """Append the rows of a table, with quotes where a text needs them."""
-        # pyarrow puts quotes around all text or none
-        needs_quotes = any(frame[name].astype(str).str.contains('[",\r\n]').any() for name in text)
-        options = pacsv.WriteOptions(
-            include_header=False, quoting_style="needed" if needs_quotes else "none"
-        )
-        columns = {str(name): _csv_cells(frame[name].to_numpy()) for name in frame.columns}
-        pacsv.write_csv(pa.table(columns), stream, options)
-
-    def append_in_dialect(frame: pd.DataFrame) -> None:
-        """Append the rows of a table in a dialect that pyarrow cannot write."""
+    if not style.is_standard:  # pyarrow writes neither decimal commas nor other encodings
         rows = frame.to_csv(
             index=False,
             header=False,
@@ -488,9 +482,16 @@ def _csv_appender(
             decimal=style.decimal,
             lineterminator=style.line_end,
         )
-        stream.write(_encoded(str(rows), style, is_first=False))
-
-    return append if style.is_standard else append_in_dialect
+        return _encoded(str(rows), style, is_first=False)
+    # pyarrow puts quotes around all text or none
+    needs_quotes = any(frame[name].astype(str).str.contains('[",\r\n]').any() for name in text)
+    options = pacsv.WriteOptions(
+        include_header=False, quoting_style="needed" if needs_quotes else "none"
+    )
+    columns = {str(name): _csv_cells(frame[name].to_numpy()) for name in frame.columns}
+    stream = io.BytesIO()
+    pacsv.write_csv(pa.table(columns), stream, options)
+    return stream.getvalue()
 
 
 def _csv_cells(values: NDArray[Any]) -> pa.Array:
