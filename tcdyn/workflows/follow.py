@@ -128,7 +128,7 @@ def follow(
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
     table = source.table
     style = output_style(dialect, comments, table.table, out)
-    key = _key(source, records, settings)
+    key = {**_key(source, records, settings), "dialect": dialect}
     rows: list[list[float]] = []
     if state is not None and continues:
         stored = _read_state(state, key, table, out)

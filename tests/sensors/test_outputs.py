@@ -220,6 +220,11 @@ def test_follow_writes_plain_csv_its_metadata_and_the_dialect_of_the_log(tmp_pat
     assert metadata["tcdyn"] == "compensated"
     assert metadata["source"] == log.name
     assert open_table(same).metadata == open_table(above).metadata == metadata
+    state = {"state": tmp_path / "live.json", **quiet}
+    follow(log, [PROBE], tmp_path / "live.csv", dialect="input", **state)
+    assert (tmp_path / "live.csv").read_bytes() == same.read_bytes()
+    with pytest.raises(InputError, match="another dialect"):  # rows of two dialects in one file
+        follow(log, [PROBE], tmp_path / "live.csv", **state)
 
 
 def test_the_commands_have_the_options(tmp_path):
