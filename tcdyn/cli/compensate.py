@@ -112,6 +112,16 @@ def compensate(
         bool,
         typer.Option("--noise-only", help="remove only noise and static errors, not the lag"),
     ] = False,
+    delay_s: Annotated[
+        float | None,
+        number_option(
+            "--delay-s",
+            "compensate each row only with the rows that are there this long after it, in seconds: "
+            "the rows that tcdyn follow gives",
+            0,
+            1e7,
+        ),
+    ] = None,
     follow: Annotated[
         bool, typer.Option("--follow", hidden=True, help="replaced by tcdyn follow")
     ] = False,
@@ -134,10 +144,12 @@ def compensate(
     from tcdyn.io.write import DIALECTS, output_style, write_text
     from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
+    from tcdyn.sensors import read_sensor
     from tcdyn.workflows import compensate_log
 
     check_choice("--dialect", dialect, DIALECTS)
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
+    target = out or log.with_name(f"{log.stem}.compensated.csv")
     if sensor:
         rig_options = {
             "--record": record,
@@ -151,9 +163,21 @@ def compensate(
             "--method": None if method == "smoother" else method,
         }
         only_with_records([option for option, value in rig_options.items() if value])
-        target = out or log.with_name(f"{log.stem}.compensated.csv")
-        options = {"columns": column or (), **reading.options(), **of_csv}
-        return compensate_any_table(log, sensor, target, options, reporter, verbose)
+        table_options = {
+            "columns": column or (),
+            "delay_s": delay_s,
+            **reading.options(),
+            **of_csv,
+        }
+        return compensate_any_table(
+            log,
+            [read_sensor(path) for path in sensor],
+            target,
+            sensor,
+            table_options,
+            reporter,
+            verbose,
+        )
     if not record:
         raise InputError(
             "no record and no sensor was given",
@@ -172,7 +196,21 @@ def compensate(
         )
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
-    target = out or log.with_name(f"{log.stem}.compensated.csv")
+    if delay_s is not None:
+        whole_log_options = {
+            "--report": report,
+            "--covariance": covariance,
+            "--noise-only": noise_only or None,
+            "--parts": parts or None,
+            "--method": None if method == "smoother" else method,
+        }
+        for option, value in whole_log_options.items():
+            if value is not None:
+                raise InputError(f"{option} with --delay-s", remedy="leave one of them out")
+        delayed_options = {"rig": rig_settings, "delay_s": delay_s, **of_csv}
+        return compensate_any_table(
+            log, records, target, [rig, *record], delayed_options, reporter, verbose
+        )
     check_outputs([log, rig, *record], out=target, report=report, covariance=covariance)
     if comments or dialect != "standard":  # an error before the work
         output_style(**of_csv, table=open_table(log), out=target)

@@ -1,8 +1,4 @@
-"""Command ``tcdyn follow``: live compensation of a log while it grows.
-
-The loop is :mod:`tcdyn.workflows.follow`, the filter :mod:`tcdyn.workflows.live`. Tests:
-``tests/smoothing/test_follow.py``.
-"""
+"""Command ``tcdyn follow``: live compensation of a log while it grows."""
 
 from __future__ import annotations
 
@@ -22,7 +18,6 @@ from tcdyn.cli.common import (
     check_choice,
     check_outputs,
     exit_status,
-    in_range,
     number_option,
     option_groups,
 )
@@ -36,7 +31,7 @@ from tcdyn.cli.tables import (
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
-    from tcdyn.workflows.live import LiveCompensator
+    from tcdyn.workflows.log_source import RawLog
 
 
 @option_groups
@@ -57,35 +52,19 @@ def follow(
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: RigFileOrRecords = None,
-    behind_s: Annotated[
-        float,
-        typer.Option(
-            "--behind-s",
-            help="delay of the fixed-lag smoother in seconds; 0.5 gives much less noise than 0",
-        ),
-    ] = 0.0,
-    noise_k: Annotated[
+    delay_s: Annotated[
         float | None,
         number_option(
-            "--noise-K", "noise of a sample [K] (default: measured in the first seconds)", 1e-6, 1e3
+            "--delay-s",
+            "how long after a row it is compensated, with the rows that are there then, in seconds "
+            "(default: two lags, at least 2 s)",
+            0,
+            1e7,
         ),
     ] = None,
-    intensity: Annotated[
-        float | None,
-        typer.Option(
-            help="process-noise intensity of the slope [K²/s³] (default 30 on the rig, 3000 for a "
-            "plunge); lower gives less noise, higher responds faster",
-            callback=in_range(1e-9, 1e12),
-        ),
+    behind_s: Annotated[
+        float | None, typer.Option("--behind-s", hidden=True, help="earlier name of --delay-s")
     ] = None,
-    learn_s: Annotated[
-        float,
-        typer.Option(
-            "--learn-s",
-            help="length of the first part, from which noise and sampling interval are estimated, "
-            "in seconds",
-        ),
-    ] = 5.0,
     idle_s: Annotated[
         float, number_option("--idle-s", "end after this time without new rows, in seconds", 0, 1e6)
     ] = 30.0,
@@ -99,7 +78,9 @@ def follow(
     ] = False,
     report: Annotated[
         Path | None,
-        typer.Option(help="HTML report: properties of the filter, raw and compensated traces"),
+        typer.Option(
+            help="HTML report: a channel as logged and compensated, noise and uncertainty"
+        ),
     ] = None,
     dialect: CsvDialect = "standard",
     comments: CsvComments = False,
@@ -107,17 +88,17 @@ def follow(
     reading: TableReading,
     reporter: Reporter,
 ) -> None:
-    """Compensate a log while it grows, row by row, in bounded memory.
+    """Compensate a log while it grows, in bounded memory, with a fixed delay.
 
-    Ctrl-C ends it; with --state a later run continues.
+    The rows are those that tcdyn compensate LOG --delay-s gives for the finished log. Ctrl-C ends
+    it; with --state a later run continues.
 
     Example: tcdyn follow D4.csv --record fast.disk.json --record slow.disk.json --out live.csv
-    --behind-s 0.5
+    --delay-s 2
 
     It ends with an error, and keeps all rows written, if the log is replaced, rotated, truncated or
     rewritten (a copy with the same rows is accepted), or if another program renames, deletes or
-    changes the output. Readings outside -273.15 to 3000 degC, and readings that no temperature can
-    cause through the lag, are treated as missing.
+    changes the output.
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
@@ -126,7 +107,6 @@ def follow(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
     from tcdyn.workflows.follow import follow as run
-    from tcdyn.workflows.live import LiveSettings
 
     if bool(record) == bool(sensor):
         raise InputError(
@@ -141,22 +121,16 @@ def follow(
     else:
         records = records_by_disk(record or [])
     check_choice("--dialect", dialect, DIALECTS)
-    settings = LiveSettings(behind_s, noise_k, intensity, learn_s)
+    if behind_s is not None:
+        reporter.text("--behind-s is now --delay-s")
+        delay_s = behind_s if delay_s is None else delay_s
     rig_table = load_rig(rig) if rig else None
     check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
-    def announce(plan: LiveCompensator) -> None:
-        """Print the properties of the filter before the first row is written."""
-        filter_report = plan.filter_report()
-        reporter.text(f"before use, noisiest channel, {plan.notes()['method']}:")
-        reporter.text("\n".join(f"  {line}" for line in filter_report.lines()))
-        if plan.delay_rows:
-            delay_s = plan.delay_rows * plan.dt_s
-            reporter.text(
-                f"  rows are written {delay_s:.3g} s late, each with the temperatures at its time_s"
-            )
-        reporter.findings(filter_report.findings)
-        reporter.text(f"following {log}; Ctrl-C ends it")
+    def announce(followed: RawLog, delay_s: float) -> None:
+        count = len(followed.channels.units)
+        reporter.text(f"following {log}, {count} channels; Ctrl-C ends it")
+        reporter.text(f"  rows are written at most {delay_s:.3g} s late")
 
     options: Any = reading.options()
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
@@ -166,7 +140,7 @@ def follow(
             records,
             out,
             rig_table,
-            settings,
+            delay_s=delay_s,
             options=options,
             state=state,
             overwrite=overwrite,
@@ -178,12 +152,10 @@ def follow(
     reporter.findings(done.findings)
     reporter.text(f"{done.summary()} to {out}")
     reporter.json(lambda: {**done.to_dict(), "out": out})
-    if report is not None and done.plan is not None:
+    if report is not None and done.log is not None:
         from tcdyn.report.compensate import write_follow_report
 
-        page = write_follow_report(
-            report, done.plan, log, out, done.findings, records, record or ()
-        )
+        page = write_follow_report(report, done, out, records, record or ())
         reporter.files(report=page)
     exit_status(log.name, done.findings)
 

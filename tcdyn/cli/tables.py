@@ -6,14 +6,18 @@ Used by the commands ``compensate``, ``follow`` and ``sensor``. The compensation
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tcdyn.cli.common import Reporter, check_outputs, exit_status, stage_progress
 from tcdyn.core.errors import InputError
+
+if TYPE_CHECKING:
+    from tcdyn.workflows.log_source import Calibrations
 
 SensorFiles = Annotated[
     list[Path] | None,
@@ -160,8 +164,9 @@ def only_with_records(options: list[str]) -> None:
 
 def compensate_any_table(
     log: Path,
-    files: list[Path],
+    calibrations: Calibrations,
     out: Path,
+    files: Sequence[Path | None],
     options: dict[str, Any],
     reporter: Reporter,
     verbose: bool,
@@ -172,10 +177,12 @@ def compensate_any_table(
     ----------
     log
         The table.
-    files
-        Sensor files.
+    calibrations
+        Sensors, or with a delay records by disk.
     out
         File to write.
+    files
+        Files of the calibrations, which the output may not replace.
     options
         Keyword arguments of ``compensate_table``.
     reporter
@@ -183,15 +190,14 @@ def compensate_any_table(
     verbose
         Print a line for each stage.
     """
-    from tcdyn.sensors import read_sensor
     from tcdyn.sensors.table import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table
 
     check_outputs([log, *files], out=out)
-    sensors = [read_sensor(path) for path in files]
     with stage_progress(reporter.is_silent, verbose) as progress:
-        done = compensate_table(log, sensors, out, progress=progress, **options)
-    from_files = [finding for sensor in sensors for finding in sensor.findings]
+        done = compensate_table(log, calibrations, out, progress=progress, **options)
+    given = calibrations.values() if isinstance(calibrations, Mapping) else calibrations
+    from_files = [finding for calibration in given for finding in calibration.findings]
     findings = unique_by_subject([*from_files, *done.findings])
     reporter.json(done.to_dict)
     reporter.findings(findings)

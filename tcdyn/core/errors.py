@@ -32,8 +32,8 @@ def as_argument(name: str, value: Value = None) -> str:
 
     Examples
     --------
-    >>> as_argument("window_s", "4.2"), as_argument("sensor_check", False), as_argument("learn_s")
-    ('window_s=4.2', 'sensor_check=False', 'learn_s')
+    >>> as_argument("window_s", "4.2"), as_argument("sensor_check", False), as_argument("delay_s")
+    ('window_s=4.2', 'sensor_check=False', 'delay_s')
     """
     return name if value is None else f"{name}={value}"
 

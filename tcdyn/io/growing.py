@@ -1,43 +1,51 @@
-"""A text table that is still growing: its new complete lines as rows of numbers.
+"""A text table that still grows: its new complete lines, as chunks of the same reader as a file.
 
-Used by the live compensation through :mod:`tcdyn.workflows.log_source`. Before each reading it is
-checked that the bytes read before are still there: a log that is replaced or rewritten stops the
-run. Guarded by ``tests/smoothing/test_follow_files.py`` and ``tests/smoothing/test_follow.py``.
+Used by ``tcdyn.workflows.follow``. The numbers are those that ``tcdyn.io.read.text_chunks`` reads
+from the finished file, bit by bit. Which columns hold text is decided when the log is opened, by the
+rows that it has then. Guarded by ``tests/smoothing/test_follow.py`` and
+``tests/smoothing/test_follow_files.py``.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.io.cells import FLAGS, is_number, to_number
-from tcdyn.io.csv_dialect import split
-from tcdyn.io.read import CsvTable, display_path, open_table
+from tcdyn.core.findings import SampleLocation
+from tcdyn.io.csv_dialect import COMMENT, Dialect
+from tcdyn.io.read import CsvTable, TextReader, display_path
+from tcdyn.io.rows import CheckedRows
+from tcdyn.io.table import CHUNK_ROWS, Columns, Table
 
-READ_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows
+# Read at once: some hundred rows, so that a request to stop does not wait long. By judgement.
+READ_BYTES = 1 << 16
 HASH_BYTES = 1 << 20  # hashed at once
 TAIL_BYTES = 256  # last bytes read, compared again at each reading: a few rows
+# Rows of the first chunk, at least, unless the table ends before: the unit of time is judged by it.
+FIRST_ROWS = 64
+# Additional column of the chunks: position in the file after each row [bytes].
+ROW_END = "\x00row end"
 
 
 @dataclass
-class GrowingTable:
-    """A growing table and how far it has been read, in complete lines.
+class GrowingText:
+    """A growing text table and how far it has been read, in complete lines.
 
     Attributes
     ----------
-    path, table
-        The file, and the table with its header.
-    first_byte
-        Position of the first row.
+    path, dialect
+        The file and its dialect.
+    opened_bytes
+        Size of the file when it was opened first [bytes]. The rows up to there decide which columns
+        hold text.
     offset
         Number of bytes read.
     rows, bad_lines
@@ -50,11 +58,16 @@ class GrowingTable:
         The last bytes read.
     file
         Device and inode of the file.
+    go_on
+        Called after each look for new lines with whether there were any; returns whether to look
+        again.
+    problem
+        Why the file cannot be read on, if it cannot.
     """
 
     path: Path
-    table: CsvTable
-    first_byte: int
+    dialect: Dialect
+    opened_bytes: int
     offset: int = 0
     rows: int = 0
     bad_lines: int = 0
@@ -62,15 +75,11 @@ class GrowingTable:
     header: bytes = b""
     tail: bytes = b""
     file: tuple[int, int] = (0, 0)
+    go_on: Callable[[bool], bool] = lambda _: False
+    problem: InputError | None = None
 
     def seek(self, offset: int) -> None:
-        """Continue at ``offset`` bytes, hashing those before.
-
-        Raises
-        ------
-        InputError
-            If the file is shorter.
-        """
+        """Continue at ``offset`` bytes, hashing those before; InputError if the file is shorter."""
         with open(self.path, "rb") as stream:
             self.file = _identity(stream)
             is_long_enough, self.hash, self.tail = _read_to(stream, offset)
@@ -80,57 +89,71 @@ class GrowingTable:
             )
         self.offset = offset
 
-    def first_numbers(self, column: int, most: int = 100) -> Array:
-        """Numbers of one column in the first rows, NaN where there is none.
+    def chunks(self, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        """Yield the columns of new lines as they come, until ``go_on`` returns False.
+
+        Lines with another number of fields are left out and counted. If the file became shorter,
+        was replaced by another one, or was rewritten, the iteration ends with ``problem`` set.
 
         Parameters
         ----------
-        column
-            Index of the column.
-        most
-            Largest number of lines that are read.
+        wanted
+            Names of the columns; ``ROW_END`` among them gives the positions of the row ends.
+        rows
+            Not used: a chunk has the rows that are there.
         """
-        dialect = self.table.dialect
-        with open(self.path, "rb") as stream:
-            stream.seek(self.first_byte)
-            lines = [line for line in islice(stream, most) if line.endswith(b"\n")]
-        rows = [split(line.decode("latin-1"), dialect.separator) for line in lines]
-        complete = [row for row in rows if len(row) == len(dialect.names)]
-        return np.array([_number(row[column], dialect.decimal) for row in complete])
+        location = SampleLocation(self.dialect.where, self.dialect.skip + 1)
+        first_rows = CheckedRows(0, location, end=self.opened_bytes)
+        reader = TextReader(self.dialect, [n for n in wanted if n != ROW_END], first_rows)
+        lines: list[bytes] = []
+        ends: list[int] = []
+        least = FIRST_ROWS
+        goes_on = True
+        while goes_on:
+            new_lines, new_ends = self._new_rows()
+            lines += new_lines
+            ends += new_ends
+            goes_on = self.problem is None and self.go_on(len(new_lines) > 0)
+            if lines and (len(lines) >= least or not goes_on):
+                columns = reader.parse(b"".join(lines))
+                data = columns.data
+                if ROW_END in wanted:
+                    data = {**data, ROW_END: np.array(ends, dtype=float)}
+                yield replace(columns, data=data)
+                lines = []
+                ends = []
+                least = 1
+        with suppress(InputError):  # too few numbers in a column: the rows are written already
+            findings = tuple(reader.findings())
+            yield Columns({name: np.empty(0) for name in wanted}, location, findings)
 
-    def new_rows(self, columns: Sequence[int]) -> list[list[float]] | None:
-        """Read the new lines.
-
-        Parameters
-        ----------
-        columns
-            Indices of the columns.
-
-        Returns
-        -------
-        list of rows or None
-            Numbers of these columns, NaN where there is none; None if there is no complete line.
-            Lines with another number of fields are counted in ``bad_lines``.
-
-        Raises
-        ------
-        InputError
-            If the file became shorter, was replaced by another one, or was rewritten.
-        """
-        new = self._new_bytes()
+    def _new_rows(self) -> tuple[list[bytes], list[int]]:
+        """New complete lines with all their fields, and the positions of their ends."""
+        try:
+            new = self._new_bytes()
+        except InputError as problem:
+            self.problem = problem
+            return [], []
         complete = new[: new.rfind(b"\n") + 1]
-        if not complete:
-            return None
+        separator = self.dialect.separator.encode()
+        separators = len(self.dialect.names) - 1
+        lines: list[bytes] = []
+        ends: list[int] = []
+        end = self.offset
+        for line in _lines(complete):
+            end += len(line)
+            count = line.count(separator)
+            is_row = count == separators or (count > separators and b'"' in line)
+            if is_row and b"\x00" not in line:
+                lines.append(line)
+                ends.append(end)
+            elif line.strip() and not line.startswith(COMMENT.encode()):
+                self.bad_lines += 1
         self.offset += len(complete)
         self.hash.update(complete)
         self.tail = (self.tail + complete)[-TAIL_BYTES:]
-        dialect = self.table.dialect
-        lines = [line.removesuffix(b"\r").decode("latin-1") for line in complete.split(b"\n")]
-        rows = [split(line, dialect.separator) for line in lines if line.strip()]
-        good = [row for row in rows if len(row) == len(dialect.names)]
-        self.rows += len(good)
-        self.bad_lines += len(rows) - len(good)
-        return [[_number(row[k], dialect.decimal) for k in columns] for row in good]
+        self.rows += len(lines)
+        return lines, ends
 
     def _new_bytes(self) -> bytes:
         """Bytes after ``offset``, after a check that the bytes before it are those that were read.
@@ -138,11 +161,6 @@ class GrowingTable:
         The check reads the size, the header and the last bytes. If the path leads to another file,
         all of it is compared: a copy that replaced the log, as programs that synchronise folders
         make it, is accepted.
-
-        Raises
-        ------
-        InputError
-            If the log was replaced, rotated, rewritten or deleted.
         """
         try:
             with open(self.path, "rb") as stream:
@@ -168,7 +186,6 @@ class GrowingTable:
             raise self._not_the_log("there is no such file any more") from None
 
     def _not_the_log(self, reason: str) -> InputError:
-        """Error for a log that is not the one that was read, with the reason."""
         return InputError(
             f"the log was replaced, rotated or rewritten while it was followed: {reason}",
             where=display_path(self.path),
@@ -177,30 +194,27 @@ class GrowingTable:
         )
 
 
-def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
-    """Open a log that may still be empty.
+def open_growing(table: Table, path: Path) -> tuple[GrowingText, Table] | None:
+    """A table that still grows, and its reader.
 
     Parameters
     ----------
+    table
+        The table, opened as a file.
     path
-        The log.
-    known
-        Column names that the header may contain.
+        The file.
 
     Returns
     -------
-    GrowingTable or None
-        None until the file has its header and two complete rows; an incomplete row could be
-        misread.
+    tuple or None
+        The reader, and the table whose chunks it reads. None until the file has two complete rows
+        below its header; an incomplete row could be misread.
 
     Raises
     ------
     InputError
         If the format is not text.
     """
-    if not path.exists() or path.stat().st_size == 0:
-        return None
-    table = open_table(path, known)
     if not isinstance(table, CsvTable) or table.dialect.body is not None:
         raise InputError(
             "does not grow line by line",
@@ -211,10 +225,18 @@ def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
         head = [stream.readline() for _ in range(table.dialect.skip)]
         first_rows = [stream.readline(), stream.readline()]
         file = _identity(stream)
+        size = os.fstat(stream.fileno()).st_size
     if not all(line.endswith(b"\n") for line in first_rows):
         return None
     header = b"".join(head)
-    return GrowingTable(path, table, len(header), header=header, file=file)
+    growing = GrowingText(path, table.dialect, size, header=header, file=file)
+    growing.seek(len(header))
+    return growing, replace(table, chunks=growing.chunks)
+
+
+def _lines(text: bytes) -> list[bytes]:
+    """Lines of ``text``, which end at line feeds only."""
+    return [line + b"\n" for line in text.split(b"\n")[:-1]]
 
 
 def _identity(stream: BinaryIO) -> tuple[int, int]:
@@ -224,24 +246,7 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
 
 
 def _read_to(stream: BinaryIO, offset: int) -> tuple[bool, Any, bytes]:
-    """Read the first bytes of a file.
-
-    Parameters
-    ----------
-    stream
-        The open file.
-    offset
-        Number of bytes.
-
-    Returns
-    -------
-    is_long_enough
-        Whether the file has so many bytes.
-    content_hash
-        Their SHA-256, to be continued.
-    tail
-        The last ``TAIL_BYTES`` of them.
-    """
+    """Whether the file has ``offset`` bytes; their SHA-256; the last of them."""
     content_hash = hashlib.sha256()
     tail = b""
     remaining = offset
@@ -254,13 +259,3 @@ def _read_to(stream: BinaryIO, offset: int) -> tuple[bool, Any, bytes]:
         tail = (tail + block)[-TAIL_BYTES:]
         remaining -= len(block)
     return remaining <= 0, content_hash, tail
-
-
-def _number(text: str, decimal: str) -> float:
-    """Number in a cell, a switch word as 0 or 1; NaN for anything else."""
-    if is_number(text, decimal):
-        return to_number(text, decimal)
-    try:
-        return float(text)  # nan and infinity
-    except ValueError:
-        return FLAGS.get(text.lower(), np.nan)

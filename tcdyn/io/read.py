@@ -311,7 +311,7 @@ def text_chunks(
         raise InputError("no rows below the header", where=dialect.where)
     if checked.comment_lines:
         dialect = replace(dialect, body=_without_lines(dialect, checked.comment_lines))
-    reader = _TextReader(dialect, wanted, checked)
+    reader = TextReader(dialect, wanted, checked)
     try:
         yield from reader.chunks(rows, as_text=False)
     except pa.ArrowInvalid:
@@ -358,7 +358,7 @@ class _FirstBytes:
         """Do nothing: the stream is closed by its owner."""
 
 
-class _TextReader:
+class TextReader:
     """Columns of one text log, with the state that its text columns keep from chunk to chunk."""
 
     def __init__(self, dialect: Dialect, wanted: Sequence[str], checked: CheckedRows) -> None:
@@ -371,7 +371,12 @@ class _TextReader:
         wanted
             Names of the columns.
         checked
-            The rows of data.
+            The rows of data; of a log that grows those that are there when it is opened.
+
+        Notes
+        -----
+        A column whose first cell is no number holds text or numbers by all its cells in the rows of
+        ``checked``. Rows that come later do not change it.
         """
         self.dialect = dialect
         self.encoding = "cp1252" if dialect.encoding == "cp1252" else "utf-8"
@@ -380,6 +385,7 @@ class _TextReader:
         self.location = checked.location
         self.rows_done = 0
         self.last_day = ""
+        self.reads_text = False
         self.text_columns: dict[str, TextColumn] = {}
         first_cells = dict(zip(reversed(dialect.names), reversed(dialect.first_row)))
         self.date_columns = [name for name in dialect.names if is_date(first_cells[name], name)]
@@ -415,7 +421,7 @@ class _TextReader:
         counts: dict[str, Counter[str]] = {name: Counter() for name in names}
         types = {self.keys[name]: pa.string() for name in names}
         try:
-            for batch in self._batches(CHUNK_ROWS, types):
+            for batch in self._batches(CHUNK_ROWS, types, skip_damaged=True):
                 for name in names:
                     cells = Counter(_cells(batch.column(self.keys[name]), self.encoding))
                     for cell, count in cells.items():
@@ -424,13 +430,19 @@ class _TextReader:
             pass  # the error comes again, with its row, when the columns are read
         return {name for name in names if is_text(counts[name])}
 
-    def _batches(self, rows: int, types: dict[str, Any]) -> Iterator[pa.RecordBatch]:
-        """Yield columns of these types by key, in batches of about so many rows."""
+    def _batches(
+        self, rows: int, types: dict[str, Any], skip_damaged: bool = False
+    ) -> Iterator[pa.RecordBatch]:
+        """Yield columns of these types by key, in batches of about so many rows.
+
+        ``skip_damaged``: whether rows with a wrong number of fields are left out.
+        """
         with open_text(self.dialect) as stream:
             limited = _FirstBytes(stream, self.checked.end)
             parse_options = pacsv.ParseOptions(
                 delimiter=self.dialect.separator,
                 newlines_in_values=self.checked.has_line_breaks,
+                invalid_row_handler=(lambda _: "skip") if skip_damaged else None,
             )
             # closed here, since a thread of pyarrow may not outlive the interpreter
             with pacsv.open_csv(
@@ -449,16 +461,51 @@ class _TextReader:
             Read every column as text.
         """
         skip = self.rows_done
-        types = {}
-        for name, key in self.keys.items():
-            is_string = as_text or name in self.word_columns
-            types[key] = pa.string() if is_string else pa.float64()
-        for batch in self._batches(rows, types):
+        for batch in self._batches(rows, self._types(as_text)):
             new_rows = batch.slice(min(skip, batch.num_rows))
             skip -= batch.num_rows - new_rows.num_rows
             if new_rows.num_rows:
                 yield self._columns(new_rows)
                 self.rows_done += new_rows.num_rows
+
+    def parse(self, lines: bytes) -> Columns:
+        """The columns of complete lines that follow the rows that are done.
+
+        Raises
+        ------
+        InputError
+            For lines that cannot be parsed.
+        """
+        try:
+            batch = self._parsed(lines)
+        except pa.ArrowInvalid:
+            if not self.reads_text:
+                self.expect_text()
+                self.reads_text = True
+                return self.parse(lines)
+            raise InputError("a row cannot be read", where=self.dialect.where) from None
+        columns = self._columns(batch)
+        self.rows_done += batch.num_rows
+        return columns
+
+    def _parsed(self, lines: bytes) -> pa.RecordBatch:
+        """The columns of complete lines, in the types that are expected."""
+        names = [f"c{i}" for i in range(len(self.dialect.names))]
+        table = pacsv.read_csv(
+            io.BytesIO(lines),
+            pacsv.ReadOptions(column_names=names, block_size=len(lines) + 1, use_threads=False),
+            pacsv.ParseOptions(delimiter=self.dialect.separator),
+            self._convert_options(self._types(self.reads_text)),
+        )
+        return table.combine_chunks().to_batches()[0]
+
+    def _types(self, as_text: bool) -> dict[str, Any]:
+        """Types of the columns by key; with ``as_text`` all are text."""
+        types = {}
+        for name, key in self.keys.items():
+            is_string = as_text or name in self.word_columns
+            types[key] = pa.string() if is_string else pa.float64()
+        return types
 
     def expect_text(self) -> None:
         """Read columns of numbers as text from here on; they hold no clock times."""

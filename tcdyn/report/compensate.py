@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.core.findings import Finding
+from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.style import (
     DARK,
@@ -38,7 +38,8 @@ from tcdyn.smoothing.inverse import (
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
-from tcdyn.workflows.live import LiveCompensator
+from tcdyn.workflows.follow import FollowRun
+from tcdyn.workflows.log_source import Calibrations, RawLog
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
 # Words for the methods.
@@ -165,61 +166,43 @@ def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str
 
 def write_follow_report(
     path: str | Path,
-    plan: LiveCompensator,
-    log: Path,
+    run: FollowRun,
     out: Path,
-    findings: Sequence[Finding],
-    records: Mapping[str, DiskRecord],
+    records: Calibrations,
     files: Sequence[Path] = (),
 ) -> Path:
     """Write the page of a log that was compensated live, and return its path.
 
-    It has one channel before and after, and the filter design report.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    plan
-        The live compensator.
-    log, out
-        Log that was followed, and file with the compensated rows.
-    findings
-        Findings of the run.
-    records
-        Records by disk.
-    files
-        Files of the records, in their order.
-
-    Returns
-    -------
-    path
-        The same path.
+    It has one channel before and after, and the noise and uncertainty of all. ``out``: the output
+    of the run; ``files``: those of the records, in their order.
     """
-    report = plan.filter_report()
-    delay_s = plan.settings.behind_s
-    step_figure = panel_figure(partial(draw_filter_report, report), height_in=3.6)
-    trace, n_rows = _followed(plan, log, out)
-    caption = (
-        "Noisiest channel: a step at the junction through the chain alone, and as it comes out of "
-        "the live smoother."
-    )
-    notes = pd.DataFrame(plan.notes().items(), columns=["key", "value"])
+    log = run.log
+    assert log is not None  # a run that never saw the header of its log has no page
+    name = log.source.path.name
+    trace, n_rows = _followed(log, out)
+    notes = {**log.notes, "delay_s": f"{run.delay_s:g}"}
+    assumptions: list[str] = []
+    sources = [("log", name, f"{n_rows} rows followed", "")]
+    if isinstance(records, Mapping):
+        assumptions = compensation_assumptions(records, "smoother")
+        sources += record_rows(records, files)
     sections = [
         trace,
-        Section("Response to a step", figure=step_figure, caption=caption),
-        Section("Settings", table=notes, folded=True),
+        Section("Noise and uncertainty of each channel", table=run.numbers.round(4)),
+        Section(
+            "Metadata of the output",
+            table=pd.DataFrame(notes.items(), columns=["key", "value"]),
+            folded=True,
+        ),
     ]
-    log_source = ("log", log.name, f"{n_rows} rows followed", "")
     return write_page(
         path,
-        f"Followed: {log.name}",
+        f"Followed: {name}",
         sections,
-        verdict=f"Compensated while it grew, {delay_s:g} s behind. Noisiest channel: "
-        f"{'; '.join(report.lines())}.",
-        findings=(*report.findings, *findings),
-        assumptions=compensation_assumptions(records, "smoother")[:-1],
-        sources=to_table([log_source, *record_rows(records, files)]),
+        verdict=f"Compensated while it grew, with a delay of {run.delay_s:g} s.",
+        findings=run.findings,
+        assumptions=assumptions,
+        sources=to_table(sources),
     )
 
 
@@ -331,34 +314,22 @@ def _filter_section(
     )
 
 
-def _followed(plan: LiveCompensator, log: Path, out: Path) -> tuple[Section, int]:
-    """Return the section of one channel before and after live compensation, and its row count.
-
-    Parameters
-    ----------
-    plan
-        The live compensator.
-    log, out
-        Log that was followed, and file with the compensated rows.
-
-    Returns
-    -------
-    section
-        With the trace of one channel.
-    n_rows
-        Number of compensated rows.
-    """
-    name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
-    u_name = name.replace("_degC", "_u_K")
-    compensated = pd.read_csv(out, comment="#", usecols=["time_s", name, u_name])
+def _followed(log: RawLog, out: Path) -> tuple[Section, int]:
+    """Return the section of one channel before and after live compensation, and its row count."""
+    names = list(log.channels.units)
+    name = next((n for n in names if n.endswith("e_degC")), names[0])
+    time_name = log.source.time
+    name, u_name = log.channels.units[name].names(name)
+    columns = [time_name, name, u_name]
+    compensated = pd.DataFrame(read_all_rows(open_table(out, columns), columns).data)
     plotted = every_nth(len(compensated))
     rows = compensated[plotted].astype(float)
     fig, (ax,) = figure(height_in=4.0)
-    raw = _logged(log, name)
+    raw = _logged(log.source.path, time_name, name)
     if raw is not None:
-        raw_rows = raw[plotted]
-        ax.plot(raw_rows["time_s"], raw_rows[name], ".", markersize=2, color=GREY, label="logged")
-    time, x, u = (rows[column].to_numpy() for column in ("time_s", name, u_name))
+        raw_rows = raw[every_nth(len(raw))]
+        ax.plot(raw_rows[time_name], raw_rows[name], ".", markersize=2, color=GREY, label="logged")
+    time, x, u = (rows[column].to_numpy() for column in (time_name, name, u_name))
     line_with_band(ax, time, x, u, SLOW, "95 %", linewidth=1.0, label="compensated")
     values = compensated[name].to_numpy(dtype=float)
     values = values[np.isfinite(values)]
@@ -373,18 +344,10 @@ def _followed(plan: LiveCompensator, log: Path, out: Path) -> tuple[Section, int
     return Section(f"{name}, as it was followed", figure=fig, caption=caption), len(compensated)
 
 
-def _logged(log: Path, name: str) -> pd.DataFrame | None:
-    """Return time and readings of a channel as logged; None if the columns have other names.
-
-    Parameters
-    ----------
-    log
-        The log.
-    name
-        Name of the column.
-    """
+def _logged(log: Path, time_name: str, name: str) -> pd.DataFrame | None:
+    """Return time and readings of a channel as logged; None if the columns have other names."""
     try:
-        raw = pd.read_csv(log, comment="#", usecols=["time_s", name], on_bad_lines="skip")
+        raw = pd.read_csv(log, comment="#", usecols=[time_name, name], on_bad_lines="skip")
     except ValueError:
         return None
     return raw.apply(pd.to_numeric, errors="coerce")

@@ -37,7 +37,10 @@ from tcdyn.sensors.units import Unit, is_match, unit_findings
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
 SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
-MAX_MARGIN_ROWS = 1 << 16  # largest margin, even if the smoother settles more slowly; by judgement
+# Rows for which the first block with a fixed delay waits: they give the interval, and a first
+# estimate of the noise (its relative standard uncertainty is 9 % from 64 rows). By judgement.
+START_ROWS = 64
+MAX_MARGIN_ROWS = 1 << 16  # largest margin, even if the smoother settles more slowly
 # Gap beyond which the record is split, since values before it do not determine those after it; by
 # judgement.
 LONGEST_GAP_LAGS = 10.0
@@ -180,6 +183,17 @@ def open_source(
         named), and for a table that is compensated already.
     """
     table = open_table(path, (*TIME_COLUMN_NAMES, *known))
+    return source_of_table(Path(path), table, time, time_unit, known)
+
+
+def source_of_table(
+    path: Path,
+    table: Table,
+    time: str | None = None,
+    time_unit: str | None = None,
+    known: Sequence[str] = (),
+) -> Source:
+    """An open table with its time column; parameters and errors are those of ``open_source``."""
     check_not_compensated(table.names, table.metadata, table.where)
     table = _with_unique_names(table, [*known, *([time] if time else [])])
     clock = find_time_column(
@@ -190,7 +204,7 @@ def open_source(
         unit_row=table.units,
         clock_columns=table.clock_columns,
     )
-    return Source(Path(path), table, clock)
+    return Source(path, table, clock)
 
 
 def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:
@@ -473,6 +487,25 @@ def _check_rising(time_s: Array, where: str) -> None:
 
 
 @dataclass(frozen=True)
+class SegmentPosition:
+    """Where a reading with a fixed delay stands between two segments, to continue there.
+
+    Attributes
+    ----------
+    interval_s
+        Typical interval of the rows [s], from the first rows of the table.
+    done_rows
+        Rows since the last long gap that belong to earlier segments.
+    history_rows
+        The last of these rows, which are read again.
+    """
+
+    interval_s: float
+    done_rows: int
+    history_rows: int
+
+
+@dataclass(frozen=True)
 class TableSegment:
     """A segment of the table with margins that are only used to settle the smoother.
 
@@ -485,7 +518,13 @@ class TableSegment:
     findings
         Findings of the reader.
     margin_rows
-        Least margin on either side where the table continues [rows]; infinite where it does not.
+        Least margin on either side where the table continues [rows]; infinite where it does not,
+        and with a fixed delay, where no larger margin can be had.
+    position
+        Where the reading stands after this segment.
+    is_last
+        Whether the segment was cut short because the table ended: with a fixed delay a table that
+        has grown would be divided otherwise there.
     """
 
     time_s: Array
@@ -493,10 +532,32 @@ class TableSegment:
     keep: slice
     findings: tuple[Finding, ...]
     margin_rows: float
+    position: SegmentPosition = SegmentPosition(0.0, 0, 0)
+    is_last: bool = False
+
+
+@dataclass(frozen=True)
+class _Lengths:
+    """Rows of a segment and of its margins; rows in which a gap is seen, that stay in the buffer,
+    and that must be read before the segment can be made.
+    """
+
+    size: int
+    before: int
+    after: int
+    window: int
+    stored: int
+    needed: int
 
 
 def read_segments(
-    source: ChunkSource, columns: Sequence[str], lag_s: float, min_rows: int | None = None
+    source: ChunkSource,
+    columns: Sequence[str],
+    lag_s: float,
+    min_rows: int | None = None,
+    *,
+    delay_s: float | None = None,
+    position: SegmentPosition | None = None,
 ) -> Generator[TableSegment, int, None]:
     """Read a table in overlapping segments; a long gap ends a segment.
 
@@ -510,6 +571,13 @@ def read_segments(
         Largest lag, for the margin [s].
     min_rows
         Least rows of a segment; None: ``SEGMENT_ROWS``.
+    delay_s
+        None: long segments, with margins on both sides in which the smoother settles. A number
+        [s]: blocks with a fixed delay. A block is complete when the rows of this time after its
+        first row are there; half of them belong to the block, and half are its margin after.
+    position
+        With a delay: where an earlier reading stood; ``source`` begins with the history of the next
+        block.
 
     Returns
     -------
@@ -521,6 +589,13 @@ def read_segments(
     Where segments end depends on the rows only, not on how the file is read. When the caller sends
     a number, the last segment comes again with that many rows as margin (rounded up, at most
     ``MAX_MARGIN_ROWS``), and so do those after it.
+
+    With a delay of n rows, a block has n - ceil(n / 2) + 1 rows and a margin of ceil(n / 2) rows
+    after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least
+    ``MARGIN_ROWS``. It does not grow: the rows of a block are then estimated from fewer rows, and
+    their uncertainty includes that. The first block after a start or a long gap waits for
+    ``START_ROWS`` rows. ``tests/sensors/test_fixed_delay.py`` guards that the division depends on
+    the rows only.
     """
     longest_gap_s = LONGEST_GAP_LAGS * lag_s
     chunks = source.read_chunks(columns)
@@ -528,13 +603,20 @@ def read_segments(
     time = np.empty(0)
     data: dict[str, Array] = {}
     findings = list[Finding]()
-    done = 0  # rows before this one belong to earlier segments
+    done = 0  # rows of the buffer that belong to earlier segments
+    stretch_rows = 0  # rows since the last long gap that belong to earlier segments
     interval_s = 0.0
     margin = 0
+    if position is not None:
+        interval_s = position.interval_s
+        stretch_rows = position.done_rows
+        done = position.history_rows
     while done < len(time) or not at_end:
-        size = max(2 * margin, min_rows or SEGMENT_ROWS)
-        window = size + 2 * margin  # so that a gap within the margin is recognised
-        if not at_end and len(time) <= done + window:
+        if delay_s is None:
+            lengths = _settled_lengths(margin, min_rows or SEGMENT_ROWS)
+        else:
+            lengths = _delayed_lengths(delay_s, lag_s, interval_s, stretch_rows)
+        if not at_end and len(time) < done + lengths.needed:
             chunk = next(chunks, None)
             if chunk is None:
                 at_end = True
@@ -548,34 +630,101 @@ def read_segments(
                 time = np.concatenate([time, new_time])
             findings += new_findings
             continue
-        if not margin:
-            interval_s = _typical_interval_s(time)
+        if not interval_s:
+            interval_s = _typical_interval_s(time if delay_s is None else time[:START_ROWS])
             margin = _rounded_margin(MARGIN_LAGS * lag_s / interval_s + MARGIN_ROWS)
             continue
-        ahead = time[done : done + window]
-        gaps = np.flatnonzero(np.diff(ahead) > max(longest_gap_s, MIN_GAP_INTERVALS * interval_s))
+        split_s = max(longest_gap_s, MIN_GAP_INTERVALS * interval_s)
+        if done and done < len(time) and time[done] - time[done - 1] > split_s:
+            # without rows after a block, the gap after it shows here
+            time = time[done:]
+            data = {n: values[done:] for n, values in data.items()}
+            done = 0
+            stretch_rows = 0
+            continue
+        ahead = time[done : done + lengths.window]
+        gaps = np.flatnonzero(np.diff(ahead) > split_s)
         has_gap = len(gaps) > 0
-        to_end = has_gap or (at_end and len(time) <= done + window)
+        cut_short = at_end and len(time) < done + lengths.needed and not has_gap
+        to_end = has_gap or cut_short
         end = done + (int(gaps[0]) + 1 if has_gap else len(ahead))
-        stop = end if to_end else done + size  # of the segment without its margin
-        first = max(done - margin, 0)
-        last = end if to_end else stop + margin
-        complete = margin >= MAX_MARGIN_ROWS or (first == 0 and to_end)
+        stop = end if to_end else done + lengths.size  # of the segment without its margin
+        first = max(done - lengths.before, 0)
+        last = end if to_end else stop + lengths.after
+        next_rows = 0 if has_gap else stretch_rows + stop - done
+        complete = delay_s is not None or margin >= MAX_MARGIN_ROWS or (first == 0 and to_end)
         requested = yield TableSegment(
             time[first:last],
             {n: values[first:last] for n, values in data.items()},
             slice(done - first, stop - first),
             tuple(findings),
             np.inf if complete else margin,
+            SegmentPosition(interval_s, next_rows, min(next_rows, lengths.stored)),
+            cut_short,
         )
         if requested:
             margin = _rounded_margin(max(requested, margin + 1))
             continue
         findings = []
-        drop = stop if has_gap else max(stop - MAX_MARGIN_ROWS, 0)
+        drop = stop if has_gap else max(stop - lengths.stored, 0)
         time = time[drop:]
         data = {n: values[drop:] for n, values in data.items()}
         done = stop - drop
+        stretch_rows = next_rows
+
+
+def _settled_lengths(margin: int, min_rows: int) -> _Lengths:
+    """Lengths of a segment with ``margin`` rows on either side; a gap in the margin is seen."""
+    size = max(2 * margin, min_rows)
+    window = size + 2 * margin
+    return _Lengths(size, margin, margin, window, MAX_MARGIN_ROWS, window + 1)
+
+
+def _delayed_lengths(
+    delay_s: float, lag_s: float, interval_s: float, stretch_rows: int
+) -> _Lengths:
+    """Lengths of a block with a fixed delay, ``stretch_rows`` rows after a start or a long gap."""
+    if not interval_s:
+        return _Lengths(0, 0, 0, 0, 0, START_ROWS)
+    rows = int(delay_s / interval_s + 1e-6)
+    after = (rows + 1) // 2
+    size = rows - after + 1
+    after = max(after, START_ROWS - stretch_rows - size)
+    before = max(int(np.ceil(MARGIN_LAGS * lag_s / interval_s)), MARGIN_ROWS)
+    return _Lengths(size, before, after, size + after, before, size + after)
+
+
+@dataclass
+class RisingRows:
+    """A source without the rows whose time is missing, or before that of an earlier row.
+
+    A log that is followed may have such rows where the clock of the logger is set; a table that is
+    complete may not (``even_times``).
+
+    Attributes
+    ----------
+    source
+        The source.
+    rows, left_out
+        Rows read so far, and those of them that were left out.
+    """
+
+    source: ChunkSource
+    rows: int = 0
+    left_out: int = 0
+
+    def read_chunks(
+        self, columns: Sequence[str]
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        """Time (N,) [s] and columns (N,) of each chunk, and findings."""
+        latest_s = -np.inf
+        for time_s, data, findings in self.source.read_chunks(columns):
+            before = np.fmax.accumulate(np.concatenate([[latest_s], time_s]))
+            used = np.isfinite(time_s) & (time_s >= before[:-1])
+            latest_s = float(before[-1])
+            self.rows += len(time_s)
+            self.left_out += int(np.count_nonzero(~used))
+            yield time_s[used], {name: data[name][used] for name in columns}, findings
 
 
 def _typical_interval_s(time: Array) -> float:

@@ -1,7 +1,6 @@
 """Compensation: estimate the junction temperature from the readings, with its uncertainty.
 
-Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smoother. The way from
-a log and a record to the traces of a disk is :mod:`tcdyn.smoothing.traces`.
+Kalman smoother (RTS), regularised deconvolution and proper inverse.
 
 >>> import numpy as np
 >>> from tcdyn.chain import Chain
@@ -24,12 +23,6 @@ a log and a record to the traces of a disk is :mod:`tcdyn.smoothing.traces`.
 0.98
 >>> round(report_inverse(proper_inverse(chain, dt, 1.0), noise_sd=0.1).noise_out_K, 2)
 0.31
->>> live = LiveSmoother.from_chains([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # 0.5 s
->>> bool(report_live_smoother(live, [chain]).noise_out_K < 0.1)
-True
->>> state, x, sd, flags = live.run(live.initial_state(y[:1]), y[:, None])
->>> isinstance(state, LiveState), state.done, x.shape
-(True, 1000, (1000, 1))
 """
 
 from tcdyn.smoothing.inverse import (
@@ -40,7 +33,6 @@ from tcdyn.smoothing.inverse import (
     report_inverse,
     widest_bandwidth_Hz,
 )
-from tcdyn.smoothing.live import LiveSmoother, LiveState, report_live_smoother
 from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
@@ -52,14 +44,11 @@ __all__ = [
     "FilterReport",
     "Intensity",
     "InverseFilter",
-    "LiveSmoother",
-    "LiveState",
     "TradeoffCurve",
     "deconvolve",
     "invert",
     "proper_inverse",
     "report_inverse",
-    "report_live_smoother",
     "smooth",
     "widest_bandwidth_Hz",
     "window_covariance",

@@ -227,73 +227,18 @@ def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     Returns
     -------
     Array
-        The output of ``lag_sensitivity_filter`` for the compensated temperature, shape of ``y``.
+        Shape of ``y``.
+
+    Notes
+    -----
+    It is s/(1 + tau s) times the inverse, tau the largest lag: the derivative of (1 + tau s) with
+    respect to tau over 1 + tau s. The digital form is exact where the input is straight between
+    samples. ``tests/smoothing/test_causal.py`` compares it with the change for another lag.
     """
     x = f(y)
-    return np.asarray(signal.lfilter(*lag_sensitivity_filter(f.chain, f.dt_s), x - x[:1], axis=0))
-
-
-def lag_sensitivity_filter(chain: Chain, dt_s: float) -> tuple[Array, Array]:
-    """Digital filter s/(1 + tau s), tau the largest lag of the chain.
-
-    Applied to a compensated temperature [degC] it gives its change per second of lag [K/s]. It is
-    the derivative of (1 + tau s) with respect to tau over 1 + tau s. A chain without a lag uses one
-    sample.
-
-    Parameters
-    ----------
-    chain
-        The chain.
-    dt_s
-        Sampling interval [s].
-
-    Returns
-    -------
-    b, a
-        Coefficients in powers of z^-1.
-
-    Notes
-    -----
-    The digital form is exact where the input is straight between samples. It must be the same
-    sensitivity as ``lag_row`` of ``tcdyn.chain.chain.Sensor``, which the smoother uses.
-    ``tests/smoothing/test_before_use.py`` compares it with the frequency response.
-    """
-    e = float(np.exp(-dt_s / max((*chain.taus_s, dt_s))))
-    return np.array([1.0, -1.0]) * (1 - e) / dt_s, np.array([1.0, -e])
-
-
-def lag_split_filter(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Array]:
-    """Digital filter for the change of the temperature where a lag divides otherwise.
-
-    The lags become those of ``tcdyn.chain.chain.Chain.with_split_shift``. The filter is (t1 t2 -
-    t1' t2') s^2/((1 + t1' s)(1 + t2' s)). A single lag gives part of itself to a second one, which
-    acts on slow changes as a dead time does.
-
-    Parameters
-    ----------
-    chain
-        The chain.
-    shift_s
-        Part of the largest lag that moves to the next one [s].
-    dt_s
-        Sampling interval [s]; no lag in the denominator is shorter.
-
-    Returns
-    -------
-    b, a
-        Coefficients in powers of z^-1.
-
-    Notes
-    -----
-    ``tests/smoothing/test_before_use.py`` compares it with the ratio of the two responses,
-    ``tests/smoothing/test_causal.py`` with readings.
-    """
-    first, second = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0][:2]
-    first_new = max(first - shift_s, 0.0)
-    second_new = second + min(shift_s, first)
-    lags = np.maximum([first_new, second_new], dt_s)
-    b, a = discretised([1.0, 0.0, 0.0], [lags[0] * lags[1], lags.sum(), 1.0], dt_s)
-    return (first * second - first_new * second_new) * b, a
+    e = float(np.exp(-f.dt_s / max((*f.chain.taus_s, f.dt_s))))
+    b = np.array([1.0, -1.0]) * (1 - e) / f.dt_s
+    return np.asarray(signal.lfilter(b, np.array([1.0, -e]), x - x[:1], axis=0))
 
 
 @dataclass(frozen=True)
@@ -399,34 +344,6 @@ def report_inverse(
         findings.append(
             warning("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt)
         )
-    return filter_report(f, noise_sd, findings)
-
-
-def filter_report(f: InverseFilter, noise_sd: float, findings: Sequence[Finding]) -> FilterReport:
-    """The report on any digital compensator.
-
-    Parameters
-    ----------
-    f
-        The compensator and its chain.
-    noise_sd
-        Standard deviation of the white noise of the trace [K].
-    findings
-        The first findings of the report.
-
-    Returns
-    -------
-    FilterReport
-        Noise gain, bandwidth and step response of chain times compensator.
-
-    Notes
-    -----
-    The step comes at the second sample and passes the chain on a finer grid if the record of the
-    step is short. The error on a ramp follows from the mean delay of the coefficients and the lag
-    of the chain. Length and frequencies may be changed freely within the tolerances of
-    ``tests/smoothing/test_before_use.py``.
-    """
-    dt = f.dt_s
     chain = f.chain
     gain = f.noise_gain
     rows = int(min(max(12 * (chain.lag_s + f.remaining_shift_s) / dt + 20, 64), 400_000))

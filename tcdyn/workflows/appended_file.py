@@ -73,23 +73,22 @@ class AppendedFile:
         """Close the file."""
         self.stream.close()
 
-    def append(self, text: str, rows: int) -> None:
+    def append(self, data: bytes, rows: int) -> None:
         """Write some rows completely or not at all.
 
         Parameters
         ----------
-        text
-            The rows.
+        data
+            Lines of the file.
         rows
-            Number of rows in it.
+            Number of rows in them.
 
         Raises
         ------
         InputError
-            If the file cannot be written, or is no longer what was written.
+            Where it cannot be written, and where the file is no longer what was written.
         """
         self.check(rows)
-        data = text.encode("utf-8")
         try:
             remaining = memoryview(data)
             while remaining:

@@ -8,7 +8,7 @@ The command ``tcdyn compensate`` for logs of the rig; tables of other sensors ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,13 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, labelled_messages, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
-from tcdyn.io.write import STANDARD_STYLE, DialectName, output_style, write_log
+from tcdyn.io.write import STANDARD_STYLE, DialectName, OutputStyle, output_style, write_log
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import SingleDiskFit
 from tcdyn.partition.steady import with_inner_row_at_one_radius
@@ -39,16 +40,76 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
 from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.channels import DiskColumns, disk_readings, with_common_lag
 from tcdyn.workflows.segments import (
     CompensationMethod,
-    LogSegments,
-    compensate_disk,
+    compensate_readings,
+    compensated_segments,
     output_columns,
-    with_common_lag,
+    write_segments,
 )
 
-# note in the metadata where the lag is not removed
+SEGMENT_ROWS = 50_000  # least rows of a segment of a long log; chosen by judgement
+# Note in the metadata where the lag is not removed.
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
+
+
+@dataclass(frozen=True)
+class LogSegments:
+    """How all rows of a long log are compensated, segment by segment.
+
+    Attributes
+    ----------
+    log, channels
+        The log, and how its channels are read.
+    method, events
+        The method, and the listed events, see ``tcdyn.workflows.segments.compensate_readings``.
+    columns, header
+        Columns of the log and of the output.
+    notes
+        Metadata of the output.
+    """
+
+    log: LogChunks
+    channels: DiskColumns
+    method: CompensationMethod
+    events: Mapping[float, float]
+    columns: Sequence[str]
+    header: Sequence[str]
+    notes: Mapping[str, str]
+
+    def read_chunks(
+        self, columns: Sequence[str]
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        """Time (N,) [s] and columns (N,) of each chunk, and findings."""
+        for chunk in self.log:
+            yield (
+                chunk.frame["time_s"].to_numpy(),
+                {name: chunk.frame[name].to_numpy() for name in columns},
+                chunk.findings,
+            )
+
+    def write(
+        self,
+        out: str | Path,
+        progress: Callable[[str], None],
+        style: OutputStyle = STANDARD_STYLE,
+    ) -> list[Finding]:
+        """Write all rows to ``out`` in this style, atomically; return the findings."""
+        reported_percent = 0
+
+        def report(rows: int) -> None:
+            nonlocal reported_percent
+            percent = 10 * (10 * rows // self.log.rows)
+            if percent > reported_percent:
+                reported_percent = percent
+                progress(f"writing, {percent} % of the rows")
+
+        segments = compensated_segments(
+            self, self.columns, self.channels, self.method, self.events, min_rows=SEGMENT_ROWS
+        )
+        totals = write_segments(out, self.header, self.notes, segments, report, style=style)
+        return summarise_spikes(totals.findings)
 
 
 @dataclass(frozen=True)
@@ -250,6 +311,7 @@ def compensate_log(
         )
     rig = rig or rig_from_records(records)
     way = way or CompensationMethod()
+    way = replace(way, components=way.components or parts)
     progress("reading the log")
     pieces, unused = open_log_for_records(log, rig, records)
     kind = pieces.kind
@@ -315,9 +377,13 @@ def compensate_log(
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
         traces[disk] = disk_traces_used
     progress(f"junctions, {' and '.join(records)}")
-    results = {d: compensate_disk(traces[d], table.frame, events_at_s, way) for d in records}
-    for disk, disk_traces_used in ((d, traces[d]) for d in records):
-        frame = frame.assign(**output_columns(disk_traces_used, results[disk], way, parts))
+    time_s = frame["time_s"].to_numpy(dtype=float)
+    results: dict[str, Compensated] = {}
+    for disk in records:
+        disk_traces_used = traces[disk]
+        readings = disk_readings(disk_traces_used, time_s)
+        results[disk] = compensate_readings(readings, way, events_at_s)
+        frame = frame.assign(**output_columns(readings, results[disk], way))
         findings += [
             f.at(disk)
             for f in (*results[disk].findings, *disk_traces_used.extrapolation_findings("the log"))
@@ -331,18 +397,9 @@ def compensate_log(
     if len(table.frame) == pieces.rows:
         frame = _with_time_stamps(frame, pieces)
     else:
+        channels = DiskColumns(rig, records, fits, kind == "ehl", way.removes_lag, table.path.name)
         segments = LogSegments(
-            pieces,
-            rig,
-            records,
-            way,
-            fits,
-            events_at_s,
-            parts,
-            kind == "ehl",
-            table.frame.columns,
-            frame.columns,
-            notes,
+            pieces, channels, way, events_at_s, [*table.frame.columns], [*frame.columns], notes
         )
     return CompensatedLog(
         frame, notes, tuple(findings), results, traces, tuple(events_s), table, way, segments

@@ -1,4 +1,10 @@
-"""Live compensation of a growing log, row by row, with a state file to continue without loss."""
+"""Live compensation of a log while it grows: the fixed-delay run of the batch smoother on its rows.
+
+``follow`` gives the rows that ``compensate_table(..., delay_s=...)`` gives for the finished log. A
+state file lets a later run continue without a lost or doubled row. Guarded by
+``tests/smoothing/test_follow.py``, ``test_follow_files.py``, ``test_follow_clock.py`` and
+``test_fixed_delay.py`` in the same folder.
+"""
 
 from __future__ import annotations
 
@@ -6,68 +12,106 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.cells import is_number
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
-from tcdyn.io.growing import GrowingTable
-from tcdyn.io.metadata import COMPENSATED
+from tcdyn.io.growing import ROW_END, GrowingText, open_growing
 from tcdyn.io.read import display_path
-from tcdyn.io.write import DialectName, OutputStyle, output_style, start_csv, write_text
+from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
+from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
 from tcdyn.workflows.appended_file import AppendedFile, digest
-from tcdyn.workflows.live import LONGEST_GAP_S, LiveCompensator, LiveCompensatorState, LiveSettings
-from tcdyn.workflows.log_source import Calibrations, GrowingLog, TableOptions, growing_log
-from tcdyn.workflows.segments import DECIMALS
-from tcdyn.workflows.warm_up import warm_up
+from tcdyn.workflows.compensate_table import check_delay, delayed_findings
+from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.segments import (
+    CompensatedSegment,
+    Totals,
+    compensated_segments,
+    text_columns,
+)
 
-STATE_SCHEMA = "tcdyn.follow/6"
+STATE_SCHEMA = "tcdyn.follow/7"
 STOPPED_BY_USER = "stopped"
 SAVE_EVERY_S = 10.0
+# Usual delay: two lags, of which one is there after each row, so that a change of the temperature
+# shows in the readings; at least so many seconds, in which a burst of a slip ring (below 0.5 s) and
+# the readings on either side of it are seen. By the study in docs/validation.md.
+USUAL_DELAY_LAGS = 2.0
+LEAST_USUAL_DELAY_S = 2.0
 
 
 @dataclass(frozen=True)
 class FollowRun(Result):
-    """What was done: rows read and written, lines left out, why it ended, and the plan it was done
-    with.
+    """What was done.
+
+    Attributes
+    ----------
+    rows_read, rows_written, bad_lines
+        Rows read in this run; rows in the output; lines left out.
+    ended
+        Why it ended.
+    delay_s
+        Delay of the rows [s].
+    computing_s
+        Time of the processor for this run [s].
+    log
+        The log and its channels; None where its header was never there.
+    numbers
+        Noise and standard deviation of each column in this run.
+    findings
+        Findings.
     """
 
     rows_read: int
     rows_written: int
     bad_lines: int
     ended: str
-    plan: LiveCompensator | None
+    delay_s: float
+    computing_s: float
+    log: RawLog | None
+    numbers: pd.DataFrame = field(repr=False)
     findings: tuple[Finding, ...]
 
     def summary(self) -> str:
         """Why it ended, and how many rows there were."""
         return f"{self.ended}: {self.rows_read} rows read, {self.rows_written} written"
 
+    def card(self) -> pd.DataFrame:
+        """Noise and standard deviation of each column."""
+        return self.numbers
+
     def to_dict(self) -> dict[str, Any]:
         """Counts, why it ended and findings."""
-        counts = {
+        return {
             "rows_read": self.rows_read,
             "rows_written": self.rows_written,
             "bad_lines": self.bad_lines,
+            "delay_s": self.delay_s,
+            "ended": self.ended,
+            "columns": self.numbers.to_dict("records"),
+            "warnings": list(self.warnings),
         }
-        return {**counts, "ended": self.ended, "warnings": list(self.warnings)}
 
 
+@one_blas_thread
 def follow(
     log: str | Path,
-    records: Calibrations,
+    calibrations: Calibrations,
     out: str | Path,
     rig: Rig | None = None,
-    settings: LiveSettings | None = None,
     *,
+    delay_s: float | None = None,
     options: TableOptions | None = None,
     state: str | Path | None = None,
     overwrite: bool = False,
@@ -76,35 +120,62 @@ def follow(
     idle_s: float = 30.0,
     poll_s: float = 0.2,
     asked_to_stop: Callable[[], bool] = lambda: False,
-    announce: Callable[[LiveCompensator], None] = lambda _: None,
+    announce: Callable[[RawLog, float], None] = lambda _log, _delay_s: None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> FollowRun:
-    """Append the compensated rows of ``log`` to ``out`` while the log grows; ends after ``idle_s``
-    without growth.
+    """Append the compensated rows of ``log`` to ``out`` while the log grows.
 
-    The first seconds (``settings.learn_s``) give sample interval and noise; then rows are written
-    as they come, whole lines only. ``state``: a file from which a run that was stopped goes on, and
-    to which this one writes where it stands, at the end and every ten seconds; ``out`` is cut back
-    to what that file knows, so that no row is lost or doubled. Without such a file an ``out`` that
-    exists is refused, unless ``overwrite`` says to replace it. ``announce`` is called with the plan
-    before the first row is written. ``options``: what tells the time and the units of any table
-    where its names do not. ``dialect`` and ``comments``: how ``out`` is written, as for
-    ``tcdyn.io.write.output_style``.
+    Parameters
+    ----------
+    log
+        A text table that grows line by line.
+    calibrations, rig, options
+        As for ``tcdyn.workflows.compensate_table.compensate_table``.
+    out
+        Output, .csv. One that exists is refused, unless ``overwrite`` or ``state`` is given.
+    delay_s
+        How long after a row it is compensated, with the rows that are there then [s]; None: the
+        longer of two lags and two seconds.
+    state
+        JSON file in which the run notes every ten seconds, and at its end, where it stands. If it
+        exists, the run that wrote it is continued, and ``out`` is cut back to what it states.
+    overwrite
+        Whether an existing output is replaced.
+    dialect, comments
+        How ``out`` is written, as for ``tcdyn.io.write.output_style``.
+    idle_s, poll_s
+        The run ends after so long without new rows [s]; it looks for new rows so often [s].
+    asked_to_stop
+        Returns whether the run is to end.
+    announce
+        Called with the log and the delay before the first row is written.
+    sleep
+        Waits for a time [s].
 
-    Raises InputError for a log that is no growing text table, is compensated already, or is not the
-    one of the state file; for an end before anything could be learnt. While it follows: for a log
-    that was replaced, rotated, truncated or rewritten, after all rows read before are written and
-    the state is saved (a copy of the log with the same rows may take its place); for an output that
-    was renamed, deleted or changed by another program.
+    Raises
+    ------
+    InputError
+        For a log that is no growing text table, is compensated already, or is not the one of the
+        state file. While it follows: for a log that was replaced, rotated, truncated or rewritten,
+        after all rows read before are written and the state is saved (a copy of the log with the
+        same rows may take its place); for an output that was renamed, deleted or changed by another
+        program.
+
+    Notes
+    -----
+    Rows at the end of the log, for which the delay has not passed when the run ends, are written
+    with the rows that are there. A run that continues writes them again.
     """
-    if not records:
+    if not calibrations:
         raise InputError(
             "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
         )
+    check_delay(delay_s)
     log = Path(log)
     out = Path(out)
-    settings = settings or LiveSettings()
-    rig = rig or (rig_from_records(records) if isinstance(records, Mapping) else None)
+    options = options or {}
+    if isinstance(calibrations, Mapping):
+        rig = rig or rig_from_records(calibrations)
     if out.suffix.lower() != ".csv":
         raise InputError(
             f"ending {out.suffix!r}",
@@ -118,100 +189,81 @@ def follow(
             remedy="name another {out}",
             parameters={"out": None},
         )
+    computing_s = time.process_time()
     patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
     state = Path(state) if state else None
     continues = state is not None and state.exists()
     if not continues:
         _check_output_free(out, overwrite)
-    source = _header(log, rig, records, options, patience)
-    if source is None:
-        return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
-    table = source.table
-    style = output_style(dialect, comments, table.table, out)
-    key = {**_key(source, records, settings), "dialect": dialect}
-    rows: list[list[float]] = []
+    opened = _opened(log, calibrations, rig, options, patience)
+    if opened is None:
+        ended = "stopped before the header was there"
+        return FollowRun(0, 0, 0, ended, delay_s or 0.0, 0.0, None, pd.DataFrame(), ())
+    growing, raw = opened
+    if delay_s is None:
+        delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
+    style = output_style(dialect, comments, raw.source.table, out)
+    key = {**_key(raw, calibrations, delay_s), "dialect": dialect}
     if state is not None and continues:
-        stored = _read_state(state, key, table, out)
-        plan, compensator_state = _restore_plan(state, stored, source, settings, out)
-        written = stored["where"]["written"]
-        size = stored["where"]["out_bytes"]
+        stand = _read_state(state, key, growing, out)
     else:
-        start = _warm_up_rows(source, settings, patience)
-        if start is None:
-            ended = "stopped before anything was learnt; nothing was written"
-            return FollowRun(table.rows, 0, table.bad_lines, ended, None, ())
-        (plan, compensator_state, rows) = start
-        written = 0
-        _check_output_free(
-            out, overwrite
-        )  # it may have come while the first seconds were waited for
-        # what stood there stays until this is whole
-        names = source.output_names(plan.output_names)
-        size = start_csv(out, names, _notes(source, plan), style=style)
-    announce(plan)
-    saved_at = -np.inf  # at once, so that a run that is killed can be continued
-    log_error: InputError | None = None
-    with AppendedFile(out, size, written) as output:
-        while True:
-            if rows:
-                compensator_state, output_rows = plan.advance(compensator_state, np.array(rows))
-                output.append(
-                    _lines(source.in_table_units(output_rows, plan.output_names), style),
-                    len(output_rows),
-                )
-            else:
-                output.check(0)
-            ended = "the log was lost" if log_error else patience.ended()
-            if state and (ended or time.monotonic() - saved_at > SAVE_EVERY_S):
-                _save(
-                    state,
-                    {
-                        **key,
-                        "where": _where(table, output),
-                        "plan": plan.warm_up_statistics(),
-                        "state": compensator_state.to_json(),
-                    },
-                )
-                saved_at = time.monotonic()
-            if ended:
+        _check_output_free(out, overwrite)  # it may have come while the header was waited for
+        # what stood there stays until this is complete
+        notes = {**raw.notes, "delay_s": f"{delay_s:g}"}
+        out_bytes = start_csv(out, raw.header, notes, style=style)
+        stand = _Stand(growing.offset, None, 0, out_bytes)
+    announce(raw, delay_s)
+    rising = RisingRows(raw.source)
+    totals = Totals()
+    with AppendedFile(out, stand.out_bytes, stand.written) as output:
+        growing.go_on = lambda has_new: patience.goes_on(has_new, output)
+        segments = compensated_segments(
+            rising,
+            [*raw.source.table.names, ROW_END],
+            raw.channels,
+            delay_s=delay_s,
+            position=stand.position,
+        )
+        saved_at = -float("inf")  # at once, so that a run that is killed can be continued
+        for result in segments:
+            if result.segment.is_last and state:  # a run that continues writes these rows again
+                _save(state, key, growing, stand, output)
+            frame = result.frame(raw.header)
+            text = text_columns(result, raw.header)
+            output.append(csv_rows(frame, text, style), len(frame))
+            totals.add(result)
+            if result.segment.is_last:
                 break
-            try:
-                rows = _rows(source, patience)
-            except (
-                InputError
-            ) as error:  # the log is not the same any more: what was read of it is kept
-                log_error = error
-                rows = []
-        flushed = plan.flush(
-            compensator_state
-        )  # a run that goes on from the state file writes these rows again, then better known
-        output.append(
-            _lines(source.in_table_units(flushed, plan.output_names), style), len(flushed)
-        )
+            stand = stand.after(result, output)
+            if state and time.monotonic() - saved_at > SAVE_EVERY_S:
+                _save(state, key, growing, stand, output)
+                saved_at = time.monotonic()
+        else:
+            if state:
+                _save(state, key, growing, stand, output)
         written = output.rows
-    if log_error:
+    if growing.problem:
+        problem = growing.problem
         raise InputError(
-            f"{log_error.what}; the {written} rows before that are in {out}",
-            where=log_error.where,
-            expected=log_error.expected,
-            remedy=log_error.remedy,
-            parameters=log_error.parameters,
+            f"{problem.what}; the {written} rows before that are in {out}",
+            where=problem.where,
+            expected=problem.expected,
+            remedy=problem.remedy,
+            parameters=problem.parameters,
         )
-    torn_lines = (warning("follow.torn", count=table.bad_lines),) if table.bad_lines else ()
-    screening_findings = compensator_state.screening.findings(plan.junctions)
+    findings = delayed_findings(raw, rising, totals)
+    if growing.bad_lines:
+        findings.append(warning("follow.torn", count=growing.bad_lines))
     return FollowRun(
-        table.rows,
+        growing.rows,
         written,
-        table.bad_lines,
-        ended,
-        plan,
-        (
-            *source.findings,
-            *plan.findings,
-            *torn_lines,
-            *screening_findings,
-            *compensator_state.findings,
-        ),
+        growing.bad_lines,
+        patience.ended,
+        delay_s,
+        time.process_time() - computing_s,
+        raw,
+        totals.table(list(raw.channels.units)),
+        unique_by_subject(findings),
     )
 
 
@@ -230,176 +282,160 @@ def _check_output_free(out: Path, overwrite: bool) -> None:
 
 @dataclass
 class _Patience:
-    """How long nothing may come before a run ends, and whether it was asked to stop."""
+    """How long nothing may come before a run ends, and whether it was asked to stop.
+
+    ``ended``: why the run ends; empty while it does not.
+    """
 
     idle_s: float
     poll_s: float
     asked_to_stop: Callable[[], bool]
     sleep: Callable[[float], None]
     since: float | None = None  # when a look first found nothing new
+    ended: str = ""
 
-    def saw(self, something: bool) -> None:
-        """Whether anything new was found; if not, wait a little."""
-        if something:
+    def goes_on(self, has_new: bool, output: AppendedFile | None = None) -> bool:
+        """Whether to look again, after a pause if there was nothing new; checks the output then."""
+        if has_new:
             self.since = None
-            return
-        self.since = self.since or time.monotonic()
-        self.sleep(self.poll_s)
-
-    def ended(self) -> str:
-        """Why the run ends now; empty when it does not."""
+        elif output is not None:
+            output.check(0)
         if self.asked_to_stop():
-            return STOPPED_BY_USER
-        still = self.since is not None and time.monotonic() - self.since > self.idle_s
-        return f"no growth for {self.idle_s:g} s" if still else ""
+            self.ended = STOPPED_BY_USER
+            return False
+        if has_new:
+            return True
+        self.since = self.since or time.monotonic()
+        if time.monotonic() - self.since > self.idle_s:
+            self.ended = f"no growth for {self.idle_s:g} s"
+            return False
+        self.sleep(self.poll_s)
+        return True
 
 
-def _header(
+def _opened(
     log: Path,
+    calibrations: Calibrations,
     rig: Rig | None,
-    records: Calibrations,
-    options: TableOptions | None,
+    options: TableOptions,
     patience: _Patience,
-) -> GrowingLog | None:
-    """The log once it can be read; None when the run was stopped before. Raises what is wrong with
-    its header.
+) -> tuple[GrowingText, RawLog] | None:
+    """The log once it can be read; None when the run was stopped before.
+
+    Raises InputError for what is wrong with its header.
     """
     while True:
         problem = InputError("no two rows came below the header", where=display_path(log))
         try:
-            if source := growing_log(log, rig, records, options):
-                patience.saw(True)
-                return source
+            if log.exists() and log.stat().st_size > 0:
+                table = open_log_table(log, calibrations, rig)
+                opened = open_growing(table, log)
+                if opened is not None:
+                    growing, table = opened
+                    raw = raw_log(log, table, calibrations, rig, options)
+                    _check_numeric_time(growing, raw)
+                    patience.goes_on(has_new=True)
+                    return growing, raw
         except InputError as error:
             problem = error
             if log.exists() and log.stat().st_size > HEAD_BYTES:
                 raise
-        patience.saw(False)
-        if ended := patience.ended():
-            if ended == STOPPED_BY_USER:
+        if not patience.goes_on(has_new=False):
+            if patience.ended == STOPPED_BY_USER:
                 return None
             raise problem
 
 
-def _rows(source: GrowingLog, patience: _Patience) -> list[list[float]]:
-    """New rows of canonical columns; none after a pause."""
-    rows = source.new_rows()
-    patience.saw(rows is not None)
-    return rows or []
+def _check_numeric_time(growing: GrowingText, raw: RawLog) -> None:
+    """Raise InputError for a time column of clock stamps, which count from the first row read."""
+    dialect = growing.dialect
+    first_cells = dict(zip(dialect.names, dialect.first_row))
+    name = raw.time_in_log
+    cell = first_cells[name]
+    if not is_number(cell, dialect.decimal):
+        raise InputError(
+            f"column {name} holds no time as a number ({cell!r})",
+            where=display_path(growing.path),
+            expected="seconds or another unit of time as a number",
+        )
 
 
-def _warm_up_rows(
-    source: GrowingLog, settings: LiveSettings, patience: _Patience
-) -> tuple[LiveCompensator, LiveCompensatorState, list[list[float]]] | None:
-    """Plan and state from the first seconds; all rows read so far are still to be advanced. None
-    when stopped.
+@dataclass(frozen=True)
+class _Stand:
+    """Where a run stands: position in the log of the first row that the next block needs [bytes],
+    position of the reading, rows written and size of the output [bytes].
     """
-    source.table.seek(source.table.first_byte)
-    rows: list[list[float]] = []
-    names = list(source.column_indices)
-    time_index = names.index("time_s")
-    while not (first_rows := _first_segment(rows, time_index, settings.learn_s)):
-        new = _rows(source, patience)
-        rows += new
-        if not new and (ended := patience.ended()):
-            if ended == STOPPED_BY_USER:
-                return None
-            raise InputError(
-                f"ended after {len(rows)} rows, before {settings.learn_s:g} s to learn from were there",
-                where=display_path(source.table.path),
-                remedy="follow a longer log, or lower {learn_s}",
-                parameters={"learn_s": None},
-            )
-    return (
-        *warm_up(names, np.array(first_rows), source.channels, source.level_K2_s3, settings),
-        rows,
-    )
+
+    offset: int
+    position: SegmentPosition | None
+    written: int
+    out_bytes: int
+
+    def after(self, result: CompensatedSegment, output: AppendedFile) -> _Stand:
+        """Where it stands after a segment that was written."""
+        segment = result.segment
+        first = segment.keep.stop - segment.position.history_rows
+        offset = self.offset
+        if first > 0:
+            offset = int(segment.data[ROW_END][first - 1])
+        return _Stand(offset, segment.position, output.rows, output.size)
 
 
-def _first_segment(rows: list[list[float]], time_index: int, learn_s: float) -> list[list[float]]:
-    """The first rows that last ``learn_s`` [s] while the clock, column ``time_index``, does not
-    jump; none while there are not so many.
-    """
-    first = 0
-    last = np.nan
-    longest_gap_s = max(
-        LONGEST_GAP_S, 0.1 * learn_s
-    )  # at least 17 rows are learnt from: more than a regular step
-    for i, row in enumerate(rows):
-        t = row[time_index]
-        if not 0 <= t - last <= longest_gap_s and np.isfinite(t):
-            first = i
-        if t - rows[first][time_index] >= learn_s:
-            return rows[first : i + (t - rows[first][time_index] == learn_s)]
-        last = t if np.isfinite(t) else last
-    return []
-
-
-def _key(source: GrowingLog, records: Calibrations, settings: LiveSettings) -> dict[str, Any]:
+def _key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, Any]:
     """What a state file must agree with."""
-    texts = (
-        {d: r.to_json() for d, r in records.items()}
-        if isinstance(records, Mapping)
-        else {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)}
-    )
-    digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
-    order = [c for channels in source.channels for c in channels.columns]  # of what is remembered
-    fingerprint = {
-        "units": {n: vars(u) for n, u in source.units.items()},
-        "channels": order,
-        "settings": vars(settings),
-    }
+    if isinstance(calibrations, Mapping):
+        texts = {disk: record.to_json() for disk, record in calibrations.items()}
+    else:
+        texts = {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(calibrations)}
     return {
         "schema": STATE_SCHEMA,
-        "log": source.table.path.name,
-        "records": digests,
-        **fingerprint,
+        "log": raw.source.path.name,
+        "records": {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()},
+        "units": {name: vars(unit) for name, unit in raw.channels.units.items()},
+        "channels": list(raw.channels.units),
+        "delay_s": delay_s,
     }
 
 
-def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
-    """How far log and output are."""
-    read = {
-        "offset": table.offset,
-        "sha256": table.hash.hexdigest(),
-        "rows": table.rows,
-        "bad": table.bad_lines,
-    }
-    return {
-        **read,
-        "written": output.rows,
-        "out_bytes": output.size,
+def _save(
+    file: Path, key: dict[str, Any], growing: GrowingText, stand: _Stand, output: AppendedFile
+) -> None:
+    """Write the state file, with a checksum of its content."""
+    content = {
+        **key,
+        "opened_bytes": growing.opened_bytes,
+        "read": {"bytes": growing.offset, "sha256": growing.hash.hexdigest()},
+        "offset": stand.offset,
+        "position": None if stand.position is None else asdict(stand.position),
+        "written": stand.written,
+        "out_bytes": stand.out_bytes,
         "out_sha256": output.hash.hexdigest(),
     }
-
-
-def _save(file: Path, content: dict[str, Any]) -> None:
-    """Write the state file, with a checksum of its content."""
     plain = json.loads(json.dumps(content))
     write_text(file, json.dumps({**plain, CHECKSUM_KEY: checksum(plain)}) + "\n")
 
 
-def _restart_remedy(file: Path, out: Path) -> str:
-    return f"to begin anew, keep {out}, delete {file} and give another {{out}}"
+def _read_state(file: Path, key: dict[str, Any], growing: GrowingText, out: Path) -> _Stand:
+    """Where the run stood that wrote a state file; the log is set to be read from there.
 
-
-def _read_state(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
-    """What the state file holds, ``table`` set to where the run was left; InputError where anything
-    is not its own.
+    Raises InputError where anything is not its own.
     """
-    anew: dict[str, Any] = {"remedy": _restart_remedy(file, out), "parameters": {"out": "FILE"}}
+    anew: dict[str, Any] = {
+        "remedy": f"to begin anew, keep {out}, delete {file} and give another {{out}}",
+        "parameters": {"out": "FILE"},
+    }
     try:
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        where, _, _ = data["where"], data["plan"], data["state"]
-        table.rows, table.bad_lines, _ = (
-            int(where["rows"]),
-            int(where["bad"]),
-            int(where["written"]),
-        )
-        offset = int(where["offset"])
-        digest_of_log = str(where["sha256"])
-        out_bytes = int(where["out_bytes"])
-        digest_of_out = str(where["out_sha256"])
+        opened_bytes = int(data["opened_bytes"])
+        read_bytes = int(data["read"]["bytes"])
+        digest_of_log = str(data["read"]["sha256"])
+        digest_of_out = str(data["out_sha256"])
+        position = None
+        if data["position"] is not None:
+            place = data["position"]
+            rows = (int(place["done_rows"]), int(place["history_rows"]))
+            position = SegmentPosition(float(place["interval_s"]), *rows)
+        stand = _Stand(int(data["offset"]), position, int(data["written"]), int(data["out_bytes"]))
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise InputError(
             f"is no state of a followed log ({problem!r})", where=str(file), **anew
@@ -411,56 +447,17 @@ def _read_state(file: Path, key: dict[str, Any], table: GrowingTable, out: Path)
         raise InputError(
             "is damaged: its checksum does not fit its content", where=str(file), **anew
         )
-    table.seek(offset)
-    if table.hash.hexdigest() != digest_of_log:
+    growing.seek(read_bytes)
+    if growing.hash.hexdigest() != digest_of_log:
         raise InputError(
-            "is not the log that the state file remembers", where=display_path(table.path), **anew
+            "is not the log that the state file remembers",
+            where=display_path(growing.path),
+            **anew,
         )
-    if not out.exists() or out.stat().st_size < out_bytes:
+    growing.seek(stand.offset)
+    growing.opened_bytes = opened_bytes
+    if not out.exists() or out.stat().st_size < stand.out_bytes:
         raise InputError("holds less than the state file remembers", where=str(out), **anew)
-    if digest(out, out_bytes).hexdigest() != digest_of_out:
+    if digest(out, stand.out_bytes).hexdigest() != digest_of_out:
         raise InputError("is not the output that the state file remembers", where=str(out), **anew)
-    return data
-
-
-def _restore_plan(
-    file: Path, stored: dict[str, Any], source: GrowingLog, settings: LiveSettings, out: Path
-) -> tuple[LiveCompensator, LiveCompensatorState]:
-    """Plan and state that the content of a state file describes; InputError for one that describes
-    none.
-    """
-    try:
-        plan = LiveCompensator.create(
-            list(source.column_indices),
-            source.channels,
-            source.level_K2_s3,
-            settings,
-            stored["plan"],
-        )
-        compensator_state = LiveCompensatorState.from_json(stored["state"])
-        plan.check_fits(compensator_state)
-        return plan, compensator_state
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
-        raise InputError(
-            f"is damaged ({problem!r})",
-            where=str(file),
-            remedy=_restart_remedy(file, out),
-            parameters={"out": "FILE"},
-        ) from None
-
-
-def _notes(source: GrowingLog, plan: LiveCompensator) -> dict[str, str]:
-    """Metadata of the output."""
-    table = source.table
-    notes = {**table.table.metadata, "tcdyn": COMPENSATED, "source": table.path.name}
-    return {**notes, **{key: str(value) for key, value in plan.notes().items()}}
-
-
-def _lines(rows: np.ndarray, style: OutputStyle) -> str:
-    """Rows as lines of text."""
-    rounded = np.round(rows, DECIMALS + 1).tolist()
-    lines = []
-    for row in rounded:
-        cells = ["" if v != v else f"{v:.12g}".replace(".", style.decimal) for v in row]
-        lines.append(style.separator.join(cells) + style.line_end)
-    return "".join(lines)
+    return stand

@@ -1,44 +1,48 @@
-"""Compensation of one disk, and of logs that do not fit into memory, by overlapping segments.
+"""Compensation segment by segment: one engine for tables, rig logs and logs that still grow.
 
-Used by :mod:`tcdyn.workflows.compensate`. A segment has margins in which the smoother settles
-(``tcdyn.smoothing.intervals.settling_time_s``). Guarded by ``tests/smoothing/test_long_log.py``.
+``compensated_segments`` reads a source of rows in overlapping segments
+(``tcdyn.sensors.table.read_segments``), smooths the channels of each, and yields the rows of the
+output. Where the readings and the chains come from is the matter of ``tcdyn.workflows.channels``.
+Used by ``compensate_table``, ``compensate_log`` (logs that are too long for the memory) and
+``follow``. Guarded by ``tests/smoothing/test_long_log.py``, ``tests/sensors/test_sensor_file.py``
+and ``tests/smoothing/test_fixed_delay.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tcdyn.chain import sensors
+from tcdyn.chain import Chain, sensors
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import text_with_u
-from tcdyn.core.findings import Finding
+from tcdyn.core.findings import Finding, warning
+from tcdyn.io.metadata import START_TIME_KEY
+from tcdyn.io.start_time import start_time
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
-from tcdyn.partition.cooling import SingleDiskFit, lag_covariance_with_common_u, refined_chains
-from tcdyn.rig.check_clock import sample_interval_s
-from tcdyn.rig.log import LogChunks
-from tcdyn.rig.record import DiskRecord
-from tcdyn.rig.rigfile import Rig
-from tcdyn.rig.static_line import shared_u_K
-from tcdyn.sensors.table import TableSegment, read_segments
+from tcdyn.sensors.table import (
+    ChunkSource,
+    SegmentPosition,
+    TableSegment,
+    read_segments,
+    unique_by_subject,
+)
+from tcdyn.sensors.units import Unit, without_unit
 from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
-from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 
 # Decimals of the output: 0.01 mK, far below the uncertainty of any sample.
 DECIMALS = 5
-# rows of a segment without its margins: memory; chosen by judgement
-SEGMENT_ROWS = 50_000
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -54,14 +58,16 @@ class CompensationMethod:
         or "noise-only": the smoother without the chain, which does not remove the lag.
     criterion, bandwidth_Hz
         Options of "deconvolve" and "inverse".
+    components
+        Whether the components of the uncertainty are written, too.
     """
 
     method: Method = "smoother"
     criterion: Criterion = "gcv"
     bandwidth_Hz: float = 0.5
+    components: bool = False
 
     def __post_init__(self) -> None:
-        """Check the name of the method; InputError for another one."""
         if self.method not in METHODS:
             raise InputError(f"method {self.method!r}", expected=" or ".join(METHODS))
 
@@ -71,272 +77,426 @@ class CompensationMethod:
         return self.method != "noise-only"
 
 
-def with_common_lag(
-    traces: DiskTraces, record: DiskRecord, fit: SingleDiskFit | None
-) -> tuple[DiskTraces, str]:
-    """Traces with the common lag of a fit, if there is one, and a note about it.
+@dataclass(frozen=True)
+class Readings:
+    """Readings of M channels that are smoothed together, at N even times.
 
-    Parameters
+    Attributes
     ----------
-    traces
-        Traces of the disk, with the chains of the record.
-    record
-        Its record.
-    fit
-        Joint fit of the disk, or None.
-
-    Returns
-    -------
-    traces
-        Traces with the chains and the covariance of the lags to use.
-    note
-        The common lag and where it comes from, for the metadata of the output.
+    columns, units
+        Columns of the source, and their units.
+    degC
+        Readings (N, M) after the static lines [degC], NaN where missing.
+    start_s, dt_s
+        Time of the first of them, and interval [s].
+    sample_of_row
+        Index of the sample of each row of the segment (R,).
+    chains, lag_covariance_s2, split_u_s
+        Chains; covariance of their lags (M, M) [s2]; standard uncertainty (M,) [s] of how much of
+        each lag is its largest lag.
+    static_u_K
+        Standard uncertainty (N, M) [K] of the static lines with that of their reference.
+    shared_u_K
+        The part (M,) [K] that all channels have in common.
+    noise_K
+        Noise (M,) [K] where it is known; None: the smoother estimates it.
+    disk
+        Disk of the channels, in messages; empty for a table.
+    is_separable
+        Whether the channels are smoothed one by one where they cannot be smoothed together.
     """
-    if fit is not None:
-        lag = fit.estimates["lag_s"]
-        chains = refined_chains(traces.chains, fit.chain)
-        traces = replace(
-            traces,
-            chains=chains,
-            lag_covariance_s2=lag_covariance_with_common_u(traces.lag_covariance_s2, lag.u),
+
+    columns: tuple[str, ...]
+    units: tuple[Unit, ...]
+    degC: Array
+    start_s: float
+    dt_s: float
+    sample_of_row: NDArray[np.intp]
+    chains: tuple[Chain, ...]
+    lag_covariance_s2: Array
+    split_u_s: Array
+    static_u_K: Array
+    shared_u_K: Array
+    noise_K: Array | None = None
+    disk: str = ""
+    is_separable: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the channels in messages."""
+        if not self.disk:
+            return list(self.columns)
+        return [column.removesuffix("_degC") for column in self.columns]
+
+    def single(self, index: int) -> Readings:
+        """The readings of one channel."""
+        one = slice(index, index + 1)
+        return replace(
+            self,
+            columns=self.columns[one],
+            units=self.units[one],
+            degC=self.degC[:, one],
+            chains=self.chains[one],
+            lag_covariance_s2=self.lag_covariance_s2[one, one],
+            split_u_s=self.split_u_s[one],
+            static_u_K=self.static_u_K[:, one],
+            shared_u_K=self.shared_u_K[one],
+            noise_K=None if self.noise_K is None else self.noise_K[one],
         )
-        return traces, f"{text_with_u(lag.value, lag.u)} s, from the unloading, record as prior"
-    assert record.chain is not None
-    common = record.chain.common_lag_s
-    return traces, f"{text_with_u(common.value, common.u)} s, from the record"
 
 
-def compensate_disk(
-    traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: CompensationMethod
+class Channels(Protocol):
+    """Channels of a source: which columns are theirs, and how they are read.
+
+    Attributes
+    ----------
+    units
+        Columns that are replaced by results, in their order, and their units.
+    lag_s
+        Largest lag, for the margins of a segment [s].
+    """
+
+    @property
+    def units(self) -> Mapping[str, Unit]: ...
+
+    @property
+    def lag_s(self) -> float: ...
+
+    def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
+        """Readings that are smoothed together, and findings."""
+
+
+@dataclass(frozen=True)
+class CompensatedSegment:
+    """Rows of the output.
+
+    Attributes
+    ----------
+    segment
+        What was read.
+    columns
+        Columns (R,) of the output: those of the source, and the results.
+    numbers
+        By column: noise, typical and largest standard deviation (3,) [K].
+    flags
+        By column: flags (R,) of the samples, see ``Compensated``.
+    settling_rows
+        Rows on each side in which the smoother settles.
+    findings
+        Findings.
+    """
+
+    segment: TableSegment
+    columns: dict[str, NDArray[Any]]
+    numbers: dict[str, Array]
+    flags: dict[str, NDArray[np.uint8]]
+    settling_rows: int
+    findings: list[Finding]
+
+    @property
+    def time_s(self) -> Array:
+        """Times of the rows (R,) [s]."""
+        return self.segment.time_s[self.segment.keep]
+
+    def frame(self, header: Sequence[str]) -> pd.DataFrame:
+        """The columns ``header``."""
+        return pd.DataFrame({name: self.columns[name] for name in header})
+
+
+def compensate_readings(
+    readings: Readings,
+    method: CompensationMethod,
+    events: Mapping[float, float] | None = None,
 ) -> Compensated:
-    """Compensate the traces of one disk.
+    """Compensate channels together.
 
     Parameters
     ----------
-    traces
-        The traces.
-    frame
-        Table of the log, for its times.
-    events
-        Standard uncertainty [s] by time of each event of the log [s]. Without events the smoother
-        looks for them.
-    way
+    readings
+        The channels.
+    method
         The method.
-
-    Notes
-    -----
-    The uncertainty of the static lines includes what they have in common. Events are used by the
-    smoother only.
+    events
+        Time [s] of each listed event on the clock of the source, and its standard uncertainty [s].
+        With an empty mapping, or None, events are detected.
     """
-    time = frame["time_s"].to_numpy(dtype=float)
-    y = traces.measured_degC
-    dt = sample_interval_s(time)
+    y = readings.degC
+    dt = readings.dt_s
     options: dict[str, Any] = {
-        "noise_sd": traces.noise_K,
-        "lag_covariance": traces.lag_covariance_s2,
-        "static_u": np.hypot(traces.static_u(traces.readings_degC), shared_u_K(traces.lines)),
-        "names": [c.removesuffix("_degC") for c in traces.columns],
+        "noise_sd": readings.noise_K,
+        "lag_covariance": readings.lag_covariance_s2,
+        "static_u": readings.static_u_K,
+        "names": readings.names,
     }
-    if way.method != "inverse":
-        options["split_u_s"] = traces.split_u_s
-    if way.method == "deconvolve":
-        return deconvolve(y, dt, traces.chains, criterion=way.criterion, **options)[0]
-    if way.method == "inverse":
-        return invert(y, dt, traces.chains, way.bandwidth_Hz, **options)
-    event_times = {float(t - time[0]): u for t, u in events.items() if time[0] <= t <= time[-1]}
+    if method.method == "inverse":
+        return invert(y, dt, readings.chains, method.bandwidth_Hz, **options)
+    options["split_u_s"] = readings.split_u_s
+    if method.method == "deconvolve":
+        return deconvolve(y, dt, readings.chains, criterion=method.criterion, **options)[0]
+    end_s = readings.start_s + (len(y) - 1) * dt
+    inside = {
+        float(t - readings.start_s): u
+        for t, u in (events or {}).items()
+        if readings.start_s <= t <= end_s
+    }
     return smooth(
         y,
         dt,
-        traces.chains,
-        events_s=[*event_times],
-        event_u_s=[*event_times.values()],
+        readings.chains,
+        events_s=[*inside],
+        event_u_s=[*inside.values()],
         find_events=not events,
         **options,
     )
 
 
 def output_columns(
-    traces: DiskTraces, result: Compensated, way: CompensationMethod, parts: bool
-) -> dict[str, NDArray[np.float64]]:
-    """Output columns (N,) of one disk by name.
-
-    Parameters
-    ----------
-    traces, result
-        Traces and compensated record of the disk.
-    way
-        The method; without removal of the lag there are no columns of uncertainty.
-    parts
-        Whether to add the components of the uncertainty.
-
-    Notes
-    -----
-    The names must be those that docs/files.md describes. ``_noise_u_K`` is ``sd_noise``;
-    ``_common_u_K`` is the common lag and what the static lines have in common.
-    """
-    columns: dict[str, NDArray[np.float64]] = {}
-    common_u = (
-        np.hypot(result.common_sd(), shared_u_K(traces.lines))
-        if parts and way.removes_lag
-        else result.sd
-    )
+    readings: Readings,
+    result: Compensated,
+    method: CompensationMethod,
+    rows: slice | None = None,
+) -> dict[str, Array]:
+    """Columns (R,) of the results for ``rows`` of the segment, in the units of the output."""
+    samples = readings.sample_of_row[rows or slice(None)]
     temperature, sd = result.determined_estimates()
-    for i, column in enumerate(traces.columns):
-        columns[column] = temperature[:, i]
-        if way.removes_lag:
-            columns[column.replace("_degC", "_u_K")] = sd[:, i]
-        if way.removes_lag and parts:
-            columns[column.replace("_degC", "_noise_u_K")] = result.sd_noise[:, i]
-            columns[column.replace("_degC", "_common_u_K")] = common_u[:, i]
+    common_u = np.hypot(result.common_sd(), readings.shared_u_K)
+    columns: dict[str, Array] = {}
+    for i, (column, unit) in enumerate(zip(readings.columns, readings.units)):
+        name, u_name = unit.names(column)
+        columns[name] = unit.from_degC(temperature[samples, i])
+        if not method.removes_lag:
+            continue
+        columns[u_name] = unit.per_K * sd[samples, i]
+        if method.components:
+            stem = without_unit(column)
+            columns[f"{stem}_noise_u_K"] = result.sd_noise[samples, i]
+            columns[f"{stem}_common_u_K"] = common_u[samples, i]
     return {name: np.round(values, DECIMALS) for name, values in columns.items()}
 
 
-@dataclass(frozen=True)
-class LogSegments:
-    """Settings to compensate the remaining rows of a long log, segment by segment.
+def compensate_segment(
+    segment: TableSegment,
+    channels: Channels,
+    method: CompensationMethod,
+    events: Mapping[float, float] | None = None,
+) -> CompensatedSegment:
+    """Compensate one segment; channels without a result are NaN.
 
-    Noise and process-noise intensity are estimated in each segment. Lags are those of the unloading
-    (``fits``) or of the records.
+    The parameters are those of ``compensated_segments``.
+    """
+    columns_read: dict[str, NDArray[Any]] = {n: v[segment.keep] for n, v in segment.data.items()}
+    columns = dict(columns_read)
+    no_result = np.full(len(segment.time_s[segment.keep]), np.nan)
+    for column, unit in channels.units.items():
+        columns |= dict.fromkeys(unit.names(column), no_result)
+    prepared, findings = channels.readings(segment)
+    findings = [*segment.findings, *findings]
+    numbers: dict[str, Array] = {}
+    flags: dict[str, NDArray[np.uint8]] = {}
+    settling_rows = 0
+    for group in prepared:
+        for readings, result in _smoothed(group, method, events, findings):
+            columns |= output_columns(readings, result, method, segment.keep)
+            samples = readings.sample_of_row[segment.keep]
+            sd = result.determined_estimates()[1][samples]
+            for i, column in enumerate(readings.columns):
+                infinite = np.isinf(columns_read[column])
+                flags[column] = np.where(infinite, IMPLAUSIBLE, result.flags[samples, i])
+                numbers[column] = np.full(3, np.nan)
+                if np.isfinite(sd[:, i]).any():
+                    typical = np.nanmedian(sd[:, i])
+                    numbers[column] = np.array([result.noise_sd[i], typical, np.nanmax(sd[:, i])])
+            if result.intensities:
+                settling_s = settling_time_s(
+                    sensors(readings.chains), result.noise_sd, readings.dt_s, result.intensities
+                )
+                settling_rows = max(settling_rows, int(np.ceil(settling_s / readings.dt_s)))
+    return CompensatedSegment(segment, columns, numbers, flags, settling_rows, findings)
+
+
+def _smoothed(
+    readings: Readings,
+    method: CompensationMethod,
+    events: Mapping[float, float] | None,
+    findings: list[Finding],
+) -> Iterator[tuple[Readings, Compensated]]:
+    """Smooth channels together; where that fails one by one, with a warning for each that fails."""
+    try:
+        result = compensate_readings(readings, method, events)
+    except InputError as problem:
+        if not readings.is_separable:
+            raise
+        if len(readings.columns) == 1:
+            subject = readings.columns[0]
+            findings.append(warning("sensor.left", subject=subject, problem=problem.what))
+            return
+        for i in range(len(readings.columns)):
+            yield from _smoothed(readings.single(i), method, events, findings)
+        return
+    if readings.disk:
+        findings += [finding.at(readings.disk) for finding in result.findings]
+    else:
+        findings += result.findings
+    yield readings, result
+
+
+def compensated_segments(
+    source: ChunkSource,
+    columns: Sequence[str],
+    channels: Channels,
+    method: CompensationMethod | None = None,
+    events: Mapping[float, float] | None = None,
+    *,
+    min_rows: int | None = None,
+    delay_s: float | None = None,
+    position: SegmentPosition | None = None,
+) -> Iterator[CompensatedSegment]:
+    """Compensate a source of rows segment by segment, in bounded memory.
 
     Parameters
     ----------
-    log
-        The log.
-    rig, records, method
-        The rig, the record of each disk and the method.
-    fits
-        Joint fits by disk; empty where the lags of the records are used.
+    source
+        Rows in chunks.
+    columns
+        Columns to read: those of the output, and others that ``channels`` needs.
+    channels
+        How the readings are made, and with which chains they are compensated.
+    method
+        The method; the smoother by default.
     events
-        Standard uncertainty [s] by time of each event [s].
-    components
-        Whether to add columns with the components of the uncertainty.
-    canonical_names
-        Whether the columns contain the name of the disk.
-    columns, header
-        Columns of the log, and of the output.
-    notes
+        Listed events, see ``compensate_readings``.
+    min_rows, delay_s, position
+        Of the segments, see ``tcdyn.sensors.table.read_segments``.
+
+    Notes
+    -----
+    The rows do not depend on how the source is divided into chunks. A segment comes again with
+    larger margins where the smoother settles more slowly than they last; not with a fixed delay.
+    """
+    method = method or CompensationMethod()
+    segments = read_segments(
+        source, columns, channels.lag_s, min_rows, delay_s=delay_s, position=position
+    )
+    segment = next(segments, None)
+    while segment is not None:
+        result = compensate_segment(segment, channels, method, events)
+        if result.settling_rows > segment.margin_rows:
+            segment = segments.send(result.settling_rows)
+            continue
+        yield result
+        segment = next(segments, None)
+
+
+@dataclass
+class Totals:
+    """What was written so far.
+
+    Attributes
+    ----------
+    rows, first_s, last_s
+        Rows, and the times of the first and the last [s].
+    numbers
+        By column: noise, typical and largest standard deviation of each segment (3,) [K].
+    not_used
+        By column: readings that were treated as missing, and the time of the first [s].
+    findings
+        Findings, the first of each code about each subject.
+    metadata
         Metadata of the output.
     """
 
-    log: LogChunks
-    rig: Rig
-    records: Mapping[str, DiskRecord]
-    method: CompensationMethod
-    fits: Mapping[str, SingleDiskFit]
-    events: Mapping[float, float]
-    components: bool
-    canonical_names: bool
-    columns: pd.Index[str]
-    header: pd.Index[str]
-    notes: Mapping[str, str]
+    rows: int = 0
+    first_s: float = np.inf
+    last_s: float = -np.inf
+    numbers: dict[str, list[Array]] = field(default_factory=dict)
+    not_used: dict[str, tuple[int, float]] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    metadata: dict[str, str] = field(default_factory=dict)
 
-    def read_chunks(
-        self, columns: Sequence[str]
-    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Yield chunks of the log: times [s], columns by name, and findings."""
-        for piece in self.log:
-            yield (
-                piece.frame["time_s"].to_numpy(),
-                {name: piece.frame[name].to_numpy() for name in columns},
-                piece.findings,
+    def add(self, result: CompensatedSegment) -> None:
+        """Add one segment."""
+        time_s = result.time_s
+        self.rows += len(time_s)
+        self.first_s = min(self.first_s, *time_s.tolist()[:1])
+        self.last_s = max(self.last_s, *time_s.tolist()[-1:])
+        for column, numbers in result.numbers.items():
+            self.numbers.setdefault(column, []).append(numbers)
+        for column, flags in result.flags.items():
+            bad = (flags != GOOD) & (flags != MISSING)
+            if bad.any():
+                count, first_s = self.not_used.get(column, (0, float(time_s[np.argmax(bad)])))
+                self.not_used[column] = (count + int(np.count_nonzero(bad)), first_s)
+        self.findings = unique_by_subject([*self.findings, *result.findings])
+
+    def table(self, columns: Sequence[str]) -> pd.DataFrame:
+        """Noise, typical and largest standard deviation [K] of each column; NaN without a result."""
+        rows = []
+        for column in columns:
+            each = np.array(self.numbers.get(column) or [np.full(3, np.nan)])
+            determined = np.isfinite(each[:, 1])
+            if determined.any():
+                each = each[determined]
+            rows.append(
+                {
+                    "column": column,
+                    "noise_sd_K": np.median(each[:, 0]),
+                    "sd_typical_K": np.median(each[:, 1]),
+                    "sd_max_K": np.max(each[:, 2]),
+                }
             )
+        return pd.DataFrame(rows)
 
-    def write(
-        self,
-        out: str | Path,
-        progress: Callable[[str], None],
-        style: OutputStyle = STANDARD_STYLE,
-    ) -> list[Finding]:
-        """Write the header and all rows to a file, completely or not at all.
 
-        Parameters
-        ----------
-        out
-            The file.
-        progress
-            Called after each tenth of the rows.
-        style
-            How a CSV file is written.
+def write_segments(
+    out: str | Path | Callable[[pd.DataFrame], None],
+    header: Sequence[str],
+    notes: Mapping[str, str],
+    segments: Iterator[CompensatedSegment],
+    progress: Callable[[int], None] = lambda _: None,
+    *,
+    style: OutputStyle = STANDARD_STYLE,
+    time: str = "",
+) -> Totals:
+    """Write compensated segments to a file, which appears when all of them are there.
 
-        Returns
-        -------
-        list of Finding
-            Findings of all segments.
+    Parameters
+    ----------
+    out
+        Output, .csv or .parquet; or a function that is called with the rows, part by part.
+    header, notes
+        Columns and metadata.
+    segments
+        The segments; their first decides which columns are text.
+    progress
+        Called with the number of rows that were written, before each segment and at the end.
+    style
+        How a file is written.
+    time
+        Column with the time as in the source. If it holds stamps with a date, the metadata state
+        the date and time of the first row.
+    """
+    totals = Totals(metadata=dict(notes))
+    progress(0)
+    result = next(segments, None)
+    text = [] if result is None else text_columns(result, header)
+    if result is not None and time:
+        start = start_time(result.segment.data, time, result.segment.time_s)
+        if start:
+            totals.metadata[START_TIME_KEY] = start
+    writer: AbstractContextManager[Callable[[pd.DataFrame], None]]
+    if callable(out):
+        writer = nullcontext(out)
+    else:
+        writer = log_writer(out, header, totals.metadata, text, style=style)
+    with writer as write:
+        while result is not None:
+            write(result.frame(header))
+            totals.add(result)
+            progress(totals.rows)
+            result = next(segments, None)
+    return totals
 
-        Notes
-        -----
-        A segment whose margin is too short for the smoother to settle is read again with a longer
-        one. ``SEGMENT_ROWS`` may be changed (memory). ``tests/smoothing/test_long_log.py`` compares
-        the result with that of the log in one piece.
-        """
-        rows = 0
-        reported_percent = 0
-        findings = list[Finding]()
-        lags = [
-            c.lag_s.value
-            for r in self.records.values()
-            if r.chain
-            for c in r.chain.channels.values()
-        ]
-        with log_writer(out, [*self.header], self.notes, style=style) as write:
-            segments = read_segments(self, [*self.columns], max(lags, default=0.0), SEGMENT_ROWS)
-            segment = next(segments, None)
-            while segment is not None:
-                frame, segment_findings, margin_rows = self._compensate_segment(segment)
-                if margin_rows > segment.margin_rows:
-                    segment = segments.send(margin_rows)
-                    continue
-                write(frame)
-                rows = rows + len(frame)
-                findings = [*findings, *segment_findings]
-                if (percent := 10 * (10 * rows // self.log.rows)) > reported_percent:
-                    reported_percent = percent
-                    progress(f"writing, {percent} % of the rows")
-                segment = next(segments, None)
-        return findings
 
-    def _compensate_segment(self, segment: TableSegment) -> tuple[pd.DataFrame, list[Finding], int]:
-        """Compensate one segment of the log.
-
-        Parameters
-        ----------
-        segment
-            Rows of the segment with its margins.
-
-        Returns
-        -------
-        frame
-            The rows to write, without margins.
-        findings
-            Findings of the segment.
-        margin_rows
-            Number of rows on each side that the smoother needs to settle.
-        """
-        frame = pd.DataFrame(segment.data)
-        where = self.log.path.name
-        findings = list(segment.findings)
-        margin_rows = 0.0
-        output = frame
-        dt = self.log.dt_s
-        for disk, record in self.records.items():
-            lag = self.method.removes_lag
-            traces = disk_traces(
-                frame, disk, self.rig, record, prefixed=self.canonical_names, where=where, lag=lag
-            )
-            traces = with_common_lag(traces, record, self.fits.get(disk))[0] if lag else traces
-            result = compensate_disk(traces, frame, self.events, self.method)
-            output = output.assign(**output_columns(traces, result, self.method, self.components))
-            if result.intensities:
-                margin_rows = max(
-                    margin_rows,
-                    settling_time_s(sensors(traces.chains), result.noise_sd, dt, result.intensities)
-                    / dt,
-                )
-            findings += [
-                f.at(disk) for f in (*result.findings, *traces.extrapolation_findings("the log"))
-            ] + list(traces.findings)
-        return (
-            output[[*self.header]].iloc[segment.keep],
-            summarise_spikes(findings),
-            int(np.ceil(margin_rows)),
-        )
+def text_columns(result: CompensatedSegment, header: Sequence[str]) -> list[str]:
+    """The columns of ``header`` that are text, such as clock stamps."""
+    return [name for name in header if result.columns[name].dtype == object]

@@ -16,9 +16,11 @@ from scipy import signal
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.rig.disk import Conditioning
-from tcdyn.smoothing import LiveSmoother, deconvolve, proper_inverse, smooth
+from tcdyn.smoothing import deconvolve, proper_inverse, smooth
+from tests.smoothing.live_world import with_delay
 from tests.smoothing.test_noise import CHAIN, DT_S, EVENT_S, disturbance, logged
 
+DELAYED_RECORDS = 4  # of the records with a delay: they need minutes
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
 Array = NDArray[np.float64]
@@ -78,12 +80,9 @@ def case_b(records: int = 10) -> None:
     for criterion in ("gcv", "discrepancy", "l-curve"):
         ours, _ = deconvolve(y, dt, chain, criterion=criterion)
         print_row(f"deconvolution, {criterion}", ours.temperature, ours.sd, 0.249)
-    for lag in (0, 10):
-        live = LiveSmoother.from_chains([chain] * records, dt, 0.2, 0.1, lag)
-        _, estimate, sd, _ = live.run(
-            live.initial_state(y[0]), np.concatenate([y, np.tile(y[-1], (lag, 1))])
-        )
-        print_row(f"live smoother, {lag} samples behind", estimate[lag:], sd[lag:], 1.01)
+    for delay_s in (0.5, 1.0, 2.0):
+        name = f"smoother, fixed delay of {delay_s} s, rows complete after it"
+        print_row(name, *with_delay(y[:, :DELAYED_RECORDS], dt, chain, delay_s, 1), 1.01)
     print_row("proper inverse, 1.5 Hz", proper_inverse(chain, dt, 1.5)(y), None, 1.01)
     for band_Hz in (0.6, 0.9, 1.5):
         fir_result = pydynamic_fir(y, dt, chain, band_Hz)
@@ -246,11 +245,11 @@ def complete_log() -> None:
     f(np.ascontiguousarray(y.T).ravel())
     rate = y.size / (time.process_time() - wall) / 1e6
     print(f"causal inverse: {rate:.0f} million samples/s (target: 10)")
-    live = LiveSmoother.from_chains([chain] * 12, dt, 0.15, 1e-2, lag_samples=15)
     wall = time.process_time()
-    live.run(live.initial_state(y[0]), y[:2000])
+    with_delay(y[:2250], dt, chain, 2.0)
     print(
-        f"live smoother, 12 channels, 15 samples behind: {(time.process_time() - wall) / 2:.3f} ms a sample (target: 1)"
+        f"fixed delay of 2 s, 12 channels, no event: {(time.process_time() - wall) / 30:.2f} s of one "
+        "core for each second of the log"
     )
 
 

@@ -56,7 +56,7 @@ QUICK = {
         "compensate {table} --sensor {sensor} --out o.parquet -q", ("o.parquet",)
     ),
     "follow --sensor": Command(
-        "follow {table} --sensor {sensor} --out o.csv --state o.json --learn-s 2 --idle-s 0 -q",
+        "follow {table} --sensor {sensor} --out o.csv --state o.json --delay-s 2 --idle-s 0 -q",
         ("o.csv",),
         grows="o.csv",
     ),

@@ -84,7 +84,7 @@ def test_stored_files_beyond_reason(
         path,
         "--idle-s",
         "0",
-        "--learn-s",
+        "--delay-s",
         "2",
         "-q",
     )
@@ -148,8 +148,6 @@ def test_a_number_beyond_reason(
         "campaign x --record y --out z --window-s",
         "design --noise-K",
         "design --entry-u-s",
-        "follow x --out o.csv --noise-K",
-        "follow x --out o.csv --intensity",
         "identify x -u a -y b --dt",
         "identify x -u a -y b --resample",
         "identify x -u a -y b --cutoff-Hz",

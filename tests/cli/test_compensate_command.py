@@ -185,7 +185,7 @@ def test_the_page_holds_numbers_and_pictures(
 
 
 @pytest.mark.e2e
-def test_follow_prints_the_report_before_use_and_ends_by_itself(
+def test_follow_states_its_delay_and_ends_by_itself(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, out, page = (
@@ -194,20 +194,18 @@ def test_follow_prints_the_report_before_use_and_ends_by_itself(
         tmp_path / "page.html",
     )
     words = ["follow", log, *fast(campaign), "--out", out, "--idle-s", "0.1"]
-    assert tcdyn(*words, "--intensity", "1e9", "--report", page) == 0
-    said = capsys.readouterr()
-    for part in ("noise gain", "bandwidth", "remaining shift", "no growth for 0.1 s"):
-        assert part in said.out
-    assert (
-        "times the trace's noise" in said.err
-    )  # too much is asked at this noise, and what would help is said
+    assert tcdyn(*words, "--delay-s", "4", "--report", page) in (0, 1)
+    output = capsys.readouterr().out
+    for part in ("at most 4 s late", "no growth for 0.1 s"):
+        assert part in output
     assert "data:image/png;base64," in page.read_text(encoding="utf-8")
     assert (
         pd.read_csv(out)["time_s"].tolist() == stretch["time_s"].tolist()[: len(pd.read_csv(out))]
     )
     state = tmp_path / "state.json"
-    assert tcdyn(*words, "--state", state, "--overwrite", "--behind-s", "0.2", "-q") == 0
-    assert json.loads(state.read_text(encoding="utf-8"))["where"]["rows"] == len(stretch)
+    assert tcdyn(*words, "--state", state, "--overwrite", "--behind-s", "5", "-q") in (0, 1)
+    stored = json.loads(state.read_text(encoding="utf-8"))
+    assert (stored["delay_s"], stored["read"]["bytes"]) == (5.0, log.stat().st_size)
     capsys.readouterr()
 
 
@@ -222,8 +220,8 @@ def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
     for given in (
         ["--out", tmp_path / "out.parquet"],
         ["--out", log],
-        ["--out", out, "--intensity", "-1"],
-        ["--out", out, "--behind-s", "61"],
+        ["--out", out, "--delay-s", "-1"],
+        ["--out", out, "--behind-s", "1e8"],
     ):
         assert tcdyn("follow", log, *fast(campaign), "--idle-s", "0.1", *given, "-q") == 2
         assert capsys.readouterr().err.startswith("tcdyn: ")
@@ -358,12 +356,12 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
         [str(w) for w in words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
-        until = time.monotonic() + 30
-        while not (out.exists() and out.read_text(encoding="utf-8").count("\n") > 1000):
+        until = time.monotonic() + 200
+        while not (out.exists() and out.read_text(encoding="utf-8").count("\n") > 800):
             assert time.monotonic() < until
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=10)
+        said, _ = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 0

@@ -15,7 +15,8 @@ from tcdyn.identify import compare
 from tcdyn.report.compensate import _followed
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
-from tcdyn.workflows.live import LiveCompensator
+from tcdyn.sensors.units import Unit
+from tcdyn.workflows.log_source import RawLog
 from tests.identify.identify_cases import case_a
 
 
@@ -42,10 +43,12 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     t = np.linspace(0.0, 10.0, 5)
     x = np.array([20.0, 30.0, 60.0, 50.0, 40.0])
     pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5}).to_csv(tmp_path / "o.csv", index=False)
-    plan = cast(LiveCompensator, SimpleNamespace(junctions=["e_degC"]))
+    source = SimpleNamespace(path=tmp_path / "log.csv", time="time_s")
+    channels = SimpleNamespace(units={"e_degC": Unit()})
+    log = cast(RawLog, SimpleNamespace(source=source, channels=channels))
     # other column names: no readings are plotted
     (tmp_path / "log.csv").write_text("t,T\n0,20\n", encoding="utf-8")
-    section, rows = _followed(plan, tmp_path / "log.csv", tmp_path / "o.csv")
+    section, rows = _followed(log, tmp_path / "o.csv")
     assert rows == 5
     assert section.figure is not None
     (ax,) = section.figure.axes

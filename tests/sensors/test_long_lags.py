@@ -14,7 +14,7 @@ from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.file import sensor_file
 from tcdyn.sensors.plunge import plunge_sensor
-from tcdyn.workflows.live import LiveSettings
+from tcdyn.workflows.compensate_table import compensate_table
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import (
     Array,
@@ -83,7 +83,7 @@ def test_a_specified_lag_compensates_and_follows_a_room(lag_s: float, tmp_path: 
         np.mean((y - truth)[settled] ** 2)
     )
     live = tmp_path / "live.csv"
-    options = ("--learn-s", "200", "--behind-s", "100", "--idle-s", "0")
+    options = ("--delay-s", "100", "--idle-s", "0")
     assert (
         run_cli("follow", log, "--sensor", out, "--out", live, *options) == 0
     )  # no gap where rows are 5 s apart
@@ -159,8 +159,8 @@ def test_a_lag_beyond_the_limit_is_an_error_that_names_it(tmp_path: Path) -> Non
     assert not out.exists()
     with pytest.raises(InputError, match=r"T: a time of 2e\+07 s .*below 1e\+07 s"):
         sensor_file("s", {"T": Chain(2 * MAX_LAG_S)}, "plunge", np.eye(1), [0.0])
-    with pytest.raises(InputError, match="behind_s"):
-        LiveSettings(behind_s=2 * MAX_LAG_S)
+    with pytest.raises(InputError, match="delay_s"):
+        compensate_table(tmp_path / "log.csv", [], tmp_path / "o.csv", delay_s=2 * MAX_LAG_S)
     data = json.loads(_stored(tmp_path).read_text())
     data["chain"]["channels"]["T"]["taus_s"] = [2 * MAX_LAG_S]
     (tmp_path / "long.json").write_text(json.dumps(data))

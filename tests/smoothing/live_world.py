@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,13 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tcdyn.chain import Chain
 from tcdyn.core.estimate import Estimate
 from tcdyn.rig.record import ChainRecord, ChannelChain, DiskRecord
 from tcdyn.rig.static_line import StaticLine
+from tcdyn.sensors.units import Unit
+from tcdyn.workflows.channels import Channel, ChannelGroup, TableChannels
+from tcdyn.workflows.segments import compensated_segments
 
 Array = NDArray[np.float64]
 NAMES = [f"fast_{c}_degC" for c in "abcdef"]
@@ -108,6 +113,35 @@ def world(
         out[at, c] += 1.5 * rng.choice([-1, 1], len(at))
     own = slice(round((begin - origin) * rate_Hz), None)
     return World(t[::OVER][own], x[::OVER][own], out[own], np.array(kinks), burst[own])
+
+
+def with_delay(
+    y: Array, dt_s: float, chain: Chain, delay_s: float, channels_together: int = 6
+) -> tuple[Array, Array]:
+    """Results and sd (N, M) of the readings ``y`` (N, M) with a fixed delay, as ``follow`` gives them."""
+    names = [f"c{k}" for k in range(y.shape[1])]
+    groups = []
+    for first in range(0, len(names), channels_together):
+        channels = [
+            Channel(name, Unit(), chain, Estimate.normal(chain.lag_s, 0.0), None, "s")
+            for name in names[first : first + channels_together]
+        ]
+        count = len(channels)
+        groups.append(ChannelGroup(tuple(channels), np.zeros((count, count)), np.zeros(count)))
+
+    class Source:
+        def read_chunks(
+            self, columns: object
+        ) -> Iterator[tuple[Array, dict[str, Array], tuple[()]]]:
+            yield np.arange(len(y)) * dt_s, dict(zip(names, y.T)), ()
+
+    segments = compensated_segments(
+        Source(), names, TableChannels(tuple(groups), "world"), delay_s=delay_s
+    )
+    made = [segment.columns for segment in segments]
+    x = np.stack([np.concatenate([c[name] for c in made]) for name in names], axis=1)
+    sd = np.stack([np.concatenate([c[f"{name}_u_K"] for c in made]) for name in names], axis=1)
+    return x, sd
 
 
 def record(split_s: float = 0.0) -> DiskRecord:

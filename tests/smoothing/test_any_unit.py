@@ -11,7 +11,6 @@ from scipy.integrate import trapezoid
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing import Burst, Intensity, deconvolve, invert, smooth
-from tcdyn.smoothing.live import LiveSmoother
 from tcdyn.smoothing.process_noise import (
     _pick,
     channel_spans,
@@ -66,25 +65,6 @@ def test_a_known_event_deconvolution_and_the_inverse_are_the_same_in_any_unit() 
         assert other.sd == pytest.approx(9 * plain.sd, rel=1e-4)
         assert other.noise_sd == pytest.approx(9 * plain.noise_sd, rel=1e-4)
         assert other.lag_sensitivity == pytest.approx(9 * plain.lag_sensitivity, rel=1e-4, abs=1e-3)
-
-
-@pytest.mark.parametrize("behind", [0, 6])
-def test_a_live_smoother_is_the_same_in_any_unit_whatever_happens(behind: int) -> None:
-    """A jump, a spike, a burst of ten samples, a gap."""
-    y = trace(400, seed=1)
-    y[300:310] += 2.0
-    y[120:124, 1] = np.nan
-    answers = []
-    for size in (1.0, 9.0):
-        live = LiveSmoother.from_chains(
-            [CHAIN] * 2, DT, 0.05 * size, 0.5 * size**2, behind, 0.02 * size
-        )
-        _, x, sd, flags = live.run(live.initial_state(size * y[0]), size * y)
-        answers.append((x / size, sd / size, flags))
-    (x, sd, flags), (x2, sd2, flags2) = answers
-    assert x2 == pytest.approx(x, rel=1e-6)
-    assert sd2 == pytest.approx(sd, rel=1e-5)
-    assert np.array_equal(flags, flags2)
 
 
 def wander(q: float, n: int, sd: float, seed: int, chain: Chain) -> np.ndarray:

@@ -8,26 +8,25 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.sensors import specified_sensor
 from tcdyn.workflows.follow import FollowRun, follow
-from tcdyn.workflows.live import LiveSettings
 from tests.cli.test_main_job import tcdyn
 from tests.sensors.sensor_world import logged, written
 
 SENSORS = [specified_sensor("s", ["T1"], [(0.5, 0.02)])]
-SETTINGS = LiveSettings(learn_s=2.0)
+DELAY_S = 4.0
 HEADER = "time_s,T1_degC,T2_degC\n"
 Sleep = Callable[[float], None]
 
 
 def rows(first: int, last: int, *, offset: float = 0.0) -> str:
     """Rows of two channels; the second one lies 100 K higher."""
-    t, _, y = logged((0.5,), 0.05, 900, 0.1, 2)
+    t = 0.05 * np.arange(900)
+    y = 200 + t + 0.1 * np.random.default_rng(2).standard_normal(900)  # no event: quick to smooth
     return "".join(f"{t[k]:.2f},{y[k] + offset:.3f},{y[k] + 100:.3f}\n" for k in range(first, last))
 
 
@@ -38,7 +37,7 @@ def run(folder: Path, sleep: Sleep = lambda _: None, state: str = "", **options:
         folder / "log.csv",
         SENSORS,
         folder / "out.csv",
-        settings=SETTINGS,
+        delay_s=DELAY_S,
         idle_s=0.05,
         state=kept,
         sleep=sleep,
@@ -57,7 +56,7 @@ def once(action: Callable[[], object]) -> Sleep:
     return pause
 
 
-def start(folder: Path, count: int = 400) -> Path:
+def start(folder: Path, count: int = 150) -> Path:
     log = folder / "log.csv"
     log.write_text(HEADER + rows(0, count), encoding="utf-8")
     return log
@@ -76,23 +75,23 @@ def test_an_output_that_exists_is_refused_before_anything_is_read_or_written(
         run(tmp_path, state=state)
     assert out.read_text(encoding="utf-8") == "precious\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "out.csv"]
-    assert run(tmp_path, state=state, overwrite=True).rows_written == 400
-    assert len(written(out)) == 400
+    assert run(tmp_path, state=state, overwrite=True).rows_written == 150
+    assert len(written(out)) == 150
 
 
-def test_an_output_that_appears_while_the_first_seconds_are_learnt_is_not_overwritten(
+def test_an_output_that_appears_while_the_header_is_waited_for_is_not_overwritten(
     tmp_path: Path,
 ) -> None:
-    log = start(tmp_path, 20)
+    log = start(tmp_path, 1)
     out = tmp_path / "out.csv"
 
     def appears() -> None:
         out.write_text("precious\n", encoding="utf-8")
         with log.open("a", encoding="utf-8") as stream:
-            stream.write(rows(20, 400))
+            stream.write(rows(1, 150))
 
     with pytest.raises(InputError, match="exists already"):
-        follow(log, SENSORS, out, settings=SETTINGS, idle_s=1.0, sleep=once(appears))
+        follow(log, SENSORS, out, delay_s=DELAY_S, idle_s=1.0, sleep=once(appears))
     assert out.read_text(encoding="utf-8") == "precious\n"
 
 
@@ -112,8 +111,8 @@ def test_the_command_refuses_an_existing_output_and_overwrites_it_only_when_aske
         sensor,
         "--out",
         out,
-        "--learn-s",
-        "2",
+        "--delay-s",
+        "4",
         "--idle-s",
         "0",
         "-q",
@@ -133,7 +132,7 @@ def test_a_state_file_does_not_continue_another_output(tmp_path: Path) -> None:
     log = start(tmp_path)
     run(tmp_path, state="s.json")
     with log.open("a", encoding="utf-8") as stream:
-        stream.write(rows(400, 500))
+        stream.write(rows(150, 200))
     other = "precious line\n" * 10_000  # longer than the output that the state file remembers
     (tmp_path / "out.csv").write_text(other, encoding="utf-8")
     with pytest.raises(InputError, match="not the output that the state file remembers"):
@@ -154,12 +153,12 @@ def exchanged(log: Path, text: str) -> None:
 
 SWAPPED = HEADER.replace("T1_degC,T2_degC", "T2_degC,T1_degC")
 REPLACEMENTS = {
-    "rotated, channels exchanged": (rotated, SWAPPED + rows(0, 900)),
-    "rotated, the same header": (rotated, HEADER + rows(0, 900, offset=1.0)),
+    "rotated, channels exchanged": (rotated, SWAPPED + rows(0, 300)),
+    "rotated, the same header": (rotated, HEADER + rows(0, 300, offset=1.0)),
     "rotated, still short": (rotated, HEADER),
     "copied and truncated": (exchanged, HEADER),
-    "truncated and grown again": (exchanged, HEADER + rows(0, 900, offset=1.0)),
-    "rewritten with another header of the same length": (exchanged, SWAPPED + rows(0, 900)),
+    "truncated and grown again": (exchanged, HEADER + rows(0, 300, offset=1.0)),
+    "rewritten with another header of the same length": (exchanged, SWAPPED + rows(0, 300)),
     "deleted": (lambda log, _: log.unlink(), ""),
 }
 
@@ -171,31 +170,20 @@ def test_a_log_that_is_replaced_or_rewritten_stops_the_run_and_keeps_its_rows(
     log = start(tmp_path)
     original = log.read_text(encoding="utf-8")
     change, text = REPLACEMENTS[kind]
-    with pytest.raises(InputError, match="400 rows before that are in") as error:
+    with pytest.raises(InputError, match="150 rows before that are in") as error:
         run(tmp_path, once(lambda: change(log, text)), "s.json")
     assert "replaced, rotated or rewritten" in str(error.value)
     done = written(tmp_path / "out.csv")
-    assert len(done) == 400
+    assert len(done) == 150
     # Output and state are whole: with the log as it was, the run goes on to what an uninterrupted one writes.
     log.unlink(missing_ok=True)
-    log.write_text(original + rows(400, 600), encoding="utf-8")
-    assert run(tmp_path, state="s.json").rows_written == 600
+    log.write_text(original + rows(150, 230), encoding="utf-8")
+    assert run(tmp_path, state="s.json").rows_written == 230
     whole = tmp_path / "whole"
     whole.mkdir()
-    (whole / "log.csv").write_text(original + rows(400, 600), encoding="utf-8")
+    (whole / "log.csv").write_text(original + rows(150, 230), encoding="utf-8")
     run(whole)
-    pd.testing.assert_frame_equal(
-        written(tmp_path / "out.csv"), written(whole / "out.csv"), rtol=0, atol=1e-9
-    )
-
-
-def test_a_log_that_is_replaced_while_the_first_seconds_are_learnt_writes_nothing(
-    tmp_path: Path,
-) -> None:
-    log = start(tmp_path, 20)
-    with pytest.raises(InputError, match="replaced, rotated or rewritten"):
-        run(tmp_path, once(lambda: rotated(log, SWAPPED + rows(0, 900))))
-    assert not (tmp_path / "out.csv").exists()
+    assert (tmp_path / "out.csv").read_bytes() == (whole / "out.csv").read_bytes()
 
 
 def test_a_copy_of_the_log_with_more_rows_may_take_its_place(tmp_path: Path) -> None:
@@ -204,7 +192,7 @@ def test_a_copy_of_the_log_with_more_rows_may_take_its_place(tmp_path: Path) -> 
 
     def synchronised() -> None:
         beside = tmp_path / "beside"
-        beside.write_text(HEADER + rows(0, 600), encoding="utf-8")
+        beside.write_text(HEADER + rows(0, 230), encoding="utf-8")
         os.replace(beside, log)
 
     assert (
@@ -212,11 +200,11 @@ def test_a_copy_of_the_log_with_more_rows_may_take_its_place(tmp_path: Path) -> 
             log,
             SENSORS,
             tmp_path / "out.csv",
-            settings=SETTINGS,
+            delay_s=DELAY_S,
             idle_s=0.1,
             sleep=once(synchronised),
         ).rows_written
-        == 600
+        == 230
     )
 
 
@@ -257,20 +245,20 @@ def test_an_output_that_is_renamed_deleted_or_changed_stops_the_run_and_names_th
         change(tmp_path / "out.csv")
         if grows:
             with log.open("a", encoding="utf-8") as stream:
-                stream.write(rows(400, 600))
+                stream.write(rows(150, 230))
 
-    with pytest.raises(InputError, match=f"{reason}.*rows 1 to 400"):
-        follow(log, SENSORS, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.1, sleep=once(both))
+    with pytest.raises(InputError, match=f"{reason}.*rows 1 to 82"):
+        follow(log, SENSORS, tmp_path / "out.csv", delay_s=DELAY_S, idle_s=0.1, sleep=once(both))
 
 
 def test_names_with_commas_and_quotes_come_back_from_a_semicolon_log(tmp_path: Path) -> None:
     names = ["time_s", "gas, left_degC", 'the "old" one']
-    t, _, y = logged((0.5,), 0.05, 400, 0.1, 2)
+    t, _, y = logged((0.5,), 0.05, 150, 0.1, 2)
     lines = "".join(f"{a:.2f};{b:.3f};5\n" for a, b in zip(t, y))
     log = tmp_path / "log.csv"
     log.write_text('time_s;"gas, left_degC";the "old" one\n' + lines, encoding="utf-8")
     sensors = [specified_sensor("s", ["gas, left"], [(0.5, 0.02)])]
-    follow(log, sensors, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.0, sleep=lambda _: None)
+    follow(log, sensors, tmp_path / "out.csv", delay_s=DELAY_S, idle_s=0.0, sleep=lambda _: None)
     done = written(tmp_path / "out.csv")
     assert list(done) == [*names, "gas, left_u_K"]
     assert done["time_s"].to_numpy() == pytest.approx(t)
@@ -282,14 +270,14 @@ def test_a_character_that_only_python_takes_for_a_line_end_cuts_no_row(
     tmp_path: Path, character: str
 ) -> None:
     """U+0145 is C5 85 in UTF-8: its second byte is a line end in latin-1, for str.splitlines."""
-    t, _, y = logged((0.5,), 0.05, 400, 0.1, 2)
+    t, _, y = logged((0.5,), 0.05, 150, 0.1, 2)
     lines = "".join(f"{a:.2f};{b:.3f};x{character}y\r\n" for a, b in zip(t, y))
     log = tmp_path / "log.csv"
     log.write_text("time_s;T1_degC;remark\r\n" + lines, encoding="utf-8", newline="")
     done = follow(
-        log, SENSORS, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.0, sleep=lambda _: None
+        log, SENSORS, tmp_path / "out.csv", delay_s=DELAY_S, idle_s=0.0, sleep=lambda _: None
     )
-    assert (done.rows_written, done.bad_lines) == (400, 0)
+    assert (done.rows_written, done.bad_lines) == (150, 0)
 
 
 def damaged(change: Callable[[dict], object]) -> Callable[[Path], None]:
@@ -306,7 +294,7 @@ def damaged(change: Callable[[dict], object]) -> Callable[[Path], None]:
 
 def flipped(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    at = text.index('"mean"') + 40
+    at = text.index('"interval_s"') + 14
     digit = next(k for k in range(at, len(text)) if text[k].isdigit())
     path.write_text(text[:digit] + str(9 - int(text[digit])) + text[digit + 1 :], encoding="utf-8")
 
@@ -315,19 +303,16 @@ def flipped(path: Path) -> None:
     "change",
     [
         flipped,
-        lambda path: path.write_bytes(path.read_bytes()[:500]),
+        lambda path: path.write_bytes(path.read_bytes()[:300]),
         lambda path: path.write_bytes(b"\xff\xfe\x00"),
-        damaged(lambda data: data["state"].pop("kernel")),
-        damaged(lambda data: data["state"].update(kernel=5)),
-        damaged(lambda data: data["state"].update(waiting="x")),
-        damaged(lambda data: data["state"].update(unknown=1)),
-        damaged(lambda data: data["state"]["kernel"].update(mean=[[1.0], [1.0, 2.0]])),
-        damaged(lambda data: data["state"].update(memory=[[1.0]])),
-        damaged(lambda data: data["state"]["screening"].update(track={})),
-        damaged(lambda data: data.update(plan=[])),
-        damaged(lambda data: data["plan"].update(dt_s="x")),
-        damaged(lambda data: data["plan"].update(noise_K={})),
-        damaged(lambda data: data["where"].pop("out_sha256")),
+        damaged(lambda data: data.pop("position")),
+        damaged(lambda data: data.update(position=5)),
+        damaged(lambda data: data.update(position={})),
+        damaged(lambda data: data["position"].update(interval_s="x")),
+        damaged(lambda data: data.update(written="x")),
+        damaged(lambda data: data.update(read=[])),
+        damaged(lambda data: data.update(offset=None)),
+        damaged(lambda data: data.pop("out_sha256")),
     ],
 )
 def test_a_damaged_state_file_is_named_with_a_remedy_and_nothing_is_changed(
@@ -344,5 +329,5 @@ def test_a_damaged_state_file_is_named_with_a_remedy_and_nothing_is_changed(
 
 def test_rows_are_the_same_with_and_without_the_checks(tmp_path: Path) -> None:
     start(tmp_path)
-    assert run(tmp_path).findings == ()
+    assert {f.code for f in run(tmp_path).findings} <= {"sensor.carried"}
     assert np.isfinite(written(tmp_path / "out.csv")).all(axis=None)

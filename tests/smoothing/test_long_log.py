@@ -15,7 +15,9 @@ from tcdyn.campaign import stages
 from tcdyn.core.errors import InputError
 from tcdyn.rig.log import iter_log, read_log, write_log
 from tcdyn.workflows import compensate, compensate_log
-from tcdyn.workflows import segments as stretches
+from tcdyn.workflows import segments as engine
+from tcdyn.workflows.compensate import LogSegments
+from tcdyn.workflows.segments import CompensatedSegment, CompensationMethod
 from tests.cli.test_compensate_command import both, tcdyn, whole
 from tests.conftest import Campaign
 
@@ -27,7 +29,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """So little memory that the campaign's log of 26,000 rows is long."""
     for room in (stages, compensate):
         monkeypatch.setattr(room, "MAX_ROWS", 12_000)
-    monkeypatch.setattr(stretches, "SEGMENT_ROWS", 9_000)
+    monkeypatch.setattr(compensate, "SEGMENT_ROWS", 9_000)
 
 
 @pytest.mark.usefixtures("small")
@@ -98,23 +100,26 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
 ) -> None:
     sent: list[int] = []
 
-    def in_four(*_: object) -> Generator[SimpleNamespace, int, None]:
+    def in_four(*_: object, **__: object) -> Generator[SimpleNamespace, int, None]:
         for rows in (3, 4, 6, 27):  # of 40: 7, 17, 32 and 100 %
-            beside = 10
-            while wanted := (yield SimpleNamespace(rows=rows, margin_rows=beside)):
-                sent.append(wanted)
-                beside = wanted
+            margin = 10
+            while requested := (yield SimpleNamespace(rows=rows, margin_rows=margin)):
+                sent.append(requested)
+                margin = requested
 
-    def answered(_: object, part: SimpleNamespace) -> tuple[pd.DataFrame, list[Any], int]:
-        return pd.DataFrame({"time_s": np.zeros(part.rows)}), [], 12 if part.rows == 6 else 10
+    def compensated(segment: SimpleNamespace, *_: object) -> CompensatedSegment:
+        times = np.zeros(segment.rows)
+        read = SimpleNamespace(time_s=times, keep=slice(None), margin_rows=segment.margin_rows)
+        settling = 12 if segment.rows == 6 else 10
+        return CompensatedSegment(cast(Any, read), {"time_s": times}, {}, {}, settling, [])
 
-    monkeypatch.setattr(stretches, "read_segments", in_four)
-    monkeypatch.setattr(stretches.LogSegments, "_compensate_segment", answered)
-    log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
-    way, rig = stretches.CompensationMethod(), cast(Any, None)
-    rest = stretches.LogSegments(log, rig, {}, way, {}, {}, False, False, none, none, {})
+    monkeypatch.setattr(engine, "read_segments", in_four)
+    monkeypatch.setattr(engine, "compensate_segment", compensated)
+    log = cast(Any, SimpleNamespace(rows=40))
+    channels = cast(Any, SimpleNamespace(lag_s=1.0))
+    segments = LogSegments(log, channels, CompensationMethod(), {}, ["time_s"], ["time_s"], {})
     told: list[str] = []
-    assert rest.write(tmp_path / "out.csv", told.append) == []
+    assert segments.write(tmp_path / "out.csv", told.append) == []
     assert told == [f"writing, {percent} % of the rows" for percent in (10, 30, 100)]
     assert sent == [12]
     assert len(pd.read_csv(tmp_path / "out.csv")) == 40

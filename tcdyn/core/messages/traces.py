@@ -83,8 +83,6 @@ COMPENSATE: dict[str, Message] = {
     "{rate_Hz:.3g} Hz sampling rate: between samples the response differs from the formula",
     "inverse.dead_time": "dead time and right-half-plane zeros cannot be inverted: they remain as "
     "a time shift",
-    "live.noisy": "the output has {gain:.3g} times the trace's noise: a lower process-noise "
-    "intensity or a longer delay reduces it",
 }
 
 # tcdyn/smoothing: traces of a rig log; tcdyn/chain: noise of the logger
@@ -114,20 +112,8 @@ PIPELINE: dict[str, Message] = {
     "compensate.one_disk": _one_disk,
     "compensate.unrefined": "the common lags are those of the records: the unloading could not be "
     "used ({problem})",
-    "follow.dead": "column {subject} has no usable signal: its output is empty",
-    "follow.spikes": "{count} samples are in spikes or bursts",
-    "follow.backward": "{count} rows whose time does not increase were not used",
-    "follow.gaps": "{count} gaps in time_s, the longest of {longest_s:.3g} s: near them the "
-    "uncertainties are large",
-    "follow.impossible": "{count} readings of {subject} lie outside {low_degC:g} to {high_degC:g} "
-    "degC, the first at {first_s:.6g} s: treated as missing (open circuit or overload of the "
-    "logger?)",
-    "follow.unreachable": "{count} readings of {subject} changed faster than any temperature can "
-    "through the lag of the sensor, the first at {first_s:.6g} s: treated as missing (unplugged "
-    "sensor, invalid readings, or a wrong lag in the sensor file?)",
-    "follow.restarted": "the filter of {subject} was restarted at another level of the readings "
-    "(times: {count}), because the readings at the level before were too few or too old",
-    "follow.blank": "{count} results of {subject} lie outside {low_degC:g} to {high_degC:g} degC: "
-    "the output is empty there",
+    "delay.not_used": "{count} of {rows} readings of {subject} are spikes, stuck, or not possible "
+    "for this sensor, the first at {first_s:.6g} s: taken as missing",
+    "delay.backward": "{count} rows whose time is missing or runs backward were not used",
     "follow.torn": "{count} lines with a wrong number of fields were not used",
 }

@@ -1,0 +1,388 @@
+"""Channels that are compensated: columns, units, static lines, chains; and their readings.
+
+``TableChannels`` takes raw columns of any source: with sensor files (``compensate_table``), or with
+the records of a rig where a log is compensated with a fixed delay or followed. ``DiskColumns``
+takes a checked rig log (``compensate_log``), whose noise is estimated for all channels of a disk
+together. Guarded by ``tests/sensors/test_sensor_file.py`` and
+``tests/cli/test_compensate_command.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.chain import Chain
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate, text_with_u
+from tcdyn.core.findings import Finding, warning
+from tcdyn.io.checksum import ALTERED_CODE
+from tcdyn.partition.cooling import SingleDiskFit, lag_covariance_with_common_u, refined_chains
+from tcdyn.rig.check_clock import sample_interval_s
+from tcdyn.rig.columns import junction_columns
+from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.static_line import StaticLine, apply_static, reading_u, shared_u_K
+from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.table import EvenTimes, TableSegment, even_times, on_grid
+from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
+from tcdyn.smoothing.traces import DiskTraces, disk_channels, disk_traces, summarise_spikes
+from tcdyn.workflows.segments import Readings
+
+# Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
+# judgement (memory).
+MAX_VALUES = 400_000
+MAX_COLUMNS = 8
+# Rows of a segment, and readings of a column in it, from which it is compensated (the smoother
+# needs as many).
+MIN_ROWS = 10
+# Interval in lags from which a warning is given that the rows are slow for the sensor; by judgement.
+SLOW_ROWS_LAGS = 0.5
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a source with its sensor.
+
+    Attributes
+    ----------
+    column, unit
+        The column and its unit.
+    chain, lag_s
+        Chain, and its lag [s].
+    line
+        Static line; None where readings stand as they are.
+    sensor
+        Name of the sensor.
+    """
+
+    column: str
+    unit: Unit
+    chain: Chain
+    lag_s: Estimate
+    line: StaticLine | None
+    sensor: str
+
+
+@dataclass(frozen=True)
+class ChannelGroup:
+    """Channels (M) that may be smoothed together.
+
+    Attributes
+    ----------
+    channels
+        The channels.
+    lag_covariance_s2, split_u_s
+        As in ``Readings``.
+    disk
+        Disk of the channels, in messages; empty for a table.
+    """
+
+    channels: tuple[Channel, ...]
+    lag_covariance_s2: Array
+    split_u_s: Array
+    disk: str = ""
+
+
+@dataclass(frozen=True)
+class TableChannels:
+    """Channels of any source of raw columns.
+
+    Attributes
+    ----------
+    groups
+        The channels, in groups.
+    where
+        The source, in messages.
+    """
+
+    groups: tuple[ChannelGroup, ...]
+    where: str
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels."""
+        return tuple(channel for group in self.groups for channel in group.channels)
+
+    @property
+    def units(self) -> dict[str, Unit]:
+        """Their columns and units."""
+        return {channel.column: channel.unit for channel in self.channels}
+
+    @property
+    def lag_s(self) -> float:
+        """The largest lag [s]."""
+        return max((channel.chain.lag_s for channel in self.channels), default=0.0)
+
+    def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
+        """Readings of the channels that have enough of them, and findings."""
+        findings = []
+        for channel in self.channels:
+            findings += unit_findings(channel.column, channel.unit, segment.data[channel.column])
+        if len(segment.time_s) < MIN_ROWS:
+            return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
+        grid, grid_findings = even_times(segment.time_s, self.where)
+        findings += grid_findings
+        size = int(grid.index[-1]) + 1
+        group_size = min(max(int(MAX_VALUES / size), 1), MAX_COLUMNS)
+        prepared = []
+        for group in self.groups:
+            degC = [_readings_degC(channel, segment) for channel in group.channels]
+            alive = []
+            for i, channel in enumerate(group.channels):
+                if np.count_nonzero(np.isfinite(degC[i])) < MIN_ROWS:
+                    findings.append(warning("sensor.dead", subject=channel.column))
+                    continue
+                alive.append(i)
+                lag_s = channel.chain.lag_s
+                if grid.dt_s > SLOW_ROWS_LAGS * lag_s:
+                    findings.append(
+                        warning("sensor.slow", subject=channel.column, dt_s=grid.dt_s, lag_s=lag_s)
+                    )
+            for first in range(0, len(alive), group_size):
+                indices = alive[first : first + group_size]
+                y = np.stack([on_grid(degC[i], grid, size) for i in indices], axis=1)
+                prepared.append(_grouped(group, indices, y, float(segment.time_s[0]), grid))
+        return prepared, findings
+
+
+def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
+    """Readings of a column (R,) [degC] after its static line."""
+    reference = channel.unit.reference_junction
+    cold = segment.data[reference] if isinstance(reference, str) else reference
+    degC = channel.unit.in_degC(segment.data[channel.column], cold)
+    return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
+
+
+def _grouped(
+    group: ChannelGroup, indices: list[int], y: Array, start_s: float, grid: EvenTimes
+) -> Readings:
+    """Readings ``y`` (N, M) [degC] of some channels of a group."""
+    channels = [group.channels[i] for i in indices]
+    static_u_K = np.zeros_like(y)
+    shared_K = np.zeros(len(channels))
+    for k, channel in enumerate(channels):
+        if channel.line:
+            static_u_K[:, k] = reading_u(channel.line, y[:, k])
+            shared_K[k] = channel.line.shared_u_K
+    return Readings(
+        tuple(channel.column for channel in channels),
+        tuple(channel.unit for channel in channels),
+        y,
+        start_s,
+        grid.dt_s,
+        grid.index,
+        tuple(channel.chain for channel in channels),
+        group.lag_covariance_s2[np.ix_(indices, indices)],
+        group.split_u_s[indices],
+        np.nan_to_num(static_u_K),
+        shared_K,
+        disk=group.disk,
+        is_separable=True,
+    )
+
+
+def sensor_channels(
+    names: Sequence[str],
+    where: str,
+    sensors: Sequence[SensorFile],
+    columns: Sequence[str] = (),
+    unit: Mapping[str, str] | str = "",
+    couple: str = "",
+    cold: float | str = 0.0,
+    unit_row: Mapping[str, str] | None = None,
+) -> tuple[TableChannels, list[Finding]]:
+    """The columns of a table that sensors cover, in their order.
+
+    The parameters are those of ``tcdyn.workflows.compensate_table.compensate_table``; ``names`` are
+    the columns of the table, ``unit_row`` its row of units.
+
+    Raises
+    ------
+    InputError
+        Without a sensor, for a column that is missing or has two sensors, and for an unknown unit.
+    """
+    if not sensors:
+        raise InputError(
+            "no sensor was given",
+            remedy="add {sensors}",
+            parameters={"sensors": "FILE.sensor.json"},
+        )
+    if columns and (len(sensors) > 1 or len(sensors[0].columns) > 1):
+        raise InputError(
+            "columns were named for several sensors", expected="one sensor of one column"
+        )
+    sensor_of_column: dict[str, tuple[int, int]] = {}
+    for number, file in enumerate(sensors):
+        for index, pattern in enumerate(file.columns):
+            for name in [n for c in (columns or [pattern]) for n in match_columns(c, names, where)]:
+                if name in sensor_of_column:
+                    raise InputError(
+                        f"two sensors for column {name!r}",
+                        where=where,
+                        expected="one sensor a column",
+                    )
+                sensor_of_column[name] = number, index
+    covered = [n for n in names if n in sensor_of_column]
+    units, findings = units_of(covered, unit, couple, cold, unit_row)
+    findings += [f for file in sensors for f in file.findings if f.code == ALTERED_CODE]
+    channels = []
+    covariance = np.zeros((len(covered), len(covered)))
+    split_u_s = np.zeros(len(covered))
+    for i, name in enumerate(covered):
+        number, index = sensor_of_column[name]
+        file = sensors[number]
+        pattern = file.columns[index]
+        channels.append(
+            Channel(
+                name,
+                units[name],
+                file.chains[index],
+                file.chain.channels[pattern].lag_s,
+                file.static.get(pattern),
+                file.sensor,
+            )
+        )
+        split_u_s[i] = file.split_u_s[index]
+        for j, other in enumerate(covered):
+            other_number, other_index = sensor_of_column[other]
+            if other_number == number:
+                covariance[i, j] = file.lag_covariance_s2[index, other_index]
+    return TableChannels((ChannelGroup(tuple(channels), covariance, split_u_s),), where), findings
+
+
+def record_channels(
+    records: Mapping[str, DiskRecord], rig: Rig, prefixed: bool, where: str
+) -> tuple[TableChannels, list[Finding]]:
+    """The channels of the disks that have a record; those of a disk are smoothed together.
+
+    ``prefixed``: whether the columns contain the name of the disk.
+    """
+    groups = []
+    findings = []
+    for disk, record in records.items():
+        findings += [f for f in record.findings if f.code == ALTERED_CODE]
+        setup = rig.disk_setup(disk)
+        described = disk_channels(record, setup, disk if prefixed else "")
+        assert record.chain is not None  # disk_channels refuses a record without a chain
+        channels = tuple(
+            Channel(column, Unit(), chain, record.chain.channels[name].lag_s, line, disk)
+            for name, column, chain, line in zip(
+                setup.channels, described.columns, described.chains, described.lines
+            )
+        )
+        groups.append(
+            ChannelGroup(channels, described.lag_covariance_s2, described.split_u_s, disk)
+        )
+    return TableChannels(tuple(groups), where), findings
+
+
+def with_common_lag(
+    traces: DiskTraces, record: DiskRecord, fit: SingleDiskFit | None
+) -> tuple[DiskTraces, str]:
+    """Return the traces with the common lag of the fit, if there is one, and a note about it."""
+    if fit is not None:
+        lag = fit.estimates["lag_s"]
+        chains = refined_chains(traces.chains, fit.chain)
+        traces = replace(
+            traces,
+            chains=chains,
+            lag_covariance_s2=lag_covariance_with_common_u(traces.lag_covariance_s2, lag.u),
+        )
+        return traces, f"{text_with_u(lag.value, lag.u)} s, from the unloading, record as prior"
+    assert record.chain is not None
+    common = record.chain.common_lag_s
+    return traces, f"{text_with_u(common.value, common.u)} s, from the record"
+
+
+def disk_readings(traces: DiskTraces, time_s: Array) -> Readings:
+    """The traces of a disk as readings, one for each of the even times ``time_s`` (N,) [s]."""
+    shared_K = shared_u_K(traces.lines)
+    return Readings(
+        traces.columns,
+        (Unit(),) * len(traces.columns),
+        traces.measured_degC,
+        float(time_s[0]),
+        sample_interval_s(time_s),
+        np.arange(len(time_s)),
+        traces.chains,
+        traces.lag_covariance_s2,
+        traces.split_u_s,
+        np.hypot(traces.static_u(traces.readings_degC), shared_K),
+        shared_K,
+        traces.noise_K,
+        traces.name,
+    )
+
+
+@dataclass(frozen=True)
+class DiskColumns:
+    """Channels of the disks in a checked log of the rig, on even times.
+
+    Noise is estimated in each segment. Lags are those of the unloading (``fits``) or of the records.
+
+    Attributes
+    ----------
+    rig, records, fits
+        Rig; records by disk; joint fits by disk, for their common lags.
+    prefixed
+        Whether the columns contain the name of the disk.
+    removes_lag
+        Whether the lag is removed.
+    where
+        The log, in messages.
+    """
+
+    rig: Rig
+    records: Mapping[str, DiskRecord]
+    fits: Mapping[str, SingleDiskFit]
+    prefixed: bool
+    removes_lag: bool
+    where: str
+
+    @property
+    def units(self) -> dict[str, Unit]:
+        """Columns of the junctions, in degrees Celsius."""
+        names: list[str] = []
+        for disk in self.records:
+            channels = self.rig.disk_setup(disk).channels
+            names += junction_columns(channels, disk if self.prefixed else "")
+        return dict.fromkeys(names, Unit())
+
+    @property
+    def lag_s(self) -> float:
+        """The largest lag [s]."""
+        lags = [
+            channel.lag_s.value
+            for record in self.records.values()
+            if record.chain
+            for channel in record.chain.channels.values()
+        ]
+        return max(lags, default=0.0)
+
+    def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
+        """Readings of each disk, and findings."""
+        prepared = []
+        findings: list[Finding] = []
+        frame = pd.DataFrame(segment.data)
+        for disk, record in self.records.items():
+            traces = disk_traces(
+                frame,
+                disk,
+                self.rig,
+                record,
+                prefixed=self.prefixed,
+                where=self.where,
+                lag=self.removes_lag,
+            )
+            if self.removes_lag:
+                traces = with_common_lag(traces, record, self.fits.get(disk))[0]
+            prepared.append(disk_readings(traces, segment.time_s))
+            findings += [f.at(disk) for f in traces.extrapolation_findings("the log")]
+            findings += traces.findings
+        return prepared, summarise_spikes(findings)
