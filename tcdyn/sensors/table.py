@@ -594,7 +594,7 @@ def read_segments(
     after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least
     ``MARGIN_ROWS``. It does not grow: the rows of a block are then estimated from fewer rows, and
     their uncertainty includes that. The first block after a start or a long gap waits for
-    ``START_ROWS`` rows. ``tests/sensors/test_fixed_delay.py`` guards that the division depends on
+    ``START_ROWS`` rows. ``tests/smoothing/test_fixed_delay.py`` guards that the division depends on
     the rows only.
     """
     longest_gap_s = LONGEST_GAP_LAGS * lag_s

@@ -15,9 +15,12 @@ import pytest
 
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
+from tcdyn.io.read import open_table
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.workflows import compensate_log
+from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.follow import follow
 from tests.conftest import Campaign
 
 
@@ -140,6 +143,27 @@ def test_a_log_with_stamps_keeps_them_its_start_and_on_request_its_dialect(
     # two samples are missing, and the times of the stamps are rounded to microseconds
     near = np.abs(np.arange(len(stretch)) - 700) < 200
     assert np.allclose(done.frame["e_degC"][~near], reference["e_degC"][~near], rtol=0, atol=0.05)
+
+
+def test_with_a_delay_a_log_with_stamps_keeps_them_and_its_start(
+    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
+) -> None:
+    start = pd.Timestamp("2026-03-09 23:59:58")
+    rows = stretch.iloc[:300]
+    elapsed_s = rows["time_s"] - rows["time_s"].iloc[0]
+    stamps = [s.isoformat(sep=" ") for s in start + pd.to_timedelta(elapsed_s, "s")]
+    log = tmp_path / "plunge.csv"
+    rows.assign(time_s=stamps).to_csv(log, index=False)
+    record = {"fast": campaign.records["fast"]}
+    done = compensate_table(log, record, tmp_path / "done.csv", rig=campaign.rig, delay_s=1.0)
+    assert open_table(done.path).metadata["start_time"] == start.isoformat()
+    back = pd.read_csv(done.path)
+    assert list(back)[:2] == ["time_s", "time_stamp"]
+    assert back["time_stamp"].tolist() == stamps
+    assert np.allclose(back["time_s"], elapsed_s, rtol=0, atol=1e-5)
+    assert back["e_u_K"].notna().all()
+    with pytest.raises(InputError, match="holds no time as a number"):
+        follow(log, record, tmp_path / "live.csv", campaign.rig, idle_s=0.01, poll_s=0.01)
 
 
 @pytest.mark.e2e

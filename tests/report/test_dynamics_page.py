@@ -35,14 +35,16 @@ def test_identification_page_counts_runs_and_samples(
         assert text in (tmp_path / "p.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("marks", [(",", "."), (";", ",")], ids=["standard", "German"])
 def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
-    tmp_path: Path,
+    tmp_path: Path, marks: tuple[str, str]
 ) -> None:
     """Readings from 20 to 60 degC with u of 0.5 K: half the band is 1.96 u; the margin is a tenth
     of 40 K plus one."""
     t = np.linspace(0.0, 10.0, 5)
     x = np.array([20.0, 30.0, 60.0, 50.0, 40.0])
-    pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5}).to_csv(tmp_path / "o.csv", index=False)
+    frame = pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5})
+    frame.to_csv(tmp_path / "o.csv", index=False, sep=marks[0], decimal=marks[1])
     source = SimpleNamespace(path=tmp_path / "log.csv", time="time_s")
     channels = SimpleNamespace(units={"e_degC": Unit()})
     log = cast(RawLog, SimpleNamespace(source=source, channels=channels))

@@ -236,6 +236,28 @@ def test_stopped_and_continued_no_row_is_lost_or_doubled(
     assert continued == (once / "out.csv").read_bytes()
 
 
+def test_a_column_of_text_stays_one_whatever_comes_later_also_in_a_continued_run(
+    tmp_path: Path,
+) -> None:
+    """Words in the first rows, numbers in all later ones: decided by the rows at the opening."""
+    frame = table(120).assign(note=["warm up"] * 20 + ["7.50"] * 100)
+    text = frame.to_csv(index=False)
+    cut = text.index("7.50") + len("7.50\n")
+    followed(tmp_path, text[:cut], state=tmp_path / "state.json")
+    followed(tmp_path, text, state=tmp_path / "state.json")
+    once = tmp_path / "once"
+    once.mkdir()
+
+    def grow(_: float) -> None:
+        (once / "log.csv").write_text(text, encoding="utf-8")
+
+    run, _ = followed(once, text[:cut], idle_s=0.05, sleep=grow)
+    assert run.rows_written == 120
+    written = pd.read_csv(once / "out.csv", dtype=str)
+    assert written["note"].tolist() == frame["note"].tolist()
+    assert (tmp_path / "out.csv").read_bytes() == (once / "out.csv").read_bytes()
+
+
 def test_a_state_of_other_files_or_settings_is_refused(tmp_path: Path) -> None:
     text = table().to_csv(index=False)
     state: Mapping[str, object] = {"state": tmp_path / "state.json"}
