@@ -100,3 +100,9 @@ def test_numbers_must_be_plain_values() -> None:
     with pytest.raises(TypeError, match="cannot be stored"):
         info("said", text=object())
     assert math.isnan(info("said", text="x", u=math.nan).numbers["u"])
+
+
+def test_message_about_cells_without_number_counts_the_others() -> None:
+    one, three = (warning("text.no_number", subject="a", text="abc", count=k) for k in (1, 3))
+    assert "more" not in str(one)
+    assert "(and 2 more)" in str(three)

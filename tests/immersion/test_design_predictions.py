@@ -203,7 +203,7 @@ def test_grades_follow_the_documented_limits() -> None:
         "roughly",
         "poorly",
     ]
-    assert all(word in GRADE_DEFINITIONS for word in ("5 %", "15 %", "3 %", "10 %"))
+    assert all(f" {word}" in GRADE_DEFINITIONS for word in ("5 %", "15 %", "3 %", "10 %"))
 
 
 def test_predicted_range_of_u_matches_simulated_fits() -> None:
