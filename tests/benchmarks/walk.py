@@ -15,7 +15,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from tcdyn.workflows import estimate_beta
+from tcdyn.sensors import specified_sensor
+from tcdyn.workflows import compensate_log, estimate_beta
+from tcdyn.workflows.compensate_table import compensate_table
 from tests.conftest import small_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,19 +63,27 @@ def figures(steps: list[tuple[str, str]]) -> dict[str, int]:
 
 
 def main() -> None:
-    """Print the figures, and functions by file or in order."""
-    with tempfile.TemporaryDirectory() as folder:
-        campaign = small_campaign(Path(folder))
-        steps = walk(
-            lambda: estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records)
-        )
-    print(figures(steps))
-    if "order" in sys.argv:
-        print(*(f"{file} {function}" for file, function in steps), sep="\n")
-    else:
-        print(
-            *(f"{n:4d} {file}" for file, n in Counter(f for f, _ in steps).most_common()), sep="\n"
-        )
+    """Print the figures of each job, and its functions by file or in order."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        campaign = small_campaign(folder)
+        log = campaign.files.ehl["B3"]
+        sensor = specified_sensor("probe", ["fast_e_degC"], [(1.5, 0.05)])
+        jobs: dict[str, Callable[[], Any]] = {
+            "beta": lambda: estimate_beta(log, campaign.rig, campaign.records),
+            "compensate, rig": lambda: compensate_log(log, campaign.records).write(
+                folder / "rig.csv"
+            ),
+            "compensate, table": lambda: compensate_table(log, [sensor], folder / "table.csv"),
+        }
+        traces = {job: walk(run) for job, run in jobs.items()}
+    for job, steps in traces.items():
+        print(job, figures(steps))
+        if "order" in sys.argv:
+            print(*(f"{file} {function}" for file, function in steps), sep="\n")
+            continue
+        functions_by_file = Counter(file for file, _ in steps)
+        print(*(f"{n:4d} {file}" for file, n in functions_by_file.most_common()), sep="\n")
 
 
 if __name__ == "__main__":
