@@ -205,7 +205,7 @@ def test_follow_writes_plain_csv_its_metadata_and_the_dialect_of_the_log(tmp_pat
     names = ["Time [s]", "T1 [°C]", "Öldruck"]
     german = text_of([f"{t:.1f}".replace(".", ",") for t in TIME_S], ";", ",", "\r\n", names)
     log.write_bytes(german.encode("latin-1"))
-    quiet: dict[str, Any] = {"idle_s": 0.01, "poll_s": 0.01, "delay_s": 20.0}
+    quiet: dict[str, Any] = {"idle_s": 0.01, "poll_s": 0.01, "delay_s": 100.0}
     plain, same, above = (tmp_path / name for name in ("plain.csv", "same.csv", "above.csv"))
     follow(log, [PROBE], plain, **quiet)
     follow(log, [PROBE], same, dialect="input", **quiet)

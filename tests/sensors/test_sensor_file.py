@@ -414,7 +414,7 @@ def test_a_growing_table_is_followed(tmp_path: Path) -> None:
         log,
         [PROBE],
         tmp_path / "live.csv",
-        delay_s=3.0,
+        delay_s=15.0,
         idle_s=0.0,
         sleep=lambda _: None,
     )
@@ -451,7 +451,7 @@ def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_cels
         out = log.with_suffix(".live.csv")
         state = {
             "options": options,
-            "delay_s": 3.0,
+            "delay_s": 20.0,
             "idle_s": 0.0,
             "sleep": lambda _: None,
         }
