@@ -49,7 +49,7 @@ MAX_RELATIVE_LAG_DIFFERENCE = 0.5
 class Change(NamedTuple):
     """A quantity in both records, and the standard uncertainty of the change.
 
-    Attributes
+    Parameters
     ----------
     quantity
         Name of the quantity.

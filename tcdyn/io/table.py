@@ -216,7 +216,7 @@ def align(
     Channels with equal times are returned as they are. Others are cut to their common span and put
     on the grid of the fastest: linear interpolation, but zero-order hold for two-level channels. A
     channel without interval gets the times of a channel with the same number of samples. The rule
-    of the grid is that of :func:`_resample_on_fastest_grid`; keep this text equal to it.
+    of the grid is that of ``_resample_on_fastest_grid``; keep this text equal to it.
     """
     timed = {name: track for name, track in tracks.items() if track.dt_s}
     if not timed:
