@@ -164,9 +164,11 @@ def test_a_live_run_of_twenty_minutes_writes_what_the_batch_run_writes(tmp_path:
 
 
 @pytest.mark.study
-def test_a_live_run_of_a_day_writes_what_the_batch_run_writes(tmp_path: Path) -> None:
-    """``python -m pytest -m study tests/smoothing/test_fixed_delay.py -s``."""
-    live, batch = live_and_batch(tmp_path, 86_400, 3000, 12)
+def test_a_live_run_of_a_day_writes_what_the_batch_run_writes(
+    tmp_path: Path, draws: Callable[[int], int]
+) -> None:
+    """``python -m pytest -m study tests/smoothing/test_fixed_delay.py --full``: 24 h; six without."""
+    live, batch = live_and_batch(tmp_path, draws(86_400), draws(3000), 12)
     assert live == batch
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -34,9 +35,11 @@ def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -
 
 @pytest.mark.study
 @pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
-def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(before: float) -> None:
-    """Two minutes of six channels with a burst every forty seconds in each, and lone outliers."""
-    made = world(120.0, before, 32, bursts_s=40.0, drops_K=(12.0,))
+def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
+    before: float, draws: Callable[[int], int]
+) -> None:
+    """Six channels with a burst every forty seconds in each, and lone outliers: 40 s, 160 s with ``--full``."""
+    made = world(float(draws(160)), before, 32, bursts_s=40.0, drops_K=(12.0,))
     x, sd = with_delay(made.readings, DT_S, CHAIN, DELAY_S)
     settled = made.time_s > SETTLED_S
     error = (x - made.true[:, None])[settled]
