@@ -157,10 +157,12 @@ class Channels(Protocol):
     """
 
     @property
-    def units(self) -> Mapping[str, Unit]: ...
+    def units(self) -> Mapping[str, Unit]:
+        """Columns that are replaced by results, and their units."""
 
     @property
-    def lag_s(self) -> float: ...
+    def lag_s(self) -> float:
+        """Largest lag [s]."""
 
     def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
         """Readings that are smoothed together, and findings."""

@@ -83,7 +83,7 @@ def test_a_specified_lag_compensates_and_follows_a_room(lag_s: float, tmp_path: 
         np.mean((y - truth)[settled] ** 2)
     )
     live = tmp_path / "live.csv"
-    options = ("--delay-s", "100", "--idle-s", "0")
+    options = ("--delay-s", f"{lag_s / 2:g}", "--idle-s", "0")
     assert (
         run_cli("follow", log, "--sensor", out, "--out", live, *options) == 0
     )  # no gap where rows are 5 s apart

@@ -165,10 +165,12 @@ def test_a_live_run_of_twenty_minutes_writes_what_the_batch_run_writes(tmp_path:
 
 @pytest.mark.study
 def test_a_live_run_of_a_day_writes_what_the_batch_run_writes(
-    tmp_path: Path, draws: Callable[[int], int]
+    tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    """``python -m pytest -m study tests/smoothing/test_fixed_delay.py --full``: 24 h; six without."""
-    live, batch = live_and_batch(tmp_path, draws(86_400), draws(3000), 12)
+    """``python -m pytest -m study tests/smoothing/test_fixed_delay.py --full``."""
+    if not request.config.getoption("--full"):
+        pytest.skip("24 h of log: with --full")
+    live, batch = live_and_batch(tmp_path, 86_400, 3000, 12)
     assert live == batch
 
 
