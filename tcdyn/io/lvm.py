@@ -124,7 +124,8 @@ def lvm_table(path: Path, where: str, read_chunks: ChunkReader) -> Table:
 
 def _start_time(header: Mapping[str, str]) -> str:
     """Date and time in the header of the file, in ISO 8601; empty for another form of date."""
-    date, time = header.get("Date", ""), header.get("Time", "")
+    date = header.get("Date", "")
+    time = header.get("Time", "")
     if not time or _LVM_DATE.fullmatch(date) is None:
         return ""
     try:

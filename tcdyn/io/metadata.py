@@ -81,7 +81,8 @@ def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], lis
         return {}, [warning("metadata.damaged", subject=file.name)]
     if content.get("schema") != METADATA_SCHEMA:
         return {}, []
-    columns, metadata = content.get("columns"), content.get("metadata")
+    columns = content.get("columns")
+    metadata = content.get("metadata")
     if not isinstance(columns, list) or not isinstance(metadata, dict):
         return {}, [warning("metadata.damaged", subject=file.name)]
     if _signature(columns) != _signature(names):

@@ -589,12 +589,12 @@ class TextReader:
 
 def _millisecond_column(first_cells: dict[str, str]) -> str:
     """The one column with the milliseconds of stamps in whole seconds; empty if there is none."""
-    found = []
+    columns = []
     for name, cell in first_cells.items():
         plain_name = name.strip().lower()
         if plain_name in MILLISECOND_COLUMNS and cell.isdecimal() and int(cell) < 1000:
-            found.append(name)
-    return found[0] if len(found) == 1 else ""
+            columns.append(name)
+    return columns[0] if len(columns) == 1 else ""
 
 
 def _cells(column: pa.Array, encoding: str) -> list[str]:

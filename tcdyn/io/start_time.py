@@ -58,12 +58,14 @@ def start_time(cells: Mapping[str, NDArray[Any]], time: str, times_s: Array) -> 
     texts = cells.get(time)
     if texts is None or texts.dtype != object or not len(texts):
         return ""
-    first, last = str(texts[0]), str(texts[-1])
+    first = str(texts[0])
+    last = str(texts[-1])
     if is_time_of_day(first):
         date = _date_column(cells, time)
         if date is None:
             return ""
-        first, last = f"{date[0]} {first}", f"{date[-1]} {last}"
+        first = f"{date[0]} {first}"
+        last = f"{date[-1]} {last}"
     orders = [True, False]
     if _DAY_FIRST.match(first):
         orders = [True]
