@@ -146,23 +146,15 @@ class Readings:
 
 
 class Channels(Protocol):
-    """Channels of a source: which columns are theirs, and how they are read.
-
-    Attributes
-    ----------
-    units
-        Columns that are replaced by results, in their order, and their units.
-    lag_s
-        Largest lag, for the margins of a segment [s].
-    """
+    """Channels of a source: which columns are theirs, and how they are read."""
 
     @property
     def units(self) -> Mapping[str, Unit]:
-        """Columns that are replaced by results, and their units."""
+        """Columns that are replaced by results, in their order, and their units."""
 
     @property
     def lag_s(self) -> float:
-        """Largest lag [s]."""
+        """Largest lag, for the margins of a segment [s]."""
 
     def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
         """Readings that are smoothed together, and findings."""
