@@ -421,7 +421,7 @@ class TextReader:
         counts: dict[str, Counter[str]] = {name: Counter() for name in names}
         types = {self.keys[name]: pa.string() for name in names}
         try:
-            for batch in self._batches(CHUNK_ROWS, types, skip_damaged=True):
+            for batch in self._batches(CHUNK_ROWS, types):
                 for name in names:
                     cells = Counter(_cells(batch.column(self.keys[name]), self.encoding))
                     for cell, count in cells.items():
@@ -430,19 +430,13 @@ class TextReader:
             pass  # the error comes again, with its row, when the columns are read
         return {name for name in names if is_text(counts[name])}
 
-    def _batches(
-        self, rows: int, types: dict[str, Any], skip_damaged: bool = False
-    ) -> Iterator[pa.RecordBatch]:
-        """Yield columns of these types by key, in batches of about so many rows.
-
-        ``skip_damaged``: whether rows with a wrong number of fields are left out.
-        """
+    def _batches(self, rows: int, types: dict[str, Any]) -> Iterator[pa.RecordBatch]:
+        """Yield columns of these types by key, in batches of about so many rows."""
         with open_text(self.dialect) as stream:
             limited = _FirstBytes(stream, self.checked.end)
             parse_options = pacsv.ParseOptions(
                 delimiter=self.dialect.separator,
                 newlines_in_values=self.checked.has_line_breaks,
-                invalid_row_handler=(lambda _: "skip") if skip_damaged else None,
             )
             # closed here, since a thread of pyarrow may not outlive the interpreter
             with pacsv.open_csv(

@@ -35,8 +35,6 @@ class IntervalModel:
 
     The first two states are the level [degC] and the slope [K/s] of the junction temperature.
 
-    The first two states are the level [degC] and the slope [K/s] of the junction temperature.
-
     Parameters
     ----------
     knots_s
