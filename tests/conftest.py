@@ -39,12 +39,20 @@ def draws(request: pytest.FixtureRequest) -> Callable[[int], int]:
     return lambda full: full if request.config.getoption("--full") else full // 4
 
 
-SLOW_FIXTURES = {"beta_run", "partition", "calibrations"}
+SLOW_FIXTURES = {
+    "beta_run",
+    "partition",
+    "calibrations",
+    "beta_json",
+    "said",
+    "uneven_disks",
+    "braked_with_second_contact",
+}
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of a complete ``beta`` or ``calibrate`` run are e2e tests."""
+    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests."""
     for item in items:
         if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.e2e)

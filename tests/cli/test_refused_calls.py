@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -68,14 +69,18 @@ def test_a_quick_command_whose_calls_fail(
 
 @pytest.mark.e2e
 @pytest.mark.parametrize("name", REST)
-def test_a_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
-    refused(name, world, tmp_path, 30)
+def test_a_command_whose_calls_fail(
+    name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
+) -> None:
+    refused(name, world, tmp_path, draws(40))
 
 
 @pytest.mark.e2e
 @pytest.mark.parametrize("name", LONG)
-def test_a_long_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
-    refused(name, world, tmp_path, 20)
+def test_a_long_command_whose_calls_fail(
+    name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
+) -> None:
+    refused(name, world, tmp_path, draws(32))
 
 
 @pytest.mark.e2e
@@ -87,9 +92,9 @@ def test_memory_that_runs_out(name: str, world: dict[str, Path], tmp_path: Path)
 @pytest.mark.e2e
 @pytest.mark.parametrize("name", ["compensate --record", "calibrate", "identify", "hole"])
 def test_memory_that_runs_out_in_a_long_command(
-    name: str, world: dict[str, Path], tmp_path: Path
+    name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:
-    refused(name, world, tmp_path, 8, ARRAYS)
+    refused(name, world, tmp_path, draws(16), ARRAYS)
 
 
 @pytest.mark.e2e
@@ -103,7 +108,10 @@ def test_a_kill_leaves_old_or_whole_files_and_the_next_run_goes_on(
 
 @pytest.mark.e2e
 @pytest.mark.parametrize("name", KILLED)
-def test_a_long_command_is_killed(name: str, world: dict[str, Path], tmp_path: Path) -> None:
-    done, _, wrong = kills(Trial(LONG[name], world, tmp_path), 10, 1)
+def test_a_long_command_is_killed(
+    name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
+) -> None:
+    count = draws(16)
+    done, _, wrong = kills(Trial(LONG[name], world, tmp_path), count, 1)
     assert wrong == []
-    assert done >= 5
+    assert done >= count // 2

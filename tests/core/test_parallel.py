@@ -51,10 +51,12 @@ def kill_process_of_job_1(job: int) -> int:
 
 
 def wait_for_other_job(folder: Path, job: int) -> int:
-    """Job 0 ends after job 1."""
+    """Job 0 ends a second after job 1, also on a busy machine."""
     until = time.monotonic() + WAIT_S
     while job == 0 and not (folder / "1").exists() and time.monotonic() < until:
         time.sleep(0.005)
+    if job == 0:
+        time.sleep(1.0)
     (folder / str(job)).touch()
     return job
 

@@ -63,6 +63,7 @@ def test_one_lag_fitted_to_two_lags_is_contradicted_with_figures() -> None:
     assert held_out_evidence["P1"] > held_out_evidence["P2"] + 6.0
 
 
+@pytest.mark.e2e
 def test_widened_interval_covers_the_lag_missed_by_the_wrong_structure() -> None:
     before, after = fitted("P1", 0.75)
     assert after.common_lag_s.contains(TRUE_S)
@@ -201,6 +202,7 @@ def test_comparison_is_available_as_json_and_as_a_table_of_sensible_digits() -> 
     )
 
 
+@pytest.mark.e2e
 def test_interval_of_a_channel_has_the_skewness_of_the_common_interval() -> None:
     scan: LagScan = replace(
         fitted("P2", 0.75)[0].scan, mean_s=0.7, sd_s=0.1, low95_s=0.55, high95_s=0.95

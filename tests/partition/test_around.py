@@ -43,6 +43,7 @@ def test_surface_temperature_matches_the_truth_within_its_band(disk: str) -> Non
     assert np.ptp(estimate.surface_degC) == pytest.approx(np.ptp(expected.surface_degC), abs=0.7)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("disk", DISKS)
 def test_middle_plane_contains_the_junction_readings(disk: str) -> None:
     """a, b and e lie in it. Depths of the drawn rig are about 0.1 mm off, up to 0.5 K near the surface."""
@@ -59,6 +60,7 @@ def test_middle_plane_contains_the_junction_readings(disk: str) -> None:
             ), c
 
 
+@pytest.mark.e2e
 def test_plots_show_the_disk_and_its_junctions() -> None:
     analysis, true_fields = analysis_and_true_fields()
     for field in (circumferential_temperature(analysis, "slow"), true_fields["slow"]):

@@ -65,8 +65,8 @@ def test_a_plunge_is_written_read_and_compensated(lag_s: float, tmp_path: Path) 
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("lag_s", LONG_S)
-def test_a_specified_lag_compensates_and_follows_a_room(lag_s: float, tmp_path: Path) -> None:
+def test_a_specified_lag_compensates_and_follows_a_room(tmp_path: Path) -> None:
+    lag_s = 900.0
     t, truth, y = room(lag_s)
     log = write(tmp_path / "room.csv", time_s=t, T_degC=y)
     out = tmp_path / "s.sensor.json"

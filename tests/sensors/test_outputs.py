@@ -200,6 +200,7 @@ def test_a_compensated_table_is_refused_with_and_without_its_metadata(tmp_path):
         follow(done.path, [PROBE], tmp_path / "live.csv", idle_s=0.01, poll_s=0.01)
 
 
+@pytest.mark.e2e
 def test_follow_writes_plain_csv_its_metadata_and_the_dialect_of_the_log(tmp_path):
     log = tmp_path / "log.csv"
     names = ["Time [s]", "T1 [°C]", "Öldruck"]
