@@ -147,7 +147,8 @@ def estimate_and_whiten_noise(
     hum = []
     for line in noise.hum_lines:
         gains = [abs(c.frequency_response(line[0])) for c in plain]
-        if all(gain < MAX_HUM_GAIN for gain in gains):  # others may be waves of the temperature
+        # others may be waves of the temperature
+        if noise.is_mains(line[0]) and all(gain < MAX_HUM_GAIN for gain in gains):
             hum.append(line)
     return replace(noise, hum_lines=tuple(hum)), results
 

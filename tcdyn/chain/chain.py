@@ -443,6 +443,8 @@ class Sensor:
     scatter
         Stationary covariance (n, n) of the stages about the ramp, for slope noise of intensity 1
         K2/s3.
+    level_scatter
+        The same for noise that drives the temperature itself, of intensity 1 K2/s.
     delay_s, lag_s
         Dead time and total lag [s].
     """
@@ -453,6 +455,7 @@ class Sensor:
     split_row: Array
     ramp: Array
     scatter: Array
+    level_scatter: Array
     delay_s: float
     lag_s: float
 
@@ -543,6 +546,7 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     drift[idle, idle] = -1.0
     ramp = np.zeros((size, 2))
     scatter = np.zeros((size, size))
+    level_scatter = np.zeros((size, size))
     ramp[0, 0] = 1.0
     ramp[1, 1] = 1.0
     if size > 2:
@@ -551,4 +555,16 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         v = np.linalg.solve(stages, ramp[2:, 0])
         ramp[2:, 1] = v
         scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
-    return Sensor(drift, output, lag_row, split_row, ramp, scatter, chain.delay_s, chain.lag_s)
+        level = ramp[2:, 0]
+        level_scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(level, level))
+    return Sensor(
+        drift,
+        output,
+        lag_row,
+        split_row,
+        ramp,
+        scatter,
+        level_scatter,
+        chain.delay_s,
+        chain.lag_s,
+    )

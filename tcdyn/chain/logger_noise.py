@@ -65,6 +65,12 @@ MIN_FREQUENCIES = 10
 # largest amplitude of a harmonic of hum relative to its line; width of a line [Hz]
 HARMONIC_SHARE = 0.5
 LINE_WIDTH_HZ = 0.5
+# width of a line of the mains relative to the sampling rate at most: below some ten samples a second
+# its harmonics could be anywhere
+LINE_SHARE = 0.01
+# frequencies of the mains [Hz], and the highest harmonic
+MAINS_HZ = (50.0, 60.0)
+HARMONICS = 5
 # bands of a spectrum; mean ratio of observed to expected power in one that counts as unexplained
 N_BANDS = 8
 UNEXPLAINED = 1.6
@@ -202,10 +208,17 @@ class LoggerNoise:
         for f, amplitude in self.hum_lines:
             for mains in _mains(f, self.rate_Hz):
                 if any(
-                    _alias_frequency(k * mains, self.rate_Hz) < LINE_WIDTH_HZ for k in range(2, 6)
+                    _alias_frequency(k * mains, self.rate_Hz) < LINE_WIDTH_HZ
+                    for k in range(2, HARMONICS + 1)
                 ):
                     u = np.hypot(u, HARMONIC_SHARE * amplitude / np.sqrt(2))
         return u
+
+    def is_mains(self, f: float) -> bool:
+        """Whether sampling shows the mains, or one of its harmonics, at ``f`` [Hz]."""
+        width_Hz = min(LINE_WIDTH_HZ, LINE_SHARE * self.rate_Hz)
+        harmonics = [k * mains for mains in MAINS_HZ for k in range(1, HARMONICS + 1)]
+        return any(abs(_alias_frequency(h, self.rate_Hz) - f) < width_Hz for h in harmonics)
 
     def white(self, sd_K: Array) -> LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
@@ -373,7 +386,12 @@ def estimate_logger_noise(
     before = levels[:, 0]
     after = levels[:, 1]
     ratio = float(np.median(before / np.maximum(before + after, 1e-300)))
-    coloured = cost[NO_CONDITIONING] - cost[best] >= MIN_DEVIANCE and ratio >= MIN_BEFORE_SHARE
+    coloured = (
+        cost[NO_CONDITIONING] - cost[best] >= MIN_DEVIANCE
+        and ratio >= MIN_BEFORE_SHARE
+        # a slower lag than all that were tried: the lag of the sensor, and a rough temperature
+        and best is not lags[0]
+    )
     chosen = best if coloured else NO_CONDITIONING
     ratio_to_expected = power[background] / np.stack(
         [shapes[chosen] @ v for v, _ in fits[chosen]], axis=1
@@ -417,7 +435,7 @@ def _alias_frequency(f: float, rate_Hz: float) -> float:
 def _mains(f: float, rate_Hz: float) -> list[float]:
     """The mains frequencies, 50 and 60 Hz, that sampling at ``rate_Hz`` shows at ``f`` [Hz]."""
     return [
-        mains for mains in (50.0, 60.0) if abs(_alias_frequency(mains, rate_Hz) - f) < LINE_WIDTH_HZ
+        mains for mains in MAINS_HZ if abs(_alias_frequency(mains, rate_Hz) - f) < LINE_WIDTH_HZ
     ]
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import maximum_filter1d
 from scipy.special import logsumexp
 
 from tcdyn.core import Array
@@ -49,8 +50,10 @@ ROUNDS = 8
 MAX_EVENTS = 24
 # nats by which a fit of height, decay and power of a burst to pure noise raises the likelihood
 BURST_FIT_NATS = 3.0
-# prior probability in a channel at an event: nothing, a kink, a jump of the temperature
-PRIOR = (0.5, 0.4, 0.1)
+# prior probability in a channel at an event: nothing, a kink, a jump of the temperature at once, a
+# kink before rough changes, and jumps over these shares of the lag
+PRIOR = (0.5, 0.35, 0.04, 0.05, 0.03, 0.03)
+GRADUAL_LAGS = (0.1, 0.3)
 # times tried at first; and later, over so many standard deviations on either side
 COARSE_TIMES = 13
 FINE_TIMES = 7
@@ -70,7 +73,7 @@ class HiddenEvent:
     log_odds
         Log odds that there is an event.
     kinds
-        Bursts of the channels (M,) if the event is a kink, and if it is a jump.
+        Bursts of the channels (M,) if the event is a kink, a jump, and a gradual jump.
     likeliest
         The more likely of these for each channel (M,).
     possibilities
@@ -175,6 +178,32 @@ def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
         times.append(float(knots[int(np.argmax(score))]))
         score[np.abs(knots - times[-1]) < reach_s] = 0.0
     return times
+
+
+def remaining_jump(fit: Smoothed) -> Array:
+    """Size (N, M) [K] of the jump of the temperature that the data still show at each sample; zero
+    where chance explains it.
+
+    Notes
+    -----
+    The most likely jump at a knot is the adjoint over its variance. It counts where the score test
+    of ``candidates`` is significant, and in the intervals beside.
+    """
+    threshold = 2 * np.log(fit.jump_chi2.size / FALSE_CANDIDATES)
+    chi2 = fit.jump_chi2.copy()
+    chi2[:3] = 0.0
+    chi2[-3:] = 0.0
+    n_samples = len(fit.temperature)
+    out = np.zeros_like(fit.temperature)
+    t = np.arange(n_samples) * fit.record.dt_s
+    knots = fit.knots_s[:-1]
+    free_s = {b.start_s for q in fit.intensities for b in q.bursts} | set(fit.record.events_s)
+    chi2[np.isin(knots, list(free_s))] = 0.0  # there a jump has its own prior
+    for c in np.flatnonzero((chi2 > threshold).any(axis=0)):
+        jump = np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
+        jump = np.where(chi2[:, c] > threshold, jump, 0.0)
+        out[:, c] = np.interp(t, knots, maximum_filter1d(jump, 3))
+    return out
 
 
 def detect_hidden_events(
@@ -411,10 +440,13 @@ def weigh_event(
     base = window.base
     if previous is None:
         kinds, best_s, u_s = _coarse_search(window, lag)
+        kinds.append([replace(b, rough=3.0) for b in kinds[0]])
+        best_s.append(best_s[0])
+        u_s.append(u_s[0])
     else:
-        kinds = [[replace(b, start_s=start_s) for b in kind] for kind in previous.kinds]
-        best_s = [start_s] * 2
-        u_s = [2 * previous.u_s + 0.02 * lag] * 2
+        kinds = [[replace(b, start_s=start_s) for b in kind] for kind in previous.kinds[:3]]
+        best_s = [start_s] * 3
+        u_s = [2 * previous.u_s + 0.02 * lag] * 3
     bursts = []
     for kind, time in zip(kinds, best_s):
         shifted = [q.shifted(start_s, time) for q in base]
@@ -422,6 +454,10 @@ def weigh_event(
         near = previous is not None and min(b.height for b in kind) > 0
         refined = likeliest_burst(window.record, noise_var, shifted, zero, near)
         bursts.append([replace(b, start_s=start_s) for b in refined])
+    for share in GRADUAL_LAGS:
+        bursts.append([replace(b, width_s=share * lag) for b in bursts[1]])
+        best_s.append(best_s[1])
+        u_s.append(u_s[1])
     for _ in range(3):
         # a kink and a jump may have different times
         ranges = [
@@ -465,7 +501,7 @@ def weigh_event(
         possibilities=tuple(
             (float(t) + shift, placed[i][k], weights[:, i, k + 1])
             for i, t in enumerate(times)
-            for k in range(2)
+            for k in range(len(bursts))
             if weights[:, i, k + 1].max() > MIN_WEIGHT
         ),
         level=level,

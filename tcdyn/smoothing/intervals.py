@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tcdyn.chain import Chain, Sensor
 from tcdyn.core import Array
-from tcdyn.smoothing.noise_levels import Intensity, levels_at
+from tcdyn.smoothing.noise_levels import Intensity, level_noise_at, levels_at
 from tcdyn.smoothing.record import Record
 
 # allowed lengths of an interval [samples]
@@ -33,9 +33,11 @@ FINE = 0.5
 CHUNK_INTERVALS = 4000
 # margin of a chunk, in memories of the smoother: exp(-18) of the error at its ends remains
 SETTLING = 18.0
+# level noise over noise [1/s2] below which it has no effect on any record
+TINY_RATIO = 1e-12
 
 
-def corner_rad_s(chain: Chain, ratio: Array) -> Array:
+def corner_rad_s(chain: Chain, ratio: Array, order: int = 2) -> Array:
     """Corner frequency [rad/s] of the smoother: where the signal falls below the noise.
 
     Parameters
@@ -43,7 +45,10 @@ def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     chain
         The chain, with frequency response G.
     ratio
-        q / R [1/s4] of any shape: intensity over the spectral density R = noise variance times dt.
+        q / R [1/s4] of any shape: intensity over the spectral density R = noise variance times dt;
+        with ``order`` 1 p / R [1/s2], p the intensity of level noise.
+    order
+        2 for slope noise, 1 for level noise.
 
     Returns
     -------
@@ -52,13 +57,13 @@ def corner_rad_s(chain: Chain, ratio: Array) -> Array:
 
     Notes
     -----
-    Solves |G(w)|^2 q / w^4 = R, by linear interpolation of logarithms between 400 frequencies. The
+    Solves |G(w)|^2 q / w^(2 order) = R, by linear interpolation of logarithms between 400 frequencies. The
     number of frequencies may be changed; ``tests/smoothing/test_states.py`` requires an accuracy of
     0.2 %.
     """
     w = np.geomspace(1e-4, 1e4, 400)
     gain = np.abs(chain.frequency_response(w / 2 / np.pi))
-    needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(gain + 1e-30))
+    needed = np.maximum.accumulate(2 * order * np.log(w) - 2 * np.log(gain + 1e-30))
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
 
 
@@ -110,9 +115,25 @@ def knots_for(
     for chain, proposed, var in zip(record.chains, proposals, noise_var):
         highest = levels_at(proposed, t).max(axis=0)
         longest_s = np.minimum(longest_s, fine / corner_rad_s(chain, highest / (var * dt)))
+        if any(q.is_rough for q in proposed):
+            rough = level_noise_at(proposed, t).max(axis=0)
+            corner = corner_rad_s(chain, np.maximum(rough, TINY_RATIO * var * dt) / (var * dt), 1)
+            longest_s = np.minimum(longest_s, fine / corner)
     first = round(start / dt)
     sample_s = np.arange(first, n_samples) * dt
     longest_samples = np.maximum(np.interp(sample_s, t, longest_s) / dt, 1.0)
+    gradual = {
+        (b.start_s, b.width_s)
+        for proposed in proposals
+        for q in proposed
+        for b in q.bursts
+        if b.width_s > 0
+    }
+    for at_s, width_s in gradual:  # every sample of a gradual jump is a knot
+        since_s = np.abs(sample_s - at_s) - 0.5 * width_s
+        before = sample_s < at_s + 0.5 * width_s + dt
+        limit = np.where(before, np.maximum(since_s / dt - 1.0, 1.0), np.inf)
+        longest_samples = np.minimum(longest_samples, limit)
     longest_index = np.searchsorted(STEPS, longest_samples + 1e-9, side="right") - 1
     return _knots(first, dt, [*stops, end + 0.5 * dt], longest_index)
 
@@ -248,11 +269,15 @@ def settling_time_s(
     float
         Longest dead time plus ``SETTLING`` memories of a channel [s].
     """
-    ratios = [min(q.levels) / (sd**2 * dt_s) for q, sd in zip(chosen, noise_sd)]
-    return max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(sensors, ratios))
+    memories = []
+    for s, q, sd in zip(sensors, chosen, noise_sd):
+        var = sd**2 * dt_s
+        level_noise = min(q.level_noise, default=0.0)
+        memories.append(s.delay_s + SETTLING * memory_s(s, min(q.levels) / var, level_noise / var))
+    return max(memories)
 
 
-def memory_s(sensor: Sensor, ratio: float) -> float:
+def memory_s(sensor: Sensor, ratio: float, level_ratio: float = 0.0) -> float:
     """Time [s] in which the smoother forgets a state to 1/e, forward and backward alike.
 
     Parameters
@@ -261,6 +286,8 @@ def memory_s(sensor: Sensor, ratio: float) -> float:
         State space of a chain.
     ratio
         q / (R dt) [1/s4], R the noise variance of a sample.
+    level_ratio
+        p / (R dt) [1/s2], p the intensity of level noise.
 
     Notes
     -----
@@ -269,6 +296,7 @@ def memory_s(sensor: Sensor, ratio: float) -> float:
     lags.
     """
     driving = np.zeros_like(sensor.drift)
+    driving[0, 0] = level_ratio
     driving[1, 1] = ratio
     hamiltonian = np.block(
         [[sensor.drift, driving], [np.outer(sensor.output, sensor.output), -sensor.drift.T]]

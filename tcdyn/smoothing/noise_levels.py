@@ -1,6 +1,7 @@
 """Process-noise intensity q(t): a level for each segment, and bursts that start at events.
 
-The process noise drives the slope of the temperature; its intensity is q(t) [K2/s3]. These are the
+The process noise drives the slope of the temperature; its intensity is q(t) [K2/s3]. A rough
+temperature also has noise that drives the temperature itself, of intensity p(t) [K2/s]. These are the
 values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.hidden_events` estimate,
 that a caller of ``tcdyn.smoothing.smoother.smooth`` may give, and that
 :mod:`tcdyn.smoothing.state_space` integrates over the intervals of the smoother. Guarded by
@@ -36,6 +37,11 @@ class Burst:
     level_sd, slope_sd
         Prior standard deviations of a jump of the temperature [K] and of its slope [K/s] at the
         start.
+    width_s
+        Time [s] around the start over which that jump of the temperature is spread, in any way.
+    rough
+        The burst also drives the temperature itself, with the intensity q(t) (rough decay_s)^2
+        [K2/s].
 
     Notes
     -----
@@ -50,6 +56,8 @@ class Burst:
     power: float = 3.0
     level_sd: float = 0.0
     slope_sd: float = 0.0
+    width_s: float = 0.0
+    rough: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,9 @@ class Intensity:
         Intensity of each segment [K2/s3], from its start on.
     bursts
         Bursts, added to the levels.
+    level_noise
+        Intensity p [K2/s] of the noise that drives the temperature itself, of each segment; empty
+        where there is none.
 
     Examples
     --------
@@ -77,11 +88,17 @@ class Intensity:
     starts_s: tuple[float, ...]
     levels: tuple[float, ...]
     bursts: tuple[Burst, ...] = ()
+    level_noise: tuple[float, ...] = ()
 
     @classmethod
     def constant(cls, level: float) -> Intensity:
         """The same ``level`` [K2/s3] at all times."""
         return cls((0.0,), (float(level),))
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether any noise drives the temperature itself."""
+        return bool(self.level_noise) or any(b.rough for b in self.bursts)
 
     def at(self, t_s: ArrayLike) -> Array:
         """q(t) [K2/s3], same shape as ``t_s``."""
@@ -117,7 +134,7 @@ class Intensity:
 
         starts_s = tuple(new_time(start) for start in self.starts_s)
         bursts = tuple(replace(b, start_s=new_time(b.start_s)) for b in self.bursts)
-        return Intensity(starts_s, self.levels, bursts)
+        return replace(self, starts_s=starts_s, bursts=bursts)
 
 
 def _bursts(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
@@ -128,10 +145,10 @@ def _bursts(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
     member
         Membership matrix (Q, B) of ones and zeros.
     fields
-        The fields of the bursts in their order, (6, B, 1).
+        The fields of the bursts in their order, (8, B, 1).
     """
     rows = [(k, *vars(b).values()) for k, q in enumerate(intensities) for b in q.bursts]
-    table = np.array(rows, dtype=float).reshape(-1, 7)
+    table = np.array(rows, dtype=float).reshape(-1, 9)
     member = np.arange(len(intensities))[:, None] == table[:, 0]
     return member.astype(float), table[:, 1:].T[:, :, None]
 
@@ -144,6 +161,21 @@ def _steady(intensities: Sequence[Intensity], t_s: Array) -> Array:
         segment = np.maximum(np.searchsorted(starts_s, t_s, "right") - 1, 0)
         levels[starts_s, values] = np.array(values, dtype=float)[segment]
     return np.stack([levels[q.starts_s, q.levels] for q in intensities])
+
+
+def level_noise_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
+    """p(t) (Q, T) [K2/s] of each of ``intensities`` at ``t_s`` (T,)."""
+    out = np.zeros((len(intensities), len(t_s)))
+    for row, q in zip(out, intensities):
+        if q.level_noise:
+            segment = np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)
+            row[:] = np.array(q.level_noise, dtype=float)[segment]
+    if any(b.rough for q in intensities for b in q.bursts):
+        member, (start, height, decay, power, *_, rough) = _bursts(intensities)
+        age = np.maximum(t_s - start, 0.0) / decay
+        decaying = height * (rough * decay) ** 2 * (1.0 + age / power) ** -power
+        out += member @ np.where(t_s >= start, decaying, 0.0)
+    return out
 
 
 def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
@@ -208,13 +240,20 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     intensities
         Q intensities.
     knots_s
-        Knots (J,) [s]; a burst jumps where its start equals a knot exactly.
+        Knots (J,) [s]; a burst without width jumps where its start equals a knot exactly.
 
     Returns
     -------
     Array
         Variances (J, Q, 2) of level [K2] and slope [K2/s2].
     """
-    member, (start, *_, level_sd, slope_sd) = _bursts(intensities)
-    at = knots_s == start
-    return np.stack([(member @ (at * sd**2)).T for sd in (level_sd, slope_sd)], axis=-1)
+    member, (start, _, _, _, level_sd, slope_sd, width, _) = _bursts(intensities)
+    at = (knots_s == start).astype(float)
+    level_share = at
+    if (width > 0).any():
+        middles = np.concatenate([knots_s[:1], 0.5 * (knots_s[1:] + knots_s[:-1]), knots_s[-1:]])
+        passed = np.clip((middles - start) / np.maximum(width, 1e-300) + 0.5, 0.0, 1.0)
+        level_share = np.where(width > 0, np.diff(passed, axis=1), at)
+    level = (member @ (level_share * level_sd**2)).T
+    slope = (member @ (at * slope_sd**2)).T
+    return np.stack([level, slope], axis=-1)

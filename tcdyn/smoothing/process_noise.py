@@ -21,7 +21,7 @@ import numpy as np
 from scipy.fft import prev_fast_len, rfft
 
 from tcdyn.chain import Chain
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.record import Record
@@ -62,6 +62,10 @@ SPECTRAL_BANDS = 1500
 JUMP_STRIDE = 3
 # a burst may move the trace by so many of its ranges within one decay time; chosen by judgement
 MAX_BURST_RANGES = 3.0
+# factor of the noise variance from which on what is called noise must be white; and the chance that
+# white noise shows a line
+NOISE_SLACK = 1.2
+LINE_CHANCE = 1e-4
 # smallest intensity, in noise variances per second cubed: the slope may always change over about
 # 10 s
 FLOOR = 1e-6
@@ -220,7 +224,33 @@ def exact_levels(
         top = logs[rows, best]
         refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7)
         logs = np.clip(refined, np.log(FLOOR), None)
-    return np.exp(top) * noise_var * scale, noise_var * scale
+    intensity = np.exp(top) * noise_var * scale
+    larger = noise_var * scale
+    signal = (scale > NOISE_SLACK) & _stands_out(record, larger, intensity)
+    if signal.any():
+        known, _ = exact_levels(record, noise_var, True, most, trials)
+        return np.where(signal, known, intensity), np.where(signal, noise_var, larger)
+    return intensity, larger
+
+
+def _stands_out(record: Record, noise_var: Array, intensity: Array) -> Flags:
+    """Channels (M,) with a frequency above the corner of the smoother whose power is no noise.
+
+    A larger noise would explain such a line, or part of a spectrum, as well as a temperature would;
+    but white noise has the same power at all frequencies. In the periodogram of white noise the
+    share above log(N / P) is P / N.
+    """
+    n = len(record.y)
+    t = np.linspace(-1, 1, n)
+    w = 2 * np.pi * np.fft.rfftfreq(n, record.dt_s)
+    out = np.zeros(len(noise_var), dtype=bool)
+    for c, chain in enumerate(record.chains):
+        y = record.y[:, c] - record.y[:, c].mean()
+        power = np.abs(np.fft.rfft((y - t @ y / (t @ t) * t) * _taper(n))) ** 2
+        corner = corner_rad_s(chain, np.array(intensity[c] / (noise_var[c] * record.dt_s)))
+        above = power[w > corner]
+        out[c] = len(above) > 0 and above.max() > noise_var[c] * np.log(n / LINE_CHANCE)
+    return out
 
 
 def choose_intensities(
@@ -256,7 +286,10 @@ def choose_intensities(
         window, shift = _event_window(record, event)
         base = [replace(q, bursts=()).shifted(shift_s=shift) for q in intensities]
         nothing = [Burst(event - shift, 0.0, 1.0)] * len(base)
-        bursts = likeliest_burst(window, noise_var, base, nothing, jumps=True)
+        # the readings show only a part of a change that lasts for less than a lag
+        after_s = max(len(window.y) * record.dt_s - (event - shift), record.dt_s)
+        jump_ranges = 1.0 + smearing_time_s(record) / after_s
+        bursts = likeliest_burst(window, noise_var, base, nothing, jump_ranges=jump_ranges)
         intensities = [
             replace(q, bursts=(*q.bursts, replace(b, start_s=event)))
             for q, b in zip(intensities, bursts)
@@ -365,7 +398,7 @@ def likeliest_burst(
     base: Sequence[Intensity],
     initial: Sequence[Burst],
     near: bool = False,
-    jumps: bool = False,
+    jump_ranges: float = 0.0,
 ) -> list[Burst]:
     """Most likely burst of each channel, added to given intensities.
 
@@ -383,8 +416,8 @@ def likeliest_burst(
         data more likely.
     near
         ``initial`` has a height, and only bursts similar to it are tried.
-    jumps
-        Also try bursts with a jump of the temperature by the range of the trace.
+    jump_ranges
+        Also try bursts with a jump of the temperature by so many ranges of the trace.
 
     Returns
     -------
@@ -412,14 +445,14 @@ def likeliest_burst(
             for h in np.minimum(heights, (MAX_BURST_RANGES * span) ** 2 / d**3)
         ]
         bursts = [zero, *(replace(zero, height=h, decay_s=d) for h, d in sizes)]
-        if jumps:
-            bursts += [replace(b, level_sd=span) for b in bursts[::JUMP_STRIDE]]
+        if jump_ranges:
+            bursts += [replace(b, level_sd=jump_ranges * span) for b in bursts[::JUMP_STRIDE]]
         candidates.append(bursts)
     best = list(initial)
     for refine in (True,) if near else (False, True):
         fine = 8 * FINE  # a coarse search can use longer intervals
         if refine:
-            fine = (4 if jumps else 2) * FINE
+            fine = (4 if jump_ranges else 2) * FINE
             candidates = [
                 [
                     replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p)

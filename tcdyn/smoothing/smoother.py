@@ -20,13 +20,16 @@ from numpy.typing import ArrayLike
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import (
     HiddenEvent,
     average_over_event,
+    candidates,
     detect_hidden_events,
     influenced_samples,
+    remaining_jump,
 )
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity
@@ -37,9 +40,11 @@ from tcdyn.smoothing.process_noise import (
     segment,
     tradeoff_curve,
 )
+from tcdyn.smoothing.quantisation import propagated
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
+from tcdyn.smoothing.roughness import refined, unresolved_var, with_least_risk
 from tcdyn.smoothing.rts import rts_smooth
-from tcdyn.smoothing.state_space import Smoothed, full_model, smooth_record
+from tcdyn.smoothing.state_space import Smoothed, full_model, likelihood, smooth_record
 
 # degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
 # Chosen by judgement
@@ -51,6 +56,8 @@ REWEIGHTINGS = 4
 COARSENING = 4.0
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
+# nats by which a record must be more likely without its listed events; chosen by judgement
+EVENTS_NATS = 30.0
 
 
 @one_blas_thread
@@ -91,8 +98,9 @@ def smooth(
         Process-noise intensity q, a number or an ``Intensity`` per channel; estimated by maximum
         likelihood when left out.
     events_s
-        Times [s] from the first sample at which the slope of x may jump (such as an unloading);
-        they may lie between samples.
+        Times [s] from the first sample at which the slope of x may jump (such as an unloading), or
+        x itself; they may lie between samples. Events that contradict the readings are not used:
+        where the same record without them is more likely, that is the result, with a warning.
     event_u_s
         Standard uncertainty of those times [s], one or one per event.
     find_events
@@ -138,32 +146,26 @@ def smooth(
     else:
         record = record_of(y, dt_s, chains, events_s, noise_sd, names)
     n_channels = record.y.shape[1]
-    start_var = record.noise_sd**2
-    if intensity is None:
-        intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
-    else:
-        intensities = _as_intensities(intensity, n_channels)
-        noise_var = start_var
-    if not (np.isfinite(noise_var) & (noise_var > 0)).all():
-        lag_s = max(c.lag_s for c in record.chains)
-        raise InputError(
-            f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow "
-            f"for a lag of {lag_s:.4g} s",
-            expected="several rows in one lag",
-        )
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(map(float, events_s), listed_u_s))
-    events = {at: u_by_time[at] for at in record.events_s}
-    fit = smooth_record(record, noise_var, intensities)
-    spikes = _spikes(fit)
-    if spikes.any():
-        fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
     detected_events: list[HiddenEvent] = []
-    detect = not events_s if find_events is None else find_events
-    if intensity is None and detect:
-        fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
-        intensities = list(fit.intensities)
-        noise_var = fit.noise_var
+    findings = list(record.findings)
+    if intensity is None:
+        detect = not events_s if find_events is None else find_events
+        fit, detected_events, jump_K, contradicts = _estimated(record, detect)
+        if record.events_s and contradicts:
+            without = replace(record, events_s=())
+            other, other_events, other_jump_K, _ = _estimated(without, True)
+            if _evidence(other) > _evidence(fit) + EVENTS_NATS:
+                fit, detected_events, jump_K = other, other_events, other_jump_K
+                findings.append(warning("trace.events", events=len(record.events_s)))
+    else:
+        fit = _smoothed_without_spikes(
+            record, record.noise_sd**2, _as_intensities(intensity, n_channels)
+        )
+    intensities = list(fit.intensities)
+    noise_var = fit.noise_var
+    events = {at: u_by_time[at] for at in fit.record.events_s}
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
             fit = _reweighted(fit, record.y)
@@ -171,6 +173,11 @@ def smooth(
         fit = average_over_event(fit, event)
     sd = fit.sd
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
+    if intensity is None:
+        sd = np.hypot(sd, jump_K)
+        sd = np.hypot(sd, np.sqrt(unresolved_var(fit)))
+    else:  # the rounding of a coarse logger is one error at many times
+        line_u_K = np.hypot(line_u_K, record.step_K / np.sqrt(12))
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
         sd = np.hypot(sd, shift_K)
@@ -192,7 +199,7 @@ def smooth(
         intensity=np.array([float(np.median(q.at(some_times))) for q in intensities]),
         flags=fit.record.flags,
         method="fixed-interval smoother",
-        findings=record.findings,
+        findings=tuple(findings),
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=tuple(intensities),
@@ -209,6 +216,62 @@ def _as_intensities(
     else:
         listed = [intensity] * n_channels
     return [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
+
+
+def _smoothed_without_spikes(
+    record: Record, noise_var: Array, intensities: Sequence[Intensity]
+) -> Smoothed:
+    """The smoothed record, and again without the spikes that it shows.
+
+    Raises
+    ------
+    InputError
+        Where the noise could not be estimated.
+    """
+    if not (np.isfinite(noise_var) & (noise_var > 0)).all():
+        lag_s = max(c.lag_s for c in record.chains)
+        raise InputError(
+            f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow "
+            f"for a lag of {lag_s:.4g} s",
+            expected="several rows in one lag",
+        )
+    fit = smooth_record(record, noise_var, intensities)
+    spikes = _spikes(fit) & (record.step_K == 0)
+    if spikes.any():
+        fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
+    return fit
+
+
+def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
+    """The record smoothed with intensities by their likelihood, and the events that were detected.
+
+    The third result is ``remaining_jump``. The fourth is whether there were any before the
+    intensities were adapted to them.
+    """
+    start_var = record.noise_sd**2
+    intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
+    fit = _smoothed_without_spikes(record, noise_var, intensities)
+    if (record.step_K > 0).any():
+        return propagated(fit, record.y), [], np.zeros_like(record.y), False
+    detected_events: list[HiddenEvent] = []
+    contradicts = bool(remaining_jump(fit).any())
+    if detect and _shows_events(fit):
+        fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
+    fit = refined(fit)
+    return with_least_risk(fit), detected_events, remaining_jump(fit), contradicts
+
+
+def _evidence(fit: Smoothed) -> float:
+    """Log likelihood of a record with the intensities of ``fit``."""
+    value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
+    return float(value.sum())
+
+
+def _shows_events(fit: Smoothed) -> bool:
+    """Whether level noise, the same at all times, leaves candidates of events."""
+    if not candidates(fit, fit.record.events_s):
+        return False
+    return bool(candidates(refined(fit, divisions=0), fit.record.events_s))
 
 
 def _spikes(fit: Smoothed) -> Flags:

@@ -23,7 +23,13 @@ from scipy.linalg import expm
 from tcdyn.chain import Sensor
 from tcdyn.core import Array, Flags
 from tcdyn.smoothing.intervals import FINE, STEPS, chunks, knots_for
-from tcdyn.smoothing.noise_levels import Intensity, jumps_at, levels_at, levels_between
+from tcdyn.smoothing.noise_levels import (
+    Intensity,
+    jumps_at,
+    level_noise_at,
+    levels_at,
+    levels_between,
+)
 from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.rts import IntervalModel, rts_smooth
 
@@ -118,11 +124,17 @@ def interval_model(
         integral = levels_between(proposals[c], knots).T
         min_span = 10 * float(np.sqrt(noise_var[c]))
         start_intensity = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
-        mean, cov, jump_var = prior(s, level, max(float(span[c]), min_span), dt, start_intensity)
-        at_knot = 0.5 * (integral + np.concatenate([np.zeros_like(integral[:1]), integral[:-1]]))
+        start_level_noise = level_noise_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
+        mean, cov, jump_var = prior(
+            s, level, max(float(span[c]), min_span), dt, start_intensity, start_level_noise
+        )
+        at_knot = _centred(integral)
         at_knot[event] += jump_var
         jumps = jumps_at(proposals[c], knots[:-1])
         jumps[..., 1] += at_knot
+        if any(q.is_rough for q in proposals[c]):
+            level_noise = level_noise_at(proposals[c], knots[:-1]).T
+            jumps[..., 0] += _centred(level_noise * np.diff(knots)[:, None])
         channels.append(
             (np.tile(mean, (len(cov), 1)), cov, information_c[:, None], score_c[:, None], jumps)
         )
@@ -142,6 +154,12 @@ def interval_model(
         np.stack(jumps_var, axis=1),
         tuple(rows),
     )
+
+
+def _centred(integral: Array) -> Array:
+    """Half of the ``integral`` (J, Q) over the intervals before and after each knot but the last."""
+    before = np.concatenate([np.zeros_like(integral[:1]), integral[:-1]])
+    return np.asarray(0.5 * (integral + before))
 
 
 def _squares(rows: Array) -> Array:
@@ -171,7 +189,12 @@ def full_model(
 
 
 def prior(
-    s: Sensor, level: float, span: float, dt_s: float, intensity: Array
+    s: Sensor,
+    level: float,
+    span: float,
+    dt_s: float,
+    intensity: Array,
+    level_noise: Array | float = 0.0,
 ) -> tuple[Array, Array, float]:
     """Prior of the state of a chain that has always followed a ramp.
 
@@ -187,6 +210,8 @@ def prior(
         Sampling interval [s].
     intensity
         Intensity (Q,) [K2/s3] of the slope noise that makes the stages scatter about the ramp.
+    level_noise
+        Intensity (Q,) [K2/s] of the level noise that does so, too.
 
     Returns
     -------
@@ -207,6 +232,7 @@ def prior(
     """
     wide = DIFFUSE * span * np.array([1.0, 1.0 / (s.lag_s + 4 * dt_s)])
     cov = s.ramp * wide**2 @ s.ramp.T + intensity[:, None, None] * s.scatter
+    cov = cov + np.reshape(level_noise, (-1, 1, 1)) * s.level_scatter
     return level * s.ramp[:, 0], cov, float(wide[1] ** 2)
 
 
@@ -344,6 +370,10 @@ class Smoothed:
     jump_chi2
         Score test (J, M) for a jump of level, slope or both: chi-square with two degrees of freedom
         if there is none.
+    score, score_var
+        Adjoint (J, M, 2) of level [1/K] and slope [s/K] at each knot, and its variance if the
+        intensities are right: the derivative of the log likelihood with respect to the variance of
+        a jump there is half of ``score**2 - score_var``.
     temperature, slope, sd
         Temperature (N, M) [degC], its slope [K/s] and its standard deviation [K].
     lag_sensitivity, lag_split_sensitivity
@@ -358,6 +388,8 @@ class Smoothed:
     knots_s: Array
     knot_slope: Array
     jump_chi2: Array
+    score: Array
+    score_var: Array
     temperature: Array
     slope: Array
     sd: Array
@@ -432,6 +464,7 @@ def smooth_record(
     (n_samples, n_channels) = record.y.shape
     n_intervals = len(knots) - 1
     knot_slope, jump_chi2 = np.empty((2, n_intervals, n_channels))
+    score, score_var = np.empty((2, n_intervals, n_channels, 2))
     at_samples = np.empty((5, n_samples, n_channels))
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
@@ -454,6 +487,8 @@ def smooth_record(
             + slope_score**2 * diagonal[..., 0]
         )
         jump_chi2[first:last] = quadratic / determinant
+        score[first:last] = chunk.adjoint[stored]
+        score_var[first:last] = diagonal
         knot_slope[first:last] = mean[stored, :, 1]
         for c, kinds in enumerate(model.rows):
             for intervals, rows, sample in kinds:
@@ -499,6 +534,8 @@ def smooth_record(
         knots,
         knot_slope,
         jump_chi2,
+        score,
+        score_var,
         temperature,
         slope,
         sd,

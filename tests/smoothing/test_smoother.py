@@ -274,9 +274,9 @@ def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
 @pytest.mark.parametrize("pair", [None, (0.1, 0.6)])
 def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
     """Cement of 50 ms: its last lags are 0.4 ms, so these states hang on the slow ones: a singular covariance."""
-    _, y = exponential_rise()
-    y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
+    x, _ = exponential_rise()
     chain = Chain((1.0,), cement_s=0.05, pair=pair, conditioning=NO_CONDITIONING)
+    y = chain.response(x, DT) + 0.2 * np.random.default_rng(0).standard_normal(len(x))
     ours = smooth(y, DT, chain, events_s=(RISE_S,))
     c = window_covariance(y, DT, chain, ours, 0, 110, 160)
     assert np.allclose(np.sqrt(np.diag(c)), ours.sd_noise[110:160, 0], rtol=0.02)

@@ -74,6 +74,8 @@ COMPENSATE: dict[str, Message] = {
     "trace.unreachable": "{subject}: {count} reading(s), the first {value:.4g} degC at sample "
     "{first_sample}, change faster than any temperature could make this sensor change; taken as "
     "missing: check the wiring, or the lag of the sensor",
+    "trace.events": "the {events} listed event(s) do not explain the readings; the record was "
+    "smoothed as if no event were listed",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
     "{first_sample}, is not determined by it: the standard uncertainty exceeds the range of the "
     "readings ({range_K:.3g} K), or the temperature is not possible; not reported there",

@@ -1,0 +1,395 @@
+"""Level noise and intensities that change with time, where the data show that one smooth prior is
+not enough.
+
+The score of the smoother tells at no cost where a prior is too smooth or too rough: with right
+intensities the squared adjoint equals its variance on average. Where it does not, the intensities
+of slope noise and level noise follow by their likelihood, in blocks of time as short as the data
+demand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tcdyn.core import Array, Flags
+from tcdyn.smoothing.intervals import corner_rad_s
+from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
+from tcdyn.smoothing.process_noise import FLOOR
+from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.state_space import Smoothed, smooth_record
+
+# Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
+# iterations of the intensities at most, and relative change at which they end
+ITERATIONS = 25
+SETTLED = 0.05
+# largest factor of an intensity in one iteration
+MAX_FACTOR = 10.0
+# exponent of that factor: above one for speed, below two for stability
+OVERRELAXATION = 1.6
+# nats by which other intensities in some window must raise the likelihood of a record before they
+# are fitted: exp(-8) is the chance by which a channel is fitted without need,
+# so that a log of twelve channels seldom is (cost)
+CHECK_NATS = 8.0
+# standard deviations by which the likelihood must rise with level noise; neighbouring knots that
+# count as one; and degrees of freedom up to which any rise counts
+LEVEL_SD = 1.0
+KNOTS_PER_PERIOD = 4.0
+FEW_DOF = 15.0
+# degrees of freedom of the prior that keeps an intensity from zero
+PRIOR_DOF = 1.0
+# nats by which two halves of a block must differ to be divided, and degrees of freedom of a half
+SPLIT_NATS = 4.0
+MIN_DOF = 4.0
+# divisions of a block in two, one after the other, at most
+MAX_DIVISIONS = 6
+# windows of a record in which its prior is checked
+CHECK_WINDOWS = 64
+# smallest level noise, in noise variances per second
+LEVEL_FLOOR = 1e-9
+# factors of the intensity that are tried by the risk, and standard deviations by which it must fall
+RISK_FACTORS = (0.3, 0.1, 0.03)
+RISK_SD = 3.0
+# the risk is tried where the corner frequency exceeds so many inverse lags: only there is much noise
+# amplified
+RISK_CORNER_LAGS = 3.0
+# exponents of the spectrum of a rough temperature that are tried, the last is that of level noise;
+# nats by which another must be better
+EXPONENTS = np.linspace(0.5, 2.0, 16)
+EXPONENT_NATS = 4.0
+# the spectrum is used from this share of the corner frequency on; fewest frequencies
+SPECTRUM_START = 0.2
+MIN_FREQUENCIES = 50
+
+
+def selected(record: Record, channels: Flags) -> Record:
+    """The record of some of its ``channels`` (M,)."""
+    return replace(
+        record,
+        y=record.y[:, channels],
+        weight=record.weight[:, channels],
+        flags=record.flags[:, channels],
+        chains=tuple(c for c, use in zip(record.chains, channels) if use),
+        sensors=tuple(s for s, use in zip(record.sensors, channels) if use),
+        noise_sd=record.noise_sd[channels],
+        aliasing_u_K=record.aliasing_u_K[channels],
+        step_K=record.step_K[channels],
+    )
+
+
+def score_sums(
+    fit: Smoothed, channel: int, edges_s: Array, weight: Array | float = 1.0
+) -> tuple[Array, Array]:
+    """Sums (K, 2) of h w score^2 and of h w score_var over blocks that start at ``edges_s`` (K,).
+
+    They are for level and slope; h is the time around a knot [s], and w the ``weight`` (J, 2) of the
+    knots. With the intensities as weights the second sum is the number of degrees of freedom of the
+    process noise in a block, and the ratio of the sums tells by which factor all of it should change.
+    """
+    h = np.diff(fit.knots_s)
+    time_at_knot = 0.5 * (h + np.concatenate([[0.0], h[:-1]]))[:, None]
+    block = np.searchsorted(edges_s, fit.knots_s[:-1], side="right") - 1
+    block = np.clip(block, 0, len(edges_s) - 1)
+    observed, expected = np.zeros((2, len(edges_s), 2))
+    np.add.at(observed, block, weight * time_at_knot * fit.score[:, channel] ** 2)
+    np.add.at(expected, block, weight * time_at_knot * fit.score_var[:, channel])
+    return observed, np.maximum(expected, 1e-300)
+
+
+def gain_nats(dof: Array, ratio: Array) -> Array:
+    """Log likelihood gained, about, by the right intensity in place of one that is wrong by
+    ``ratio``.
+
+    ``dof`` is the number of degrees of freedom that the data determine.
+    """
+    bounded = np.maximum(ratio, 1e-6)
+    return np.asarray(0.5 * dof * (bounded - 1 - np.log(bounded)))
+
+
+def too_smooth(fit: Smoothed) -> Flags:
+    """Channels (M,) for which the likelihood clearly rises with level noise, or with more noise in a
+    window.
+
+    Notes
+    -----
+    The gain of a window follows from the degrees of freedom of its process noise, bursts included,
+    and from the ratio by which that noise should rise. ``CHECK_NATS`` plus the logarithm of the
+    number of windows allows for the choice of the best window.
+    """
+    knots = fit.knots_s[:-1]
+    windows = np.linspace(knots[0], fit.knots_s[-1], CHECK_WINDOWS, endpoint=False)
+    out = np.zeros(len(fit.intensities), dtype=bool)
+    for c, q in enumerate(fit.intensities):
+        level_noise = level_noise_at([q], knots)[0]
+        if not q.level_noise:
+            segment = np.maximum(np.searchsorted(q.starts_s, knots, side="right") - 1, 0)
+            level_noise = level_noise + _first_level_noise(fit, c)[segment]
+        weight = np.stack([level_noise, q.at(knots)], axis=1)
+        observed, dof = score_sums(fit, c, windows, weight)
+        if not q.level_noise and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
+            out[c] = True
+            continue
+        for size in (1, 4, 16):
+            total = observed.reshape(-1, size, 2).sum(axis=1)
+            total_dof = dof.reshape(-1, size, 2).sum(axis=1)
+            gain = gain_nats(total_dof, np.maximum(total / total_dof, 1.0))
+            if gain.max() > CHECK_NATS + np.log(gain.size):
+                out[c] = True
+    return out
+
+
+def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
+    """Whether the likelihood rises with level noise, by more than chance.
+
+    Parameters
+    ----------
+    fit
+        Smoothed record without level noise in this channel.
+    channel
+        Index of the channel.
+    dof
+        Degrees of freedom of level noise that has the power of the slope noise at the corner.
+
+    Notes
+    -----
+    Twice the derivative of the log likelihood by the intensity is the sum of h (score^2 -
+    score_var). If there is no level noise its variance is 2 sum (h score_var)^2 for independent
+    knots; about four knots share one corner period. A record of few degrees of freedom cannot pass
+    such a test, but its band depends on the prior, so there any rise counts.
+    """
+    step = np.diff(fit.knots_s)
+    time_at_knot = 0.5 * (step + np.concatenate([[0.0], step[:-1]]))
+    expected = time_at_knot * fit.score_var[:, channel, 0]
+    rise = float(np.sum(time_at_knot * fit.score[:, channel, 0] ** 2 - expected))
+    sd = float(np.sqrt(2 * KNOTS_PER_PERIOD * np.sum(expected**2)))
+    return rise > (LEVEL_SD * sd if dof > FEW_DOF else 0.0)
+
+
+def adapted(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
+    """Smooth again with level noise, and with intensities by blocks of time.
+
+    Parameters
+    ----------
+    fit
+        Smoothed record; its bursts remain, its segments are the first blocks.
+    divisions
+        How often a block may be divided in two.
+
+    Notes
+    -----
+    An intensity is multiplied by the ratio of sum h score^2 to sum h score_var in its block, which
+    is one where the likelihood has its maximum (MacKay 1992). A prior of ``PRIOR_DOF`` degrees of
+    freedom keeps it from zero. A block is divided where its halves disagree.
+    """
+    record = fit.record
+    current: list[Intensity] = []
+    for c, q in enumerate(fit.intensities):
+        if q.level_noise:
+            current.append(q)
+        else:
+            current.append(replace(q, level_noise=tuple(_first_level_noise(fit, c).tolist())))
+    for division in range(divisions + 1):
+        for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
+            fit = smooth_record(record, fit.noise_var, current)
+            updated = [_updated(fit, c, q) for c, q in enumerate(current)]
+            if max(change for _, change in updated) < SETTLED:
+                break
+            current = [q for q, _ in updated]
+        if division == divisions:
+            break
+        divided = [_divided(fit, c, q) for c, q in enumerate(current)]
+        if divided == current:
+            break
+        current = divided
+    return fit
+
+
+def _first_level_noise(fit: Smoothed, channel: int) -> Array:
+    """Intensity of level noise (S,) [K2/s] in each segment of a channel with slope noise only.
+
+    At the corner of the smoother it has the power of the slope noise.
+    """
+    levels = np.array(fit.intensities[channel].levels)
+    ratio = levels / (fit.noise_var[channel] * fit.record.dt_s)
+    return np.asarray(levels / corner_rad_s(fit.record.chains[channel], ratio) ** 2)
+
+
+def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
+    """The intensity after one iteration, and its largest relative change that matters."""
+    observed, expected = score_sums(fit, channel, np.array(q.starts_s))
+    var = np.column_stack([q.level_noise, q.levels])
+    dof = np.maximum(var * expected, 1e-3)
+    durations = np.diff(np.append(q.starts_s, fit.knots_s[-1]))
+    prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
+    ratio = observed / expected + prior_dof[:, None] / dof
+    factor = np.clip(ratio**OVERRELAXATION, 1 / MAX_FACTOR, MAX_FACTOR)
+    change = float(np.max(np.abs(np.log(factor)) * np.minimum(dof, 1.0)))
+    floors = np.array([LEVEL_FLOOR, FLOOR]) * fit.noise_var[channel]
+    level_noise, levels = np.maximum(var * factor, floors).T
+    return replace(
+        q, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist())
+    ), change
+
+
+def _divided(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
+    """The intensity with those blocks divided whose halves disagree."""
+    starts = np.array(q.starts_s)
+    middles = 0.5 * (starts + np.append(starts[1:], fit.knots_s[-1]))
+    observed, expected = score_sums(fit, channel, np.column_stack([starts, middles]).ravel())
+    var = np.repeat(np.column_stack([q.level_noise, q.levels]), 2, axis=0)
+    dof = var * expected
+    gain = gain_nats(dof, observed / expected).reshape(len(starts), -1).sum(axis=1)
+    enough = dof.sum(axis=1).reshape(-1, 2).min(axis=1) > MIN_DOF
+    divide = (gain > SPLIT_NATS) & enough
+    copies = np.where(divide, 2, 1)
+    return replace(
+        q,
+        starts_s=tuple(np.sort(np.concatenate([starts, middles[divide]])).tolist()),
+        levels=tuple(np.repeat(q.levels, copies).tolist()),
+        level_noise=tuple(np.repeat(q.level_noise, copies).tolist()),
+    )
+
+
+def with_least_risk(fit: Smoothed) -> Smoothed:
+    """Smooth again with smaller intensities in those blocks where the predicted readings become
+    clearly better.
+
+    A signal of one frequency has no power elsewhere, and the intensity of the most likely prior is
+    too large for it.
+
+    Notes
+    -----
+    The risk is Mallows' Cp: sum (residual^2 + 2 predicted_var) / noise_var, an unbiased estimate of
+    the squared error of the predicted readings. Its difference between two fits has about twice the
+    difference of their effective parameters as its variance.
+    """
+    record = fit.record
+    dt = record.dt_s
+    freedom = (record.weight * fit.predicted_var).sum(axis=0) / fit.noise_var
+    corners = np.pi * freedom / (len(record.y) * dt)
+    if (corners * [s.lag_s for s in record.sensors] < RISK_CORNER_LAGS).all():
+        return fit
+    factors = [np.ones(len(q.levels)) for q in fit.intensities]
+    blocks = [
+        np.searchsorted(q.starts_s, np.arange(len(record.y)) * dt, side="right") - 1
+        for q in fit.intensities
+    ]
+
+    def risks(smoothed: Smoothed) -> list[tuple[Array, Array]]:
+        """Risk and effective parameters of each block, for each channel."""
+        square = record.weight * (record.y - smoothed.predicted) ** 2 / fit.noise_var
+        freedom = record.weight * smoothed.predicted_var / fit.noise_var
+        out = []
+        for c, block in enumerate(blocks):
+            risk = np.bincount(block, square[:, c] + 2 * freedom[:, c], len(factors[c]))
+            effective = np.bincount(block, freedom[:, c], len(factors[c]))
+            out.append((np.asarray(risk, dtype=float), np.asarray(effective, dtype=float)))
+        return out
+
+    def scaled(scale: float) -> list[Intensity]:
+        return [
+            replace(
+                q,
+                levels=tuple(v * scale for v in q.levels),
+                level_noise=tuple(v * scale for v in q.level_noise),
+            )
+            for q in fit.intensities
+        ]
+
+    first = risks(fit)
+    best = [risk.copy() for risk, _ in first]
+    best_total = [float(risk.sum()) for risk, _ in first]
+    totals = np.ones(len(factors))
+    for scale in RISK_FACTORS:
+        trial = risks(smooth_record(record, fit.noise_var, scaled(scale)))
+        for c, (risk, freedom) in enumerate(trial):
+            start_risk, start_freedom = first[c]
+            saved = np.maximum(start_freedom - freedom, 0.0)
+            better = (risk < best[c]) & (risk < start_risk - RISK_SD * np.sqrt(2 * saved))
+            factors[c][better] = scale
+            best[c] = np.where(better, risk, best[c])
+            limit = start_risk.sum() - RISK_SD * np.sqrt(2 * saved.sum())
+            if risk.sum() < min(limit, best_total[c]):
+                totals[c] = scale
+                best_total[c] = float(risk.sum())
+    for c, total in enumerate(totals.tolist()):
+        # a block follows the record where it shows nothing by itself
+        factors[c] = np.where(factors[c] == 1, total, factors[c])
+    if all((f == 1).all() for f in factors):
+        return fit
+    chosen = [
+        replace(
+            q,
+            levels=tuple((np.array(q.levels) * f).tolist()),
+            level_noise=tuple((np.array(q.level_noise) * f).tolist()) if q.level_noise else (),
+        )
+        for q, f in zip(fit.intensities, factors)
+    ]
+    return smooth_record(record, fit.noise_var, chosen)
+
+
+def refined(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
+    """``fit`` with the channels adapted whose prior is too smooth."""
+    channels = too_smooth(fit)
+    if not channels.any():
+        return fit
+    chosen = [q for q, use in zip(fit.intensities, channels) if use]
+    part = smooth_record(selected(fit.record, channels), fit.noise_var[channels], chosen)
+    part = adapted(part, divisions)
+    if channels.all():
+        return part
+    intensities = list(fit.intensities)
+    for index, q in zip(np.flatnonzero(channels).tolist(), part.intensities):
+        intensities[index] = q
+    return smooth_record(fit.record, fit.noise_var, intensities)
+
+
+def unresolved_var(fit: Smoothed) -> Array:
+    """Variance (M,) [K2] that the band of a rough temperature misses, up to half the sampling rate.
+
+    The spectrum of level noise falls as w^-2. That of a temperature may fall more slowly above the
+    corner of the smoother, where the readings show nothing of it.
+
+    Notes
+    -----
+    S(w) = A w^-b is fitted to the periodogram around and above the corner by Whittle's likelihood.
+    Where an exponent below 2 is clearly better, the result is the mean square error of the Wiener
+    filter, the integral of S R dt / (|G|^2 S + R dt) dw / pi, for this spectrum less that for b = 2.
+    """
+    record = fit.record
+    n = len(record.y)
+    dt = record.dt_s
+    out = np.zeros(len(fit.intensities))
+    taper = np.hanning(n + 1)[:-1]
+    taper = taper / np.linalg.norm(taper)
+    w = 2 * np.pi * np.fft.rfftfreq(n, dt)[1:]
+    for c, (chain, q, var) in enumerate(zip(record.chains, fit.intensities, fit.noise_var)):
+        if not q.level_noise:
+            continue
+        ratio = float(np.median(q.level_noise)) / (var * dt)
+        corner = float(corner_rad_s(chain, np.array(ratio), 1))
+        slope_corner = corner_rad_s(chain, np.array(float(np.median(q.levels)) / (var * dt)))
+        first = int(np.searchsorted(w, SPECTRUM_START * corner))
+        last = int(0.9 * len(w))
+        if slope_corner > corner or last - first < MIN_FREQUENCIES:
+            continue
+        y = record.y[:, c] - np.interp(np.arange(n), [0, n - 1], record.y[[0, -1], c])
+        power = np.abs(np.fft.rfft(y * taper)[1:]) ** 2
+        gain = np.abs(chain.frequency_response(w / (2 * np.pi))) ** 2 / dt
+        scales = ratio * var * dt * corner ** (EXPONENTS - 2) * np.geomspace(0.01, 100, 61)[:, None]
+        spectra = scales[..., None] * (w ** -EXPONENTS[:, None])
+        expected = var + gain[first:last] * spectra[..., first:last]
+        cost = (np.log(expected) + power[first:last] / expected).sum(axis=-1)
+        best = np.argmin(cost, axis=0)
+        costs = np.min(cost, axis=0)
+        flattest = int(np.argmin(costs))
+        if costs[-1] - costs[flattest] < EXPONENT_NATS:
+            continue
+        missed = []
+        for index in (flattest, len(EXPONENTS) - 1):
+            spectrum = spectra[best[index], index]
+            error = spectrum * var / (gain * spectrum + var)
+            missed.append(float(error.sum() * (w[1] - w[0]) / np.pi))
+        out[c] = max(missed[0] - missed[1], 0.0)
+    return out

@@ -1,0 +1,65 @@
+"""Bands of the smoother for temperatures that its first prior does not describe.
+
+The readings come from :mod:`tests.smoothing.band_study`, which shares no solver with the smoother.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.smoothing.quantisation import noise_in_steps
+from tcdyn.smoothing.smoother import smooth
+from tests.smoothing.band_study import ROWS, judge, simulate
+
+ROW = {row.name: row for row in ROWS}
+
+
+@pytest.mark.parametrize("name", ["Brownian", "drift", "steps of 0.5 K, swing"])
+def test_the_band_of_a_rough_or_rounded_temperature_holds(name: str) -> None:
+    """One record: 86 % leaves room for the few independent errors in it."""
+    cover, worst, *_ = judge(ROW[name], 0, 4711)
+    assert cover > 0.86
+    assert worst < 8
+
+
+def test_a_wave_in_one_slow_channel_is_no_hum_and_no_noise() -> None:
+    """5 K with a period of one lag: the error was 3.5 K."""
+    _, worst, square, *_ = judge(ROW["sine"], 2, 4711)
+    assert np.sqrt(square) < 0.5
+    assert worst < 8
+
+
+def test_a_short_ramp_that_looks_like_a_step_stays_in_the_band() -> None:
+    """3 K in 0.05 s: the samples inside it were wrong by hundreds of standard deviations."""
+    _, worst, *_ = judge(ROW["slope change"], 3, 4711)
+    assert worst < 8
+
+
+def test_listed_events_that_did_not_happen_do_not_replace_those_that_did() -> None:
+    setup, truth, y, events = simulate(ROW["pulse"], 0, 4711)
+    chain = Chain(setup.lags_s[0], conditioning=NO_CONDITIONING)
+    wrong = [event + 1.5 for event in events]
+    given = smooth(y, setup.dt_s, chain, events_s=wrong)
+    alone = smooth(y, setup.dt_s, chain)
+    errors = [np.sqrt(np.mean((r.temperature - truth) ** 2)) for r in (given, alone)]
+    assert errors[0] < 1.01 * errors[1]
+    assert any(f.code == "trace.events" for f in given.findings)
+
+
+def test_noise_below_the_step_follows_from_changes_that_return() -> None:
+    """Uniform speed of 0.1 of the noise a sample; 1000 changes give 10 %, the median takes some."""
+    rng = np.random.default_rng(1)
+    ramp = 0.01 * np.arange(20_000)
+    readings = np.round(ramp + 0.1 * rng.standard_normal(len(ramp)))
+    assert noise_in_steps(readings, 1.0) == pytest.approx(0.1, rel=0.35)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("name", list(ROW))
+def test_coverage_of_a_row(name: str, draws) -> None:
+    """The mean coverage; pink noise and drift are the lowest (see the page "Validation")."""
+    count = draws(24)
+    cover = [judge(ROW[name], index, 99)[0] for index in range(count)]
+    assert np.mean(cover) > 0.8
