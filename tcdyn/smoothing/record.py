@@ -81,11 +81,10 @@ class Record:
     flags
         Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE (N, M).
     noise_known
-        Whether the noise level was given, or is that of whitened noise or of rounding.
+        Whether the noise level was given, or is that of whitened noise.
     aliasing_u_K
-        Standard uncertainty (M,) [K] from aliased hum, see ``LoggerNoise``.
-    step_K
-        Step of the logger (M,) [K] where it is coarser than the noise, else zero.
+        Standard uncertainty (M,) [K] from aliased hum, see ``LoggerNoise``, and from the rounding
+        of a logger whose steps are coarser than its noise.
     findings
         Findings about the channels.
 
@@ -105,7 +104,6 @@ class Record:
     flags: NDArray[np.uint8]
     noise_known: bool
     aliasing_u_K: Array
-    step_K: Array
     findings: tuple[Finding, ...] = ()
 
 
@@ -193,20 +191,18 @@ def record_of(
     flags[implausible] = IMPLAUSIBLE
     rounding = np.array([rounding_sd(x) for x in traces])
     hides_noise = (rounding >= noise) & (noise_sd is None)
-    step_K = np.where(hides_noise, np.sqrt(12) * rounding, 0.0)
+    rounding_u = np.where(hides_noise, rounding, 0.0)
     for flag, name in zip(flags.T, channels):
         _check_channel(flag, name)
     aliasing_u = np.zeros(m)
     coloured = False
-    kinds = [(chain.conditioning, step > 0) for chain, step in zip(listed, step_K)]
-    for kind in dict.fromkeys(kinds):
-        filter_, coarse = kind
-        index = [c for c in range(m) if kinds[c] == kind]
+    for filter_ in dict.fromkeys(c.conditioning for c in listed):
+        index = [c for c in range(m) if listed[c].conditioning == filter_]
         group = [listed[c] for c in index]
         good = flags[:, index] == GOOD
         rule = SPIKES["compensator"].for_lag(min(c.lag_s for c in group) / dt_s)
         x = np.where(good, data[:, index], np.nan)
-        if noise_sd is None and not coarse:
+        if noise_sd is None:
             logger_noise, [(white, outliers)] = estimate_and_whiten_noise(
                 [x], [dt_s], filter_, noise[index], group, rule
             )
@@ -236,9 +232,8 @@ def record_of(
         events,
         noise,
         flags,
-        noise_sd is not None or coloured or bool((step_K > 0).any()),
-        aliasing_u,
-        step_K,
+        noise_sd is not None or coloured,
+        np.hypot(aliasing_u, rounding_u),
         tuple(findings),
     )
 

@@ -74,7 +74,6 @@ def selected(record: Record, channels: Flags) -> Record:
         sensors=tuple(s for s, use in zip(record.sensors, channels) if use),
         noise_sd=record.noise_sd[channels],
         aliasing_u_K=record.aliasing_u_K[channels],
-        step_K=record.step_K[channels],
     )
 
 

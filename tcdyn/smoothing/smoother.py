@@ -40,7 +40,6 @@ from tcdyn.smoothing.process_noise import (
     segment,
     tradeoff_curve,
 )
-from tcdyn.smoothing.quantisation import propagated
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.roughness import refined, unresolved_var, with_least_risk
 from tcdyn.smoothing.rts import rts_smooth
@@ -176,8 +175,6 @@ def smooth(
     if intensity is None:
         sd = np.hypot(sd, jump_K)
         sd = np.hypot(sd, np.sqrt(unresolved_var(fit)))
-    else:  # the rounding of a coarse logger is one error at many times
-        line_u_K = np.hypot(line_u_K, record.step_K / np.sqrt(12))
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
         sd = np.hypot(sd, shift_K)
@@ -236,7 +233,7 @@ def _smoothed_without_spikes(
             expected="several rows in one lag",
         )
     fit = smooth_record(record, noise_var, intensities)
-    spikes = _spikes(fit) & (record.step_K == 0)
+    spikes = _spikes(fit)
     if spikes.any():
         fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
     return fit
@@ -251,8 +248,6 @@ def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent
     start_var = record.noise_sd**2
     intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
     fit = _smoothed_without_spikes(record, noise_var, intensities)
-    if (record.step_K > 0).any():
-        return propagated(fit, record.y), [], np.zeros_like(record.y), False
     detected_events: list[HiddenEvent] = []
     contradicts = bool(remaining_jump(fit).any())
     if detect and _shows_events(fit):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.smoothing.quantisation import noise_in_steps
 from tcdyn.smoothing.smoother import smooth
 from tests.smoothing.band_study import ROWS, judge, simulate
 
@@ -46,14 +45,6 @@ def test_listed_events_that_did_not_happen_do_not_replace_those_that_did() -> No
     errors = [np.sqrt(np.mean((r.temperature - truth) ** 2)) for r in (given, alone)]
     assert errors[0] < 1.01 * errors[1]
     assert any(f.code == "trace.events" for f in given.findings)
-
-
-def test_noise_below_the_step_follows_from_changes_that_return() -> None:
-    """Uniform speed of 0.1 of the noise a sample; 1000 changes give 10 %, the median takes some."""
-    rng = np.random.default_rng(1)
-    ramp = 0.01 * np.arange(20_000)
-    readings = np.round(ramp + 0.1 * rng.standard_normal(len(ramp)))
-    assert noise_in_steps(readings, 1.0) == pytest.approx(0.1, rel=0.35)
 
 
 @pytest.mark.study
