@@ -54,6 +54,9 @@ BURST_FIT_NATS = 3.0
 # kink before rough changes, and jumps over these shares of the lag
 PRIOR = (0.5, 0.35, 0.04, 0.05, 0.03, 0.03)
 GRADUAL_LAGS = (0.1, 0.3)
+# ``Burst.rough`` of a kink before rough changes. These six values were chosen by judgement and tried
+# by tests/smoothing/band_study.py
+KINK_ROUGHNESS = 3.0
 # times tried at first; and later, over so many standard deviations on either side
 COARSE_TIMES = 13
 FINE_TIMES = 7
@@ -73,7 +76,7 @@ class HiddenEvent:
     log_odds
         Log odds that there is an event.
     kinds
-        Bursts of the channels (M,) if the event is a kink, a jump, and a gradual jump.
+        Bursts of the channels (M,) for each form of an event, in the order of ``PRIOR``.
     likeliest
         The more likely of these for each channel (M,).
     possibilities
@@ -417,8 +420,8 @@ def weigh_event(
     gains from noise alone.
 
     What may be changed: the numbers of times, if the grid stays finer than the uncertainty of the
-    time; ``PRIOR``, if it sums to one and keeps its order (nothing, kink, jump), which is that of
-    the options of ``_coarse_search``. ``tests/smoothing/test_hidden.py`` distinguishes a jump from
+    time; ``PRIOR``, if it sums to one and keeps its order: nothing, the two forms of
+    ``_coarse_search``, the rough kink, and one gradual jump for each of ``GRADUAL_LAGS``. ``tests/smoothing/test_hidden.py`` distinguishes a jump from
     a kink.
     """
     first, last = influenced_samples(record, at_s, intensities[0].starts_s)
@@ -440,13 +443,14 @@ def weigh_event(
     base = window.base
     if previous is None:
         kinds, best_s, u_s = _coarse_search(window, lag)
-        kinds.append([replace(b, rough=3.0) for b in kinds[0]])
+        kinds.append([replace(b, rough=KINK_ROUGHNESS) for b in kinds[0]])
         best_s.append(best_s[0])
         u_s.append(u_s[0])
     else:
-        kinds = [[replace(b, start_s=start_s) for b in kind] for kind in previous.kinds[:3]]
-        best_s = [start_s] * 3
-        u_s = [2 * previous.u_s + 0.02 * lag] * 3
+        sudden = previous.kinds[: -len(GRADUAL_LAGS)]
+        kinds = [[replace(b, start_s=start_s) for b in kind] for kind in sudden]
+        best_s = [start_s] * len(kinds)
+        u_s = [2 * previous.u_s + 0.02 * lag] * len(kinds)
     bursts = []
     for kind, time in zip(kinds, best_s):
         shifted = [q.shifted(start_s, time) for q in base]

@@ -86,14 +86,19 @@ def score_sums(
     knots. With the intensities as weights the second sum is the number of degrees of freedom of the
     process noise in a block, and the ratio of the sums tells by which factor all of it should change.
     """
-    h = np.diff(fit.knots_s)
-    time_at_knot = 0.5 * (h + np.concatenate([[0.0], h[:-1]]))[:, None]
+    time_at_knot = _time_at_knot(fit)[:, None]
     block = np.searchsorted(edges_s, fit.knots_s[:-1], side="right") - 1
     block = np.clip(block, 0, len(edges_s) - 1)
     observed, expected = np.zeros((2, len(edges_s), 2))
     np.add.at(observed, block, weight * time_at_knot * fit.score[:, channel] ** 2)
     np.add.at(expected, block, weight * time_at_knot * fit.score_var[:, channel])
     return observed, np.maximum(expected, 1e-300)
+
+
+def _time_at_knot(fit: Smoothed) -> Array:
+    """Time (J,) [s] around each knot but the last: half of the intervals beside it."""
+    step = np.diff(fit.knots_s)
+    return np.asarray(0.5 * (step + np.concatenate([[0.0], step[:-1]])))
 
 
 def gain_nats(dof: Array, ratio: Array) -> Array:
@@ -157,8 +162,7 @@ def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
     knots; about four knots share one corner period. A record of few degrees of freedom cannot pass
     such a test, but its band depends on the prior, so there any rise counts.
     """
-    step = np.diff(fit.knots_s)
-    time_at_knot = 0.5 * (step + np.concatenate([[0.0], step[:-1]]))
+    time_at_knot = _time_at_knot(fit)
     expected = time_at_knot * fit.score_var[:, channel, 0]
     rise = float(np.sum(time_at_knot * fit.score[:, channel, 0] ** 2 - expected))
     sd = float(np.sqrt(2 * KNOTS_PER_PERIOD * np.sum(expected**2)))
