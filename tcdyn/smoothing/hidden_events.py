@@ -421,8 +421,8 @@ def weigh_event(
 
     What may be changed: the numbers of times, if the grid stays finer than the uncertainty of the
     time; ``PRIOR``, if it sums to one and keeps its order: nothing, the two forms of
-    ``_coarse_search``, the rough kink, and one gradual jump for each of ``GRADUAL_LAGS``. ``tests/smoothing/test_hidden.py`` distinguishes a jump from
-    a kink.
+    ``_coarse_search``, the rough kink, and one gradual jump for each of ``GRADUAL_LAGS``.
+    ``tests/smoothing/test_hidden.py`` distinguishes a jump from a kink.
     """
     first, last = influenced_samples(record, at_s, intensities[0].starts_s)
     shift = first * record.dt_s
