@@ -14,16 +14,18 @@ from dataclasses import replace
 import numpy as np
 
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.intervals import corner_rad_s
+from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
 from tcdyn.smoothing.process_noise import FLOOR
 from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.state_space import Smoothed, smooth_record
 
 # Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
-# iterations of the intensities at most, and relative change at which they end
-ITERATIONS = 25
-SETTLED = 0.05
+# iterations of the intensities at most; they end where no block would gain so many nats. Intervals
+# may be longer by this factor meanwhile: it changes intensities by less than their uncertainty
+ITERATIONS = 16
+SETTLED_NATS = 0.3
+COARSENING = 4.0
 # largest factor of an intensity in one iteration
 MAX_FACTOR = 10.0
 # exponent of that factor: above one for speed, below two for stability
@@ -34,7 +36,7 @@ OVERRELAXATION = 1.6
 CHECK_NATS = 8.0
 # standard deviations by which the likelihood must rise with level noise; neighbouring knots that
 # count as one; and degrees of freedom up to which any rise counts
-LEVEL_SD = 1.0
+LEVEL_SD = 2.0
 KNOTS_PER_PERIOD = 4.0
 FEW_DOF = 15.0
 # degrees of freedom of the prior that keeps an intensity from zero
@@ -61,6 +63,8 @@ EXPONENT_NATS = 4.0
 # the spectrum is used from this share of the corner frequency on; fewest frequencies
 SPECTRUM_START = 0.2
 MIN_FREQUENCIES = 50
+# bands in which the spectrum is averaged, at most
+MAX_BANDS = 200
 
 
 def selected(record: Record, channels: Flags) -> Record:
@@ -194,18 +198,16 @@ def adapted(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
             current.append(replace(q, level_noise=tuple(_first_level_noise(fit, c).tolist())))
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
-            fit = smooth_record(record, fit.noise_var, current)
+            fit = smooth_record(record, fit.noise_var, current, COARSENING * FINE)
             updated = [_updated(fit, c, q) for c, q in enumerate(current)]
-            if max(change for _, change in updated) < SETTLED:
+            if max(gain for _, gain in updated) < SETTLED_NATS:
                 break
             current = [q for q, _ in updated]
-        if division == divisions:
-            break
         divided = [_divided(fit, c, q) for c, q in enumerate(current)]
-        if divided == current:
+        if division == divisions or divided == current:
             break
         current = divided
-    return fit
+    return smooth_record(record, fit.noise_var, current)
 
 
 def _first_level_noise(fit: Smoothed, channel: int) -> Array:
@@ -219,7 +221,7 @@ def _first_level_noise(fit: Smoothed, channel: int) -> Array:
 
 
 def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
-    """The intensity after one iteration, and its largest relative change that matters."""
+    """The intensity after one iteration, and the largest gain of a block by it [nats]."""
     observed, expected = score_sums(fit, channel, np.array(q.starts_s))
     var = np.column_stack([q.level_noise, q.levels])
     dof = np.maximum(var * expected, 1e-3)
@@ -227,12 +229,11 @@ def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, floa
     prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
     ratio = observed / expected + prior_dof[:, None] / dof
     factor = np.clip(ratio**OVERRELAXATION, 1 / MAX_FACTOR, MAX_FACTOR)
-    change = float(np.max(np.abs(np.log(factor)) * np.minimum(dof, 1.0)))
+    gain = float(np.max(gain_nats(dof, ratio)))
     floors = np.array([LEVEL_FLOOR, FLOOR]) * fit.noise_var[channel]
     level_noise, levels = np.maximum(var * factor, floors).T
-    return replace(
-        q, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist())
-    ), change
+    updated = replace(q, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist()))
+    return updated, gain
 
 
 def _divided(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
@@ -380,10 +381,15 @@ def unresolved_var(fit: Smoothed) -> Array:
         y = record.y[:, c] - np.interp(np.arange(n), [0, n - 1], record.y[[0, -1], c])
         power = np.abs(np.fft.rfft(y * taper)[1:]) ** 2
         gain = np.abs(chain.frequency_response(w / (2 * np.pi))) ** 2 / dt
+        # bands of one width in log frequency: the spectra are smooth
+        band = np.unique(np.geomspace(first, last, MAX_BANDS + 1).astype(int))
+        count = np.diff(band)
+        mean_power = np.add.reduceat(power[:last], band[:-1]) / count
+        mean_gain = np.add.reduceat(gain[:last], band[:-1]) / count
+        mean_w = np.add.reduceat(w[:last], band[:-1]) / count
         scales = ratio * var * dt * corner ** (EXPONENTS - 2) * np.geomspace(0.01, 100, 61)[:, None]
-        spectra = scales[..., None] * (w ** -EXPONENTS[:, None])
-        expected = var + gain[first:last] * spectra[..., first:last]
-        cost = (np.log(expected) + power[first:last] / expected).sum(axis=-1)
+        expected = var + mean_gain * scales[..., None] * mean_w ** -EXPONENTS[:, None]
+        cost = (count * (np.log(expected) + mean_power / expected)).sum(axis=-1)
         best = np.argmin(cost, axis=0)
         costs = np.min(cost, axis=0)
         flattest = int(np.argmin(costs))
@@ -391,7 +397,7 @@ def unresolved_var(fit: Smoothed) -> Array:
             continue
         missed = []
         for index in (flattest, len(EXPONENTS) - 1):
-            spectrum = spectra[best[index], index]
+            spectrum = scales[best[index], index] * w ** -EXPONENTS[index]
             error = spectrum * var / (gain * spectrum + var)
             missed.append(float(error.sum() * (w[1] - w[0]) / np.pi))
         out[c] = max(missed[0] - missed[1], 0.0)

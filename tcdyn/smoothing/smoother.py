@@ -55,8 +55,13 @@ REWEIGHTINGS = 4
 COARSENING = 4.0
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
+# candidates of events up to which level noise is not tried before them; a matter of speed
+FEW_CANDIDATES = 4
 # nats by which a record must be more likely without its listed events; chosen by judgement
 EVENTS_NATS = 30.0
+# jumps that contradict listed events are larger than so many standard deviations of the noise; smaller
+# ones do not justify the search for other events. Chosen by judgement
+CONTRADICTION_SD = 3.0
 
 
 @one_blas_thread
@@ -242,14 +247,14 @@ def _smoothed_without_spikes(
 def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
     """The record smoothed with intensities by their likelihood, and the events that were detected.
 
-    The third result is ``remaining_jump``. The fourth is whether there were any before the
+    The third result is ``remaining_jump``. The fourth is whether there were large ones before the
     intensities were adapted to them.
     """
     start_var = record.noise_sd**2
     intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
     fit = _smoothed_without_spikes(record, noise_var, intensities)
     detected_events: list[HiddenEvent] = []
-    contradicts = bool(remaining_jump(fit).any())
+    contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
     if detect and _shows_events(fit):
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
     fit = refined(fit)
@@ -263,9 +268,13 @@ def _evidence(fit: Smoothed) -> float:
 
 
 def _shows_events(fit: Smoothed) -> bool:
-    """Whether level noise, the same at all times, leaves candidates of events."""
-    if not candidates(fit, fit.record.events_s):
-        return False
+    """Whether there are candidates of events that level noise, the same at all times, leaves.
+
+    A few candidates are tried without that question; a rough temperature has many.
+    """
+    found = candidates(fit, fit.record.events_s)
+    if len(found) <= FEW_CANDIDATES:
+        return bool(found)
     return bool(candidates(refined(fit, divisions=0), fit.record.events_s))
 
 
