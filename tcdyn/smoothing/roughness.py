@@ -36,7 +36,7 @@ OVERRELAXATION = 1.6
 CHECK_NATS = 8.0
 # standard deviations by which the likelihood must rise with level noise; neighbouring knots that
 # count as one; and degrees of freedom up to which any rise counts
-LEVEL_SD = 2.0
+LEVEL_SD = 1.0
 KNOTS_PER_PERIOD = 4.0
 FEW_DOF = 15.0
 # degrees of freedom of the prior that keeps an intensity from zero
@@ -374,7 +374,7 @@ def unresolved_var(fit: Smoothed) -> Array:
         ratio = float(np.median(q.level_noise)) / (var * dt)
         corner = float(corner_rad_s(chain, np.array(ratio), 1))
         slope_corner = corner_rad_s(chain, np.array(float(np.median(q.levels)) / (var * dt)))
-        first = int(np.searchsorted(w, SPECTRUM_START * corner))
+        first = max(int(np.searchsorted(w, SPECTRUM_START * corner)), 1)
         last = int(0.9 * len(w))
         if slope_corner > corner or last - first < MIN_FREQUENCIES:
             continue

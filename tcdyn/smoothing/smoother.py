@@ -55,8 +55,6 @@ REWEIGHTINGS = 4
 COARSENING = 4.0
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
-# candidates of events up to which level noise is not tried before them; a matter of speed
-FEW_CANDIDATES = 4
 # nats by which a record must be more likely without its listed events; chosen by judgement
 EVENTS_NATS = 30.0
 # jumps that contradict listed events are larger than so many standard deviations of the noise; smaller
@@ -268,13 +266,9 @@ def _evidence(fit: Smoothed) -> float:
 
 
 def _shows_events(fit: Smoothed) -> bool:
-    """Whether there are candidates of events that level noise, the same at all times, leaves.
-
-    A few candidates are tried without that question; a rough temperature has many.
-    """
-    found = candidates(fit, fit.record.events_s)
-    if len(found) <= FEW_CANDIDATES:
-        return bool(found)
+    """Whether level noise, the same at all times, leaves candidates of events."""
+    if not candidates(fit, fit.record.events_s):
+        return False
     return bool(candidates(refined(fit, divisions=0), fit.record.events_s))
 
 
