@@ -184,8 +184,10 @@ def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
 
 
 def remaining_jump(fit: Smoothed) -> Array:
-    """Size (N, M) [K] of the jump of the temperature that the data still show at each sample; zero
+    """Half of the jump (N, M) [K] of the temperature that the data still show at each sample; zero
     where chance explains it.
+
+    A smooth result passes through the middle of a jump, so this is its largest error there.
 
     Notes
     -----
@@ -203,7 +205,7 @@ def remaining_jump(fit: Smoothed) -> Array:
     free_s = {b.start_s for q in fit.intensities for b in q.bursts} | set(fit.record.events_s)
     chi2[np.isin(knots, list(free_s))] = 0.0  # there a jump has its own prior
     for c in np.flatnonzero((chi2 > threshold).any(axis=0)):
-        jump = np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
+        jump = 0.5 * np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
         jump = np.where(chi2[:, c] > threshold, jump, 0.0)
         out[:, c] = np.interp(t, knots, maximum_filter1d(jump, 3))
     return out
