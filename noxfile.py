@@ -11,7 +11,7 @@ nox.options.reuse_existing_virtualenvs = True
 
 @nox.session
 def test(session: nox.Session) -> None:
-    """The default tests, about two minutes."""
+    """The default tests, about three minutes."""
     session.install(".[test]")
     session.run("python", "-m", "pytest", "-n", "auto", *session.posargs)
 

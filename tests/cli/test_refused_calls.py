@@ -72,7 +72,7 @@ def test_a_quick_command_whose_calls_fail(
 def test_a_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:
-    refused(name, world, tmp_path, draws(40))
+    refused(name, world, tmp_path, draws(24))
 
 
 @pytest.mark.e2e
@@ -80,7 +80,7 @@ def test_a_command_whose_calls_fail(
 def test_a_long_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:
-    refused(name, world, tmp_path, draws(32))
+    refused(name, world, tmp_path, draws(20))
 
 
 @pytest.mark.e2e
@@ -94,7 +94,7 @@ def test_memory_that_runs_out(name: str, world: dict[str, Path], tmp_path: Path)
 def test_memory_that_runs_out_in_a_long_command(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:
-    refused(name, world, tmp_path, draws(16), ARRAYS)
+    refused(name, world, tmp_path, draws(12), ARRAYS)
 
 
 @pytest.mark.e2e

@@ -321,8 +321,9 @@ def test_gigabyte_log_is_read_in_bounded_memory(tmp_path):
     )
     rows, peak_MB = map(int, out.stdout.split())
     assert rows == k * len(frame)
-    # the numbers of the log alone are 900 MB, the interpreter and its libraries 130 MB
-    assert peak_MB < 600, peak_MB
+    # the numbers of the log alone are 900 MB, the interpreter and its libraries 130 MB. Up to
+    # ``MAX_VALUES_IN_MEMORY`` values are kept until the log is known to be longer
+    assert peak_MB < 800, peak_MB
 
 
 @pytest.mark.parametrize("size", [16, 4096, 1 << 20])

@@ -2,6 +2,7 @@
 
 import ast
 
+import numpy as np
 import pytest
 
 from tests.verify.mutations import MUTATIONS, ROOT, Mutation, study
@@ -27,7 +28,12 @@ def test_text_that_occurs_twice_raises():
 
 
 @pytest.mark.study
-def test_verify_detects_24_of_30_mutations_and_unit_tests_all_but_one():
-    results = study().values()
-    assert sum(c.by_verify for c in results) >= 24
-    assert sum(c.by_any for c in results) >= 29
+def test_verify_detects_24_of_30_mutations_and_unit_tests_all_but_one(draws):
+    count = draws(len(MUTATIONS))
+    chosen = np.linspace(1, len(MUTATIONS), count).astype(int).tolist()
+    results = study(chosen).values()
+    assert len(results) == count
+    assert sum(c.by_verify for c in results) >= count - 6
+    assert sum(c.by_any for c in results) >= count - 1
+    if count < len(MUTATIONS):
+        assert sum(c.by_verify for c in results) > count // 2
