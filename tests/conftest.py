@@ -51,14 +51,11 @@ SLOW_FIXTURES = {
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests; long ones need
-    ``--full``."""
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests."""
     for item in items:
         if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.e2e)
-        if item.get_closest_marker("full") and not config.getoption("--full"):
-            item.add_marker(pytest.mark.skip(reason="runs with --full"))
 
 
 @dataclass(frozen=True)

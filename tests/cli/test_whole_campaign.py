@@ -8,7 +8,6 @@ from tests.benchmarks.main_job import one_campaign
 
 
 @pytest.mark.e2e
-@pytest.mark.full
 def test_both_ends_of_the_programme_meet_the_first_issue_s_limits() -> None:
     table = one_campaign(6, ("A1", "D4")).set_index("test")
     for name, row in table.iterrows():
