@@ -37,6 +37,10 @@ from tcdyn.sensors.units import Unit, is_match, unit_findings
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
 SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
+# least rows of a segment, in rows of its margin: the work that is done twice, against memory
+MARGINS_PER_SEGMENT = 3
+# rows of a margin over those that the segment before needed, so that few segments come again
+MARGIN_RESERVE = 1.25
 # Rows for which the first block with a fixed delay waits: they give the interval, and a first
 # estimate of the noise (its relative standard uncertainty is 9 % from 64 rows). By judgement.
 START_ROWS = 64
@@ -586,9 +590,10 @@ def read_segments(
 
     Notes
     -----
-    Where segments end depends on the rows only, not on how the file is read. When the caller sends
-    a number, the last segment comes again with that many rows as margin (rounded up, at most
-    ``MAX_MARGIN_ROWS``), and so do those after it.
+    Where segments end depends on the rows only, not on how the file is read. The caller sends how
+    many rows of margin the last segment needed. Where it had fewer it comes again with that many
+    (rounded up, at most ``MAX_MARGIN_ROWS``). The segments after it have the margin that the last
+    one needed.
 
     With a delay of n rows, a block has n - ceil(n / 2) + 1 rows and a margin of ceil(n / 2) rows
     after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least
@@ -607,6 +612,7 @@ def read_segments(
     stretch_rows = 0  # rows since the last long gap that belong to earlier segments
     interval_s = 0.0
     margin = 0
+    least_margin = 0
     if position is not None:
         interval_s = position.interval_s
         stretch_rows = position.done_rows
@@ -632,7 +638,8 @@ def read_segments(
             continue
         if not interval_s:
             interval_s = _typical_interval_s(time if delay_s is None else time[:START_ROWS])
-            margin = _rounded_margin(MARGIN_LAGS * lag_s / interval_s + MARGIN_ROWS)
+            least_margin = _rounded_margin(MARGIN_LAGS * lag_s / interval_s + MARGIN_ROWS)
+            margin = least_margin
             continue
         split_s = max(longest_gap_s, MIN_GAP_INTERVALS * interval_s)
         if done and done < len(time) and time[done] - time[done - 1] > split_s:
@@ -653,7 +660,7 @@ def read_segments(
         last = end if to_end else stop + lengths.after
         next_rows = 0 if has_gap else stretch_rows + stop - done
         complete = delay_s is not None or margin >= MAX_MARGIN_ROWS or (first == 0 and to_end)
-        requested = yield TableSegment(
+        needed = yield TableSegment(
             time[first:last],
             {n: values[first:last] for n, values in data.items()},
             slice(done - first, stop - first),
@@ -662,9 +669,11 @@ def read_segments(
             SegmentPosition(interval_s, next_rows, min(next_rows, lengths.stored)),
             cut_short,
         )
-        if requested:
-            margin = _rounded_margin(max(requested, margin + 1))
-            continue
+        if needed is not None:
+            had_fewer = needed > margin and not complete
+            margin = _rounded_margin(max(MARGIN_RESERVE * needed, least_margin))
+            if had_fewer:
+                continue
         findings = []
         drop = stop if has_gap else max(stop - lengths.stored, 0)
         time = time[drop:]
@@ -675,7 +684,7 @@ def read_segments(
 
 def _settled_lengths(margin: int, min_rows: int) -> _Lengths:
     """Lengths of a segment with ``margin`` rows on either side; a gap in the margin is seen."""
-    size = max(2 * margin, min_rows)
+    size = max(MARGINS_PER_SEGMENT * margin, min_rows)
     window = size + 2 * margin
     return _Lengths(size, margin, margin, window, MAX_MARGIN_ROWS, window + 1)
 

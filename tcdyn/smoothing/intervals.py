@@ -25,7 +25,7 @@ from tcdyn.smoothing.noise_levels import Intensity, level_noise_at, levels_at
 from tcdyn.smoothing.record import Record
 
 # allowed lengths of an interval [samples]
-STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])
+STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512])
 # interval length times the local corner frequency of the smoother [rad]: half of it changes no
 # result by 1 % of its standard deviation
 FINE = 0.5

@@ -374,11 +374,12 @@ def compensated_segments(
     segment = next(segments, None)
     while segment is not None:
         result = compensate_segment(segment, channels, method, events)
-        if result.settling_rows > segment.margin_rows:
+        if result.settling_rows <= segment.margin_rows:
+            yield result
+        try:
             segment = segments.send(result.settling_rows)
-            continue
-        yield result
-        segment = next(segments, None)
+        except StopIteration:
+            return
 
 
 @dataclass

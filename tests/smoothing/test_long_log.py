@@ -103,9 +103,9 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
     def in_four(*_: object, **__: object) -> Generator[SimpleNamespace, int, None]:
         for rows in (3, 4, 6, 27):  # of 40: 7, 17, 32 and 100 %
             margin = 10
-            while requested := (yield SimpleNamespace(rows=rows, margin_rows=margin)):
-                sent.append(requested)
-                margin = requested
+            while (needed := (yield SimpleNamespace(rows=rows, margin_rows=margin))) > margin:
+                sent.append(needed)
+                margin = needed
 
     def compensated(segment: SimpleNamespace, *_: object) -> CompensatedSegment:
         times = np.zeros(segment.rows)
