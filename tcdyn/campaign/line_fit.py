@@ -57,6 +57,19 @@ class Line:
         """
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom > 0 else 1.0
 
+    def effective_freedom(self, k: int) -> float:
+        """Degrees of freedom of the variance of coefficient ``k``; infinite where all of it is known.
+
+        Notes
+        -----
+        Only the part of the scatter was estimated, from ``freedom`` degrees of freedom. The formula
+        is that of Welch and Satterthwaite (JCGM 100:2008, G.4.1).
+        """
+        estimated = self.scatter**2 * float(self.operator[k] @ self.operator[k])
+        if estimated == 0:
+            return np.inf
+        return max(self.freedom, 1) * float(self.covariance[k, k] / estimated) ** 2
+
     def estimate(self, k: int) -> Estimate:
         """Coefficient ``k`` with its 95 % interval.
 
@@ -64,15 +77,15 @@ class Line:
         """
         value = float(self.coefficients[k])
         u = float(np.sqrt(self.covariance[k, k]))
-        reach = u * float(
-            ndtri(0.975) if self.scatter == 0 else stdtrit(max(self.freedom, 1), 0.975)
-        )
+        freedom = self.effective_freedom(k)
+        reach = u * float(ndtri(0.975) if np.isinf(freedom) else stdtrit(freedom, 0.975))
         return Estimate(value=value, u=u, low95=value - reach, high95=value + reach)
 
     def p_value_of_zero(self, k: int) -> float:
         """Probability of a coefficient ``k`` as far from zero if it were zero."""
         z = abs(float(self.coefficients[k])) / float(np.sqrt(self.covariance[k, k]))
-        return float(2 * (ndtr(-z) if self.scatter == 0 else stdtr(max(self.freedom, 1), -z)))
+        freedom = self.effective_freedom(k)
+        return float(2 * (ndtr(-z) if np.isinf(freedom) else stdtr(freedom, -z)))
 
 
 def fit_generalised_line(columns: Array, y: Array, covariance: Array) -> Line:

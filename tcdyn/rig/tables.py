@@ -17,6 +17,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from scipy.special import ndtri, stdtrit
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -147,7 +148,9 @@ def fit_surface_flux(
     Notes
     -----
     The scatter affects both h and T_a. Their positive correlation is not used later, so the
-    uncertainty of the heat loss of a hot surface is overestimated.
+    uncertainty of the heat loss of a hot surface is overestimated. The scatter of a few points is
+    itself uncertain. The uncertainties are larger by the ratio of the 97.5 % quantiles of Student's
+    t and of the normal distribution, so that an interval of 1.96 of them covers in 95 %.
 
     Examples
     --------
@@ -173,7 +176,8 @@ def fit_surface_flux(
         )
     residual = q - q.mean() - h * centred
     air = float(t.mean() - q.mean() / h)
-    sd = float(np.sqrt(residual @ residual / (len(t) - 2)))
+    freedom = len(t) - 2
+    sd = float(np.sqrt(residual @ residual / freedom) * stdtrit(freedom, 0.975) / ndtri(0.975))
     if not (-50 <= air <= 400 and h < 8000):
         raise InputError(
             f"the flux would be zero at {air:.4g} degC, with a slope of {h:.4g} W/m2K",

@@ -80,7 +80,9 @@ class HiddenEvent:
     likeliest
         The more likely of these for each channel (M,).
     possibilities
-        All that the event may be: time [s], bursts (M,) and weights (M,).
+        All that the event may be, of some weight: time [s], bursts (M,) and weights (M,).
+    nothing
+        Probability (M,) that nothing happened in a channel.
     level
         Intensity (M,) [K2/s3] before and after the time if there is no event.
     """
@@ -91,6 +93,7 @@ class HiddenEvent:
     kinds: tuple[tuple[Burst, ...], ...]
     likeliest: tuple[Burst, ...]
     possibilities: tuple[tuple[float, tuple[Burst, ...], Array], ...]
+    nothing: Array
     level: Array
 
     def insert(
@@ -510,6 +513,7 @@ def weigh_event(
             for k in range(len(bursts))
             if weights[:, i, k + 1].max() > MIN_WEIGHT
         ),
+        nothing=1 - weights[..., 1:].sum(axis=(1, 2)),
         level=level,
     )
 
@@ -635,10 +639,9 @@ def average_over_event(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     start = run(fit.intensities)
     weights = [w for _, _, w in event.possibilities]
     runs = [run(event.insert(fit.intensities, at, bursts)) for at, bursts, _ in event.possibilities]
-    no_event = 1 - np.sum(weights, axis=0)
-    if np.max(no_event) > 2 * MIN_WEIGHT:
+    if event.nothing.max() > 2 * MIN_WEIGHT:
         runs.append(run(event.remove(fit.intensities)))
-        weights.append(no_event)
+        weights.append(event.nothing)
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))
     totals = [fit.temperature.copy(), fit.slope.copy(), fit.lag_sensitivity.copy(), fit.sd**2]

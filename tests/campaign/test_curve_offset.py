@@ -96,8 +96,8 @@ def test_offset_from_an_accepted_curve_is_that_of_generalised_least_squares() ->
 def test_two_tests_have_one_degree_of_freedom() -> None:
     """Independent u of 0.001 each: a difference of 0.002 is accepted, one of 0.02 rejected.
 
-    The offset is the mean. In the second case the scatter makes (0.02)^2/(2 (0.001^2 + s^2)) one, with the interval of
-    Student's t.
+    The offset is the mean. In the second case the scatter makes (0.02)^2/(2 (0.001^2 + s^2)) one. The interval is
+    Student's; its degrees of freedom are those of Welch and Satterthwaite, of which the scatter has one.
     """
     near = two_tests(0.010, 0.012)
     far = two_tests(0.010, 0.030)
@@ -109,7 +109,8 @@ def test_two_tests_have_one_degree_of_freedom() -> None:
     assert rejected.offset.value == pytest.approx(0.020)
     assert rejected.scatter == pytest.approx(np.sqrt(0.02**2 / 2 - 0.001**2), rel=1e-5)
     assert rejected.offset.u == pytest.approx(np.sqrt(COMMON**2 + 0.02**2 / 4), rel=1e-5)
-    half_width = stats.t.isf(0.025, 1) * rejected.offset.u
+    freedom = (rejected.offset.u**2 / (rejected.scatter**2 / 2)) ** 2
+    half_width = stats.t.isf(0.025, freedom) * rejected.offset.u
     assert rejected.offset.high95 - rejected.offset.value == pytest.approx(half_width)
 
 

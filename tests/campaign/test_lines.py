@@ -11,6 +11,7 @@ from scipy import stats
 
 from tcdyn.campaign import JoinedCampaign, joined, solve_campaign
 from tcdyn.campaign.exponent import speed_law
+from tcdyn.campaign.line_fit import fit_generalised_line
 from tcdyn.campaign.posterior import N_QUANTITIES, Posterior
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tcdyn.core import Array
@@ -193,3 +194,28 @@ def test_curved_power_law_and_misplaced_junction_are_reported(
         assert (
             "campaign.junction" in codes(replace(joined_campaign, pulls={"fast": {"e": z}}))
         ) == is_reported
+
+
+def test_two_tests_of_nearly_known_uncertainty_do_not_get_students_interval_of_one_degree() -> None:
+    """The scatter is a small part of the uncertainty, which the common error determines."""
+    covariance = 0.06**2 * np.ones((2, 2)) + 0.01**2 * np.eye(2)
+    line = fit_generalised_line(np.ones((2, 1)), np.array([0.74, 0.762]), covariance)
+    assert line.scatter > 0
+    exponent = line.estimate(0)
+    assert exponent.high95 - exponent.value == pytest.approx(1.96 * exponent.u, rel=0.01)
+
+
+@pytest.mark.parametrize(("count", "scatter"), [(2, 0.0), (2, 0.03), (4, 0.03), (10, 0.1)])
+def test_interval_of_a_level_covers_with_and_without_scatter(count: int, scatter: float) -> None:
+    """400 draws: 95 +- 4 %."""
+    rng = np.random.default_rng(17)
+    inside = []
+    for _ in range(400):
+        own = rng.uniform(0.008, 0.02, count)
+        common = 0.06 * rng.uniform(0.8, 1.2, count)
+        error = common * rng.standard_normal() + own * rng.standard_normal(count)
+        y = 0.7 + error + scatter * rng.standard_normal(count)
+        covariance = np.outer(common, common) + np.diag(own**2)
+        n = fit_generalised_line(np.ones((count, 1)), y, covariance).estimate(0)
+        inside.append(n.low95 < 0.7 < n.high95)
+    assert 0.91 < np.mean(inside) < 0.985

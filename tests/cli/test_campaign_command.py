@@ -81,6 +81,7 @@ def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(
     assert not (out / "EHL_bad.beta.json").exists()
 
 
+@pytest.mark.e2e
 def test_the_row_says_what_beta_json_says(done: tuple[Path, int], campaign: Campaign) -> None:
     out, _ = done
     data = json.loads((out / "EHL_B3.beta.json").read_text(encoding="utf-8"))

@@ -187,6 +187,7 @@ def test_probabilities_are_printed_with_sensible_digits(first_share: float, text
     assert probability_text(first_share) == text
 
 
+@pytest.mark.e2e
 def test_comparison_is_available_as_json_and_as_a_table_of_sensible_digits() -> None:
     structures = fitted("P1", 0.75)[1].structures
     assert structures is not None

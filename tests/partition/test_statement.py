@@ -207,15 +207,15 @@ AIR_OFFSET_K = -8.0
 
 
 def simulated_surface_flux(
-    rng: np.random.Generator, h: float, air_degC: float, power_rel: float
+    rng: np.random.Generator, h: float, air_degC: float, power_rel: float, points: int = 9
 ) -> SurfaceFlux:
-    """Surface flux from a heated spot: nine temperatures, 1 % scatter and a common error of the heater power."""
-    t = np.linspace(80.0, 160.0, 9)
+    """Surface flux from a heated spot: 1 % scatter and a common error of the heater power."""
+    t = np.linspace(80.0, 160.0, points)
     q = (
         h
         * (t - air_degC)
         * (1 + power_rel * rng.standard_normal())
-        * (1 + 0.01 * rng.standard_normal(9))
+        * (1 + 0.01 * rng.standard_normal(points))
     )
     return fit_surface_flux(t, q, power_rel)
 
@@ -228,17 +228,21 @@ def test_surface_flux_fit_matches_linear_regression() -> None:
     line = stats.linregress(t, q)
     air = -line.intercept / line.slope
     variance = line.intercept_stderr**2 + (air**2 - 2 * air * t.mean()) * line.stderr**2
+    student = stats.t.isf(0.025, 7) / stats.norm.isf(0.025)
     assert fit.heat_transfer_W_m2K == pytest.approx(line.slope)
-    assert fit.heat_transfer_u_W_m2K == pytest.approx(np.hypot(line.stderr, 0.02 * line.slope))
+    assert fit.heat_transfer_u_W_m2K == pytest.approx(
+        np.hypot(student * line.stderr, 0.02 * line.slope)
+    )
     assert fit.air_degC == pytest.approx(air)
-    assert fit.air_u_K == pytest.approx(np.sqrt(variance) / line.slope)
+    assert fit.air_u_K == pytest.approx(student * np.sqrt(variance) / line.slope)
 
 
-def test_surface_flux_intervals_have_the_stated_coverage() -> None:
+@pytest.mark.parametrize("points", [5, 9, 12])
+def test_surface_flux_intervals_have_the_stated_coverage(points: int) -> None:
     rng = np.random.default_rng(3)
     z = []
     for _ in range(400):
-        fit = simulated_surface_flux(rng, 700.0, 55.0, 0.02)
+        fit = simulated_surface_flux(rng, 700.0, 55.0, 0.02, points)
         z.append(
             [
                 (fit.heat_transfer_W_m2K - 700) / fit.heat_transfer_u_W_m2K,
@@ -246,8 +250,8 @@ def test_surface_flux_intervals_have_the_stated_coverage() -> None:
             ]
         )
     coverage = (np.abs(z) < 1.96).mean(axis=0)
-    # with 7 degrees of freedom, 91 % lie within 1.96 standard errors of the scatter
-    assert np.all((coverage > 0.90) & (coverage < 0.98))
+    # the product of two uncertain factors makes it larger than 95 % for few points
+    assert np.all((coverage > 0.92) & (coverage < 0.995))
 
 
 @pytest.mark.study

@@ -15,7 +15,7 @@ from tcdyn.workflows.compensate_table import compensate_table
 from tests.sensors.sensor_world import fluid, logged, write, written
 
 DT_S = 0.5
-N = 600
+N = 300
 START = pd.Timestamp("2026-03-29 01:58:00")
 PROBE = sensor_file("probe", {"T1_degC": Chain(4.0)}, "stated", np.array([[0.01]]), [0.0])
 

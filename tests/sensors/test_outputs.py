@@ -25,7 +25,7 @@ from tcdyn.workflows.follow import follow
 from tests.sensors.sensor_world import logged
 
 DT_S = 0.5
-N = 400
+N = 200
 TIME_S, _, READING = logged((4.0,), DT_S, N, 0.05, 23)
 READING = READING.round(3)
 START = pd.Timestamp("2026-02-28 23:59:00")

@@ -407,6 +407,7 @@ def test_a_model_of_identify_is_a_sensor(tmp_path: Path) -> None:
     assert held(out, "T1_degC", "T1_u_K", x)[1] > 0.9
 
 
+@pytest.mark.e2e
 def test_a_growing_table_is_followed(tmp_path: Path) -> None:
     t, x, y = logged((1.5,), 0.1, 1500, 0.1, 6)
     log = write(tmp_path / "grow.csv", **{"time": np.round(t, 3), "T1 [K]": y + 273.15, "other": t})

@@ -36,6 +36,7 @@ def trace(n: int = 500, jump: float = 8.0, seed: int = 0) -> np.ndarray:
     return y
 
 
+@pytest.mark.e2e
 def test_a_smoothed_trace_with_a_hidden_jump_is_the_same_in_any_unit() -> None:
     """An event that nobody announced is found, weighed and averaged over: times and odds stay, temperatures scale."""
     y, size, zero = trace(160)[:, :1], 9.0, 500.0

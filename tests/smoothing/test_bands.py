@@ -51,6 +51,6 @@ def test_listed_events_that_did_not_happen_do_not_replace_those_that_did() -> No
 @pytest.mark.parametrize("name", list(ROW))
 def test_coverage_of_a_row(name: str, draws) -> None:
     """The mean coverage; pink noise and drift are the lowest (see the page "Validation")."""
-    count = draws(24)
+    count = draws(16)
     cover = [judge(ROW[name], index, 99)[0] for index in range(count)]
     assert np.mean(cover) > 0.8

@@ -38,8 +38,8 @@ def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -
 def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
     before: float, draws: Callable[[int], int]
 ) -> None:
-    """Six channels with a burst every forty seconds in each, and lone outliers: 40 s, 160 s with ``--full``."""
-    made = world(float(draws(160)), before, 32, bursts_s=40.0, drops_K=(12.0,))
+    """Six channels with a burst every forty seconds in each, and lone outliers: 30 s, 120 s with ``--full``."""
+    made = world(float(draws(120)), before, 32, bursts_s=40.0, drops_K=(12.0,))
     x, sd = with_delay(made.readings, DT_S, CHAIN, DELAY_S)
     settled = made.time_s > SETTLED_S
     error = (x - made.true[:, None])[settled]
