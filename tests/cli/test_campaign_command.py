@@ -96,6 +96,7 @@ def test_the_row_says_what_beta_json_says(done: tuple[Path, int], campaign: Camp
     )  # never beyond, issue 6
 
 
+@pytest.mark.e2e
 def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_point(
     done: tuple[Path, int],
 ) -> None:

@@ -78,6 +78,7 @@ def test_bar_of_a_planned_test_ends_at_the_10_and_90_percent_quantiles() -> None
     assert (high > low).any()
 
 
+@pytest.mark.e2e
 def test_interval_of_the_common_lag_is_plotted_over_its_posterior() -> None:
     ax = pictures.draw_common_lag(fit(), figure()[1][0])
     lag = fit().common_lag_s

@@ -65,11 +65,12 @@ def test_beta_of_the_joint_fit_is_correct_without_any_one_channel(
 
 
 @pytest.fixture(
-    scope="module", params=[
-        "slow_a",
+    scope="module",
+    params=[
+        pytest.param("slow_a", marks=pytest.mark.study),
         pytest.param("slow_d", marks=pytest.mark.study),
         pytest.param("slow_b", marks=pytest.mark.study),
-    ]
+    ],
 )
 def excluded_analysis(request: pytest.FixtureRequest, study: StudyRig) -> tuple[str, Partition]:
     """Analysis without one channel of the outer row, or of the inner row with either surrogate."""

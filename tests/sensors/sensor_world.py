@@ -25,18 +25,18 @@ def lagged(x: Array, taus_s: tuple[float, ...], dt_s: float) -> Array:
     return y
 
 
-def fluid(t: Array) -> Array:
+def fluid(t: Array, rise_K: float = 30.0) -> Array:
     """A temperature [degC] that swings, and bends at a third of the time."""
     third = t[0] + (t[-1] - t[0]) / 3
-    return 200 + 20 * np.sin(t / 7) + 30 * (1 - np.exp(-np.clip(t - third, 0, None) / 3.0))
+    return 200 + 20 * np.sin(t / 7) + rise_K * (1 - np.exp(-np.clip(t - third, 0, None) / 3.0))
 
 
 def logged(
-    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float, seed: int
+    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float, seed: int, rise_K: float = 30.0
 ) -> tuple[Array, Array, Array]:
     """Time (N,) [s], fluid and reading (N,) [degC]."""
     fine = np.arange(n * FINE) * (dt_s / FINE)
-    x = fluid(fine)
+    x = fluid(fine, rise_K)
     y = lagged(x, taus_s, dt_s / FINE)[::FINE] + noise_K * np.random.default_rng(
         seed
     ).standard_normal(n)

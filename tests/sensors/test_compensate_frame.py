@@ -22,7 +22,7 @@ PROBE = sensor_file("probe", {"T1_degC": Chain(4.0)}, "stated", np.array([[0.01]
 
 @pytest.fixture(scope="module")
 def table() -> pd.DataFrame:
-    time_s, _, reading = logged((4.0,), DT_S, N, 0.05, 11)
+    time_s, _, reading = logged((4.0,), DT_S, N, 0.05, 11, rise_K=0.0)
     columns = {"time_s": time_s, "power_kW": 30.0, "T1_degC": reading, "step": np.arange(N)}
     return pd.DataFrame(columns)
 
@@ -60,7 +60,7 @@ def test_any_index_of_time_gives_the_numbers_of_the_file_and_stays(table, from_f
 
 
 def test_the_result_is_the_temperature_of_the_fluid(table):
-    truth = fluid(table["time_s"].to_numpy())
+    truth = fluid(table["time_s"].to_numpy(), rise_K=0.0)
     done = tcdyn.compensate_frame(table, PROBE)
     error = done["T1_degC"] - truth
     before = table["T1_degC"] - truth

@@ -26,7 +26,7 @@ from tests.sensors.sensor_world import logged
 
 DT_S = 0.5
 N = 200
-TIME_S, _, READING = logged((4.0,), DT_S, N, 0.05, 23)
+TIME_S, _, READING = logged((4.0,), DT_S, N, 0.05, 23, rise_K=0.0)
 READING = READING.round(3)
 START = pd.Timestamp("2026-02-28 23:59:00")
 STAMPS = START + pd.to_timedelta(TIME_S, "s")

@@ -123,7 +123,7 @@ def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: f
 def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(
     tmp_path: Path,
 ) -> None:
-    t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
+    t, _, y = logged((0.5,), 0.05, 300, 0.1, 2, rise_K=0.0)
     whole = write(tmp_path / "whole.csv", time_s=np.round(t, 3), T1_degC=y).read_text(
         encoding="utf-8"
     )
@@ -146,12 +146,12 @@ def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long
         poll_s=0.01,
         sleep=goes_on,
     )
-    assert run.rows_written == 600
+    assert run.rows_written == 300
 
     def waits(_: float) -> None:
         raise AssertionError("waits for a head that is there")
 
-    log.write_text(whole.replace("T1", "X") * 10, encoding="utf-8")
+    log.write_text(whole.replace("T1", "X") * 20, encoding="utf-8")
     assert log.stat().st_size > HEAD_BYTES
     with pytest.raises(InputError):
         follow(log, sensors, tmp_path / "other.csv", idle_s=60.0, poll_s=0.01, sleep=waits)
