@@ -35,7 +35,7 @@ from tcdyn.partition.joint import (
     lags,
     nuisance_parameters,
 )
-from tcdyn.partition.nuisance import RIM_MODEL_U_K
+from tcdyn.partition.nuisance import FRICTION_NOISE, RIM_MODEL_U_K
 from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.window import rows_between, steady_start_s
 from tcdyn.rig.disk import DISKS
@@ -63,7 +63,7 @@ CONSTANT_KEYS = {
     "ambient": "ambient_K",
 }
 # Nuisance parameters that are fully specific to the test.
-TEST_SPECIFIC = ("parting", "uneven drift", "uneven curvature", "air")
+TEST_SPECIFIC = ("parting", "uneven drift", "uneven curvature", "air", FRICTION_NOISE)
 
 
 def compress_likelihood(

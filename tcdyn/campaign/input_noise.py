@@ -1,8 +1,9 @@
-"""Covariance of a test's data due to noise of the model's inputs: inner row, friction, ambient.
+"""Covariance of a test's data due to noise of the model's inputs: inner row and ambient.
 
-The fits weigh the readings of the outer row by their own noise. Noise of inner row, friction and
-ambient shifts the prediction of all of them, slowly and together. It is small against the
-uncertainty of depths and conductivity, but between the tests of one campaign it dominates.
+The fits weigh the readings of the outer row by their own noise. Noise of inner row and ambient
+shifts the prediction of all of them, slowly and together. It is small against the uncertainty of
+depths and conductivity, but between the tests of one campaign it dominates. The noise of the
+friction is in the nuisance parameters (``tcdyn.partition.nuisance.friction_noise_effects``).
 
 ``tcdyn.campaign.compress`` calls ``noise_covariance``. Guarded by
 ``tests/campaign/test_campaign_noise.py``, which compares with the noise of single samples.
@@ -13,15 +14,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft
 
 from tcdyn.core import Array
 from tcdyn.estimation import slow_variance_factor
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, SHARE, DiskBlock
+from tcdyn.partition.joint import LOG_H, DiskBlock
 from tcdyn.partition.window import rows_between, steady_start_s
-from tcdyn.rig.contact import SWITCHING_MARGIN_S, smoothing_samples
+from tcdyn.rig.contact import SWITCHING_MARGIN_S
 from tcdyn.smoothing.traces import DIFFERENCE_ORDER
 
 # Inputs above this frequency do not reach the junctions: the rim is a low-pass filter.
@@ -49,64 +50,18 @@ def input_noise(test: EhlTest, side: DiskBlock) -> Array:
 
     Returns
     -------
-    Power [W], the k junctions of the inner row [K] and ambient [K], (k + 2,).
+    The k junctions of the inner row and ambient, (k + 1,) [K].
 
     Notes
     -----
-    The order is that of ``tcdyn.heat.modal.inputs_of``; ``input_noise_covariance`` relies on it.
+    The order is that of ``tcdyn.heat.modal.inputs_of`` after the power; ``input_noise_covariance``
+    relies on it.
     """
     loaded = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], DIFFERENCE_ORDER))
-    power = test.friction_noise_N * test.sliding_speed_m_s
     disk = test.disks[side.disk]
     inner = disk.noise_K[disk.setup.channel_indices(disk.setup.inner)]
-    return np.array([power, *inner, ambient])
-
-
-def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Array:
-    """Apply the adjoint of the filter that smoothed the friction.
-
-    Parameters
-    ----------
-    test
-        The test.
-    combinations
-        Linear combinations of the smoothed friction at ``time_s``, shape (N, D).
-    time_s
-        Times of the rows, shape (N,).
-
-    Returns
-    -------
-    Array
-        The same combinations as combinations of the logged friction, shape (N, D).
-
-    Notes
-    -----
-    The filter is a running straight line. Well before unloading it is a running mean; its last half
-    is one straight line through the last samples.
-
-    It must be the adjoint of the filter that ``tcdyn.rig.contact`` applies to the friction: if that
-    filter changes, this function must change too. ``tests/campaign/test_campaign_noise.py``
-    compares the two.
-    """
-    settled_s = test.events.unload_s - test.events.fall_time_s - SWITCHING_MARGIN_S
-    last = int(np.searchsorted(time_s, settled_s))
-    n = min(smoothing_samples(test.friction_noise_N, test.friction_N, test.dt_s, last), last)
-    half = n // 2
-    if half < 2:
-        return combinations
-    inner = np.zeros_like(combinations)
-    inner[: last - half] = combinations[: last - half]
-    out = ndimage.uniform_filter1d(inner, 2 * half + 1, axis=0, mode="constant")
-    x = np.arange(2 * half + 1) - float(half)
-    # The last line is extended to the end of the rows.
-    position = np.arange(half + 1, 2 * half + 1 + len(combinations) - last) - float(half)
-    ends = combinations[last - half :].copy()
-    fit = np.column_stack([np.ones_like(x) / len(x), x / (x @ x)])
-    clipped = np.minimum(position, half)[: len(ends)]
-    out[last - 2 * half - 1 : last] += fit @ np.stack([ends.sum(axis=0), clipped @ ends])
-    out[last:] = 0.0
-    return out
+    return np.array([*inner, ambient])
 
 
 def friction_zero_u_N(test: EhlTest) -> float:
@@ -154,11 +109,8 @@ def input_noise_covariance(
     """
     window = side.window
     dt = test.dt_s
-    share = float(theta[SHARE])
-    h = float(np.exp(theta[LOG_H]))
-    gains = window.rim.gains(h)
+    gains = window.rim.gains(float(np.exp(theta[LOG_H])))
     sd = input_noise(test, side)
-    sd[0] *= share
     n_rows = len(window.time_s)
     n_combinations = combinations.shape[1]
     weighted = combinations.reshape(*window.y.shape, -1) * window.weight[:, :, None]
@@ -173,19 +125,11 @@ def input_noise_covariance(
         blocks = window.blocks.T @ weighted[:, p, used]
         spectra[p][:, used] = fft.rfft(blocks, n=length, axis=0)[below_cutoff]
     out = np.zeros((n_combinations, n_combinations))
-    for i, sigma in enumerate(sd):
+    for i, sigma in enumerate(sd, start=1):  # after the power
         through = np.zeros_like(spectra[0])
         for p in range(n_channels):
             response = gains.direct[i, p] + rates @ gains.gains[i, p]
             through = through + np.conj(response)[:, None] * spectra[p]
-        if i == 0:
-            # Power: the friction was smoothed, so the noise is that of the logged friction.
-            spectrum = np.zeros((len(f), n_combinations), dtype=complex)
-            spectrum[below_cutoff] = through
-            of_power = fft.irfft(spectrum, n=length, axis=0)[:n_rows]
-            logged = sigma * smoothing_adjoint(test, of_power, window.time_s)
-            out += logged.T @ logged
-            continue
         rows = np.sqrt(weights)[:, None] * through
         out += sigma**2 * (rows.real.T @ rows.real + rows.imag.T @ rows.imag)
     return out
@@ -214,7 +158,7 @@ def noise_covariance(
     Notes
     -----
     The covariance is multiplied by the larger of both disks' :func:`residual_inflation`. Noise of
-    power and ambient is taken as independent between the disks.
+    the ambient is taken as independent between the disks.
     """
     ends = np.cumsum([len(s.y) for s in sides])[:-1]
     thetas = theta.reshape(-1, 4)

@@ -31,6 +31,7 @@ from tcdyn.partition.angular_harmonic import (
 )
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import (
+    FRICTION_NOISE,
     LOG_H,
     LOG_LAGS,
     LOG_TAU2,
@@ -180,7 +181,7 @@ class BothFit:
     pulls
         For each nuisance parameter: the parameter, its disk ("" if common to both), and how many
         standard deviations the data would move it from its nominal value; about standard normal on
-        a sound rig. Without those of the angular harmonics.
+        a sound rig. Without those of the angular harmonics and of the friction's noise.
     inflation
         Variance ratio of slow waves in the residuals of the worse disk to white noise.
     harmonics
@@ -562,7 +563,7 @@ def _pulls(
     return tuple(
         (parameter, disk, z)
         for (parameter, disk), z in zip(nuisances, values)
-        if parameter.source not in HARMONIC_SOURCES
+        if parameter.source not in {*HARMONIC_SOURCES, FRICTION_NOISE}
     )
 
 

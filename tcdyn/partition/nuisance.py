@@ -34,8 +34,10 @@ from tcdyn.partition.window import (
     Perturbation,
     RimMeans,
     interpolate_blocks,
+    power_means,
     steady_start_s,
 )
+from tcdyn.rig.contact import running_line, smoothing_samples
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
@@ -66,6 +68,14 @@ SPLIT_SD_S = 0.03
 RIM_MODEL_U_K = 0.03
 # Least first lag when the split of a lag is varied [s]. Chosen by judgement.
 MIN_TAU1_S = 5e-3
+
+# Times before the unloading [s] between which the mean error of the friction is one nuisance
+# parameter; they are closer where their time matters more. With segments twice as long, part of the
+# noise remains in the residuals. Chosen by judgement
+FRICTION_SEGMENTS_S = np.concatenate(
+    [np.arange(0, 6, 1), np.arange(6, 20, 2), np.arange(20, 50, 5), np.arange(50, 150, 10)]
+)
+FRICTION_NOISE = "friction noise"  # line of the budget, and beginning of the names
 
 # Air of one disk, as far as its own channels differ.
 DISK_AIR = NuisanceParameter("air", "ambient")
@@ -347,8 +357,8 @@ def nuisance_effects(
     -------
     NuisanceEffects
         ``nominal_parameters``, ``parameters_of_test``, those of rig.toml's further specifications,
-        and last those of the angular harmonics; effects (Q, R, P) [K] by one standard uncertainty
-        of each.
+        those of the friction's noise, and last those of the angular harmonics; effects (Q, R, P)
+        [K] by one standard uncertainty of each.
 
     Notes
     -----
@@ -397,14 +407,82 @@ def nuisance_effects(
     uncertain = np.flatnonzero(u > 0)
     candidates = (*nominal_parameters(setup), *parameters_of_test(setup))
     specified_parameters, specified_change = specified_effects(disk, window, share, h_W_m2K)
-    parameters = (*(candidates[q] for q in uncertain), *specified_parameters)
-    change = np.concatenate([u[uncertain, None, None] * change[uncertain], specified_change])
+    noise_parameters, noise_change = friction_noise_effects(test, window, share, h_W_m2K)
+    parameters = (*(candidates[q] for q in uncertain), *specified_parameters, *noise_parameters)
+    change = np.concatenate(
+        [u[uncertain, None, None] * change[uncertain], specified_change, noise_change]
+    )
     since_s = window.block_time_s - test.events.unload_s
     harmonic = harmonic_prior(test, disk.name)
     static = gains.static[rim.inner_inputs]
     return NuisanceEffects(
         *add_harmonic_effects(parameters, change, harmonic, setup, h_W_m2K, static, since_s)
     )
+
+
+def friction_noise_effects(
+    test: EhlTest, window: DiskWindow, share: float, h_W_m2K: float
+) -> tuple[tuple[NuisanceParameter, ...], Array]:
+    """Effect of the noise of the logged friction, by segments of time before the unloading.
+
+    Parameters
+    ----------
+    test
+        The test.
+    window
+        Window of the readings of one disk.
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+
+    Returns
+    -------
+    parameters
+        Mean errors of the friction in the K segments, which both disks have in common; none without
+        noise.
+    change
+        Effect of one standard uncertainty of each, (K, R, P) [K].
+
+    Notes
+    -----
+    The mean of n samples of white noise of standard deviation s has the standard uncertainty
+    s / sqrt(n). The model gets the friction as a running straight line
+    (``tcdyn.rig.contact.running_line``), and so does each error. Without these parameters the noise
+    looks like a change of h at the unloading: ``tests/partition/test_friction_noise.py``.
+    """
+    unload_s = test.events.unload_s
+    loaded = (window.time_s >= test.events.load_on_s) & (window.time_s < unload_s)
+    n_loaded = int(loaded.sum())
+    if test.friction_noise_N == 0 or n_loaded == 0:
+        return (), np.zeros((0, *window.y.shape))
+    first = int(np.searchsorted(test.time_s, window.time_s[0]))
+    rows = slice(first, first + len(window.time_s))
+    before_s = unload_s - window.time_s[loaded]
+    segment = np.searchsorted(FRICTION_SEGMENTS_S, before_s, side="right") - 1
+    members = (segment[:, None] == np.arange(len(FRICTION_SEGMENTS_S))).astype(float)
+    counts = members.sum(axis=0)
+    used = np.flatnonzero(counts)
+    samples = smoothing_samples(test.friction_noise_N, test.friction_N, test.dt_s, n_loaded)
+    smooth = running_line(members[:, used], samples)
+    errors_N = test.friction_noise_N / np.sqrt(counts[used]) * smooth
+    change = []
+    for error_N in errors_N.T:
+        power_W = np.zeros_like(test.power_W)
+        loaded_rows = np.arange(rows.start, rows.stop)[loaded]
+        power_W[loaded_rows] = error_N / test.friction_N * test.power_W[loaded_rows]
+        means = power_means(
+            replace(test, power_W=power_W),
+            rows,
+            window.chain,
+            window.blocks,
+            window.counts,
+            window.rim.rates_1_s,
+        )
+        change.append(share * window.rim.with_power(*means).input_response(POWER, h_W_m2K))
+    parameters = [
+        NuisanceParameter(f"{FRICTION_NOISE} {FRICTION_SEGMENTS_S[k]:g} s", FRICTION_NOISE, True)
+        for k in used
+    ]
+    return tuple(parameters), np.array(change)
 
 
 def _perturbed(

@@ -354,6 +354,8 @@ class DiskWindow:
         excluded channel.
     rim
         The rim model.
+    chain
+        The chain that the readings lag by; None for compensated temperatures.
     """
 
     disk: str
@@ -365,6 +367,7 @@ class DiskWindow:
     y: Array
     weight: Array
     rim: RimMeans
+    chain: Chain | None
 
     @property
     def used_channels(self) -> NDArray[np.bool_]:
@@ -490,15 +493,11 @@ def disk_window(
     # a fit also makes of the bank the longest lag of the chain, and twice that lag
     longest_s = 2 * max(chain.taus_s, default=0.0) if chain else 0.0
     rates = basis_rates(dt, longest_s=longest_s)
-    power, hold = lagged_power(test, rows, chain)
-    if hold:
-        power_bank = blocks @ lag_basis(power, dt, rates, **hold)
-    else:
-        power_bank = lag_basis_means(power, dt, rates, counts)
+    power, power_bank = power_means(test, rows, chain, blocks, counts, rates)
     inner = steel_K[:, inner_row] + disk.inner_offset_K[rows]
     ambient = test.ambient_of(disk.name)[rows]
     boundary = [*inner.T, ambient, *lagged_surface_air(test, disk, rows, chain)]
-    inputs = blocks @ np.column_stack([power, *boundary])
+    inputs = np.column_stack([power, blocks @ np.column_stack(boundary)])
     banks = np.stack([power_bank, *(lag_basis_means(u, dt, rates, counts) for u in boundary)])
     weight = np.sqrt(counts[:, None] * observed) / noise_K[None, outer_row]
     return DiskWindow(
@@ -513,6 +512,7 @@ def disk_window(
         rim=RimMeans(
             disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile
         ),
+        chain=chain,
     )
 
 
@@ -603,6 +603,38 @@ def lagged_surface_air(
     return [chain.response(offset, test.dt_s) for offset in offsets]
 
 
+def power_means(
+    test: EhlTest,
+    rows: slice,
+    chain: Chain | None,
+    blocks: sparse.csr_array,
+    counts: NDArray[np.int64],
+    rates_1_s: Array,
+) -> tuple[Array, Array]:
+    """Block means of the frictional power, and of the power through the filter bank.
+
+    Parameters
+    ----------
+    test, rows, chain
+        As of :func:`disk_window`.
+    blocks, counts
+        Averaging matrix (R, N), and number of samples in each block (R,).
+    rates_1_s
+        Rates of the bank, (K,) [1/s].
+
+    Returns
+    -------
+    power, bank
+        (R,) and (R, K) [W].
+    """
+    power, hold = lagged_power(test, rows, chain)
+    if hold:
+        bank = blocks @ lag_basis(power, test.dt_s, rates_1_s, **hold)
+    else:
+        bank = lag_basis_means(power, test.dt_s, rates_1_s, counts)
+    return blocks @ power, bank
+
+
 def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
     """Frictional power through a chain, and the arguments of ``lag_basis`` for it.
 
@@ -632,7 +664,7 @@ def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array
     time_s = test.time_s[rows]
     unload_s = test.events.unload_s
     k = int(np.searchsorted(time_s, unload_s)) - 1
-    ends = 0 <= k < len(time_s) - 1 and power[k] > 0 and power[k + 1] == 0
+    ends = 0 <= k < len(time_s) - 1 and power[k] != 0 and power[k + 1] == 0
     fraction = float((unload_s - time_s[k]) / test.dt_s) if ends else 1.0
     if chain is None:
         jumps = (InputJump(k, fraction, float(power[k]), 0.0),) if ends else ()

@@ -332,7 +332,18 @@ def _smooth_force(raw: Array, dt_s: float) -> Array:
     filled = without_spikes.interpolate(limit_direction="both").to_numpy()
     noise_N = float(white_noise_sd(filled))
     window = smoothing_samples(noise_N, float(fast_nanmedian(filled)), dt_s, len(filled))
-    return np.asarray(savgol_filter(filled, window, min(1, window - 1)))
+    return running_line(np.asarray(filled, dtype=float), window)
+
+
+def running_line(values: Array, samples: int) -> Array:
+    """Running straight line through ``samples`` (odd) of ``values`` (N, ...); linear at its ends.
+
+    Examples
+    --------
+    >>> running_line(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), 3).tolist()
+    [-0.5, 1.0, 1.0, 1.0, -0.5]
+    """
+    return np.asarray(savgol_filter(values, samples, min(1, samples - 1), axis=0))
 
 
 def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) -> int:

@@ -1,4 +1,4 @@
-"""Noise of the model inputs: covariance against sums over samples, and the adjoint of the smoothing."""
+"""Noise of the model inputs: covariance against sums over samples."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter, savgol_filter
+from scipy.signal import lfilter
 
 from tcdyn.campaign import input_noise as noise
 from tcdyn.campaign.input_noise import (
     friction_zero_u_N,
     input_noise_covariance,
     noise_covariance,
-    smoothing_adjoint,
 )
-from tcdyn.partition.joint import LOG_H, SHARE
-from tcdyn.rig.contact import SWITCHING_MARGIN_S, smoothing_samples
+from tcdyn.partition.joint import LOG_H
+from tcdyn.rig.contact import SWITCHING_MARGIN_S
 
 DT = 0.02
 LAST_LOADED = 300
@@ -37,23 +36,6 @@ def minimal_test(noise_N: float) -> Any:
     )
 
 
-@pytest.mark.parametrize("noise_N", [0.0, 0.6])
-def test_smoothing_adjoint_is_the_transpose_of_the_smoothing(noise_N: float) -> None:
-    """A linear combination of the smoothed friction is S' w of the logged one; S from the response to unit samples."""
-    n = smoothing_samples(noise_N, 20.0, DT, LAST_LOADED)
-    loaded_smoothing = savgol_filter(np.eye(LAST_LOADED), n, 1, axis=0, mode="interp")
-    smoothing = np.zeros((N_SAMPLES, N_SAMPLES))
-    smoothing[:LAST_LOADED, :LAST_LOADED] = loaded_smoothing
-    # constant after the last sample before the load falls
-    smoothing[LAST_LOADED:, :LAST_LOADED] = loaded_smoothing[-1]
-    weights = np.random.default_rng(0).standard_normal((N_SAMPLES, 2))
-    weights[:n] = 0.0  # the first samples are a running mean
-    result = smoothing_adjoint(
-        cast(Any, minimal_test(noise_N)), weights, START_S + DT * np.arange(N_SAMPLES)
-    )
-    assert result == pytest.approx(smoothing.T @ weights, abs=1e-12)
-
-
 def test_friction_zero_u_follows_the_longer_unloaded_segment() -> None:
     """A median scatters 1.25 times as much as a mean; 2.5 s before loading, no sample after unloading."""
     assert friction_zero_u_N(minimal_test(0.6)) == pytest.approx(1.25 * 0.6 / np.sqrt(2.5 / DT))
@@ -67,7 +49,7 @@ def test_friction_zero_u_follows_the_longer_unloaded_segment() -> None:
 def test_input_noise_covariance_matches_a_sum_over_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Three inputs, each direct and through two first-order lags, in blocks of ten samples at two points."""
+    """Two inputs after the power, each direct and through two first-order lags, in blocks of ten samples."""
     rng = np.random.default_rng(1)
     dt = 0.05
     n = 400
@@ -77,8 +59,7 @@ def test_input_noise_covariance_matches_a_sum_over_samples(
     blocks = np.kron(np.eye(n // 10), np.full(10, 0.1))
     weight = rng.uniform(0.5, 1.5, (n // 10, 2))
     theta = np.zeros(4)
-    sd = np.array([2.0, 0.3, 0.5])
-    theta[SHARE] = 0.6
+    sd = np.array([0.3, 0.5])
     theta[LOG_H] = np.log(700.0)
     requested_h: list[float] = []
 
@@ -92,16 +73,14 @@ def test_input_noise_covariance_matches_a_sum_over_samples(
         rim=rim, y=np.zeros((n // 10, 2)), weight=weight, blocks=blocks, time_s=dt * np.arange(n)
     )
     disk_block = cast(Any, SimpleNamespace(window=window, y=np.zeros(weight.size)))
-    # the unloading is too early for smoothing of the friction
-    events = SimpleNamespace(unload_s=3.4 * dt + SWITCHING_MARGIN_S, fall_time_s=0.0)
-    test = cast(Any, SimpleNamespace(friction_noise_N=1.0, friction_N=20.0, dt_s=dt, events=events))
+    test = cast(Any, SimpleNamespace(dt_s=dt))
     directions = rng.standard_normal((weight.size, 3))
 
     lagged = [
         lfilter([1 - np.exp(-r * dt)], [1, -np.exp(-r * dt)], np.eye(n), axis=0) for r in rates
     ]
     expected = np.zeros((3, 3))
-    for i, sigma in enumerate(sd * [0.6, 1.0, 1.0]):
+    for i, sigma in enumerate(sd, start=1):
         responses = [
             blocks @ (d * np.eye(n) + g[0] * lagged[0] + g[1] * lagged[1])
             for d, g in zip(direct[i], gains[i])
