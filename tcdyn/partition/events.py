@@ -36,7 +36,7 @@ from tcdyn.smoothing.traces import DiskTraces
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5  # longest interruption of the contact that counts as a bounce
 RELOADED_S = 5.0  # a bounce must be followed by a contact of this length
-LOADING_AGREE_S = 0.5  # the switch is believed within this of the forces
+LOADING_AGREE_S = 0.2  # the switch is believed within this of the forces
 TOUCH_S = 0.04  # shortest later touch
 # A shorter fall is one change of slope: behind a lag its two ends cannot be separated.
 MIN_TWO_SLOPE_CHANGES_S = 0.5
@@ -200,12 +200,8 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     )
     contact = force_votes > 0 if switch is None else switch
     if not contact.any():
-        if switch is None:
-            message = "neither load nor friction shows a loaded stretch"
-        else:
-            message = "contact never goes to 1"
         raise InputError(
-            message,
+            "neither load nor friction shows a loaded stretch",
             where=where,
             expected="a loaded stretch",
             remedy="is this a log of an unloaded run?",
@@ -351,10 +347,11 @@ def _loading_instant(
 
 
 def _switch_state(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
-    """State of the contact switch (N,), gaps filled; None if it was not logged."""
+    """State of the contact switch (N,), gaps filled; None if it was not logged or never moves."""
     if "contact" not in frame:
         return None
-    return np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
+    state = np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
+    return None if state.all() or not state.any() else state
 
 
 def _scaled_force(force: Array) -> Array | None:

@@ -296,8 +296,9 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
 def _check_edges(values: Array, name: str, location: SampleLocation, parted: bool) -> list[Finding]:
     """Check that a switch changes as it must: up at an entry, down at the unloading.
 
-    At an entry it may stay on or be momentary. Bounces and a missing loading or cooling are
-    reported.
+    At an entry it may stay on or be momentary. Bounces, a missing loading or cooling and a contact
+    switch that does not move are reported: load and friction show the contact, too
+    (``tcdyn.partition.events.find_events``).
 
     Parameters
     ----------
@@ -326,16 +327,17 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
             expected="0 before the entry, 1 at the entry",
             remedy="give the log of the whole plunge",
         )
+    assert location.dt_s is not None
+    findings: list[Finding] = []
     if name == "contact" and parted and not len(falls):
-        state = "rises but never falls" if steps.any() else constant
+        if not steps.any():
+            return [warning("contact.stuck", subject="contact", level=int(values[0]))]
         raise InputError(
-            f"column contact {state}: no unloading",
+            "column contact rises but never falls: no unloading",
             where=location.where,
             expected="1 while the disks touch, then 0",
             remedy="give the log of the whole test, through the cooling",
         )
-    assert location.dt_s is not None
-    findings: list[Finding] = []
     edges = np.flatnonzero(steps) + 1
     bounces = np.flatnonzero(np.diff(edges) * location.dt_s < MAX_BOUNCE_S)
     if len(edges) > 2 and len(bounces):

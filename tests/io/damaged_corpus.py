@@ -532,8 +532,8 @@ CORPUS: tuple[Damage, ...] = (
     Damage(
         "no contact at all",
         "ehl",
-        REFUSED,
-        "no unloading",
+        FLAGGED,
+        "in every row: the switch is not used",
         _csv("ehl", _map("contact", lambda x: 0 * x)),
     ),
     Damage(

@@ -97,6 +97,8 @@ READER: dict[str, Message] = {
     "switch.filled": "{place}: {count} value(s) missing; the state before them is used",
     "switch.levels": "column {subject}: levels {low:g} and {high:g} are read as 0 and 1",
     "switch.bounces": "{place}: the switch bounces ({count} changes)",
+    "contact.stuck": "column contact is {level} in every row: the switch is not used, load and "
+    "friction show when the disks touch",
     "contact.from_start": "column contact: the log begins in contact; it does not contain the "
     "loading",
     "contact.short_cooling": "column contact: the log ends {cooling_s:.2g} s after the unloading; "
