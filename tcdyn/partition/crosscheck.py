@@ -448,7 +448,10 @@ def _conclusion(
     Notes
     -----
     A pair that disagrees comes first, then contradictions, then agreement. The numbers must be
-    those of the messages in ``tcdyn/core/messages/partition.py``.
+    those of the messages in ``tcdyn/core/messages/partition.py``. The estimate is said to hold only
+    where every contradicted value belongs to one disk, as a depth does: the fit of both disks
+    allows for it. A friction, an ambient or a bearing correction that the data contradict, or a
+    disagreement without a cause, allows no such statement.
     """
     first, second, difference, z = worst
     values = [estimate.value for estimate in estimates.values()]
@@ -466,9 +469,11 @@ def _conclusion(
         "suspects_z": [abs(t.z) for t in suspects[:3]],
         "holds": False,
     }
+    # of a value that both disks share it is not known what else depends on it
+    all_of_one_disk = all(t.nominal.subject for t in suspects)
     if both is not None:
         numbers |= {
-            "holds": both.estimate_holds,
+            "holds": both.estimate_holds and bool(suspects) and all_of_one_disk,
             "both": both.assumed.beta.value,
             "both_u": both.assumed.beta.u,
             "low95": both.low95,

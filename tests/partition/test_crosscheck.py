@@ -1,5 +1,8 @@
 """The cross-check of estimators accounts for correlations, reports disagreement, and is silent otherwise."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -107,6 +110,33 @@ def test_contradicted_values_are_listed_worst_first_otherwise_the_largest_tensio
     )
     disagreeing = cross_check(normal_estimates(speed_law=0.66, joint_fast=0.70), samples, [largest])
     assert disagreeing.finding.code == "ways.apart"
+
+
+def test_a_contradicted_value_of_both_disks_allows_no_range() -> None:
+    """A depth is part of the fit of both disks; a friction or an ambient may have any other cause."""
+    samples = draws(0.01, 0.005, ("speed law", "joint fast"))
+    estimates = normal_estimates(speed_law=0.66, joint_fast=0.66)
+    apart = normal_estimates(speed_law=0.66, joint_fast=0.70)
+    narrow = cast(
+        Any,
+        SimpleNamespace(
+            estimate_holds=True,
+            assumed=SimpleNamespace(beta=Estimate.normal(0.66, 0.005)),
+            low95=0.65,
+            high95=0.67,
+        ),
+    )
+    depth = Tension(
+        info("stated.depth", subject="fast", channel="e", deeper_mm=0.3, u_mm=0.1), 5.0, 1e-4, 0.01
+    )
+    friction = Tension(
+        info("stated.value", subject="", name="friction", source="friction"), 5.0, 1e-4, 0.01
+    )
+    usable = "The joint fit of both disks can still be used"
+    assert usable in cross_check(estimates, samples, [depth], narrow).sentence
+    for tensions in ([friction], [depth, friction]):
+        assert "Do NOT trust beta" in cross_check(estimates, samples, tensions, narrow).sentence
+    assert "Do NOT trust beta" in cross_check(apart, samples, [], narrow).sentence
 
 
 def test_p_value_of_the_largest_pull_accounts_for_correlation() -> None:
