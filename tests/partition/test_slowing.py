@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.cooling import with_slowing_air_offset
+from tcdyn.partition.cooling import _slowing_air_offset, with_slowing_air_offset
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import disk_window
+from tcdyn.partition.window import disk_window, fit_rows
 from tcdyn.rig.contact import relative_speed
 from tcdyn.rig.disk import CHANNELS, DISKS
 from tcdyn.simulate.truth import CLEAN, draw_truth
@@ -92,6 +92,23 @@ def test_measured_air_offset_of_a_disk_at_constant_speed_is_kept() -> None:
     )
     np.testing.assert_array_equal(test.surface_air_offset_K["slow"], measured)
     assert np.abs(test.surface_air_offset_K["fast"][:, 0]).max() > 1.0
+
+
+def test_change_by_the_exponent_is_that_between_two_exponents() -> None:
+    study = clean_rig("brake 3 s")
+    disk = study.test.disks["fast"]
+    rows = fit_rows(study.test, 10.0)
+    u = study.test.exponent_half_range / np.sqrt(3)
+
+    def offset(exponent: float) -> np.ndarray:
+        test = replace(study.test, speed_exponent=exponent)
+        return _slowing_air_offset(test, disk, rows, 0.7, 700.0)
+
+    exponent = study.test.speed_exponent
+    by_exponent = offset(exponent)[:, 1]
+    expected = 0.5 * (offset(exponent + u) - offset(exponent - u))[:, 0]
+    assert np.abs(by_exponent).max() > 0.1
+    np.testing.assert_allclose(by_exponent, expected, atol=0.01 * np.abs(expected).max())
 
 
 @pytest.mark.study

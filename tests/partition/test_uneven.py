@@ -12,6 +12,7 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
     FIRST_HARMONIC,
     HARMONIC_SOURCES,
+    SECOND_HARMONIC_REL,
     UNKNOWN_HARMONIC,
     AngularHarmonic,
     add_harmonic_effects,
@@ -55,6 +56,23 @@ def test_harmonic_satisfies_its_equation_and_surface_condition(
     assert k * slope == pytest.approx(-h * t0, abs=1e-3 * k / setup.outer_radius_m)
     # normalised at the depth of b
     assert radial_shape(setup, h, np.array(0.006), n) == pytest.approx(1.0)
+
+
+@pytest.mark.study
+def test_second_harmonic_relative_to_the_first_is_that_of_simulated_disks() -> None:
+    """Contacts of 0.3 to 0.9 of the mean conductance; the largest junction of each disk."""
+    ratios = []
+    for seed, (amplitude, angle_deg) in enumerate(
+        ((0.3, 40.0), (0.6, 40.0), (0.9, 100.0), (0.6, 200.0))
+    ):
+        contact = BoreContact(amplitude, angle_deg)
+        truth = draw_truth(2 + seed).with_uneven({"fast": contact, "slow": contact})
+        true_values = study_rig(2 + seed, truth=truth, uncertain=False).true_values
+        for unevenness in true_values["unevenness"].values():
+            largest_K = max(abs(value) for value in unevenness["second_K"].values())
+            ratios.append(largest_K / unevenness["amplitude_K"])
+    rms = float(np.sqrt(np.mean(np.square(ratios))))
+    assert rms == pytest.approx(SECOND_HARMONIC_REL, rel=0.4)
 
 
 @pytest.mark.study
