@@ -25,7 +25,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, Severity, info, messages, warning, warnings_and_errors
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.angular_harmonic import AngularHarmonic, harmonic_K
-from tcdyn.partition.at_rest import cables_exchanged
+from tcdyn.partition.at_rest import cables_exchanged, disks_differ
 from tcdyn.partition.cooling import (
     CoolingFit,
     CoolingSensitivity,
@@ -302,6 +302,7 @@ def analyse(
     wrong_units = [f for f in causes if f.numbers.get("units")]  # they explain all other findings
     findings = [
         *_exchanged_cables(prepared, both),
+        *disks_differ(prepared),
         *wrong_units,
         *findings,
         *(f for f in causes if f not in wrong_units),

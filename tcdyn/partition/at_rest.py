@@ -18,10 +18,12 @@ from scipy.special import chdtrc
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, warning
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensor_faults import Fault
 from tcdyn.partition.window import rows_between
 from tcdyn.rig.disk import DISKS
+from tcdyn.rig.static_line import shared_u_K
 from tcdyn.smoothing.traces import DiskTraces
 
 # A disk at rest. Chosen by judgement.
@@ -32,6 +34,10 @@ AT_REST_K = 5.0  # largest mean excess over ambient [K]
 REST_U_K = 0.07  # standard deviation of the junctions' temperatures at rest [K]
 WARM_REL = 0.1  # the same by the disk's excess over ambient, relative to that
 MEAN_NOISE = 0.2  # noise of the mean over the window, relative to that of a sample, maybe coloured
+# Disks at rest whose medians differ by more than this [K, standard uncertainties] are reported: an
+# error of 2 % of the temperature in one disk's channels at 75 degC. Chosen by judgement.
+MIN_DISKS_DIFFER_K = 1.5
+MIN_DISKS_DIFFER_Z = 5.0
 # An offset is larger than these [K, standard uncertainties]; the drift at rest is smaller.
 # Chosen by judgement.
 MIN_OFFSET_K = 0.75
@@ -153,6 +159,51 @@ def cables_exchanged(test: EhlTest) -> bool:
     as_wired = fast.misfit(fast.mean) + slow.misfit(slow.mean)
     surely = as_wired - exchanged > 2 * SURE_LOG_ODDS
     return surely and exchanged < MAX_MISFIT_RATIO * as_wired
+
+
+def disks_differ(test: EhlTest) -> list[Finding]:
+    """A warning if both disks are at rest and do not read one temperature.
+
+    An error of the sensitivity that all channels of a disk have in common changes beta, and the
+    fits do not show it.
+
+    Parameters
+    ----------
+    test
+        The test.
+
+    Notes
+    -----
+    ``tests/partition/test_sensors.py`` has disks with other sensitivities.
+    """
+    rests = [disk_at_rest(test, disk) for disk in test.disks.values()]
+    if len(rests) < 2 or cables_exchanged(test):
+        return []
+    medians = []
+    variances = []
+    for rest in rests:
+        if rest is None:
+            return []
+        medians.append(float(np.median(rest.mean[rest.used])))
+        own_var = np.mean(rest.u[rest.used] ** 2) / len(rest.used)
+        reference_u_K = shared_u_K(rest.disk.lines)[rest.used].mean()
+        variances.append(float(own_var + reference_u_K**2))
+    names = list(test.disks)
+    higher, lower = (names[0], names[1]) if medians[0] > medians[1] else (names[1], names[0])
+    difference_K = abs(medians[0] - medians[1])
+    u_K = float(np.sqrt(sum(variances)))
+    if difference_K < max(MIN_DISKS_DIFFER_K, MIN_DISKS_DIFFER_Z * u_K):
+        return []
+    return [
+        warning(
+            "rest.disks_differ",
+            higher=higher,
+            lower=lower,
+            difference_K=difference_K,
+            u_K=u_K,
+            share=difference_K / float(np.mean(medians)),
+        )
+    ]
 
 
 def faults_at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:

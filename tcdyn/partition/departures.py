@@ -314,7 +314,7 @@ def _surface_air(a: DiskAtFit) -> Array:
 # name: effect on a disk, and how far the disks may differ: half the standard deviation of the
 # difference, relative to that of the mean
 MODEL_FORMS: dict[str, tuple[Callable[[DiskAtFit], Array], float]] = {
-    "h_step": (_h_step, 1 / 3),
+    "h_step": (_h_step, 1.0),
     "h_of_T": (_h_of_temperature, 0.0),
     "flux_shift": (_flux_shift, 1.0),
     "flux_wider": (_flux_width, 0.0),

@@ -340,7 +340,7 @@ def running_line(values: Array, samples: int) -> Array:
 
     Examples
     --------
-    >>> running_line(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), 3).tolist()
+    >>> running_line(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), 3).round(6).tolist()
     [-0.5, 1.0, 1.0, 1.0, -0.5]
     """
     return np.asarray(savgol_filter(values, samples, min(1, samples - 1), axis=0))

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.angular_harmonic import harmonic_at_junctions
-from tcdyn.partition.at_rest import cables_exchanged, faults_at_rest
+from tcdyn.partition.at_rest import cables_exchanged, disks_differ, faults_at_rest
 from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import nominal_parameters
@@ -464,3 +465,29 @@ def test_exchanged_cables_are_detected_at_rest_when_no_speed_exponent_fits() -> 
     first = warnings_and_errors(study.analyse().findings)[0]
     assert first.code == "cables.exchanged"
     assert first.numbers["at_rest"]
+
+
+def with_gains(frame: pd.DataFrame, gains: dict[str, float]) -> pd.DataFrame:
+    """A log whose channels read another share of the temperature, by disk."""
+    return frame.assign(
+        **{
+            column: gains[column.partition("_")[0]] * frame[column]
+            for column in frame
+            if column.partition("_")[0] in gains and column.endswith("_degC")
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("gains", "count"), [({}, 0), ({"fast": 1.03, "slow": 0.97}, 1), ({"fast": 1.005}, 0)]
+)
+def test_disks_that_read_different_temperatures_at_rest_are_reported(
+    gains: dict[str, float], count: int
+) -> None:
+    study = study_rig(4, log_change=lambda frame: with_gains(frame, gains))
+    findings = disks_differ(study.test)
+    assert len(findings) == count
+    if findings:
+        assert (findings[0].code, findings[0].numbers["higher"]) == ("rest.disks_differ", "fast")
+        assert 0.04 < findings[0].numbers["share"] < 0.08
+        assert "calibrate again" in findings[0].sentence

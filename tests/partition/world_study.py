@@ -40,9 +40,12 @@ class World:
     """Deviations from the assumptions of the fits.
 
     ``later`` multiplies the first lag of one channel, ``film`` multiplies h in equal strips across the running surface.
+    ``h_after_of`` multiplies h of one disk after the unloading, ``gain_of`` the readings of all its channels.
     """
 
     h_after: float = 1.0
+    h_after_of: dict[str, float] = field(default_factory=dict)
+    gain_of: dict[str, float] = field(default_factory=dict)
     h_per_K: float = 0.0
     shift_m: float = 0.0
     wider: float = 1.0
@@ -64,6 +67,9 @@ WORLDS: dict[str, tuple[World, str]] = {
     "as assumed": (World(), "as assumed"),
     "h -5 %": (World(h_after=0.95), "h_step"),
     "h -25 %": (World(h_after=0.75), "h_step"),
+    "h of the slow disk -25 %": (World(h_after_of={"slow": 0.75}), "h_step"),
+    "h of the fast disk -25 %": (World(h_after_of={"fast": 0.75}), "h_step"),
+    "gains +3 and -3 %": (World(gain_of={"fast": 1.03, "slow": 0.97}), "gain"),
     "h +0.4 %/K": (World(h_per_K=0.004), "h_of_T"),
     "flux 0.5 mm": (World(shift_m=0.5e-3), "flux_shift"),
     "flux 1 mm": (World(shift_m=1e-3), "flux_shift"),
@@ -241,7 +247,7 @@ def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
             disk = true.disk(d)
             junction_temperatures = temperatures(
                 disk,
-                world,
+                replace(world, h_after=world.h_after * world.h_after_of.get(d, 1.0)),
                 t,
                 power,
                 traces["ambient_degC"].to_numpy(),
@@ -262,7 +268,10 @@ def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
                 true.imperfections,
                 True,
             )
-            columns |= {f"{d}_{c}_degC": log[:, k] for k, c in enumerate(sorted(disk.channels))}
+            gain = world.gain_of.get(d, 1.0)
+            columns |= {
+                f"{d}_{c}_degC": gain * log[:, k] for k, c in enumerate(sorted(disk.channels))
+            }
         return frame.assign(**columns)
 
     return study_rig(
