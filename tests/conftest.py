@@ -51,11 +51,14 @@ SLOW_FIXTURES = {
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests; long studies need ``--full``."""
     for item in items:
         if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.e2e)
+        study = item.get_closest_marker("study")
+        if study and study.kwargs.get("long") and not config.getoption("--full"):
+            item.add_marker(pytest.mark.skip(reason="a long study: only with --full"))
 
 
 @dataclass(frozen=True)

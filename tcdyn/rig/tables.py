@@ -582,6 +582,7 @@ class UncertaintyTable(RigTable):
     depth_mm: float = Field(default=0.1, ge=0, lt=5)
     conductivity_rel: float = Field(default=0.03, ge=0, lt=0.5)
     heat_capacity_rel: float = Field(default=0.02, ge=0, lt=0.5)
+    steel_of_one_disk_rel: float = Field(default=0.005, ge=0, lt=0.5)
     washer_rel: float = Field(default=0.20, ge=0, lt=1)
     half_width_rel: float = Field(default=0.03, ge=0, lt=0.5)
     flux_shift_mm: float = Field(default=0.0, ge=0, lt=10)

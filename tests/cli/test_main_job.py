@@ -173,7 +173,7 @@ def rewritten(campaign: Campaign, path: Path, change: object) -> Path:
     ("change", "words"),
     [
         (lambda f: f.drop(columns="friction_N"), ("friction_N", "missing")),
-        (lambda f: f.assign(contact=1), ("unload",)),
+        (lambda f: f.assign(contact=1, load_N=0.0, friction_N=0.0), ("loaded stretch",)),
         (lambda f: f.assign(fast_a_degC=f["fast_a_degC"] + 273.15), ("fast_a_degC", "kelvin")),
         (lambda f: f.iloc[: int(len(f) * 0.5)], ("unload",)),
         (
@@ -185,7 +185,7 @@ def rewritten(campaign: Campaign, path: Path, change: object) -> Path:
     ],
     ids=[
         "missing column",
-        "no unloading",
+        "never loaded",
         "kelvin",
         "truncated before unloading",
         "swapped channels",

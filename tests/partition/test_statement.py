@@ -17,6 +17,7 @@ from tcdyn.partition.specified import (
     conductivity_slope_effect,
     linear_about,
     specific_heat_slope_effect,
+    specified_effects,
 )
 from tcdyn.partition.steady import with_linear_steel
 from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
@@ -282,3 +283,49 @@ def test_measured_surface_flux_determines_h_when_the_ambient_does_not_cool() -> 
         assert abs(beta.value - study.true_values["beta"]) < 2 * beta.u, estimator
     assert "measured surface flux" in [r.source for r in p.budget.rows]
     assert p.status == "sound"
+
+
+def test_steel_of_one_disk_adds_to_the_uncertainty_and_zero_adds_nothing() -> None:
+    study = study_rig(SEED)
+    window = lagged_window(study.test, study.test.disks["fast"], fit_rows(study.test, 10.0))
+    names = {
+        u_rel: {
+            parameter.name
+            for parameter in specified_effects(
+                replace(
+                    study.test.disks["fast"],
+                    uncertainty=study.test.disks["fast"].uncertainty.model_copy(
+                        update={"steel_of_one_disk_rel": u_rel}
+                    ),
+                ),
+                window,
+                0.7,
+                700.0,
+            )[0]
+        }
+        for u_rel in (0.0, 0.005)
+    }
+    added = {"conductivity of one disk", "heat capacity of one disk"}
+    assert names[0.005] - names[0.0] == added
+
+
+@pytest.mark.e2e
+def test_disks_of_different_conductivity_are_within_the_interval_that_allows_for_it() -> None:
+    """Conductivity of the fast disk 2 % higher, of the slow disk 2 % lower than rig.toml says."""
+    truth = draw_truth(SEED, load_rig(), uncertain=True)
+    disks = {
+        d: replace(
+            truth.disk(d),
+            setup=replace(
+                truth.disk(d).setup,
+                conductivity_W_mK=factor * truth.disk(d).setup.conductivity_W_mK,
+            ),
+        )
+        for d, factor in (("fast", 1.02), ("slow", 0.98))
+    }
+    study = study_rig(SEED, truth=replace(truth, **disks))
+    uncertain = rig_with(uncertainty={"steel_of_one_disk_rel": 0.02})
+    estimate = analysed_with(study, uncertain).both.estimates["beta"]
+    certain = analysed_with(study, rig_with(uncertainty={"steel_of_one_disk_rel": 0.0}))
+    assert estimate.u > 1.2 * certain.both.estimates["beta"].u
+    assert abs(estimate.value - study.true_values["beta"]) < 2.5 * estimate.u
