@@ -39,6 +39,8 @@ class Line:
         (P, N): coefficients = operator @ y.
     total_covariance
         Covariance of the points with the scatter in it, (N, N).
+    independent_var
+        Variance of a point about the line, mean over the points: what the residuals estimate.
     """
 
     coefficients: Array
@@ -48,6 +50,7 @@ class Line:
     freedom: int
     operator: Array = field(repr=False)
     total_covariance: Array = field(repr=False)
+    independent_var: float = 0.0
 
     @property
     def p_value(self) -> float:
@@ -62,12 +65,13 @@ class Line:
 
         Notes
         -----
-        Only the part of the scatter was estimated, from ``freedom`` degrees of freedom. The formula
-        is that of Welch and Satterthwaite (JCGM 100:2008, G.4.1).
+        Where a scatter was added, the residuals estimate the variance of the points about the line,
+        from ``freedom`` degrees of freedom; the rest is known. The formula is that of Welch and
+        Satterthwaite (JCGM 100:2008, G.4.1).
         """
-        estimated = self.scatter**2 * float(self.operator[k] @ self.operator[k])
-        if estimated == 0:
+        if self.scatter == 0:
             return np.inf
+        estimated = self.independent_var * float(self.operator[k] @ self.operator[k])
         return max(self.freedom, 1) * float(self.covariance[k, k] / estimated) ** 2
 
     def estimate(self, k: int) -> Estimate:
@@ -127,7 +131,18 @@ def fit_generalised_line(columns: Array, y: Array, covariance: Array) -> Line:
         residual = y - columns @ (operator @ y)
         inverse_information = inverse_information / np.outer(spread, spread)
         chi2 = float(residual @ weight @ residual)
-        return Line(operator @ y, inverse_information, scatter, chi2, freedom, operator, used)
+        projection = np.eye(len(y)) - columns @ np.linalg.pinv(columns)
+        independent_var = float(np.trace(projection @ used @ projection)) / max(freedom, 1)
+        return Line(
+            operator @ y,
+            inverse_information,
+            scatter,
+            chi2,
+            freedom,
+            operator,
+            used,
+            independent_var,
+        )
 
     line = solve(0.0)
     if freedom > 0 and line.chi2 > freedom:

@@ -2,7 +2,8 @@
 
 Under load an offset of the inner row, or two of its channels exchanged, are nearly the same as
 another h and an uneven press fit. At rest no model is needed. Used by
-:mod:`tcdyn.partition.sensor_check` and, for exchanged cables, by :mod:`tcdyn.partition.analyse`.
+:mod:`tcdyn.partition.sensor_check` and, for exchanged cables and for disks that differ, by
+:mod:`tcdyn.partition.analyse`.
 Guarded by ``tests/partition/test_sensors.py``.
 """
 
@@ -201,7 +202,6 @@ def disks_differ(test: EhlTest) -> list[Finding]:
             lower=lower,
             difference_K=difference_K,
             u_K=u_K,
-            share=difference_K / float(np.mean(medians)),
         )
     ]
 

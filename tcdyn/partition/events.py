@@ -201,10 +201,10 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     contact = force_votes > 0 if switch is None else switch
     if not contact.any():
         raise InputError(
-            "neither load nor friction shows a loaded stretch",
+            "neither load nor friction shows a loaded stretch and an unloading",
             where=where,
-            expected="a loaded stretch",
-            remedy="is this a log of an unloaded run?",
+            expected="a log of the whole test, through the cooling",
+            remedy="is this a log of an unloaded run, or does it end under load?",
         )
     findings: list[Finding] = []
     forces_agree = np.abs(force_votes) > 1.5

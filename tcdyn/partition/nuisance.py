@@ -37,7 +37,7 @@ from tcdyn.partition.window import (
     power_means,
     steady_start_s,
 )
-from tcdyn.rig.contact import running_line, smoothing_samples
+from tcdyn.rig.contact import SWITCHING_MARGIN_S, running_line, smoothing_samples
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
@@ -450,25 +450,29 @@ def friction_noise_effects(
     looks like a change of h at the unloading: ``tests/partition/test_friction_noise.py``.
     """
     unload_s = test.events.unload_s
-    loaded = (window.time_s >= test.events.load_on_s) & (window.time_s < unload_s)
-    n_loaded = int(loaded.sum())
-    if test.friction_noise_N == 0 or n_loaded == 0:
+    # up to here the friction is smoothed; its last value continues
+    settled_s = unload_s - test.events.fall_time_s - SWITCHING_MARGIN_S
+    settled = (window.time_s >= test.events.load_on_s) & (window.time_s < settled_s)
+    n_settled = int(settled.sum())
+    if test.friction_noise_N == 0 or n_settled == 0:
         return (), np.zeros((0, *window.y.shape))
+    continues = (window.time_s >= settled_s) & (window.time_s < unload_s + test.events.fall_time_s)
     first = int(np.searchsorted(test.time_s, window.time_s[0]))
     rows = slice(first, first + len(window.time_s))
-    before_s = unload_s - window.time_s[loaded]
+    before_s = unload_s - window.time_s[settled]
     segment = np.searchsorted(FRICTION_SEGMENTS_S, before_s, side="right") - 1
     members = (segment[:, None] == np.arange(len(FRICTION_SEGMENTS_S))).astype(float)
     counts = members.sum(axis=0)
     used = np.flatnonzero(counts)
-    samples = smoothing_samples(test.friction_noise_N, test.friction_N, test.dt_s, n_loaded)
+    samples = smoothing_samples(test.friction_noise_N, test.friction_N, test.dt_s, n_settled)
     smooth = running_line(members[:, used], samples)
     errors_N = test.friction_noise_N / np.sqrt(counts[used]) * smooth
     change = []
     for error_N in errors_N.T:
-        power_W = np.zeros_like(test.power_W)
-        loaded_rows = np.arange(rows.start, rows.stop)[loaded]
-        power_W[loaded_rows] = error_N / test.friction_N * test.power_W[loaded_rows]
+        error_rel = np.zeros_like(test.power_W)
+        error_rel[rows][settled] = error_N / test.friction_N
+        error_rel[rows][continues] = error_N[-1] / test.friction_N
+        power_W = error_rel * test.power_W
         means = power_means(
             replace(test, power_W=power_W),
             rows,

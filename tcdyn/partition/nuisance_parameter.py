@@ -34,8 +34,9 @@ class NuisanceParameter:
     The object holds no number. In the fits each parameter is in units of its standard uncertainty,
     so its prior is standard normal.
 
-    What may change: ``source`` is only a label, but ``tcdyn.partition.crosscheck._nuisance_pulls``
-    and ``tcdyn.partition.angular_harmonic.HARMONIC_SOURCES`` compare it. ``name`` is compared in
+    What may change: ``source`` is only a label, but ``tcdyn.partition.crosscheck._nuisance_pulls``,
+    ``tcdyn.partition.joint._pulls`` and ``tcdyn.partition.angular_harmonic.HARMONIC_SOURCES``
+    compare it. ``name`` is compared in
     ``tcdyn.campaign.compress.loading_of``, ``tcdyn.partition.departures.DiskAtFit.lag_effects`` and
     ``tcdyn.partition.sensor_faults``; a channel is the last word of its name. The Monte Carlo
     samples of ``tcdyn.partition.crosscheck.monte_carlo`` are drawn in the order of the names, so a

@@ -179,7 +179,8 @@ def _check_ehl(
         disk_junctions = [name for name in junctions if name.startswith(f"{disk}_")]
         if disk_junctions:
             findings += _check_channels(sample[disk_junctions], location, room_degC)
-    contact = states["contact"][sample.index] if "contact" in states else _loaded(sample)
+    has_switch = "contact" in states and len(np.unique(states["contact"])) > 1
+    contact = states["contact"][sample.index] if has_switch else _loaded(sample)
     if contact.any():
         findings += _check_loads(sample, contact, location.where)
     # the first fifth of the contact is left out: the heat has not reached all junctions yet
@@ -250,6 +251,8 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
         )
     if set(levels) <= {0.0, 1.0}:
         return values, findings
+    if len(levels) == 1 and name == "contact":
+        return (values > 0).astype(float), findings  # a switch that never moves is not used
     if len(levels) == 1:
         raise InputError(
             f"column {name} is {levels[0]:g} in every row",
@@ -314,7 +317,7 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
     Raises
     ------
     InputError
-        A switch that never closes, or a contact without an unloading.
+        A switch that never closes, or a contact that begins and never ends.
     """
     steps = np.diff(values)
     falls = np.flatnonzero(steps < 0)

@@ -282,9 +282,10 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     logged one, the mean of each two samples between which it is constant.
 
     ``SMOOTH_S``, ``MAX_SMOOTH_S`` and ``FORCE_NOISE`` decide how much noise remains at the edge of
-    the unloading, which changes beta in proportion. The noise that remains is estimated by
-    :mod:`tcdyn.campaign.input_noise` (``tests/campaign/test_campaign_noise.py``). The function must
-    not smooth across a switching instant: ``tests/partition/test_events.py``.
+    the unloading, which changes beta in proportion. The noise that remains is in
+    ``tcdyn.partition.nuisance.friction_noise_effects``, which must smooth in the same way
+    (``tests/partition/test_friction_noise.py``). The function must not smooth across a switching
+    instant: ``tests/partition/test_events.py``.
     """
     on = events.load_on_s
     off = events.unload_s
@@ -367,7 +368,7 @@ def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) ->
 
     Notes
     -----
-    Test: ``tests/campaign/test_campaign_noise.py``.
+    Test: ``tests/partition/test_friction_noise.py``.
     """
     noise_ratio = 2 * noise_N / max(FORCE_NOISE * abs(level_N), 1e-12)
     count = min(max(SMOOTH_S / dt_s, noise_ratio**2), MAX_SMOOTH_S / dt_s, most)

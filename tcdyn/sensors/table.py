@@ -562,7 +562,7 @@ def read_segments(
     *,
     delay_s: float | None = None,
     position: SegmentPosition | None = None,
-) -> Generator[TableSegment, int, None]:
+) -> Generator[TableSegment, int | None, None]:
     """Read a table in overlapping segments; a long gap ends a segment.
 
     Parameters
@@ -593,7 +593,7 @@ def read_segments(
     Where segments end depends on the rows only, not on how the file is read. The caller sends how
     many rows of margin the last segment needed. Where it had fewer it comes again with that many
     (rounded up, at most ``MAX_MARGIN_ROWS``). The segments after it have the margin that the last
-    one needed.
+    one needed, ``MARGIN_RESERVE`` times, and never less than ten lags.
 
     With a delay of n rows, a block has n - ceil(n / 2) + 1 rows and a margin of ceil(n / 2) rows
     after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least

@@ -31,9 +31,7 @@ def minimal_test(noise_N: float) -> Any:
         unload_s=unload_s, fall_time_s=0.3, load_on_s=START_S + 2.5 + SWITCHING_MARGIN_S
     )
     time_s = START_S + DT * np.arange(N_SAMPLES)
-    return SimpleNamespace(
-        friction_noise_N=noise_N, friction_N=20.0, dt_s=DT, events=events, time_s=time_s
-    )
+    return SimpleNamespace(friction_noise_N=noise_N, dt_s=DT, events=events, time_s=time_s)
 
 
 def test_friction_zero_u_follows_the_longer_unloaded_segment() -> None:

@@ -109,7 +109,7 @@ def test_two_tests_have_one_degree_of_freedom() -> None:
     assert rejected.offset.value == pytest.approx(0.020)
     assert rejected.scatter == pytest.approx(np.sqrt(0.02**2 / 2 - 0.001**2), rel=1e-5)
     assert rejected.offset.u == pytest.approx(np.sqrt(COMMON**2 + 0.02**2 / 4), rel=1e-5)
-    freedom = (rejected.offset.u**2 / (rejected.scatter**2 / 2)) ** 2
+    freedom = (rejected.offset.u**2 / ((rejected.scatter**2 + 0.001**2) / 2)) ** 2
     half_width = stats.t.isf(0.025, freedom) * rejected.offset.u
     assert rejected.offset.high95 - rejected.offset.value == pytest.approx(half_width)
 

@@ -160,7 +160,9 @@ def test_a_switch_that_never_moves_is_not_used(contact: int) -> None:
 @pytest.mark.parametrize("contact", [0, 1])
 def test_logs_without_contact_or_unloading_raise(contact: int) -> None:
     unloaded = simulated_log().assign(contact=contact, load_N=0.0, friction_N=0.0)
-    with pytest.raises(InputError, match="neither load nor friction shows a loaded stretch"):
+    with pytest.raises(
+        InputError, match="neither load nor friction shows a loaded stretch and an unloading"
+    ):
         find_events(unloaded)
     loaded = simulated_log().assign(contact=contact)
     with pytest.raises(InputError, match="no unloading"):

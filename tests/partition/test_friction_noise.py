@@ -39,8 +39,8 @@ def test_equal_errors_of_all_segments_are_an_error_of_the_friction(study: StudyR
     _, change = friction_noise_effects(test, window, 0.7, 700.0)
     before_s = test.events.unload_s - window.time_s
     edges = [*FRICTION_SEGMENTS_S, np.inf]
-    loaded = (before_s > 0) & (window.time_s >= test.events.load_on_s)
-    counts = np.histogram(before_s[loaded], edges)[0]
+    settled = (before_s > test.events.fall_time_s + 0.1) & (window.time_s >= test.events.load_on_s)
+    counts = np.histogram(before_s[settled], edges)[0]
     counts = counts[counts > 0]
     assert len(change) == len(counts)
     total = np.tensordot(np.sqrt(counts), change, 1)

@@ -504,10 +504,10 @@ PARTITION: dict[str, Message] = {
     "ways.contradicted": _estimates_contradicted,
     "cables.exchanged": _cables_exchanged,
     "rest.disks_differ": "before the loading all junctions of the {higher} disk read "
-    "{difference_K:.1f} +- {u_K:.1f} K more than those of the {lower} disk, "
-    "{share:.1%} of the temperature: if the disks had one temperature, the sensitivity or the "
-    "cold junction of one disk has changed since its calibration; beta is then wrong, and no fit "
-    "shows it; calibrate again, or compare both disks with a thermometer",
+    "{difference_K:.1f} +- {u_K:.1f} K more than those of the {lower} disk: if the disks had one "
+    "temperature, the sensitivity or the cold junction of one disk has changed since its "
+    "calibration; beta is then wrong, and no fit shows it; calibrate again, or compare both disks "
+    "with a thermometer",
     "headline.both": _recommended,
     "headline.withheld": _withheld,
     "answers.impossible": _impossible,
