@@ -142,7 +142,7 @@ def with_one_sigma_change(truth: RigTruth, name: str) -> RigTruth:
     }[name]()
 
 
-@pytest.mark.study
+@pytest.mark.study(long=True)
 def test_budget_shifts_match_those_of_the_simulated_disk() -> None:
     """A change of each nuisance parameter in the simulated rig shifts lines and joint fits by the linear prediction.
 

@@ -349,7 +349,7 @@ def test_log_that_ends_soon_after_unloading_is_checked(b3: EhlTest) -> None:
     assert check_sensors(short).sound
 
 
-@pytest.mark.study
+@pytest.mark.study(long=True)
 @pytest.mark.parametrize("seed", range(20, 23))
 def test_rigs_drawn_from_their_uncertainties_have_no_findings(seed: int, tmp_path: Path) -> None:
     from tcdyn.simulate.campaign import simulate_campaign

@@ -190,7 +190,7 @@ def test_mixture_interval_has_2_5_percent_below_and_above() -> None:
     assert below == pytest.approx([0.025, 0.975], abs=1e-9)
 
 
-@pytest.mark.study
+@pytest.mark.study(long=True)
 def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() -> None:
     """Without this check, beta = 3.14 and h = -728 have exit code 0, or correct wiring is called swapped."""
     study = study_rig(SEED, log_change=lambda log: log.assign(friction_N=log["friction_N"] / 4.448))

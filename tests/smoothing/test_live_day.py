@@ -33,7 +33,7 @@ def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -
     assert np.mean(np.abs(error) < 1.96 * sd[settled]) > 0.9
 
 
-@pytest.mark.study
+@pytest.mark.study(long=True)
 @pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
 def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
     before: float, draws: Callable[[int], int]
