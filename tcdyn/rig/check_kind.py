@@ -179,8 +179,9 @@ def _check_ehl(
         disk_junctions = [name for name in junctions if name.startswith(f"{disk}_")]
         if disk_junctions:
             findings += _check_channels(sample[disk_junctions], location, room_degC)
-    has_switch = "contact" in states and len(np.unique(states["contact"])) > 1
-    contact = states["contact"][sample.index] if has_switch else _loaded(sample)
+    contact = states["contact"][sample.index] if "contact" in states else _loaded(sample)
+    if len(np.unique(contact)) == 1 and _is_unloaded_too(sample):
+        contact = _loaded(sample)  # a switch that never moves
     if contact.any():
         findings += _check_loads(sample, contact, location.where)
     # the first fifth of the contact is left out: the heat has not reached all junctions yet
@@ -193,11 +194,24 @@ def _check_ehl(
 
 def _loaded(sample: pd.DataFrame) -> Flags:
     """Contact by the load, or the friction if no load was logged: at its upper level, (N,)."""
+    force_N = _smooth_force(sample)
+    if force_N is None:
+        return np.zeros(len(sample), dtype=bool)
+    return (force_N > 0.5 * (force_N.min() + force_N.max())).to_numpy()
+
+
+def _is_unloaded_too(sample: pd.DataFrame) -> bool:
+    """Whether the force falls below half of its largest value."""
+    force_N = _smooth_force(sample)
+    return force_N is not None and bool(force_N.min() < 0.5 * force_N.max())
+
+
+def _smooth_force(sample: pd.DataFrame) -> pd.Series | None:
+    """Running median of the load, or of the friction if no load was logged (N,) [N]."""
     name = next((n for n in ("load_N", "friction_N") if n in sample), None)
     if name is None:
-        return np.zeros(len(sample), dtype=bool)
-    smooth = sample[name].rolling(51, center=True, min_periods=1).median()
-    return (smooth > 0.5 * (smooth.min() + smooth.max())).to_numpy()
+        return None
+    return sample[name].rolling(51, center=True, min_periods=1).median()
 
 
 def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Array, list[Finding]]:
