@@ -34,6 +34,8 @@ MIN_PLUNGE_RISE_K = 10.0
 MAX_ROOM_DEGC = 120.0
 # The load rises by at least this much in contact [N]; less is another unit or a dead cell.
 MIN_LOAD_STEP_N = 10.0
+# A force that falls by more than so many standard deviations of its noise was unloaded. By judgement.
+MIN_FALL_NOISE = 5.0
 # Coefficient of friction above which the unit or the zero is doubtful. Chosen by judgement.
 MAX_FRICTION_COEFFICIENT = 0.3
 # Slower slow shafts give a warning [rpm]. Chosen by judgement.
@@ -201,9 +203,13 @@ def _loaded(sample: pd.DataFrame) -> Flags:
 
 
 def _is_unloaded_too(sample: pd.DataFrame) -> bool:
-    """Whether the force falls below half of its largest value."""
+    """Whether the force clearly falls below half of its largest value."""
     force_N = _smooth_force(sample)
-    return force_N is not None and bool(force_N.min() < 0.5 * force_N.max())
+    if force_N is None:
+        return False
+    noise_N = float((sample[force_N.name] - force_N).std())
+    fall_N = force_N.max() - force_N.min()
+    return bool(force_N.min() < 0.5 * force_N.max() and fall_N > MIN_FALL_NOISE * noise_N)
 
 
 def _smooth_force(sample: pd.DataFrame) -> pd.Series | None:
