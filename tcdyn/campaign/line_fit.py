@@ -61,7 +61,7 @@ class Line:
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom > 0 else 1.0
 
     def effective_freedom(self, k: int) -> float:
-        """Degrees of freedom of the variance of coefficient ``k``; infinite where all of it is known.
+        """Degrees of freedom of the variance of coefficient ``k``; infinite if all of it is known.
 
         Notes
         -----

@@ -52,7 +52,9 @@ MIN_NODE_DISTANCE = 1e-6
 LOG_H_STEP = 1e-5
 # The search rejects h above exp(14) = 1.2 million W/m2K. Chosen by judgement.
 MAX_LOG_H = 14.0
-AMBIENT_INDEX = -1  # row of the ambient in ``nominal_effects``
+# Rows of ``nominal_effects``: conductivity and heat capacity, and ambient.
+STEEL_ROWS = slice(-5, -3)
+AMBIENT_INDEX = -1
 # Steps of the difference quotients by conductivity, heat capacity, washer conductance and
 # half-width, relative, and by depths [m]. Chosen by judgement.
 MATERIAL_STEP = 0.01
@@ -77,8 +79,13 @@ FRICTION_SEGMENTS_S = np.concatenate(
 )
 FRICTION_NOISE = "friction noise"  # line of the budget, and beginning of the names
 
-# Air of one disk, as far as its own channels differ.
+# Air of one disk, as far as its own channels differ; and its steel, as far as it differs from that of
+# the other disk.
 DISK_AIR = NuisanceParameter("air", "ambient")
+DISK_STEEL = (
+    NuisanceParameter("conductivity of one disk", "steel of one disk"),
+    NuisanceParameter("heat capacity of one disk", "steel of one disk"),
+)
 
 
 def nominal_parameters(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
@@ -114,7 +121,7 @@ def nominal_parameters(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
 
 
 def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
-    """Nuisance parameters that a test adds to ``nominal_parameters``, (P + 4,).
+    """Nuisance parameters that a test adds to ``nominal_parameters``, (P + 6,).
 
     Parameters
     ----------
@@ -125,7 +132,7 @@ def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
     -------
     tuple
         Instant of unloading ("parting"), friction, split of each outer junction's lag, exponent of
-        the speed law ("film exponent"), and the disk's own air.
+        the speed law ("film exponent"), the disk's own air, and its own steel.
 
     Notes
     -----
@@ -139,6 +146,7 @@ def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
         *(NuisanceParameter(f"split {c}", "chain") for c in disk.outer),
         NuisanceParameter("film exponent", "film exponent", True),
         DISK_AIR,
+        *DISK_STEEL,
     )
 
 
@@ -390,7 +398,7 @@ def nuisance_effects(
             nominal,
             [later_unloading, share * power],
             _split_effects(test, disk, window, predicted),
-            [speed_exponent, nominal[AMBIENT_INDEX]],
+            [speed_exponent, nominal[AMBIENT_INDEX], *nominal[STEEL_ROWS]],
         ]
     )
     static_u_K = disk.static_u_K.copy()
@@ -402,6 +410,7 @@ def nuisance_effects(
         *[SPLIT_SD_S] * len(outer),
         float(speed_exponent.any()),
         air_u_K,
+        *[disk.uncertainty.steel_of_one_disk_rel] * len(DISK_STEEL),
     ]
     u = np.concatenate([nominal_u(disk, static_u_K), test_u])
     uncertain = np.flatnonzero(u > 0)
@@ -437,10 +446,10 @@ def friction_noise_effects(
     Returns
     -------
     parameters
-        Mean errors of the friction in the K segments, which both disks have in common; none without
-        noise.
+        By how much the friction was higher than the log says, as the mean of each of the K
+        segments; both disks have it in common. None without noise.
     change
-        Effect of one standard uncertainty of each, (K, R, P) [K].
+        Readings less prediction by one standard uncertainty of each, (K, R, P) [K].
 
     Notes
     -----

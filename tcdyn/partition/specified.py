@@ -21,21 +21,12 @@ from tcdyn.heat.nonuniform import cached_rim_gains
 from tcdyn.heat.rim import Rim, junction_points, lag_basis_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance_parameter import NuisanceParameter
-from tcdyn.partition.window import FIT_MESH, NOMINAL, DiskWindow, Perturbation, RimMeans
+from tcdyn.partition.window import FIT_MESH, DiskWindow, Perturbation, RimMeans
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable
 from tcdyn.rig.tables import SurfaceFlux
 from tcdyn.smoothing.traces import SURROGATE_U_K, DiskTraces
 
-# Steel of one disk, as far as it differs from that of the other; and step of the difference quotient.
-STEEL_STEP = 0.01
-STEEL_OF_ONE_DISK = {
-    NuisanceParameter(f"{name} of one disk", "steel of one disk"): perturbation
-    for name, perturbation in (
-        ("conductivity", Perturbation(conductivity=STEEL_STEP)),
-        ("heat capacity", Perturbation(heat_capacity=STEEL_STEP)),
-    )
-}
 # Slopes of the steel with temperature; both disks are of the same steel.
 CONDUCTIVITY_SLOPE = NuisanceParameter("conductivity slope", "conductivity slope", True)
 SPECIFIC_HEAT_SLOPE = NuisanceParameter("specific heat slope", "specific heat slope", True)
@@ -407,11 +398,6 @@ def specified_effects(
     if u.film_along_rel:
         for parameter, change in h_profile_effects(rim, share, h_W_m2K).items():
             effects[parameter] = u.film_along_rel * change
-    if u.steel_of_one_disk_rel:
-        predicted = _predicted(rim, share, h_W_m2K)
-        for parameter, perturbation in STEEL_OF_ONE_DISK.items():
-            change = _predicted(rim, share, h_W_m2K, perturbation) - predicted
-            effects[parameter] = u.steel_of_one_disk_rel / STEEL_STEP * change
     if u.flux_shift_mm:
         effects[FLUX_SHIFT] = 1e-3 * u.flux_shift_mm * flux_shift_effect(rim, share, h_W_m2K)
     if surface.is_measured and surface.air_u_K:
@@ -425,9 +411,3 @@ def specified_effects(
             rim, share, h_W_m2K, u.specific_heat_slope_per_K
         )
     return tuple(effects), np.reshape([*effects.values()], (len(effects), *window.y.shape))
-
-
-def _predicted(rim: RimMeans, share: float, h_W_m2K: float, p: Perturbation = NOMINAL) -> Array:
-    """Prediction of the outer row of a rim that departs by ``p``, (R, P) [degC]."""
-    boundary, power = rim.response(h_W_m2K, p)
-    return np.asarray(boundary + share * power)

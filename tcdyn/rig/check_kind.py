@@ -34,7 +34,7 @@ MIN_PLUNGE_RISE_K = 10.0
 MAX_ROOM_DEGC = 120.0
 # The load rises by at least this much in contact [N]; less is another unit or a dead cell.
 MIN_LOAD_STEP_N = 10.0
-# A force that falls by more than so many standard deviations of its noise was unloaded. By judgement.
+# Standard deviations of its noise by which a force must fall to show unloaded time. By judgement.
 MIN_FALL_NOISE = 5.0
 # Coefficient of friction above which the unit or the zero is doubtful. Chosen by judgement.
 MAX_FRICTION_COEFFICIENT = 0.3
@@ -182,7 +182,7 @@ def _check_ehl(
         if disk_junctions:
             findings += _check_channels(sample[disk_junctions], location, room_degC)
     contact = states["contact"][sample.index] if "contact" in states else _loaded(sample)
-    if len(np.unique(contact)) == 1 and _is_unloaded_too(sample):
+    if len(np.unique(contact)) == 1 and _shows_unloaded_time(sample):
         contact = _loaded(sample)  # a switch that never moves
     if contact.any():
         findings += _check_loads(sample, contact, location.where)
@@ -202,8 +202,8 @@ def _loaded(sample: pd.DataFrame) -> Flags:
     return (force_N > 0.5 * (force_N.min() + force_N.max())).to_numpy()
 
 
-def _is_unloaded_too(sample: pd.DataFrame) -> bool:
-    """Whether the force clearly falls below half of its largest value."""
+def _shows_unloaded_time(sample: pd.DataFrame) -> bool:
+    """Whether the log has loaded and unloaded time: the force clearly falls below half of its maximum."""
     force_N = _smooth_force(sample)
     if force_N is None:
         return False

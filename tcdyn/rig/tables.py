@@ -150,7 +150,8 @@ def fit_surface_flux(
     The scatter affects both h and T_a. Their positive correlation is not used later, so the
     uncertainty of the heat loss of a hot surface is overestimated. The scatter of a few points is
     itself uncertain. The uncertainties are larger by the ratio of the 97.5 % quantiles of Student's
-    t and of the normal distribution, so that 1.96 of them to either side contain the true value in 95 % of cases.
+    t and of the normal distribution, so that 1.96 of them to either side contain the true value in
+    95 % of cases.
 
     Examples
     --------

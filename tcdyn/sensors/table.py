@@ -37,9 +37,10 @@ from tcdyn.sensors.units import Unit, is_match, unit_findings
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
 SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
-# least rows of a segment, in rows of its margin: the work that is done twice, against memory
+# A segment has at least so many times the rows of its margin. The rows of the margins are smoothed
+# twice: a larger number costs memory, a smaller one time. Chosen by judgement.
 MARGINS_PER_SEGMENT = 3
-# rows of a margin over those that the segment before needed, so that few segments come again
+# Margin over what the segment before needed, so that few segments are read again. By judgement.
 MARGIN_RESERVE = 1.25
 # Rows for which the first block with a fixed delay waits: they give the interval, and a first
 # estimate of the noise (its relative standard uncertainty is 9 % from 64 rows). By judgement.

@@ -81,8 +81,8 @@ class HiddenEvent:
         The more likely of these for each channel (M,).
     possibilities
         All that the event may be, of some weight: time [s], bursts (M,) and weights (M,).
-    nothing
-        Probability (M,) that nothing happened in a channel.
+    no_event_probability
+        Probability (M,) that a channel has no event.
     level
         Intensity (M,) [K2/s3] before and after the time if there is no event.
     """
@@ -93,7 +93,7 @@ class HiddenEvent:
     kinds: tuple[tuple[Burst, ...], ...]
     likeliest: tuple[Burst, ...]
     possibilities: tuple[tuple[float, tuple[Burst, ...], Array], ...]
-    nothing: Array
+    no_event_probability: Array
     level: Array
 
     def insert(
@@ -513,7 +513,7 @@ def weigh_event(
             for k in range(len(bursts))
             if weights[:, i, k + 1].max() > MIN_WEIGHT
         ),
-        nothing=1 - weights[..., 1:].sum(axis=(1, 2)),
+        no_event_probability=1 - weights[..., 1:].sum(axis=(1, 2)),
         level=level,
     )
 
@@ -639,9 +639,9 @@ def average_over_event(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     start = run(fit.intensities)
     weights = [w for _, _, w in event.possibilities]
     runs = [run(event.insert(fit.intensities, at, bursts)) for at, bursts, _ in event.possibilities]
-    if event.nothing.max() > 2 * MIN_WEIGHT:
+    if event.no_event_probability.max() > 2 * MIN_WEIGHT:
         runs.append(run(event.remove(fit.intensities)))
-        weights.append(event.nothing)
+        weights.append(event.no_event_probability)
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))
     totals = [fit.temperature.copy(), fit.slope.copy(), fit.lag_sensitivity.copy(), fit.sd**2]

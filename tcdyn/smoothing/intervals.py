@@ -58,7 +58,8 @@ def corner_rad_s(chain: Chain, ratio: Array, order: int = 2) -> Array:
     Notes
     -----
     Solves |G(w)|^2 q / w^(2 order) = R, by linear interpolation of logarithms between 400
-    frequencies. The number of frequencies may be changed; ``tests/smoothing/test_states.py`` requires an accuracy of
+    frequencies. The number of frequencies may be changed; ``tests/smoothing/test_states.py``
+    requires an accuracy of
     0.2 %.
     """
     w = np.geomspace(1e-4, 1e4, 400)

@@ -2,9 +2,9 @@
 not enough.
 
 The score of the smoother shows without another pass where a prior is too smooth or too rough: with
-right intensities the squared adjoint equals its variance on average. Where it does not, the intensities
-of slope noise and level noise follow by their likelihood, in blocks of time as short as the data
-demand.
+right intensities the squared adjoint equals its variance on average. Where it does not, the
+intensities of slope noise and level noise follow by their likelihood, in blocks of time as short as
+the data demand.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def gain_nats(dof: Array, ratio: Array) -> Array:
 
 
 def too_smooth(fit: Smoothed) -> Flags:
-    """Channels (M,) whose likelihood clearly rises with level noise, or with more noise in a window.
+    """Channels (M,) whose likelihood rises with level noise, or with more noise in a window.
 
     Notes
     -----

@@ -13,11 +13,11 @@ from scipy import stats
 from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.nuisance import nuisance_effects
 from tcdyn.partition.specified import (
     conductivity_slope_effect,
     linear_about,
     specific_heat_slope_effect,
-    specified_effects,
 )
 from tcdyn.partition.steady import with_linear_steel
 from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
@@ -285,28 +285,24 @@ def test_measured_surface_flux_determines_h_when_the_ambient_does_not_cool() -> 
     assert p.status == "sound"
 
 
-def test_steel_of_one_disk_adds_to_the_uncertainty_and_zero_adds_nothing() -> None:
+def test_steel_of_one_disk_has_the_effect_of_the_common_steel() -> None:
     study = study_rig(SEED)
-    window = lagged_window(study.test, study.test.disks["fast"], fit_rows(study.test, 10.0))
-    names = {
-        u_rel: {
-            parameter.name
-            for parameter in specified_effects(
-                replace(
-                    study.test.disks["fast"],
-                    uncertainty=study.test.disks["fast"].uncertainty.model_copy(
-                        update={"steel_of_one_disk_rel": u_rel}
-                    ),
-                ),
-                window,
-                0.7,
-                700.0,
-            )[0]
-        }
-        for u_rel in (0.0, 0.005)
-    }
-    added = {"conductivity of one disk", "heat capacity of one disk"}
-    assert names[0.005] - names[0.0] == added
+    disk = study.test.disks["fast"]
+    window = lagged_window(study.test, disk, fit_rows(study.test, 10.0))
+
+    def effects(u_rel: float) -> dict[str, Array]:
+        uncertainty = disk.uncertainty.model_copy(update={"steel_of_one_disk_rel": u_rel})
+        uncertain = replace(disk, uncertainty=uncertainty)
+        result = nuisance_effects(study.test, uncertain, window, 0.7, 700.0)
+        return {q.name: change for q, change in zip(result.parameters, result.change)}
+
+    without = effects(0.0)
+    own = effects(0.006)
+    assert set(own) - set(without) == {"conductivity of one disk", "heat capacity of one disk"}
+    for name, common_u_rel in (("conductivity", 0.03), ("heat capacity", 0.02)):
+        expected = 0.006 / common_u_rel * own[name]
+        assert np.abs(expected).max() > 0.01
+        np.testing.assert_allclose(own[f"{name} of one disk"], expected)
 
 
 @pytest.mark.e2e

@@ -411,7 +411,7 @@ def test_inverse_has_the_interface_of_the_smoother_and_a_band_that_holds_its_shi
     assert np.mean(np.abs(ours.temperature - x[:, None])[20:] < 1.96 * ours.sd[20:]) > 0.93
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.study
 def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
     """Case B with nothing announced; chain used is 1.0 +- 0.05 s drawn. 60 records: +- 3 % in the transient.
 
