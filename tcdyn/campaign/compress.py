@@ -195,8 +195,8 @@ def sufficient_statistics_of(name: str, rig: str, partition: Partition) -> dict[
         rig,
         partition.test,
         [partition.joint[d].block for d in DISKS],
-        partition.both.optimum,
-        partition.both.harmonics,
+        partition.combined.optimum,
+        partition.combined.harmonics,
         delta_T_us_K_m_s=partition.estimates["delta_T_us"].value,
     )
     return statistics.to_dict()

@@ -1,8 +1,7 @@
 """Commands ``tcdyn beta`` and ``tcdyn campaign``: heat partition from EHL logs and records.
 
-The estimates come from :mod:`tcdyn.workflows.beta`, :mod:`tcdyn.workflows.single_disk` and
-:mod:`tcdyn.workflows.campaign`. Tests: ``tests/cli/test_options.py``,
-``tests/cli/test_campaign_command.py``.
+The estimates come from :mod:`tcdyn.workflows.beta` and :mod:`tcdyn.workflows.campaign`. Tests:
+``tests/cli/test_options.py``, ``tests/cli/test_campaign_command.py``.
 """
 
 from __future__ import annotations
@@ -64,6 +63,14 @@ def beta(
         ),
     ] = True,
     seed: Seed = 0,
+    profiles: Annotated[
+        bool,
+        typer.Option(
+            "--profiles",
+            help="write the likelihood profiles of the joint fits into beta.json; the report always "
+            "has them",
+        ),
+    ] = False,
     stage: Annotated[
         int | None,
         typer.Option(
@@ -93,15 +100,12 @@ def beta(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
     from tcdyn.workflows.operating_conditions import read_bearing
-    from tcdyn.workflows.single_disk import estimate_one_disk
 
     check_outputs([log, rig, bearing, *record], out=out, report=report)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     check_records_used(log, rig_settings, records)
     rolling = read_bearing(bearing) if bearing else None
-    is_one_disk = len(records) == 1
-    estimate: Any = estimate_one_disk if is_one_disk else estimate_beta
     with stage_progress(reporter.is_silent, verbose) as progress:
         options: dict[str, Any] = {
             "window_s": window_s,
@@ -109,28 +113,27 @@ def beta(
             "sensor_check": sensor_check,
             "bearing": rolling,
             "without": without or (),
+            "profiles": profiles,
             "progress": progress,
         }
         if stage is None:
-            runs = estimate_stages(log, rig_settings, records, estimate, **options)
+            runs = estimate_stages(log, rig_settings, records, **options)
         else:
-            runs = (estimate(log, rig_settings, records, stage=stage, **options),)
+            runs = (estimate_beta(log, rig_settings, records, stage=stage, **options),)
         files = []
         if out is not None:
             files = _output_files(out, len(runs))
-        # computed once, and only where it is written: it includes the likelihood profiles
+        # computed once, and only where it is written: it may include the likelihood profiles
         contents = cache(lambda: [run.to_dict() for run in runs])
         for k, file in enumerate(files):
             write_text(file, dump(contents()[k]))
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
-            from tcdyn.report.single_disk import write_one_disk_report
             from tcdyn.report.sources import source_table
 
-            tests: Any = {run.log.path.stem: run.partition for run in runs}
-            write_report: Any = write_one_disk_report if is_one_disk else write_beta_report
-            write_report(report, tests, sources=source_table(runs, record, rig))
+            tests = {run.log.path.stem: run.partition for run in runs}
+            write_beta_report(report, tests, sources=source_table(runs, record, rig))
     reporter.json(lambda: contents()[0] if len(runs) == 1 else contents())
     for run in runs:
         if len(runs) > 1:

@@ -1,10 +1,11 @@
-"""Analysis of one EHL test: all estimators of beta and their cross-check.
+"""Analysis of one EHL test with one or both disks: all estimators of beta and their cross-check.
 
-``analyse`` runs the stages in order: preparation, sensor check, steady lines, joint fits (repeated
-with what they show), compensation and cooling fits, model-form alternatives, Monte Carlo budget,
-cross-check. The physics of each stage is in its own module of :mod:`tcdyn.partition`. Used by
-:mod:`tcdyn.workflows`, :mod:`tcdyn.report`, :mod:`tcdyn.plots` and :mod:`tcdyn.campaign.compress`.
-Thresholds are chosen by judgement. Guarded by the behaviour suite
+``analyse`` runs the stages in order: corrections, sensor check, steady lines and joint fits
+(:mod:`tcdyn.partition.fit_rounds`), compensation and cooling fits, model-form alternatives, Monte
+Carlo budget, cross-check. The physics of each stage is in its own module of
+:mod:`tcdyn.partition`. With one disk there is no speed law, no sum of shares and no comparison of
+model forms. Used by :mod:`tcdyn.workflows`, :mod:`tcdyn.report`, :mod:`tcdyn.plots` and
+:mod:`tcdyn.campaign.compress`. Thresholds are chosen by judgement. Guarded by the behaviour suite
 (``tests/behaviour/test_behaviour.py``) and by all of ``tests/partition``.
 """
 
@@ -17,33 +18,31 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, Severity, info, messages, warning, warnings_and_errors
 from tcdyn.heat.rim import Profile
-from tcdyn.partition.angular_harmonic import AngularHarmonic, harmonic_K
 from tcdyn.partition.at_rest import cables_exchanged, disks_differ
 from tcdyn.partition.cooling import (
     CoolingFit,
     CoolingSensitivity,
-    SingleDiskFit,
     compensate_disk,
     cooling_effects,
     cooling_fit,
     cooling_sensitivity,
     refined_chains,
     require_window_longer_than_lag,
-    single_disk_fits,
     smooth_traces,
     surface_temperatures,
     with_slowing_air_offset,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
+from tcdyn.partition.fit_rounds import MainFits, fit_in_rounds
+from tcdyn.partition.joint import JOINT_WINDOW_S, CombinedFit, DiskFit, disk_fit
 from tcdyn.partition.model_forms import (
     ESTIMATORS,
     POWER_SCALE_TOLERANCE,
@@ -53,7 +52,6 @@ from tcdyn.partition.model_forms import (
     impossible_keys,
     power_scale,
 )
-from tcdyn.partition.press_fit import press_fit_priors
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensor_check import SensorCheck, check_sensors
 from tcdyn.partition.specified import log_h_prior, with_surface_air
@@ -72,8 +70,6 @@ WINDOW_S = 5.0  # length of the cooling of the cooling fit [s]; chosen by judgem
 # A channel whose offset at rest is larger measures something else, and stops the run [K].
 # Chosen by judgement.
 MAX_OFFSET_K = 20.0
-# Default of functions that take harmonics by disk.
-NO_HARMONICS: Mapping[str, AngularHarmonic] = {}
 # The disks' cables look exchanged if the exponent is this far from the speed law's, and its
 # opposite this near, in standard uncertainties. Chosen by judgement.
 EXCHANGED_Z = 5.0
@@ -92,14 +88,17 @@ class Partition:
         Rows of the test that the fits use.
     lines, speed
         Steady line of each disk, and the speed law's point on both.
-    cooling, joint, both
-        Cooling fit and joint fit of each disk, and the joint fit of both.
+    cooling, joint, combined
+        Cooling fit and joint fit of each disk, and the joint fit of all disks.
     budget
         Uncertainty budget with samples of every quantity.
     crosscheck
         Agreement of the estimators.
     estimates
         Every quantity with the uncertainty of the budget's samples, which hold their correlations.
+        For each disk d: "d intercept" and "d slope" of its steady line, "cooling d" and "joint d"
+        (beta), "h cooling d" and "h joint d" [W/m2K], "surface d" [degC]. With both disks also
+        "speed law" (beta), "h_fast" and "h_slow" [W/m2K], "exponent" and "delta_T_us" [K m/s].
     chains
         Chains of each disk: the record's, their common lag refined by the joint fit.
     compensated
@@ -109,7 +108,7 @@ class Partition:
     sensors
         The sensor check; None if it was not made.
     model_forms
-        The fit of both disks under all model-form alternatives.
+        The fit of both disks under all model-form alternatives; None with one disk.
     analysis_findings
         Findings of the analysis, without the cross-check's conclusion.
     """
@@ -120,7 +119,7 @@ class Partition:
     speed: SpeedLawPoint
     cooling: Mapping[str, CoolingFit]
     joint: Mapping[str, DiskFit]
-    both: BothFit
+    combined: CombinedFit
     budget: Budget
     crosscheck: CrossCheck
     estimates: Mapping[str, Estimate]
@@ -128,8 +127,18 @@ class Partition:
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
     sensors: SensorCheck | None
-    model_forms: ModelForms
+    model_forms: ModelForms | None
     analysis_findings: tuple[Finding, ...]
+
+    @property
+    def disks(self) -> tuple[str, ...]:
+        """Names of the disks of the test, the fast disk first."""
+        return tuple(self.joint)
+
+    @property
+    def single_disk(self) -> str:
+        """Name of the disk of a test with one disk; empty for a test with both."""
+        return "" if len(self.disks) == len(DISKS) else self.disks[0]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -144,12 +153,12 @@ class Partition:
     @property
     def beta_by_estimator(self) -> dict[str, Estimate]:
         """beta of the fast disk by each estimator."""
-        return {estimator: self.estimates[estimator] for estimator in ESTIMATORS}
+        return _beta_by_estimator(self.estimates)
 
     @property
     def impossible(self) -> frozenset[str]:
-        """Keys of impossible estimates, of both disks as "both beta"; these are not reported."""
-        return impossible_keys(self.estimates, self.both.estimates)
+        """Keys of impossible estimates, of the combined fit as "both beta"; they are not reported."""
+        return impossible_keys(self.estimates, self.combined.estimates)
 
     @property
     def status(self) -> str:
@@ -160,12 +169,14 @@ class Partition:
 
     @property
     def recommendation(self) -> Finding:
-        """The recommended estimate, the joint fit of both disks, and the reason."""
+        """The recommended estimate, that of the combined fit, and the reason."""
         if "both beta" in self.impossible:
-            return warning("headline.withheld")
-        beta = self.both.estimates["beta"]
-        exponent = self.both.estimates["exponent"]
+            return warning("headline.withheld", subject=self.single_disk)
+        beta = self.combined.estimates["beta"]
         forms = self.model_forms
+        if forms is None:
+            return info("one_disk.headline", subject=self.single_disk, beta=beta.value, u=beta.u)
+        exponent = self.combined.estimates["exponent"]
         numbers: dict[str, Any] = {}
         if forms.preferred is not None:
             numbers["named"] = forms.preferred.name
@@ -187,34 +198,7 @@ class Partition:
     @cached_property
     def profiles(self) -> pd.DataFrame:
         """Profiles of the joint fits, see ``tcdyn.partition.profile``; computed on first use."""
-        return joint_profiles(self.joint, self.both)
-
-
-@dataclass(frozen=True)
-class _MainFits:
-    """Results of steady lines and joint fits.
-
-    Parameters
-    ----------
-    test
-        The test without the estimated harmonics, with their remaining uncertainty.
-    fitted
-        The test of the joint fits: only the nominal harmonics of a stated press fit are subtracted.
-    lines, speed
-        Steady line of each disk, and the speed law's point.
-    joint, both
-        Joint fit of each disk, and of both.
-    findings
-        Findings of the fits.
-    """
-
-    test: EhlTest
-    fitted: EhlTest
-    lines: Mapping[str, DiskLine]
-    speed: SpeedLawPoint
-    joint: Mapping[str, DiskFit]
-    both: BothFit
-    findings: list[Finding]
+        return joint_profiles(self.joint, self.combined)
 
 
 @dataclass(frozen=True)
@@ -232,7 +216,7 @@ def analyse(
     *,
     window_s: float = WINDOW_S,
     profile: Profile = "modal",
-    weights: NDArray[np.float64] | None = None,
+    weights: Array | None = None,
     seed: int = 0,
     sensor_check: bool = True,
     progress: Callable[[str], None] = lambda _: None,
@@ -242,7 +226,7 @@ def analyse(
     Parameters
     ----------
     test
-        The test, with both disks.
+        The test, with one or both disks.
     window_s
         Length of the cooling of the cooling fit [s].
     profile
@@ -261,6 +245,51 @@ def analyse(
     InputError
         If the log ends too early, the window is shorter than the lag, a channel is dead or swapped,
         or the data contradict the model.
+    """
+    corrected = apply_corrections(test)
+    sensors = None
+    if sensor_check:
+        progress("sensor map")
+        sensors = check_corrected(corrected, profile)
+        problem = unusable_channel(sensors)
+        if problem is not None:
+            raise problem
+    return analyse_corrected(
+        corrected,
+        sensors,
+        window_s=window_s,
+        profile=profile,
+        weights=weights,
+        seed=seed,
+        progress=progress,
+    )
+
+
+def analyse_corrected(
+    test: EhlTest,
+    sensors: SensorCheck | None,
+    *,
+    window_s: float = WINDOW_S,
+    profile: Profile = "modal",
+    weights: Array | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Partition:
+    """The stages of :func:`analyse` after the sensor check.
+
+    Parameters
+    ----------
+    test
+        Result of :func:`apply_corrections`.
+    sensors
+        Its sensor check; None if it was not made.
+    window_s, profile, weights, seed, progress
+        As of :func:`analyse`.
+
+    Raises
+    ------
+    InputError
+        If the data contradict the model.
 
     Notes
     -----
@@ -269,40 +298,42 @@ def analyse(
     all others, because it explains them.
     """
     require_window_longer_than_lag(test, window_s)
-    prepared = prepare_test(test)
-    joint_s = joint_window_s(prepared)
-    rows = fit_rows(prepared, max(window_s, joint_s))
-    findings = list(prepared.findings)
-    sensors = None
-    if sensor_check:
-        progress("sensor map")
-        sensors = _check_sensors(prepared, rows, joint_s, profile)
-        findings += check_suspects(sensors)
-    main = _main_fits(prepared, rows, joint_s, profile, weights, progress)
-    test = main.test
+    joint_s = joint_window_s(test)
+    rows = fit_rows(test, max(window_s, joint_s))
+    progress("steady lines and joint fits")
+    main = fit_in_rounds(test, rows, joint_s, profile, weights)
     joint = main.joint
-    both = main.both
-    findings += main.findings
+    combined = main.combined
     progress("other structures, compensation and cooling fits")
-    chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
+    chains = {d: refined_chains(main.test.disks[d].chains, fit.chain) for d, fit in joint.items()}
     cooling = _cooling_fits(main, rows, chains, window_s, profile)
-    forms = compare_model_forms(main.fitted, joint, both)
-    budget = monte_carlo(test, main.lines, cooling.fits, cooling.sensitivities, joint, seed)
+    budget = monte_carlo(main.test, main.lines, cooling.fits, cooling.sensitivities, joint, seed)
+    values = _values(main, cooling.fits)
     surface, surface_samples = surface_temperatures(
-        test, main.speed, cooling.windows, budget.samples
+        main.test, values, cooling.windows, budget.samples
     )
+    values |= surface
     samples = {**budget.samples, **surface_samples}
-    values = _values(main, cooling.fits) | surface
+    forms = None
+    if len(joint) == len(DISKS):
+        forms = compare_model_forms(main.fitted_test, joint, combined)
     estimates = {
         key: Estimate.normal(value, float(np.std(samples[key]))) for key, value in values.items()
     }
-    impossible = "both beta" in impossible_keys(estimates, both.estimates)
-    possible_forms = None if impossible else forms
-    causes = impossibility_findings(estimates, both.estimates, samples)
+    possible_forms = forms
+    if "both beta" in impossible_keys(estimates, combined.estimates):
+        possible_forms = None
+    findings = [
+        *test.findings,
+        *_findings_of_number_of_disks(test),
+        *_suspect_findings(sensors),
+        *main.findings,
+    ]
+    causes = impossibility_findings(estimates, combined.estimates, samples)
     wrong_units = [f for f in causes if f.numbers.get("units")]  # they explain all other findings
     findings = [
-        *_exchanged_cables(prepared, both),
-        *disks_differ(prepared),
+        *_exchanged_cables(test, combined),
+        *disks_differ(test),
         *wrong_units,
         *findings,
         *(f for f in causes if f not in wrong_units),
@@ -310,19 +341,19 @@ def analyse(
     if possible_forms is not None:
         findings += possible_forms.findings
     checked = cross_check(
-        {estimator: estimates[estimator] for estimator in ESTIMATORS},
+        _beta_by_estimator(estimates),
         samples,
-        tensions(test, joint, both, sensors),
+        tensions(main.test, joint, combined, sensors),
         possible_forms,
     )
     return Partition(
-        test=test,
+        test=main.test,
         rows=rows,
         lines=main.lines,
         speed=main.speed,
         cooling=cooling.fits,
         joint=joint,
-        both=both,
+        combined=combined,
         budget=replace(budget, samples=samples),
         crosscheck=checked,
         estimates=estimates,
@@ -335,14 +366,31 @@ def analyse(
     )
 
 
-def prepare_test(test: EhlTest) -> EhlTest:
+def _beta_by_estimator(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Those of the estimates that are beta of the fast disk, by estimator."""
+    return {key: estimates[key] for key in ESTIMATORS if key in estimates}
+
+
+def _suspect_findings(sensors: SensorCheck | None) -> list[Finding]:
+    """The findings on suspected sensors; none without a sensor check."""
+    return [] if sensors is None else [suspect.finding for suspect in sensors.suspects]
+
+
+def _findings_of_number_of_disks(test: EhlTest) -> list[Finding]:
+    """What is missing in a test with one disk."""
+    if len(test.disks) == len(DISKS):
+        return []
+    (disk,) = test.disks
+    return [info("one_disk.only", subject=disk)]
+
+
+def apply_corrections(test: EhlTest) -> EhlTest:
     """The test with all corrections that the fits need.
 
     Notes
     -----
     Surface air, linear steel, inner row at one radius, air of slowing disks, in this order: each
-    uses the ones before. ``tcdyn.partition.single_disk.analyse_one_disk`` calls this function, too;
-    ``refine_lags`` applies the same corrections except the inner row's.
+    uses the ones before. ``refine_lags`` applies the same corrections except the inner row's.
     """
     test = with_surface_air(test)
     test = with_linear_steel(test)
@@ -355,68 +403,8 @@ def joint_window_s(test: EhlTest) -> float:
     return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
 
 
-def _main_fits(
-    test: EhlTest,
-    rows: slice,
-    joint_s: float,
-    profile: Profile,
-    weights: NDArray[np.float64] | None,
-    progress: Callable[[str], None],
-) -> _MainFits:
-    """Steady lines and joint fits, repeated with what the joint fits show.
-
-    These are the air of slowing disks at the fitted share and h, and the circumferential harmonics:
-    where one is significant, or a press fit is stated, the joint fits are repeated with its prior.
-
-    Parameters
-    ----------
-    test
-        The prepared test.
-    rows
-        Rows for the steady lines.
-    joint_s
-        Length of the cooling of the joint fits [s].
-    profile, weights, progress
-        As of :func:`analyse`.
-
-    Notes
-    -----
-    ``tcdyn.partition.single_disk._joint_result`` has the same steps for one disk.
-    ``tests/partition/test_uneven.py`` and ``tests/partition/test_stated_fit.py`` (studies) test the
-    repeated fits.
-    """
-    progress("steady lines")
-    _, speed = steady_lines(test, rows, profile, weights)
-    progress("joint fits")
-    joint, both = joint_fits(test, speed.starts, joint_s, profile)
-    if test.relative_speed:
-        points = {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()}
-        test = with_slowing_air_offset(test, points)
-        joint, both = joint_fits(test, speed.starts, joint_s, profile)
-    fitted = test
-    expected = expected_harmonics(both.harmonics)
-    corrected = without_harmonics(fitted, both.harmonics, expected)
-    lines, speed = steady_lines(corrected, rows, profile, weights)
-    stated, findings = press_fit_priors(corrected, both.estimates, both.harmonics)
-    if stated:
-        expected = expected_harmonics(both.harmonics, stated)
-    if stated or any_significant(expected):
-        again = replace(fitted, harmonics=expected)
-        fitted = remove_harmonics(again, expected) if stated else again
-        joint, both = joint_fits(fitted, speed.starts, joint_s, profile)
-        corrected = without_harmonics(
-            again, both.harmonics, expected_harmonics(both.harmonics, stated)
-        )
-        lines, speed = steady_lines(corrected, rows, profile, weights)
-    for d in DISKS:
-        finding = both.harmonics[d].finding(d)
-        if finding is not None:
-            findings.append(finding)
-    return _MainFits(corrected, fitted, lines, speed, joint, both, findings)
-
-
 def _cooling_fits(
-    main: _MainFits,
+    main: MainFits,
     rows: slice,
     chains: Mapping[str, tuple[Chain, ...]],
     window_s: float,
@@ -442,8 +430,7 @@ def _cooling_fits(
     windows: dict[str, DiskWindow] = {}
     fits: dict[str, CoolingFit] = {}
     sensitivities: dict[str, CoolingSensitivity] = {}
-    for d in DISKS:
-        disk = test.disks[d]
+    for d, disk in test.disks.items():
         line = main.lines[d]
         lag_u_s = main.joint[d].estimates["lag_s"].u
         smooth = smooth_traces(test, disk, rows, chains[d], lag_u_s)
@@ -464,79 +451,83 @@ def _cooling_fits(
     return _CoolingFits(traces, windows, fits, sensitivities)
 
 
-def _values(main: _MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
+def _values(main: MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
     """Values of all quantities but the surface temperatures, by key of ``Partition.estimates``.
 
     The keys must be those of ``tcdyn.partition.crosscheck._Sampler.samples``.
     """
-    values = {
-        "speed law": main.speed.beta,
-        "h_fast": main.speed.h_fast,
-        "h_slow": main.speed.h_slow,
-        "exponent": main.test.speed_exponent,
-    }
-    for d in DISKS:
+    values = {}
+    if len(main.joint) == len(DISKS):
+        values = {
+            "speed law": main.speed.beta,
+            "h_fast": main.speed.h_fast,
+            "h_slow": main.speed.h_slow,
+            "exponent": main.test.speed_exponent,
+        }
+    for d, fit in main.joint.items():
         line = main.lines[d].line
         values |= {
             f"{d} intercept": line.intercept,
             f"{d} slope": line.slope,
             f"cooling {d}": cooling[d].beta,
             f"h cooling {d}": cooling[d].h_W_m2K,
-            f"joint {d}": main.joint[d].beta,
-            f"h joint {d}": main.joint[d].h_W_m2K,
+            f"joint {d}": fit.beta,
+            f"h joint {d}": fit.h_W_m2K,
         }
     return values
 
 
-def check_suspects(sensors: SensorCheck) -> list[Finding]:
-    """The findings on suspected sensors; an error if a channel makes the test unusable.
+def unusable_channel(sensors: SensorCheck) -> InputError | None:
+    """The error of a channel that makes the test unusable; None if there is none.
 
     Parameters
     ----------
     sensors
         The sensor check.
 
-    Raises
-    ------
-    InputError
-        If a channel is dead, swapped, or has an offset above ``MAX_OFFSET_K``.
+    Returns
+    -------
+    InputError or None
+        For a dead or swapped channel, or one with an offset above ``MAX_OFFSET_K``. It names the
+        channel where the test is usable without it.
     """
-    findings = [suspect.finding for suspect in sensors.suspects]
-    for finding in findings:
+    for finding in _suspect_findings(sensors):
         numbers = finding.numbers
         is_dead = numbers["kind"] == "dead"
         large_offset = numbers["kind"] == "offset" and abs(numbers["size"] or 0.0) > MAX_OFFSET_K
-        unusable = is_dead or large_offset
-        if unusable or finding.severity is Severity.ERROR:
-            raise InputError(
+        replaceable = is_dead or large_offset
+        if replaceable or finding.severity is Severity.ERROR:
+            return InputError(
                 finding.sentence,
                 expected="living junctions where rig.toml says",
                 remedy="map the columns in rig.toml [columns], or go on at your own risk "
                 "with {sensor_check}",
                 parameters={"sensor_check": False},
-                column=numbers["columns"][0] if unusable else "",
+                column=numbers["columns"][0] if replaceable else "",
             )
-    return findings
+    return None
 
 
-def _exchanged_cables(test: EhlTest, both: BothFit) -> list[Finding]:
-    """A warning if the disks' cables look exchanged.
+def _exchanged_cables(test: EhlTest, combined: CombinedFit) -> list[Finding]:
+    """A warning if the disks' cables look exchanged; none with one disk.
 
     Then the exponent is the opposite of the speed law's, or the readings at rest are each other's.
 
     Parameters
     ----------
     test
-        The prepared test.
-    both
-        The fit of both disks.
+        The corrected test.
+    combined
+        The fit of all disks.
 
     Notes
     -----
     ``EXCHANGED_Z`` and ``OPPOSITE_Z`` only decide on the warning.
     ``tests/partition/test_sensors.py`` (study) tests it.
     """
-    n = both.estimates["exponent"]
+    n = combined.estimates.get("exponent")
+    if n is None:
+        return []
     assumed = test.speed_exponent
     law_u = test.exponent_half_range / 3**0.5
     u = float(np.hypot(n.u, law_u))
@@ -553,40 +544,41 @@ def _exchanged_cables(test: EhlTest, both: BothFit) -> list[Finding]:
             exponent=n.value,
             u=n.u,
             assumed=assumed,
-            beta=both.estimates["beta"].value,
+            beta=combined.estimates["beta"].value,
             at_rest=at_rest,
         )
     ]
 
 
-def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:
+def check_corrected(test: EhlTest, profile: Profile = "modal") -> SensorCheck:
     """The sensor check, with the power that the disks show if that explains all suspects.
 
     Parameters
     ----------
     test
-        The prepared test.
-    rows
-        Rows for the steady lines.
-    joint_s
-        Length of the cooling of the joint fits [s].
+        The corrected test.
     profile
         Profile of the inner boundary along z.
 
     Notes
     -----
     A frictional power in a wrong unit can make sound channels look faulty. If the check with the
-    scaled power is sound, that is its result; otherwise the first one stands.
+    scaled power is sound, that is its result; otherwise the first one stands. With one disk the
+    scale is not known.
     """
     sensors = check_sensors(test)
-    if sensors.sound:
+    if sensors.sound or len(test.disks) < len(DISKS):
         return sensors
+    joint_s = joint_window_s(test)
     try:
-        _, speed = steady_lines(test, rows, profile)
-        joint = single_disk_fits(test, speed.starts, joint_s, profile)
+        _, speed = steady_lines(test, fit_rows(test, joint_s), profile)
+        beta = {
+            d: disk_fit(test, test.disks[d], *point, joint_s, profile).beta
+            for d, point in speed.starts.items()
+        }
     except InputError:
         return sensors
-    scale = power_scale(*(joint[d].estimates["beta"].value for d in DISKS))
+    scale = power_scale(beta["fast"], beta["slow"])
     if scale <= 0 or abs(scale - 1) < POWER_SCALE_TOLERANCE:
         return sensors
     scaled = check_sensors(replace(test, power_W=test.power_W * scale))
@@ -601,81 +593,7 @@ def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
     return with_slowing_air_offset(test, speed.starts)
 
 
-def expected_harmonics(
-    estimated: Mapping[str, AngularHarmonic], stated: Mapping[str, AngularHarmonic] = NO_HARMONICS
-) -> dict[str, AngularHarmonic]:
-    """Priors of the harmonics for a second fit: by stated press fits, else by the first fit.
-
-    Parameters
-    ----------
-    estimated
-        Harmonic of each disk by the first fit.
-    stated
-        Prior of each disk with a stated press fit.
-    """
-    return {d: stated.get(d, harmonic.expected) for d, harmonic in estimated.items()}
-
-
-def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:
-    """Whether a harmonic is significant, so that a second fit is needed.
-
-    Parameters
-    ----------
-    expected
-        Result of :func:`expected_harmonics`: only a significant harmonic has a second one.
-    """
-    return any(harmonic.second_harmonic_u_K > 0 for harmonic in expected.values())
-
-
-def without_harmonics(
-    test: EhlTest, estimated: Mapping[str, AngularHarmonic], expected: Mapping[str, AngularHarmonic]
-) -> EhlTest:
-    """The test without the estimated harmonics, and with their remaining uncertainty.
-
-    Parameters
-    ----------
-    test
-        The test.
-    estimated
-        Harmonics by the joint fit.
-    expected
-        Their priors, which hold the uncertainty of second harmonic and angles.
-    """
-    remaining = {
-        d: replace(
-            estimated[d],
-            second_harmonic_u_K=harmonic.second_harmonic_u_K,
-            angle_level_K=harmonic.angle_level_K,
-        )
-        for d, harmonic in expected.items()
-    }
-    return remove_harmonics(test, remaining)
-
-
-def remove_harmonics(test: EhlTest, harmonics: Mapping[str, AngularHarmonic]) -> EhlTest:
-    """The test with circumferential harmonics subtracted from the readings.
-
-    Parameters
-    ----------
-    test
-        The test.
-    harmonics
-        The harmonic of each disk; the returned test holds them.
-
-    Notes
-    -----
-    The harmonic is late by the common lag of the disk. ``tests/partition/test_stated_fit.py`` and
-    ``tests/partition/test_uneven.py`` (studies) check what was subtracted.
-    """
-    disks = {}
-    for d, disk in test.disks.items():
-        since_s = test.time_s - test.events.unload_s - disk.common_lag_s
-        corrected = disk.readings_degC - harmonic_K(harmonics[d], disk.setup, since_s)
-        disks[d] = replace(disk, readings_degC=corrected)
-    return replace(test, disks=disks, harmonics=harmonics)
-
-
-def refine_lags(test: EhlTest) -> Mapping[str, SingleDiskFit]:
+def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of the logged disks, for their chains.
 
     Parameters
@@ -691,4 +609,7 @@ def refine_lags(test: EhlTest) -> Mapping[str, SingleDiskFit]:
     test = with_slowing_by_speed_law(with_linear_steel(with_surface_air(test)))
     length_s = joint_window_s(test)
     _, speed = steady_lines(test, fit_rows(test, length_s))
-    return single_disk_fits(test, speed.starts, length_s)
+    return {
+        d: disk_fit(test, test.disks[d], *point, length_s, "modal")
+        for d, point in speed.starts.items()
+    }

@@ -3,7 +3,7 @@
 After the unloading h alone determines how fast the compensated temperatures fall; the share follows
 the steady line. The module also compensates the traces of a disk, follows the heat transfer
 coefficient of disks that slow down, and gives the temperatures of the running tracks. Used by
-:mod:`tcdyn.partition.analyse`, :mod:`tcdyn.partition.single_disk` and :mod:`tcdyn.workflows`.
+:mod:`tcdyn.partition.analyse`, :mod:`tcdyn.partition.fit_rounds` and :mod:`tcdyn.workflows`.
 Thresholds are chosen by judgement. Guarded by ``tests/partition/test_cooling.py``,
 ``tests/partition/test_windows.py`` and ``tests/partition/test_slowing.py``.
 """
@@ -19,10 +19,8 @@ from scipy.optimize import minimize_scalar
 from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import StartPoints, disk_fit
 from tcdyn.partition.nuisance import NuisanceEffects, nuisance_effects
 from tcdyn.partition.specified import constant_speed_air_offset
 from tcdyn.partition.steady import (
@@ -33,11 +31,11 @@ from tcdyn.partition.steady import (
     SURFACE_MEAN_S,
     DiskLine,
     FitSensitivity,
-    SpeedLawPoint,
     SteadyLine,
     surface_degC,
 )
 from tcdyn.partition.window import DiskWindow, disk_window, fit_rows, lagged_window
+from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
 from tcdyn.smoothing.traces import DiskTraces
@@ -249,50 +247,6 @@ def lag_covariance_with_common_u(covariance_s2: Array, common_u_s: float) -> Arr
     n_channels = len(covariance_s2)
     centre = np.eye(n_channels) - 1.0 / n_channels
     return np.asarray(centre @ covariance_s2 @ centre.T + common_u_s**2)
-
-
-@dataclass(frozen=True)
-class SingleDiskFit:
-    """Joint fit of one disk without the other.
-
-    Parameters
-    ----------
-    chain
-        The common chain, with the fitted lags.
-    estimates
-        beta, h [W/m2K] and lag_s.
-    """
-
-    chain: Chain
-    estimates: Mapping[str, Estimate]
-
-
-def single_disk_fits(
-    test: EhlTest, start: StartPoints, window_s: float, profile: Profile = "modal"
-) -> dict[str, SingleDiskFit]:
-    """Joint fit of each disk that has a start, independent of the other disk.
-
-    Parameters
-    ----------
-    test
-        The test.
-    start
-        Share and h [W/m2K] of each disk to start from.
-    window_s
-        Length of the cooling used [s].
-    profile
-        Profile of the inner boundary along z.
-
-    Raises
-    ------
-    InputError
-        If the log ends before the window, or share and h cannot be separated.
-    """
-    fits = {}
-    for name, point in start.items():
-        fit = disk_fit(test, test.disks[name], *point, window_s, profile)
-        fits[name] = SingleDiskFit(fit.chain, fit.estimates)
-    return fits
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
@@ -521,7 +475,7 @@ def cooling_fit(
         raise InputError(
             f"the cooling fit of the {window.disk} disk runs to h = {np.exp(best.x):.3g} W/m2K",
             expected="an h between 5 and 8000 W/m2K",
-            remedy="the lag or the instant of parting may be wrong; compare with the joint fit",
+            remedy="the lag or the instant of unloading may be wrong; compare with the joint fit",
         )
     h = float(np.exp(best.x))
     predicted, power = model(h)
@@ -548,7 +502,7 @@ def cooling_fit(
 
 def surface_temperatures(
     test: EhlTest,
-    speed: SpeedLawPoint,
+    estimated: Mapping[str, float],
     windows: Mapping[str, DiskWindow],
     estimate_samples: Mapping[str, Array],
 ) -> tuple[dict[str, float], dict[str, Array]]:
@@ -558,18 +512,19 @@ def surface_temperatures(
     ----------
     test
         The test.
-    speed
-        beta and h by the speed law.
+    estimated
+        "speed law", "h_fast" and "h_slow"; with one disk "joint fast" and "h joint fast", or those
+        of the slow disk.
     windows
         Window of each disk.
     estimate_samples
-        Monte Carlo samples of "speed law", "h_fast" and "h_slow".
+        Monte Carlo samples of ``estimated``.
 
     Returns
     -------
     values, samples
-        "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us"
-        (figure 7.18).
+        "surface fast" and "surface slow" [degC], and with both disks (T_fast - T_slow) u_s [K m/s]
+        as "delta_T_us" (figure 7.18).
 
     Notes
     -----
@@ -578,17 +533,19 @@ def surface_temperatures(
     """
     values = dict[str, float]()
     samples = dict[str, Array]()
-    for d, h, share, sign in (
-        ("fast", speed.h_fast, speed.beta, 1),
-        ("slow", speed.h_slow, 1 - speed.beta, -1),
-    ):
-        rim = windows[d].rim
-        setup = rim.setup
-        since_s = windows[d].block_time_s - test.events.unload_s
+    for d, window in windows.items():
+        beta_key, h_key = "speed law", f"h_{d}"
+        if beta_key not in estimated:
+            beta_key, h_key = f"joint {d}", f"h joint {d}"
+        beta = estimated[beta_key]
+        h = estimated[h_key]
+        share, sign = (beta, 1) if d == "fast" else (1 - beta, -1)
+        setup = window.rim.setup
+        since_s = window.block_time_s - test.events.unload_s
         last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)
         points = tuple((SURFACE_DEPTH_M, float(z)) for z in TRACK_POINTS * setup.width_m)
         step = 0.01 * max(h, 10.0)
-        responses = rim.response(max(h, 0.0) + np.array([0.0, step]), extra=points)
+        responses = window.rim.response(max(h, 0.0) + np.array([0.0, step]), extra=points)
         boundary, power = (x[:, last, len(setup.outer) :].mean(axis=1) for x in responses)
         track = boundary + share * power  # (2, 9)
         # back from Kirchhoff's temperature, to first order
@@ -597,13 +554,13 @@ def surface_temperatures(
         temperature = track[0, hottest]
         by_h = (track[1, hottest] - temperature) / step
         by_beta = sign * power[0, hottest]
-        deviation = by_beta * (estimate_samples["speed law"] - speed.beta) + by_h * (
-            estimate_samples[f"h_{d}"] - h
-        )
+        deviation = by_beta * (estimate_samples[beta_key] - beta)
+        deviation = deviation + by_h * (estimate_samples[h_key] - h)
         values[f"surface {d}"] = float(temperature)
         samples[f"surface {d}"] = temperature + deviation
-    difference = values["surface fast"] - values["surface slow"]
-    sampled_difference = samples["surface fast"] - samples["surface slow"]
-    values["delta_T_us"] = difference * test.sliding_speed_m_s
-    samples["delta_T_us"] = sampled_difference * test.sliding_speed_m_s
+    if len(windows) == len(DISKS):
+        difference = values["surface fast"] - values["surface slow"]
+        sampled_difference = samples["surface fast"] - samples["surface slow"]
+        values["delta_T_us"] = difference * test.sliding_speed_m_s
+        samples["delta_T_us"] = sampled_difference * test.sliding_speed_m_s
     return values, samples

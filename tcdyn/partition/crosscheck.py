@@ -24,7 +24,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.partition.cooling import CoolingFit, CoolingSensitivity
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import MIN_LAG_U_S, BothFit, DiskFit
+from tcdyn.partition.joint import MIN_LAG_U_S, CombinedFit, DiskFit
 from tcdyn.partition.model_forms import ModelForms
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
@@ -62,13 +62,13 @@ class BudgetRow:
     source
         Line of the budget.
     u_beta_steady
-        By the speed law.
+        By the speed law; None with one disk.
     u_beta_transient
         By the cooling fit of the worse disk.
     """
 
     source: str
-    u_beta_steady: float
+    u_beta_steady: float | None
     u_beta_transient: float
 
 
@@ -88,16 +88,20 @@ class Budget:
     samples: dict[str, Array]
 
     @property
-    def total_u(self) -> tuple[float, float]:
-        """Standard uncertainty of beta in total.
+    def total(self) -> BudgetRow:
+        """Standard uncertainty of beta in total."""
+        return _budget_row("all together", self.samples)
 
-        Returns
-        -------
-        steady, transient
-            By speed law, and by the cooling fit of the worse disk.
-        """
-        cooling = [float(np.std(self.samples[f"cooling {d}"])) for d in DISKS]
-        return float(np.std(self.samples["speed law"])), max(cooling)
+
+def _budget_row(source: str, samples: Mapping[str, Array]) -> BudgetRow:
+    """The row of a source by samples of the quantities in which only this source is uncertain."""
+    u_by_key = {
+        key: float(np.std(values))
+        for key, values in samples.items()
+        if key == "speed law" or key.startswith("cooling ")
+    }
+    steady = u_by_key.pop("speed law", None)
+    return BudgetRow(source, steady, max(u_by_key.values()))
 
 
 def monte_carlo(
@@ -130,13 +134,14 @@ def monte_carlo(
     change.
     """
     sampler = _Sampler(test, lines, cooling, cooling_sensitivities, joint, seed)
-    sources = {parameter.source for d in DISKS for parameter in joint[d].sensitivity.parameters}
-    rows = []
-    for source in sorted(sources | {"speed exponent", "noise", "rim model form"}):
-        samples = sampler.samples(source)
-        transient = max(float(np.std(samples[f"cooling {d}"])) for d in DISKS)
-        rows.append(BudgetRow(source, float(np.std(samples["speed law"])), transient))
-    rows.sort(key=lambda row: -max(row.u_beta_steady, row.u_beta_transient))
+    sources = {
+        parameter.source for fit in joint.values() for parameter in fit.sensitivity.parameters
+    }
+    sources |= {"noise", "rim model form"}
+    if len(joint) == len(DISKS):
+        sources.add("speed exponent")
+    rows = [_budget_row(source, sampler.samples(source)) for source in sorted(sources)]
+    rows.sort(key=lambda row: -max(row.u_beta_steady or 0.0, row.u_beta_transient))
     return Budget(tuple(rows), sampler.samples(None))
 
 
@@ -168,25 +173,25 @@ class _Sampler:
             d: stacked_sensitivity(
                 lines[d].sensitivity, cooling_sensitivities[d], joint[d].sensitivity
             )
-            for d in DISKS
+            for d in joint
         }
         keys = {
-            d: [("both" if q.shared else d, q.name) for q in joint[d].sensitivity.parameters]
-            for d in DISKS
+            d: [("both" if q.shared else d, q.name) for q in fit.sensitivity.parameters]
+            for d, fit in joint.items()
         }
         of_one_disk = [
-            (d, name) for d in DISKS for name in ("common lag", "lag shape", "model form")
+            (d, name) for d in joint for name in ("common lag", "lag shape", "model form")
         ]
-        all_keys = {key for d in DISKS for key in keys[d]}
+        all_keys = {key for d in joint for key in keys[d]}
         rng = np.random.default_rng(seed)
         names = [*sorted(all_keys - {*of_one_disk}), *of_one_disk]
         normal = {key: rng.standard_normal(N_SAMPLES) for key in names}
         n = test.speed_exponent
         half = test.exponent_half_range
         self.exponent = rng.uniform(n - half, n + half, N_SAMPLES)
-        self.noise = {d: rng.standard_normal((N_SAMPLES, N_QUANTITIES)) for d in DISKS}
-        self.parameters = {d: np.column_stack([normal[key] for key in keys[d]]) for d in DISKS}
-        self.model_form = {d: normal[d, "model form"] for d in DISKS}
+        self.noise = {d: rng.standard_normal((N_SAMPLES, N_QUANTITIES)) for d in joint}
+        self.parameters = {d: np.column_stack([normal[key] for key in keys[d]]) for d in joint}
+        self.model_form = {d: normal[d, "model form"] for d in joint}
 
     def samples(self, active: str | None) -> dict[str, Array]:
         """Samples of every quantity if only one source is uncertain.
@@ -203,19 +208,27 @@ class _Sampler:
             ``tcdyn.partition.analyse.Partition.estimates`` without the surface temperatures, and
             the deviation of each lag [s].
         """
+        out = dict[str, Array]()
+        for d in self.joint:
+            out |= self._disk_samples(d, active)
+        if len(self.joint) < len(DISKS):
+            return out
         exponent = np.full(N_SAMPLES, self.test.speed_exponent)
         if active in (None, "speed exponent"):
             exponent = self.exponent
-        out = {"exponent": exponent}
-        for d in DISKS:
-            out |= self._disk_samples(d, active)
         a = out["fast intercept"]
         b = out["fast slope"]
         c = out["slow intercept"]
         slope = out["slow slope"]
         chi = self.test.speed_ratio**exponent
         beta = speed_law_beta(a, b, c, slope, chi)
-        return out | {"speed law": beta, "h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
+        h_slow = (1 - beta - c) / slope
+        return out | {
+            "exponent": exponent,
+            "speed law": beta,
+            "h_fast": (beta - a) / b,
+            "h_slow": h_slow,
+        }
 
     def _disk_samples(self, d: str, active: str | None) -> dict[str, Array]:
         """Samples of the quantities of one disk.
@@ -274,7 +287,7 @@ def stacked_sensitivity(
     -----
     The compensated lag, which is the joint fit's, changes the cooling fit. The parameters of line
     and cooling fit must be the first of those of the joint fit, in the same order. The order of the
-    seven numbers must be that of ``tcdyn.partition.single_disk.QUANTITIES``. The behaviour suite
+    seven numbers must be that in ``_Sampler._disk_samples``. The behaviour suite
     (``tests/behaviour/test_behaviour.py``) fails if they differ.
     """
     per_sd = np.zeros((len(joint.parameters), N_QUANTITIES))
@@ -383,7 +396,7 @@ def cross_check(
     Parameters
     ----------
     estimates
-        beta by each estimator, the speed law's first.
+        beta by each estimator.
     samples_by_estimator
         Monte Carlo samples of each, which share their common errors.
     tensions
@@ -455,7 +468,6 @@ def _conclusion(
     """
     first, second, difference, z = worst
     values = [estimate.value for estimate in estimates.values()]
-    steady = next(iter(estimates.values()))
     numbers: dict[str, Any] = {
         "one": first,
         "other": second,
@@ -463,12 +475,13 @@ def _conclusion(
         "z": z,
         "low": min(values),
         "high": max(values),
-        "steady": steady.value,
-        "steady_u": steady.u,
         "suspects": [t.nominal.sentence for t in suspects[:3]],
         "suspects_z": [abs(t.z) for t in suspects[:3]],
         "holds": False,
     }
+    steady = estimates.get("speed law")
+    if steady is not None:
+        numbers |= {"steady": steady.value, "steady_u": steady.u}
     # of a value that both disks share it is not known what else depends on it
     all_of_one_disk = all(t.nominal.subject for t in suspects)
     if both is not None:
@@ -493,13 +506,16 @@ def _conclusion(
 
 
 def tensions(
-    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, sensors: SensorCheck | None = None
+    test: EhlTest,
+    joint: Mapping[str, DiskFit],
+    combined: CombinedFit,
+    sensors: SensorCheck | None = None,
 ) -> tuple[Tension, ...]:
     """Every nominal value, and by how many standard deviations the data would change it.
 
     Parameters
     ----------
-    test, joint, both
+    test, joint, combined
         The test and its joint fits.
     sensors
         The sensor check; None if it was not made.
@@ -507,7 +523,7 @@ def tensions(
     Notes
     -----
     Depths are taken from the sensor check, or without it from the joint fit; other nuisance
-    parameters are pulls of the fit of both disks. Prior and posterior lag differ with variance
+    parameters are pulls of the combined fit. Prior and posterior lag differ with variance
     u_prior^2 - u_posterior^2. An exponent within the range about the assumed one is no tension;
     outside it counts from the nearer end. A suspected sensor fault has the normal deviate of its
     odds.
@@ -518,9 +534,10 @@ def tensions(
     """
     depth_tests = {} if sensors is None else sensors.depths
     depths = _depth_pulls(depth_tests)
-    others = _nuisance_pulls(test, both, depth_tests)
+    others = _nuisance_pulls(test, combined, depth_tests)
     others += [_lag_pull(test, name, fit) for name, fit in joint.items()]
-    others.append(_exponent_pull(test, both))
+    if "exponent" in combined.estimates:
+        others.append(_exponent_pull(test, combined.estimates["exponent"]))
     largest = sample_largest_pulls([*depth_tests.values()])
     out = [
         Tension(nominal, z, probability_of_pull(z, largest, len(depths)), DEPTH_THRESHOLD)
@@ -557,21 +574,21 @@ def _depth_pulls(depth_tests: Mapping[str, DepthTest]) -> list[tuple[Finding, fl
 
 
 def _nuisance_pulls(
-    test: EhlTest, both: BothFit, depth_tests: Mapping[str, DepthTest]
+    test: EhlTest, combined: CombinedFit, depth_tests: Mapping[str, DepthTest]
 ) -> list[tuple[Finding, float]]:
-    """Each nuisance parameter of the fit of both disks, as a finding, and its pull.
+    """Each nuisance parameter of the combined fit, as a finding, and its pull.
 
     Without depths that the sensor check estimates, and without excluded channels.
 
     Parameters
     ----------
-    test, both
-        The test, and the fit of both disks.
+    test, combined
+        The test, and the fit of all its disks.
     depth_tests
         Depth test of each disk that has one.
     """
     pulls = []
-    for parameter, disk, z in both.pulls:
+    for parameter, disk, z in combined.pulls:
         in_sensor_check = parameter.source == "junction depth" and disk in depth_tests
         channel = parameter.name.rpartition(" ")[2]
         excluded = disk and channel in test.disks[disk].excluded
@@ -609,9 +626,8 @@ def _lag_pull(test: EhlTest, name: str, fit: DiskFit) -> tuple[Finding, float]:
     return nominal, float((lag.value - disk.common_lag_s) / difference_u)
 
 
-def _exponent_pull(test: EhlTest, both: BothFit) -> tuple[Finding, float]:
+def _exponent_pull(test: EhlTest, n: Estimate) -> tuple[Finding, float]:
     """The exponent of the speed law, as a finding, and its pull by the fit of both disks."""
-    n = both.estimates["exponent"]
     assumed = test.speed_exponent
     half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))

@@ -4,8 +4,8 @@ If all channels of a disk share one chain G, filtering the rim model by G leaves
 of the inner row as its boundary condition; only the frictional power passes G
 (docs/theory/partition.md). So no noise is amplified. The nuisance parameters of the test enter the
 fit with their priors, so that the covariance of the result holds them. The fit of both disks, with
-shares that add to one, is the recommended estimate. Used by :mod:`tcdyn.partition.analyse`,
-:mod:`tcdyn.partition.single_disk`, :mod:`tcdyn.partition.profile`,
+shares that add to one, is the recommended estimate. Used by :mod:`tcdyn.partition.fit_rounds`,
+:mod:`tcdyn.partition.profile`,
 :mod:`tcdyn.partition.model_forms` and :mod:`tcdyn.campaign`. Guarded by
 ``tests/partition/test_joint.py``, ``tests/partition/test_profile.py`` and the behaviour suite.
 """
@@ -166,18 +166,18 @@ class DiskFit:
 
 
 @dataclass(frozen=True)
-class BothFit:
-    """Joint fit of both disks at once, with shares that add to one.
+class CombinedFit:
+    """Joint fit of all disks of a test at once; with two disks their shares add to one.
 
     Parameters
     ----------
     theta
-        The fitted ``PARAMETERS`` of the fast disk, then of the slow disk, (8,).
+        The fitted ``PARAMETERS`` of each disk, the fast disk's first, (4 n,) for n disks.
     speed_ratio
         u_f/u_s under load.
     estimates
-        beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they
-        imply.
+        beta and h of each disk as "h_fast" and "h_slow" [W/m2K]; of two disks also the exponent
+        ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
     pulls
         For each nuisance parameter: the parameter, its disk ("" if common to both), and how many
         standard deviations the data would move it from its nominal value; about standard normal on
@@ -187,7 +187,7 @@ class BothFit:
     harmonics
         First circumferential harmonic of each disk.
     optimum
-        Result of the least-squares search: the 8 parameters, then the nuisance parameters.
+        Result of the least-squares search: the 4 n parameters, then the nuisance parameters.
     """
 
     theta: Array
@@ -460,13 +460,13 @@ def joint_fits(
     start: StartPoints,
     window_s: float = JOINT_WINDOW_S,
     profile: Profile = "modal",
-) -> tuple[dict[str, DiskFit], BothFit]:
-    """Fit each disk by itself, then both with shares that add to one.
+) -> tuple[dict[str, DiskFit], CombinedFit]:
+    """Fit each disk by itself, then all disks of the test together.
 
     Parameters
     ----------
     test
-        The test, with both disks.
+        The test, with one or both disks.
     start
         Share and h [W/m2K] of each disk to start from.
     window_s
@@ -478,8 +478,8 @@ def joint_fits(
     -------
     fits
         The joint fit of each disk by itself.
-    both
-        The fit of both disks at once.
+    combined
+        The fit of all disks at once. With one disk it is the fit of this disk.
 
     Raises
     ------
@@ -488,47 +488,52 @@ def joint_fits(
 
     Notes
     -----
-    The fit of both uses the blocks of the single fits, with their common chains and linearisation
+    The combined fit uses the blocks of the single fits, with their common chains and linearisation
     points. Its start has shares that add to one, because ``joint_problem`` keeps their sum.
-    ``tests/partition/test_joint.py`` compares the results with rigs of known truth.
+    ``tests/partition/test_joint.py`` compares the results with rigs of known truth,
+    ``tests/partition/test_one_disk.py`` the fit of one disk with that of the full test.
     """
-    fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
-    disk_blocks = [fits[d].block for d in DISKS]
+    names = [d for d in DISKS if d in test.disks]
+    fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in names}
+    disk_blocks = [fits[d].block for d in names]
+    n_main = 4 * len(names)
     problem = joint_problem(disk_blocks)
     theta = np.zeros(len(problem.names))
-    theta[:8] = np.concatenate([fits[d].theta for d in DISKS])
-    theta[SHARE:8:4] += 0.5 * (1.0 - theta[SHARE:8:4].sum())
+    theta[:n_main] = np.concatenate([fits[d].theta for d in names])
+    if len(names) > 1:
+        theta[SHARE:n_main:4] += 0.5 * (1.0 - theta[SHARE:n_main:4].sum())
     best = minimise(problem, theta, tolerance=TOLERANCE)
-    index = [SHARE, LOG_H, 4 + LOG_H]
-    beta = best.theta[SHARE]
-    h_fast, h_slow = np.exp(best.theta[index[1:]])
+    share = float(best.theta[SHARE])
+    h_W_m2K = np.exp(best.theta[LOG_H:n_main:4])
     inflation, noise, sensitivity = _noise_and_sensitivity(
-        best, disk_blocks, index, np.array([1.0, h_fast, h_slow])
+        best,
+        disk_blocks,
+        [SHARE, *range(LOG_H, n_main, 4)],
+        np.array([1.0, *h_W_m2K]),
     )
     covariance = noise + sensitivity @ sensitivity.T
-    log_ratio = np.log(test.speed_ratio)
-    exponent_slope = np.array([0.0, 1 / h_fast, -1 / h_slow]) / log_ratio
-    values = {
-        "beta": beta,
-        "h_fast": h_fast,
-        "h_slow": h_slow,
-        "exponent": np.log(h_fast / h_slow) / log_ratio,
-    }
-    variances = [*np.diag(covariance), exponent_slope @ covariance @ exponent_slope]
+    variances = [*np.diag(covariance)]
+    values = {"beta": share if names[0] == "fast" else 1.0 - share}
+    values |= {f"h_{d}": float(h) for d, h in zip(names, h_W_m2K)}
+    if len(names) > 1:
+        log_ratio = np.log(test.speed_ratio)
+        exponent_slope = np.array([0.0, 1 / h_W_m2K[0], -1 / h_W_m2K[1]]) / log_ratio
+        values["exponent"] = float(np.log(h_W_m2K[0] / h_W_m2K[1]) / log_ratio)
+        variances.append(exponent_slope @ covariance @ exponent_slope)
     nuisances = nuisance_parameters(disk_blocks)
     harmonics = {
         d: harmonic_from_fit(
-            best.theta[8:],
-            best.covariance[8:, 8:],
+            best.theta[n_main:],
+            best.covariance[n_main:, n_main:],
             nuisances,
             d,
-            h_W_m2K,
+            h,
             harmonic_prior(test, d),
         )
-        for d, h_W_m2K in zip(DISKS, (h_fast, h_slow))
+        for d, h in zip(names, h_W_m2K)
     }
-    fit = BothFit(
-        theta=best.theta[:8],
+    combined = CombinedFit(
+        theta=best.theta[:n_main],
         speed_ratio=test.speed_ratio,
         estimates=_estimates(values, np.sqrt(variances)),
         pulls=_pulls(best, nuisances),
@@ -536,7 +541,7 @@ def joint_fits(
         harmonics=harmonics,
         optimum=best,
     )
-    return fits, fit
+    return fits, combined
 
 
 def _estimates(values: Mapping[str, float], u: Array) -> dict[str, Estimate]:

@@ -7,8 +7,7 @@ parameters in one step, so that no log is filtered again. The speed law is indep
 alternative is preferred only if the exponent that it implies agrees with it.
 
 The module also decides which estimates are physically impossible and are not reported. Used by
-:mod:`tcdyn.partition.analyse`, :mod:`tcdyn.partition.crosscheck` and
-:mod:`tcdyn.partition.single_disk`. Thresholds are chosen by judgement. Guarded by
+:mod:`tcdyn.partition.analyse` and :mod:`tcdyn.partition.crosscheck`. Thresholds are chosen by judgement. Guarded by
 ``tests/partition/test_structures.py`` and ``tests/partition/test_crosscheck.py``.
 """
 
@@ -27,7 +26,14 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import minimise
 from tcdyn.partition.departures import LAG_SD_S, LinearisedFit, Refit, model_form_columns
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import COARSE_TOLERANCE, LOG_H, SHARE, BothFit, DiskFit, joint_problem
+from tcdyn.partition.joint import (
+    COARSE_TOLERANCE,
+    LOG_H,
+    SHARE,
+    CombinedFit,
+    DiskFit,
+    joint_problem,
+)
 from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.rig.disk import DISKS
 
@@ -70,6 +76,10 @@ ASSUMED_PROBABILITY = 0.5
 # law within this many standard uncertainties. Chosen by judgement.
 NAMED_LOG_ODDS = 8.0
 SPEED_LAW_Z = 3.0
+# An alternative is undecided if the test does not exclude it (log-odds) and beta would be less
+# certain with it than assumed by this factor. Chosen by judgement.
+EXCLUDED_LOG_ODDS = -3.0
+UNDECIDED_U_RATIO = 1.5
 # The estimate holds if the best alternative changes beta by at most this many standard
 # uncertainties, and half the range of beta over all alternatives is at most this. Chosen by
 # judgement.
@@ -153,19 +163,46 @@ class ModelForms:
         return near and 0.5 * (self.high95 - self.low95) <= MAX_HALF_RANGE
 
     @property
+    def undecided(self) -> tuple[ModelForm, ...]:
+        """Alternatives that the test does not exclude and that would make beta less certain.
+
+        Notes
+        -----
+        With such an alternative the data allow a wider range of beta, and the test itself cannot
+        show whether it applies: a change of h of one disk at the unloading, for example, looks like
+        another conductivity.
+        """
+        return tuple(
+            form
+            for form in self.forms
+            if form.size
+            and form.log_odds > EXCLUDED_LOG_ODDS
+            and form.beta.u > UNDECIDED_U_RATIO * self.assumed.beta.u
+        )
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
-        """The preferred alternative: a warning, or an info where the estimate holds."""
+        """The preferred alternative, a warning or an info where the estimate holds; the undecided."""
+        findings = []
         best = self.preferred
-        if best is None:
-            return ()
-        numbers: dict[str, Any] = {
-            "name": best.name,
-            "log_odds": best.log_odds,
-            "beta": best.beta.value,
-            "u": best.beta.u,
-        }
-        severity = info if self.estimate_holds else warning
-        return (severity("structures.other", **numbers),)
+        if best is not None:
+            severity = info if self.estimate_holds else warning
+            findings.append(
+                severity(
+                    "structures.other",
+                    name=best.name,
+                    log_odds=best.log_odds,
+                    beta=best.beta.value,
+                    u=best.beta.u,
+                )
+            )
+        for form in self.undecided:
+            if form is not best:
+                beta = form.beta
+                findings.append(
+                    info("structures.undecided", name=form.name, beta=beta.value, u=beta.u)
+                )
+        return tuple(findings)
 
     def to_list(self) -> list[dict[str, Any]]:
         """The entry of ``beta.json``."""
@@ -182,7 +219,9 @@ class ModelForms:
         ]
 
 
-def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> ModelForms:
+def compare_model_forms(
+    test: EhlTest, joint: Mapping[str, DiskFit], both: CombinedFit
+) -> ModelForms:
     """The fit of both disks under every model-form alternative, and the range of beta over all.
 
     Parameters
@@ -202,8 +241,8 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     with those that its own alternative leaves. The best alternatives are fitted again with the
     model itself, since a large departure is not linear.
 
-    ``test`` must be that of the joint fits (``_MainFits.fitted`` of
-    :mod:`tcdyn.partition.analyse`), not the one without harmonics. ``MAX_REFITS`` and
+    ``test`` must be that of the joint fits (``MainFits.fitted_test`` of
+    :mod:`tcdyn.partition.fit_rounds`), not the one without harmonics. ``MAX_REFITS`` and
     ``N_REFIT_ITERATIONS`` may grow; they cost time.
     """
     ends = np.cumsum([len(joint[d].block.y) for d in DISKS])
@@ -321,7 +360,7 @@ def _probabilities(forms: list[ModelForm], law_u: float) -> Array:
 def _nonlinear_refit(
     test: EhlTest,
     joint: Mapping[str, DiskFit],
-    both: BothFit,
+    both: CombinedFit,
     name: str,
     first: Refit,
     linear: LinearisedFit,
@@ -398,7 +437,7 @@ def is_impossible(beta: Estimate, *h: Estimate) -> bool:
 
 
 def impossible_keys(
-    estimates: Mapping[str, Estimate], both: Mapping[str, Estimate]
+    estimates: Mapping[str, Estimate], combined: Mapping[str, Estimate]
 ) -> frozenset[str]:
     """Keys of physically impossible estimates; with an estimate goes the estimator that gives it.
 
@@ -408,14 +447,14 @@ def impossible_keys(
     Parameters
     ----------
     estimates
-        All estimates of a test.
-    both
-        Estimates of the fit of both disks; may be empty.
+        All estimates of a test; with one disk only those of this disk.
+    combined
+        Estimates of the combined fit; may be empty.
 
     Notes
     -----
-    Estimates of the fit of both have the prefix "both". ``MAX_EXPONENT_U``, ``MAX_POWER_SCALE`` and
-    ``POWER_SCALE_Z`` may change; ``tests/partition/test_crosscheck.py`` tests what is withheld.
+    Estimates of the combined fit have the prefix "both". ``MAX_EXPONENT_U``, ``MAX_POWER_SCALE``
+    and ``POWER_SCALE_Z`` may change; ``tests/partition/test_crosscheck.py`` tests what is withheld.
 
     Examples
     --------
@@ -426,20 +465,30 @@ def impossible_keys(
     """
     keys: set[str] = set()
     for estimator, h_keys in H_KEYS.items():
+        if estimator not in estimates:
+            continue
         if is_impossible(estimates[estimator], *(estimates[h] for h in h_keys)):
             keys |= {estimator, *h_keys}
-    if both:
-        fast = estimates["joint fast"]
-        slow = estimates["joint slow"]
-        scale = power_scale(fast.value, slow.value)
-        u = float(np.hypot(fast.u, slow.u))
-        out_of_range = not 1 / MAX_POWER_SCALE < scale < MAX_POWER_SCALE
-        wrong_power = out_of_range and abs(scale - 1) > POWER_SCALE_Z * u
-        if wrong_power or is_impossible(both["beta"], both["h_fast"], both["h_slow"]):
-            keys |= {f"both {name}" for name in both}
-        if both["exponent"].u > MAX_EXPONENT_U:
-            keys.add("both exponent")
+    if not combined:
+        return frozenset(keys)
+    h = [estimate for key, estimate in combined.items() if key.startswith("h_")]
+    if is_impossible(combined["beta"], *h) or _is_power_wrong(estimates):
+        keys |= {f"both {name}" for name in combined}
+    if "exponent" in combined and combined["exponent"].u > MAX_EXPONENT_U:
+        keys.add("both exponent")
     return frozenset(keys)
+
+
+def _is_power_wrong(estimates: Mapping[str, Estimate]) -> bool:
+    """Whether the heat of both disks is far from the logged power; False with one disk."""
+    fast = estimates.get("joint fast")
+    slow = estimates.get("joint slow")
+    if fast is None or slow is None:
+        return False
+    scale = power_scale(fast.value, slow.value)
+    u = float(np.hypot(fast.u, slow.u))
+    out_of_range = not 1 / MAX_POWER_SCALE < scale < MAX_POWER_SCALE
+    return out_of_range and abs(scale - 1) > POWER_SCALE_Z * u
 
 
 def power_scale(fast: float, slow: float) -> float:
@@ -454,7 +503,9 @@ def power_scale(fast: float, slow: float) -> float:
 
 
 def impossibility_findings(
-    estimates: Mapping[str, Estimate], both: Mapping[str, Estimate], samples: Mapping[str, Array]
+    estimates: Mapping[str, Estimate],
+    combined: Mapping[str, Estimate],
+    samples: Mapping[str, Array],
 ) -> list[Finding]:
     """Warnings of impossible estimates, and of a power that is not the heat of both disks.
 
@@ -463,19 +514,20 @@ def impossibility_findings(
 
     Parameters
     ----------
-    estimates, both
+    estimates, combined
         As of :func:`impossible_keys`.
     samples
         Monte Carlo samples of "joint fast" and "joint slow", which hold their correlation.
     """
     findings = list[Finding]()
-    keys = impossible_keys(estimates, both)
-    scale = power_scale(estimates["joint fast"].value, estimates["joint slow"].value)
-    u = float(np.std(samples["joint fast"] - samples["joint slow"]))
-    if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
-        findings.append(warning("power.scale", scale=scale, u=u, units=_likely_units(scale, u)))
+    keys = impossible_keys(estimates, combined)
+    if "joint fast" in estimates and "joint slow" in estimates:
+        scale = power_scale(estimates["joint fast"].value, estimates["joint slow"].value)
+        u = float(np.std(samples["joint fast"] - samples["joint slow"]))
+        if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
+            findings.append(warning("power.scale", scale=scale, u=u, units=_likely_units(scale, u)))
     impossible = [estimator for estimator in ESTIMATORS if estimator in keys]
-    if "both beta" in keys:
+    if "both beta" in keys and "exponent" in combined:
         impossible.append("joint, both disks")
     if impossible:
         findings.append(warning("answers.impossible", ways=impossible))

@@ -131,8 +131,9 @@ def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
     Returns
     -------
     tuple
-        Instant of unloading ("parting"), friction, split of each outer junction's lag, exponent of
-        the speed law ("film exponent"), the disk's own air, and its own steel.
+        Instant of unloading (its name in stored results is "parting"), friction, split of each
+        outer junction's lag, exponent of the speed law ("film exponent"), the disk's own air, and
+        its own steel.
 
     Notes
     -----
@@ -141,7 +142,7 @@ def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
     names.
     """
     return (
-        NuisanceParameter("parting", "parting", True),
+        NuisanceParameter("parting", "instant of unloading", True),
         NuisanceParameter("friction", "friction", True),
         *(NuisanceParameter(f"split {c}", "chain") for c in disk.outer),
         NuisanceParameter("film exponent", "film exponent", True),

@@ -32,7 +32,7 @@ from tcdyn.partition.angular_harmonic import (
 )
 from tcdyn.partition.events import DiskTraces, EhlTest
 from tcdyn.rig.contact import press_fit_conductance
-from tcdyn.rig.disk import DISKS, DiskSetup
+from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.press_fit import harmonics
 
 N_HARMONICS = 8  # that couple; more change the first two by less than a hundredth
@@ -349,7 +349,7 @@ def press_fit_priors(
     test
         The test without the estimated harmonics.
     estimates, estimated
-        Estimates and harmonics by the fit of both disks that did not use the press fit.
+        Estimates and harmonics by the combined fit that did not use the press fit.
 
     Returns
     -------
@@ -366,8 +366,7 @@ def press_fit_priors(
     findings = []
     beta = estimates["beta"]
     shares = {"fast": beta.value, "slow": 1 - beta.value}
-    for d in DISKS:
-        disk = test.disks[d]
+    for d, disk in test.disks.items():
         if not disk.setup.press_fit.is_specified:
             continue
         h = estimates[f"h_{d}"]

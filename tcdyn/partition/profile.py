@@ -32,7 +32,7 @@ from tcdyn.partition.joint import (
     LOG_LAGS,
     LOG_TAU2,
     SHARE,
-    BothFit,
+    CombinedFit,
     DiskBlock,
     DiskFit,
     joint_problem,
@@ -226,15 +226,15 @@ def _exponential(toward: Array, offset: float = 0.0) -> ProfiledNumber:
     )
 
 
-def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
+def joint_profiles(joint: Mapping[str, DiskFit], combined: CombinedFit) -> pd.DataFrame:
     """Profiles of all numbers of the joint fits.
 
     Parameters
     ----------
     joint
         Joint fit of each disk.
-    both
-        Joint fit of both disks.
+    combined
+        Joint fit of all disks.
 
     Returns
     -------
@@ -251,10 +251,9 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     unit = np.eye(8)
     tables = {}
     profiles = []
-    for k, d in enumerate(DISKS):
-        fit = joint[d]
+    for k, (d, fit) in enumerate(joint.items()):
         e = fit.estimates
-        points = [fit.theta, both.theta[4 * k : 4 * k + 4]]
+        points = [fit.theta, combined.theta[4 * k : 4 * k + 4]]
         tables[d] = rim_table(fit.block, points, e["h"].u, e["lag_s"].u)
         beta_of_share = float if d == "fast" else _complement
         numbers = {
@@ -263,18 +262,26 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
             "lag_s": _exponential(unit[LOG_LAGS, :4], fit.block.remaining_lag_s),
         }
         profiles.append(_profiles(d, [tables[d]], fit.theta, numbers, e, fit.inflation))
-    h_fast = unit[LOG_H]
-    h_slow = unit[4 + LOG_H]
-    numbers = {
-        "beta": ProfiledNumber(unit[SHARE], within=(0.0, 1.0)),
-        "h_fast": _exponential(h_fast),
-        "h_slow": _exponential(h_slow),
-        "exponent": ProfiledNumber((h_fast - h_slow) / float(np.log(both.speed_ratio))),
-    }
-    disk_blocks = [tables[d] for d in DISKS]
-    profiles.append(
-        _profiles("both", disk_blocks, both.theta, numbers, both.estimates, both.inflation)
-    )
+    if len(joint) == len(DISKS):
+        h_fast = unit[LOG_H]
+        h_slow = unit[4 + LOG_H]
+        log_ratio = float(np.log(combined.speed_ratio))
+        numbers = {
+            "beta": ProfiledNumber(unit[SHARE], within=(0.0, 1.0)),
+            "h_fast": _exponential(h_fast),
+            "h_slow": _exponential(h_slow),
+            "exponent": ProfiledNumber((h_fast - h_slow) / log_ratio),
+        }
+        profiles.append(
+            _profiles(
+                "both",
+                [tables[d] for d in DISKS],
+                combined.theta,
+                numbers,
+                combined.estimates,
+                combined.inflation,
+            )
+        )
     return pd.concat(profiles, ignore_index=True)
 
 

@@ -137,15 +137,16 @@ def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
 
 
 def circumferential_figure(disks: Sequence[CircumferentialTemperature]) -> Figure:
-    """Return the middle planes of both disks, and their running surfaces below.
+    """Return the middle plane of each disk, and its running surface below.
 
     Parameters
     ----------
     disks
         Circumferential temperature of each disk, at most two.
     """
-    fig, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for around, upper, lower in zip(disks, axes[:2], axes[2:]):
+    n = len(disks)
+    fig, axes = figure(2, n, width_in=5.0 * n, height_in=6.4)
+    for around, upper, lower in zip(disks, axes[:n], axes[n:]):
         draw_middle_plane(around, upper)
         draw_running_surface(around, lower)
     return fig

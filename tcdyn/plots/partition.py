@@ -1,8 +1,7 @@
 """Figures of the heat partition of one test: unloading, fits, estimates of beta, budget.
 
-Used by the pages of one test (``tcdyn/report/beta.py``, ``single_disk.py``), by
-:func:`tcdyn.plots.pick.draw` and by the gallery of the manual. The functions take a ``Partition``
-(two disks) or, where they say so, a ``OneDisk``. Constants are for the eye only, except
+Used by the pages of one test (``tcdyn/report/beta.py``), by :func:`tcdyn.plots.pick.draw` and by
+the gallery of the manual. Constants are for the eye only, except
 ``LITERATURE_EXPONENTS``, which is data. Tests:
 ``tests/report/test_pictures.py`` and ``tests/report/test_beta_page.py``.
 """
@@ -19,7 +18,6 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import AngularHarmonic, radial_shape
-from tcdyn.partition.single_disk import ESTIMATORS, OneDisk
 from tcdyn.partition.steady import SteadyLine, exponent_sensitivity
 from tcdyn.plots.style import (
     DARK,
@@ -38,8 +36,8 @@ from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 
 # Line styles of channels, in the order in which they are plotted.
 STYLES = ("-", "--", ":")
-
-
+# End of the axis of h where no estimate is possible [W/m2K].
+DEFAULT_H_MAX_W_M2K = 1000.0
 # Labels and legend style that several figures share.
 X_UNLOADING = "time from unloading [s]"
 Y_TEMPERATURE = "temperature [°C]"
@@ -83,7 +81,7 @@ def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, s
 
 
 def draw_unloading(
-    p: Partition | OneDisk, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0
+    p: Partition, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0
 ) -> Axes:
     """Plot readings (grey) and compensated traces with their 95 % bands around the unloading.
 
@@ -122,7 +120,7 @@ def draw_unloading(
 
 
 def draw_joint_fit(
-    p: Partition | OneDisk, disk: str, upper: Axes, lower: Axes, around_s: float = 10.0
+    p: Partition, disk: str, upper: Axes, lower: Axes, around_s: float = 10.0
 ) -> None:
     """Plot block means of the readings with the model of the joint fit, and the residuals below.
 
@@ -191,49 +189,30 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     ax
         The same axes.
     """
-    h_max = 1.25 * max([p.speed.h_fast, *(f.h_W_m2K for f in p.cooling.values())])
-    h = np.array([0.0, h_max])
-    for disk in DISKS:
-        _steady_line(ax, p.lines[disk].line, disk, h, f"{disk} steady line")
-        estimates = (
-            (p.estimates[f"h_{disk}"], p.estimates["speed law"], "speed law"),
-            (p.estimates[f"h cooling {disk}"], p.estimates[f"cooling {disk}"], "cooling fit"),
-            (p.estimates[f"h joint {disk}"], p.estimates[f"joint {disk}"], "joint fit"),
+    points = [
+        (disk, k, p.estimates[key], p.estimates[h_key], f"{name}, {disk}")
+        for disk in p.disks
+        for k, (key, h_key, name) in enumerate(
+            (
+                ("speed law", f"h_{disk}", "speed law"),
+                (f"cooling {disk}", f"h cooling {disk}", "cooling fit"),
+                (f"joint {disk}", f"h joint {disk}", "joint fit"),
+            )
         )
-        for k, (h_estimate, beta, name) in enumerate(estimates):
-            _point(ax, h_estimate, beta, k, disk, f"{name}, {disk}")
+        if key in p.estimates and key not in p.impossible
+    ]
+    h_max = 1.25 * max((h.value for _, _, _, h, _ in points), default=DEFAULT_H_MAX_W_M2K)
+    h = np.array([0.0, h_max])
+    for disk in p.disks:
+        _steady_line(ax, p.lines[disk].line, disk, h, f"{disk} steady line")
+    for disk, k, beta, h_estimate, label in points:
+        _point(ax, h_estimate, beta, k, disk, label)
     if truth is not None:
         ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label=TRUTH_LABEL)
     ax.set_xlim(0, h_max)
     x = "heat transfer coefficient of the disk [W/m²K]"
     y = "heat partition β (share of the fast disk) [1]"
     return style_axes(ax, x, y, ncols=2, markerscale=0.7)
-
-
-def draw_line(p: OneDisk, ax: Axes) -> Axes:
-    """Plot the steady line of the only disk as beta over h, with the estimates of its two fits.
-
-    Parameters
-    ----------
-    p
-        Result of a test with one disk.
-    ax
-        Axes to plot into.
-
-    Returns
-    -------
-    ax
-        The same axes.
-    """
-    h_max = 1.25 * max(p.estimates[f"h {name}"].value for name in ESTIMATORS)
-    h = np.array([0.0, h_max])
-    _steady_line(ax, p.line.line, p.disk, h, "steady line")
-    for k, name in enumerate(("cooling", "joint"), start=1):
-        if name not in p.impossible:
-            _point(ax, p.estimates[f"h {name}"], p.estimates[name], k, p.disk, f"{name} fit")
-    ax.set_xlim(0, h_max)
-    x = f"h of the {p.disk} disk [W/m²K]"
-    return style_axes(ax, x, "heat partition β [1]", legend=True)
 
 
 def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) -> None:
@@ -298,7 +277,7 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, lab
     )
 
 
-def draw_beta_estimates(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> Axes:
+def draw_beta_estimates(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     """Plot every estimate of beta with its 95 % interval.
 
     Parameters
@@ -330,7 +309,7 @@ def draw_beta_estimates(p: Partition | OneDisk, ax: Axes, truth: float | None = 
     return style_axes(ax, x, "", legend=truth is not None)
 
 
-def _estimates(p: Partition | OneDisk) -> list[tuple[str, Estimate]]:
+def _estimates(p: Partition) -> list[tuple[str, Estimate]]:
     """Return the estimators of beta with their estimates, without those that are withheld.
 
     Parameters
@@ -343,18 +322,14 @@ def _estimates(p: Partition | OneDisk) -> list[tuple[str, Estimate]]:
     estimates
         (name, estimate), the most important first.
     """
-    if isinstance(p, OneDisk):
-        return [
-            (f"{name} {p.disk}", p.estimates[name])
-            for name in ESTIMATORS
-            if name not in p.impossible
-        ]
     estimates = [
         (name, beta) for name, beta in p.beta_by_estimator.items() if name not in p.impossible
     ]
+    if p.single_disk:
+        return estimates[::-1]
     if "both beta" in p.impossible:
         return estimates
-    return [("joint, both disks", p.both.estimates["beta"]), *estimates]
+    return [("joint, both disks", p.combined.estimates["beta"]), *estimates]
 
 
 def _estimator_label(name: str) -> str:
@@ -365,7 +340,7 @@ def _estimator_label(name: str) -> str:
     return name.replace("joint,", "joint fit,")
 
 
-def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
+def draw_budget(p: Partition, ax: Axes) -> Axes:
     """Plot the standard uncertainty of beta by source.
 
     The largest source is on top, the combined uncertainty at the bottom.
@@ -386,12 +361,8 @@ def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
     -----
     ``MIN_PLOTTED_U`` leaves small sources out of the figure and of its sum.
     """
-    if isinstance(p, OneDisk):
-        u_by_source = {source: u_joint for source, (u_joint, _) in p.budget.items()}
-        estimator = "the joint fit"
-    else:
-        u_by_source = dict(joint_budget(p))
-        estimator = "the joint fit of both disks"
+    u_by_source = joint_budget(p)
+    estimator = "the joint fit" if p.single_disk else "the joint fit of both disks"
     components = {source: u for source, u in u_by_source.items() if u >= MIN_PLOTTED_U}
     combined = sum(u**2 for u in components.values()) ** 0.5
     names = ["all together", *reversed(components)]
@@ -482,8 +453,8 @@ def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
     ax.axvspan(low, high, color=PALE, label="range of the literature")
     ax.plot(n, beta, color=TRUTH, label="speed law")
-    implied = p.both.estimates["exponent"]
-    joint_beta = p.both.estimates["beta"]
+    implied = p.combined.estimates["exponent"]
+    joint_beta = p.combined.estimates["beta"]
     ax.errorbar(
         implied.value,
         joint_beta.value,
@@ -499,7 +470,7 @@ def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
     return style_axes(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
 
 
-def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
+def draw_temperatures(p: Partition, ax: Axes) -> Axes:
     """Plot the central thermocouples of the disks over the full test (figure 6.1).
 
     Parameters
@@ -527,7 +498,7 @@ def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
     return style_axes(ax, "time [s]", Y_TEMPERATURE, ncols=2)
 
 
-def draw_angular_harmonic(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
+def draw_angular_harmonic(p: Partition, disk: str, ax: Axes) -> Axes:
     """Plot the first circumferential harmonic of a disk, seen along its shaft.
 
     The colour is the temperature above the mean around the disk. Where the harmonic is
@@ -547,7 +518,7 @@ def draw_angular_harmonic(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     ax
         The same axes.
     """
-    harmonic = p.harmonic if isinstance(p, OneDisk) else p.both.harmonics[disk]
+    harmonic = p.combined.harmonics[disk]
     setup = p.test.disks[disk].setup
     amplitude = harmonic.amplitude_K
     angle = harmonic.hottest_angle_deg

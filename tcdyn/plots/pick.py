@@ -25,7 +25,6 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
 from tcdyn.plots.campaign import draw_beta
@@ -40,7 +39,6 @@ from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.record import Compensated
 from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.workflows.campaign import CampaignRun
-from tcdyn.workflows.single_disk import OneDiskRun
 
 # The figure of each class of result; the first class that fits is used.
 PICTURES: dict[type, Callable[..., Axes]] = {
@@ -56,8 +54,6 @@ PICTURES: dict[type, Callable[..., Axes]] = {
     FilterReport: draw_filter_report,
     BetaRun: draw_beta_estimates,
     Partition: draw_beta_estimates,
-    OneDiskRun: draw_beta_estimates,
-    OneDisk: draw_beta_estimates,
     SensorFile: draw_chain,
     CampaignRun: draw_beta,
     DemoRun: draw_beta_estimates,
@@ -74,7 +70,6 @@ PARTS: dict[type, Callable[[Any], Any]] = {
     CalibrationRun: attrgetter("record.chain"),
     CompensatedLog: methodcaller("as_log"),
     BetaRun: attrgetter("partition"),
-    OneDiskRun: attrgetter("partition"),
     CampaignRun: attrgetter("table"),
     Comparison: attrgetter("best"),
     SensorFile: lambda sensor: sensor.chains[0],

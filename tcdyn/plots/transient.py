@@ -27,21 +27,12 @@ from tcdyn.workflows.beta_tables import COLUMN_HEADINGS
 MAX_DEVIANCE = 9.0  # top of the profiles: three standard uncertainties
 # Titles of the fits.
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
-# Fit and parameter of each panel of the profiles, in reading order; None: no panel.
-PANELS = (
-    ("fast", "beta"),
-    ("fast", "h"),
-    ("fast", "lag_s"),
-    None,
-    ("slow", "beta"),
-    ("slow", "h"),
-    ("slow", "lag_s"),
-    None,
-    ("both", "beta"),
-    ("both", "h_fast"),
-    ("both", "h_slow"),
-    ("both", "exponent"),
-)
+# Parameters of the panels of a fit.
+PANELS = {
+    "fast": ("beta", "h", "lag_s"),
+    "slow": ("beta", "h", "lag_s"),
+    "both": ("beta", "h_fast", "h_slow", "exponent"),
+}
 
 
 def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
@@ -98,7 +89,7 @@ def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Seque
     table
         Table of ``tcdyn.partition.profile.joint_profiles``.
     axes
-        Three rows of four axes, in reading order.
+        A row of four axes for each fit of the table, in reading order.
 
     Returns
     -------
@@ -107,16 +98,15 @@ def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Seque
 
     Notes
     -----
-    ``PANELS`` names the parameter of each panel; None is an empty panel.
+    ``PANELS`` names the parameters of each row; axes that are left over stay empty.
     """
-    for k, (panel, ax) in enumerate(zip(PANELS, axes, strict=True)):
-        if panel is None:
+    for row, fit in enumerate(fit for fit in PANELS if (table["fit"] == fit).any()):
+        axes_of_fit = axes[4 * row : 4 * row + 4]
+        for parameter, ax in zip(PANELS[fit], axes_of_fit):
+            draw_profile(table[(table["fit"] == fit) & (table["parameter"] == parameter)], ax)
+        for ax in axes_of_fit[len(PANELS[fit]) :]:
             ax.set_axis_off()
-            continue
-        fit, parameter = panel
-        draw_profile(table[(table["fit"] == fit) & (table["parameter"] == parameter)], ax)
-        if k % 4 == 0:
-            ax.set_ylabel("deviance [1]")
+        axes_of_fit[0].set_ylabel("deviance [1]")
     corner = axes[3]
     corner.plot([], [], ".-", color=TRUTH, label="profile: all else refitted")
     corner.plot([], [], "--", color=GREY, label="standard uncertainty's parabola")

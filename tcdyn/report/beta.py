@@ -1,13 +1,13 @@
 """Report of EHL tests: beta, unloading, steady lines, joint fit, uncertainty budget, checks.
 
-Written by ``tcdyn beta`` and ``tcdyn demo``; :mod:`tcdyn.report.single_disk` and
-:mod:`tcdyn.report.campaign` use parts of it. The order of the sections is their importance; what is
+Written by ``tcdyn beta`` and ``tcdyn demo``; :mod:`tcdyn.report.campaign` uses parts of it. A test
+with one disk has fewer sections. The order of the sections is their importance; what is
 folded is not printed. Tests: ``tests/report/test_beta_page.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,6 @@ import pandas as pd
 from tcdyn.core.findings import Finding
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.sensor_check import SensorCheck
-from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, panel_figure
 from tcdyn.plots.transient import (
@@ -29,7 +28,6 @@ from tcdyn.plots.transient import (
 )
 from tcdyn.report.circumferential import around_section, unevenness_section
 from tcdyn.report.page import MainResult, Section, write_page
-from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import (
     budget_table,
     conditions_table,
@@ -73,7 +71,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
 
     Notes
     -----
-    The first section must be that of :func:`lead_section`: :func:`write_tests` takes it as the head
+    The first section must be that of :func:`lead_section`: :func:`write_beta_report` takes it as the head
     of the page.
     """
     main = [
@@ -84,9 +82,9 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
         unevenness_section(p),
     ]
     appendix = [
-        structure_section(p),
+        *structure_sections(p),
         around_section(p),
-        *transient_sections(p),
+        transient_section(p),
         profile_section(p),
         *test_sections(p),
     ]
@@ -96,7 +94,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     return [section.with_image() for section in (*unfolded, *folded)]
 
 
-def lead_section(p: Partition | OneDisk, truth: float | None = None) -> Section:
+def lead_section(p: Partition, truth: float | None = None) -> Section:
     """Return the figure of the page's head: all estimates of beta.
 
     Parameters
@@ -106,32 +104,37 @@ def lead_section(p: Partition | OneDisk, truth: float | None = None) -> Section:
     truth
         Beta of a simulation; None: not plotted.
     """
-    height_in = 1.8 if isinstance(p, OneDisk) else 2.8
+    height_in = 1.8 if p.single_disk else 2.8
     estimates = panel_figure(partial(draw.draw_beta_estimates, p, truth=truth), height_in=height_in)
     caption = "All estimates of β, the recommended one on top; 95 % intervals."
     return Section("All estimates of β", figure=estimates, caption=caption)
 
 
 def main_result(p: Partition) -> MainResult:
-    """Return beta of both disks with its interval, or that none is given.
+    """Return the recommended beta with its interval, or that none is given.
 
     Parameters
     ----------
     p
         Result of the test.
     """
-    if p.status == "withheld":
-        detail = "the result of the fit of both disks is impossible, or its power is far off"
-        return MainResult("no β", detail, p.status)
-    beta = p.both.estimates["beta"]
     forms = p.model_forms
-    n_alternatives = len(forms.forms) - 1
-    return MainResult(
-        f"β = {beta}",
-        f"95 %: {beta.interval_text}; over {n_alternatives} other structures of the test "
-        f"{forms.low95:.3f} to {forms.high95:.3f}",
-        p.status,
-    )
+    beta = p.combined.estimates["beta"]
+    value = f"β = {beta}"
+    detail = f"95 %: {beta.interval_text}"
+    if p.status == "withheld":
+        value = "no β"
+        detail = "the result of the fit of both disks is impossible, or its power is far off"
+        if p.single_disk:
+            detail = f"the result of the joint fit of the {p.single_disk} disk is impossible"
+    elif forms is None:
+        detail += f"; by the {p.single_disk} disk alone"
+    else:
+        detail += (
+            f"; over {len(forms.forms) - 1} other structures of the test {forms.low95:.3f} to "
+            f"{forms.high95:.3f}"
+        )
+    return MainResult(value, detail, p.status)
 
 
 def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
@@ -144,16 +147,22 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
     truth
         Beta of a simulation; None: not plotted.
     """
-    lags = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in DISKS)
-    unloading = [partial(draw.draw_unloading, p, d) for d in DISKS]
+    lags = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in p.disks)
+    unloading = [partial(draw.draw_unloading, p, d) for d in p.disks]
+    text = (
+        "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk "
+        "from its compensated traces after the unloading. Joint fit: β, h and lag together from "
+        "the traces as logged."
+    )
+    if p.single_disk:
+        text = (
+            "Joint fit: β, h and lag together from the traces as logged. Cooling fit: h from the "
+            "compensated traces after the unloading, and β from the steady line at that h. Speed "
+            "law and the fit of both disks need the other disk, so nothing here checks friction, "
+            "steel and depths by shares that add to one."
+        )
     return [
-        Section(
-            "all estimates of β",
-            "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one "
-            "disk from its compensated traces after the unloading. Joint fit: β, h and lag "
-            "together from the traces as logged.",
-            table=estimates_table(p),
-        ),
+        Section("all estimates of β", text, table=estimates_table(p)),
         Section(
             "the unloading, as logged and compensated",
             f"Common lag of each disk from the unloading, the record as prior: {lags}.",
@@ -172,19 +181,11 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
     ]
 
 
-def fit_section(p: Partition | OneDisk, disks: Sequence[str] = DISKS) -> Section:
-    """Return readings and model of the joint fit at the junctions that the rim model predicts.
-
-    Parameters
-    ----------
-    p
-        Result of the test.
-    disks
-        Names of the disks, one column each.
-    """
-    n = len(disks)
+def fit_section(p: Partition) -> Section:
+    """Return readings and model of the joint fit at the junctions that the rim model predicts."""
+    n = len(p.disks)
     fig, axes = figure(2, n, width_in=10.0, height_in=6.4)
-    for k, disk in enumerate(disks):
+    for k, disk in enumerate(p.disks):
         draw.draw_joint_fit(p, disk, axes[k], axes[n + k])
     return Section(
         "does the model agree with the readings?",
@@ -200,42 +201,41 @@ def fit_section(p: Partition | OneDisk, disks: Sequence[str] = DISKS) -> Section
     )
 
 
-def structure_section(p: Partition) -> Section:
-    """Return the fit of both disks under the model-form alternatives of the test."""
-    return Section(
-        "model-form alternatives",
-        "The joint fit of both disks again, each time with one departure that the fits do not "
-        "assume; the probability weighs how well it explains both disks and whether the exponent "
-        "that it implies is the speed law's.",
-        table=structures_table(p),
-        figure=panel_figure(partial(draw_model_forms, p.model_forms), height_in=5.2),
-        caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
-        "all of them.",
-    )
+def structure_sections(p: Partition) -> list[Section]:
+    """Return the fit of both disks under the model-form alternatives; nothing with one disk."""
+    if p.model_forms is None:
+        return []
+    return [
+        Section(
+            "model-form alternatives",
+            "The joint fit of both disks again, each time with one departure that the fits do not "
+            "assume; the probability weighs how well it explains both disks and whether the "
+            "exponent that it implies is the speed law's.",
+            table=structures_table(p.model_forms),
+            figure=panel_figure(partial(draw_model_forms, p.model_forms), height_in=5.2),
+            caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
+            "all of them.",
+        )
+    ]
 
 
 def uncertainty_sections(p: Partition) -> list[Section]:
     """Return the budget, the influence of the exponent, and the error maps of the steady lines."""
     largest = ", ".join(list(joint_budget(p))[:3])
     n_draws = len(next(iter(p.budget.samples.values())))
-    maps = [partial(draw.draw_map, p, d) for d in DISKS]
-    return [
+    recommended = "the joint fit" if p.single_disk else "the fit of both disks"
+    others = "the cooling fit" if p.single_disk else "speed law and cooling fit"
+    maps = [partial(draw.draw_map, p, d) for d in p.disks]
+    sections = [
         Section(
             "uncertainty budget",
-            f"Most of β's uncertainty by the fit of both disks comes from {largest}. Each row is "
+            f"Most of β's uncertainty by {recommended} comes from {largest}. Each row is "
             "one source alone; the last row is all together, the root of the sum of squares. "
-            f"That of speed law and cooling fit is by Monte Carlo of {n_draws} draws.",
+            f"That of {others} is by Monte Carlo of {n_draws} draws.",
             table=budget_table(p),
             figure=panel_figure(partial(draw.draw_budget, p), height_in=3.8),
             caption="The first column of the table; a longer bar is a source better worth "
             "measuring.",
-        ),
-        Section(
-            "influence of the exponent",
-            figure=panel_figure(partial(draw.draw_beta_by_exponent, p), height_in=3.4),
-            caption="The joint fit of both disks assumes no speed law and so estimates the "
-            "exponent. Bars are 95 %.",
-            folded=True,
         ),
         Section(
             "error maps of the steady segment",
@@ -245,9 +245,19 @@ def uncertainty_sections(p: Partition) -> list[Section]:
             folded=True,
         ),
     ]
+    if not p.single_disk:
+        exponent = Section(
+            "influence of the exponent",
+            figure=panel_figure(partial(draw.draw_beta_by_exponent, p), height_in=3.4),
+            caption="The joint fit of both disks assumes no speed law and so estimates the "
+            "exponent. Bars are 95 %.",
+            folded=True,
+        )
+        sections.insert(1, exponent)
+    return sections
 
 
-def test_sections(p: Partition | OneDisk) -> list[Section]:
+def test_sections(p: Partition) -> list[Section]:
     """Return the comparison of the sensors, the conditions, and the full record."""
     test = Section(
         "the test",
@@ -258,24 +268,23 @@ def test_sections(p: Partition | OneDisk) -> list[Section]:
     return [*sensor_sections(p), test]
 
 
-def transient_sections(p: Partition) -> list[Section]:
+def transient_section(p: Partition) -> Section:
     """Return the cooling fit over the length of its window, and against the joint fit."""
     window_study = partial(draw_window_study, cooling_by_window(p))
     comparison = partial(draw_inverse_check, reference_table(p))
-    return [
-        Section(
-            "does the cooling fit depend on its window, or on the inverse?",
-            figure=panel_figure(window_study, comparison, height_in=3.8),
-            caption="Left: beta by the cooling fit against the length of its window. Right: the "
-            "cooling fit on compensated traces against the joint fit on lagged ones, which needs "
-            "no inverse.",
-        )
-    ]
+    return Section(
+        "does the cooling fit depend on its window, or on the inverse?",
+        figure=panel_figure(window_study, comparison, height_in=3.8),
+        caption="Left: beta by the cooling fit against the length of its window. Right: the "
+        "cooling fit on compensated traces against the joint fit on lagged ones, which needs "
+        "no inverse.",
+    )
 
 
 def profile_section(p: Partition) -> Section:
     """Return the profile likelihoods of the joint fits, and their 95 % intervals."""
-    fig, axes = figure(3, 4, width_in=10.0, height_in=7.0)
+    n_rows = p.profiles["fit"].nunique()
+    fig, axes = figure(n_rows, 4, width_in=10.0, height_in=1.0 + 2.0 * n_rows)
     draw_likelihood_profiles(p.profiles, axes)
     table = interval_table(p.profiles)
     remarks = [remark for remark in table.pop("remark") if remark]
@@ -293,11 +302,11 @@ def profile_section(p: Partition) -> Section:
     )
 
 
-def sensor_sections(p: Partition | OneDisk) -> list[Section]:
+def sensor_sections(p: Partition) -> list[Section]:
     """Return pairs of junctions of each disk, judged as in tables 6.2 to 6.5, and their depths."""
     if p.sensors is None:
         return []
-    sections = [_sensor_map_section(p.sensors, disk) for disk in DISKS if disk in p.test.disks]
+    sections = [_sensor_map_section(p.sensors, disk) for disk in p.disks]
     if p.sensors.depths:
         sections.append(
             Section(
@@ -335,15 +344,15 @@ def _sensor_map_section(sensors: SensorCheck, disk: str) -> Section:
     return Section(f"sensor map of the {disk} disk, steady running", text, table=upper_half)
 
 
-def verdict(p: Partition | OneDisk) -> str:
+def verdict(p: Partition) -> str:
     """Return the recommended beta, and whether its estimates agree."""
     recommendation = p.recommendation.sentence.replace("beta =", "β =", 1)
     return f"{recommendation}\n\n{p.crosscheck.sentence}"
 
 
-def beta_assumptions(p: Partition | OneDisk) -> list[str]:
+def beta_assumptions(p: Partition) -> list[str]:
     """Return what was assumed and not measured, with the values in use."""
-    setup = next(p.test.disks[d].setup for d in DISKS if d in p.test.disks)
+    setup = p.test.disks[p.disks[0]].setup
     steel = (
         f"steel: conductivity {setup.conductivity_W_mK:g} W/mK, density {setup.density_kg_m3:g} "
         f"kg/m3, specific heat {setup.specific_heat_J_kgK:g} J/kgK, with the uncertainties of "
@@ -354,7 +363,7 @@ def beta_assumptions(p: Partition | OneDisk) -> list[str]:
         "temperature around a disk varies by its first harmonic, at the angles of rig.toml: two "
         "groups of junctions, 15 degrees between neighbours"
     )
-    if isinstance(p, OneDisk):
+    if p.single_disk:
         return [steel, heat]
     n = p.test.speed_exponent
     law = (
@@ -386,46 +395,13 @@ def write_beta_report(
     -------
     path
         The same path.
-    """
-    truths = truths or {}
-    pages = {}
-    for name, p in tests.items():
-        pages[name] = (beta_sections(p, truths.get(name)), main_result(p))
-    return write_tests(path, tests, pages, sources, bool(truths))
-
-
-def write_tests(
-    path: str | Path,
-    tests: Mapping[str, Partition | OneDisk],
-    pages: Mapping[str, tuple[list[Section], MainResult]],
-    sources: pd.DataFrame | None,
-    simulated: bool = False,
-) -> Path:
-    """Write one page of tests and return its path.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    tests
-        Results by name of the test.
-    pages
-        Sections of each test, that of the page's head first, and its main result.
-    sources
-        Table of the files.
-    simulated
-        Whether the title is marked as "simulated".
-
-    Returns
-    -------
-    path
-        The same path.
 
     Notes
     -----
     With one test its first section becomes the head of the page; with several, every title and
     finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
     """
+    truths = truths or {}
     single = len(tests) == 1
     sections: list[Section] = []
     verdicts = []
@@ -434,7 +410,8 @@ def write_tests(
     assumptions: list[str] = []
     lead = None
     for name, p in tests.items():
-        page_sections, result = pages[name]
+        page_sections = beta_sections(p, truths.get(name))
+        result = main_result(p)
         prefix = f"{name}: "
         if single:
             prefix = ""
@@ -457,5 +434,5 @@ def write_tests(
         main_results=main_results,
         lead=lead,
         sources=sources,
-        simulated=simulated,
+        simulated=bool(truths),
     )

@@ -1,6 +1,6 @@
 """Sections on the temperature around each disk: first circumferential harmonic, field.
 
-Used by :mod:`tcdyn.report.beta` for tests with two disks. Test: ``tests/report/test_beta_page.py``.
+Used by :mod:`tcdyn.report.beta`. Test: ``tests/report/test_beta_page.py``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from tcdyn.plots import partition as draw
 from tcdyn.plots.circumferential import circumferential_figure
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section
-from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.circumferential import circumferential_temperature
 
 
@@ -24,8 +23,8 @@ def unevenness_section(p: Partition) -> Section:
     """Return section of the first circumferential harmonic of each disk, which was subtracted."""
     rows = []
     sentences = []
-    for disk in DISKS:
-        harmonic = p.both.harmonics[disk]
+    for disk in p.disks:
+        harmonic = p.combined.harmonics[disk]
         setup = p.test.disks[disk].setup
         finding = harmonic.finding(disk)
         if finding is not None:
@@ -45,7 +44,7 @@ def unevenness_section(p: Partition) -> Section:
     conclusion = "Yes, as far as two groups of junctions can show."
     if sentences:
         conclusion = ". ".join(sentences) + "."
-    panels = [partial(draw.draw_angular_harmonic, p, disk) for disk in DISKS]
+    panels = [partial(draw.draw_angular_harmonic, p, disk) for disk in p.disks]
     return Section(
         "is the temperature even around the bores?",
         f"{conclusion} The contribution of the first harmonic to each reading at the unloading is "
@@ -63,10 +62,10 @@ def around_section(p: Partition) -> Section:
     """Return the section of the temperature around each disk at the end of the load."""
     return Section(
         "the temperature around the disks",
-        "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of "
-        "both disks with the first harmonic that it estimates. Nothing is measured deeper than "
+        "Mean of the last ten seconds under load: the rim model's temperature by the joint "
+        "fit with the first harmonic that it estimates. Nothing is measured deeper than "
         "the inner row.",
-        figure=circumferential_figure([circumferential_temperature(p, disk) for disk in DISKS]),
+        figure=circumferential_figure([circumferential_temperature(p, disk) for disk in p.disks]),
         caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside "
         "it. Below: the mean across the running surface with its 95 % band.",
     )

@@ -16,7 +16,6 @@ from tcdyn.io.checksum import CHECKSUM_KEY
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.workflows.beta import BetaRun
-from tcdyn.workflows.single_disk import OneDiskRun
 
 N_DIGITS = 16  # hexadecimal digits of a checksum in the table
 
@@ -24,7 +23,7 @@ Row = tuple[str, str, str, str]  # kind, file, size or day, SHA-256
 
 
 def source_table(
-    runs: Sequence[BetaRun | OneDiskRun], files: Sequence[Path] = (), rig: Path | None = None
+    runs: Sequence[BetaRun], files: Sequence[Path] = (), rig: Path | None = None
 ) -> pd.DataFrame:
     """Return logs, records and rig of one or more tests.
 

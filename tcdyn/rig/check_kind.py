@@ -476,7 +476,7 @@ def _check_loads(sample: pd.DataFrame, contact: Flags, where: str) -> list[Findi
         load = sample["load_N"]
         is_lower = load < 0.5 * (load.min() + load.max())
         remedy = (
-            "the switch looks momentary: hold it at 1 from touching to parting, "
+            "the switch looks momentary: hold it at 1 from loading to unloading, "
             "as the load shows it"
         )
         if not is_lower.any() or contact[is_lower].mean() > 0.5:

@@ -4,19 +4,17 @@ They contain no estimator: each step is a function of a lower layer. The command
 call them, ``tcdyn.plots`` and ``tcdyn.report`` show their results.
 """
 
-from tcdyn.workflows.beta import BetaRun, estimate_beta
+from tcdyn.workflows.beta import BetaRun, estimate_beta, estimate_one_disk
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
 from tcdyn.workflows.demo import DemoRun, run_demo
 from tcdyn.workflows.frames import compensate_dataset, compensate_frame
-from tcdyn.workflows.single_disk import OneDiskRun, estimate_one_disk
 
 __all__ = [
     "BetaRun",
     "CalibrationRun",
     "CompensatedLog",
     "DemoRun",
-    "OneDiskRun",
     "calibrate_disk",
     "compensate_dataset",
     "compensate_frame",

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,9 +25,17 @@ from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.io.checksum import with_checksum
-from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
+from tcdyn.partition.analyse import (
+    WINDOW_S,
+    Partition,
+    analyse_corrected,
+    apply_corrections,
+    check_corrected,
+    unusable_channel,
+)
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.rig.check_clock import sample_interval_s
+from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.contact import (
     MIN_ZERO_SAMPLES,
     NO_FRICTION_CORRECTION,
@@ -41,7 +49,7 @@ from tcdyn.rig.contact import (
 )
 from tcdyn.rig.disk import DISKS, channels_left_out
 from tcdyn.rig.log import COMPENSATED, Log, iter_log
-from tcdyn.rig.opened_log import rig_from_records
+from tcdyn.rig.opened_log import missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, changed_keys
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
@@ -64,8 +72,6 @@ LAG_INDEPENDENT_KEYS = (
     "slope_per_K",
     "reference_degC",
 )
-# result of an analysis: BetaRun or OneDiskRun
-Run = TypeVar("Run")
 # A change of speed after unloading is reported at this time [s]. Chosen by judgement.
 SPEED_CHANGE_AT_S = 3.0
 
@@ -86,6 +92,9 @@ class BetaRun(Result):
         Number of tests in the log.
     records
         Record of each disk.
+    with_profiles
+        Whether beta.json holds the likelihood profiles of the joint fits, some 200 constrained
+        fits.
     """
 
     log: Log
@@ -93,6 +102,7 @@ class BetaRun(Result):
     rig_sha256: str
     stages: int = 1
     records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
+    with_profiles: bool = False
 
     def __repr__(self) -> str:
         """Name of the log."""
@@ -103,12 +113,15 @@ class BetaRun(Result):
         """The content of ``beta.json``, with its checksum.
 
         Its keys are those of ``tcdyn.workflows.beta_tables.beta_file`` and ``kept``, the sufficient
-        statistics that a campaign combines.
+        statistics that a campaign combines, which needs both disks.
         """
-        data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
-        data["kept"] = campaign.sufficient_statistics_of(
-            self.log.path.stem, self.rig_sha256, self.partition
-        )
+        source = {"file": self.log.path.name, "sha256": self.log.sha256}
+        data = beta_file(self.partition, source, self.with_profiles)
+        data["kept"] = None
+        if not self.partition.single_disk:
+            data["kept"] = campaign.sufficient_statistics_of(
+                self.log.path.stem, self.rig_sha256, self.partition
+            )
         return with_checksum(data)
 
     def summary(self) -> str:
@@ -383,6 +396,7 @@ def estimate_beta(
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
     stage: int | None = None,
+    profiles: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
     """Read one EHL log and estimate beta by the speed law, the cooling fits and the joint fits.
@@ -391,6 +405,8 @@ def estimate_beta(
     ----------
     log, rig, records
         The log, the rig (None: the one that the records were made with) and a record of each disk.
+        For a log of one disk give its record only; speed law and fit of both disks are then
+        missing.
     without
         Channels to leave out, such as "fast_c".
     window_s
@@ -403,6 +419,8 @@ def estimate_beta(
         Pure-rolling test whose friction is added (section 2.10).
     stage
         Which of several loadings in the log, from 1; None for the longest.
+    profiles
+        Whether beta.json holds the likelihood profiles of the joint fits.
     progress
         Called with the name of each stage.
 
@@ -414,111 +432,211 @@ def estimate_beta(
     Notes
     -----
     A channel that is dead, missing or lost for long is left out too, with a finding, as long as the
-    remaining channels determine beta.
+    remaining channels determine beta. Both speeds are needed for one disk, too: the heat is
+    friction times sliding speed.
     """
     rig = rig or rig_from_records(records)
+    skipped = _columns_without_record(log, rig, records)
+    left_out = LeftOut.by_user(without, rig)
+    progress("reading the log")
+    table, count, left_out = _read_without_lost_channels(log, rig, stage, skipped, left_out)
 
-    def attempt(left_out: Mapping[str, str]) -> BetaRun:
-        """Analyse the log without some channels."""
-        progress("reading the log")
-        chunks = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
-        table, count = read_stage(chunks, stage)
-        test = prepare_test(
-            table, rig, records, bearing.friction_added if bearing else None, left_out
+    def corrected_test() -> EhlTest:
+        """The test without the channels left out, ready for the fits."""
+        added = bearing.friction_added if bearing else None
+        return apply_corrections(prepare_test(table, rig, records, added, left_out.reasons))
+
+    test = corrected_test()
+    sensors = None
+    try:
+        if sensor_check:
+            progress("sensor map")
+            sensors = check_corrected(test)
+            problem = unusable_channel(sensors)
+            while problem is not None:
+                left_out = left_out.with_channel_of(problem, rig)
+                test = corrected_test()
+                sensors = check_corrected(test)
+                problem = unusable_channel(sensors)
+        partition = analyse_corrected(
+            test, sensors, window_s=window_s, seed=seed, progress=progress
         )
-        try:
-            partition = analyse(
-                test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
-            )
-        except InputError as problem:
-            raise problem.at(table.path.name) from None
-        return BetaRun(table, partition, campaign.rig_fingerprint(rig, records), count, records)
-
-    return retry_without_lost_channels(attempt, without, rig, progress)
+    except InputError as problem:
+        raise problem.at(table.path.name) from None
+    logged_disks = [d for d in DISKS if d in records]
+    fingerprint = campaign.rig_fingerprint(rig, records, logged_disks)
+    return BetaRun(table, partition, fingerprint, count, records, profiles)
 
 
-def retry_without_lost_channels(
-    attempt: Callable[[Mapping[str, str]], Run],
-    without: Sequence[str],
-    rig: Rig,
-    progress: Callable[[str], None],
-) -> Run:
-    """Run an analysis, and again without each channel that it reports lost.
+def estimate_one_disk(
+    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
+) -> BetaRun:
+    """:func:`estimate_beta` of a log of one disk, as version 0.2 called it.
 
     Parameters
     ----------
-    attempt
-        Analysis as a function of the channels left out and the reasons.
-    without
-        Channels that the user leaves out.
-    rig
-        The rig.
-    progress
-        Called with a message for each lost channel.
+    log, rig, options
+        As for :func:`estimate_beta`.
+    records
+        The record of one disk.
+    """
+    return estimate_beta(log, rig, records, **options)
 
-    Returns
-    -------
-    Run
-        Result of the first attempt that succeeds.
+
+def _columns_without_record(
+    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+) -> list[str]:
+    """Channels of the disk without a record, which a log of one disk must not have.
+
+    Parameters
+    ----------
+    log, rig, records
+        As for :func:`estimate_beta`.
 
     Raises
     ------
     InputError
-        If the remaining channels do not determine beta: the first error, which names the cause
-        best.
+        If the log has such a column.
+    """
+    others = [d for d in DISKS if d not in records]
+    if len(others) != 1:
+        return []
+    (other,) = others
+    columns = [*junction_columns(rig.disk_setup(other).channels, other)]
+    if missing_columns(log, rig, columns) != columns:
+        raise InputError(
+            f"no record of the {other} disk, whose columns the log holds",
+            where=Path(log).name,
+            remedy="add {records}",
+            parameters={"records": f"{other}.disk.json"},
+        )
+    return columns
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Channels that an analysis does not use.
+
+    Parameters
+    ----------
+    reasons
+        Reason for each channel such as "fast_c"; empty where the user asked for it.
+    first_problem
+        The error of the first channel that was lost.
+    """
+
+    reasons: Mapping[str, str]
+    first_problem: InputError | None = None
+
+    @classmethod
+    def by_user(cls, without: Sequence[str], rig: Rig) -> LeftOut:
+        """The channels that the user does not want.
+
+        Parameters
+        ----------
+        without
+            Channels such as "fast_c" or "fast_c_degC".
+        rig
+            The rig.
+
+        Raises
+        ------
+        InputError
+            For a channel that does not exist, or too few channels left.
+        """
+        channels_left_out(without, rig.setups)
+        return cls(dict.fromkeys((name.removesuffix("_degC") for name in without), ""))
+
+    def with_channel_of(self, problem: InputError, rig: Rig) -> LeftOut:
+        """Leave out the channel that an error names, too.
+
+        Parameters
+        ----------
+        problem
+            The error.
+        rig
+            The rig.
+
+        Raises
+        ------
+        InputError
+            If it names no channel, or if the others do not determine beta: then the first error,
+            which names the cause best.
+        """
+        lost_channel = problem.column.removesuffix("_degC")
+        disk, _, channel = lost_channel.rpartition("_")
+        first_problem = self.first_problem or problem
+        if not problem.column:
+            raise problem
+        if lost_channel in self.reasons or disk not in DISKS:
+            raise first_problem
+        missing = (*channels_left_out(self.reasons, rig.setups).get(disk, ()), channel)
+        if not rig.disk_setup(disk).determines_beta(missing):
+            raise first_problem
+        return LeftOut({**self.reasons, lost_channel: problem.what}, first_problem)
+
+
+def _read_without_lost_channels(
+    log: str | Path, rig: Rig, stage: int | None, skipped: Sequence[str], left_out: LeftOut
+) -> tuple[Log, int, LeftOut]:
+    """Read a log, without each channel that the reader cannot use.
+
+    Parameters
+    ----------
+    log, rig, stage
+        As for :func:`estimate_beta`.
+    skipped
+        Columns that are not read.
+    left_out
+        Channels that the user leaves out.
+
+    Returns
+    -------
+    log, count
+        The test, and the number of tests in the log.
+    left_out
+        The channels left out.
+
+    Raises
+    ------
+    InputError
+        As the reader does, if the error names no channel, or too many are lost.
 
     Notes
     -----
-    A channel is lost if an ``InputError`` names its column. Guarded by
-    ``tests/partition/test_left_out.py``.
+    The reader checks a log while it reads it, and stops at the first channel that is missing, dead
+    or lost for long. Guarded by ``tests/partition/test_left_out.py``.
     """
-    channels_left_out(without, rig.setups)
-    left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
-    first_error: InputError | None = (
-        None  # of the channels lost: where too many are, it names the cause best
-    )
     while True:
+        columns = [f"{name}_degC" for name in left_out.reasons]
         try:
-            return attempt(left_out)
+            table, count = read_stage(
+                iter_log(log, "ehl", rig, without=[*skipped, *columns]), stage
+            )
         except InputError as problem:
-            lost_channel = problem.column.removesuffix("_degC")
-            disk, _, channel = lost_channel.rpartition("_")
-            missing = (*channels_left_out(left_out, rig.setups).get(disk, ()), channel)
-            if (
-                lost_channel in left_out
-                or disk not in DISKS
-                or not rig.disk_setup(disk).determines_beta(missing)
-            ):
-                raise (first_error or problem if problem.column else problem) from None
-            first_error = first_error or problem
-            left_out[lost_channel] = problem.what
-            progress(f"going on without {lost_channel}")
+            left_out = left_out.with_channel_of(problem, rig)
+        else:
+            return table, count, left_out
 
 
 def estimate_stages(
-    log: str | Path,
-    rig: Rig | None,
-    records: Mapping[str, DiskRecord],
-    estimate: Any = estimate_beta,
-    **options: Any,
-) -> tuple[Any, ...]:
+    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
+) -> tuple[BetaRun, ...]:
     """Analyse every loading of one log that an unloading follows, in order.
 
     Parameters
     ----------
     log, rig, records
         As for ``estimate_beta``.
-    estimate
-        ``estimate_beta`` or ``tcdyn.workflows.single_disk.estimate_one_disk``.
     options
-        Further arguments of ``estimate``.
+        Further arguments of ``estimate_beta``.
 
     Returns
     -------
     tuple
         One run for each test in the log.
     """
-    first = estimate(log, rig, records, stage=1, **options)
+    first = estimate_beta(log, rig, records, stage=1, **options)
     report = options.pop("progress", lambda _: None)
     runs = [first]
     for k in range(2, first.stages + 1):
@@ -528,33 +646,33 @@ def estimate_stages(
             """Report a stage with the number of its test in front."""
             report(f"{prefix}: {what}")
 
-        runs.append(estimate(log, rig, records, stage=k, progress=progress, **options))
+        runs.append(estimate_beta(log, rig, records, stage=k, progress=progress, **options))
     return tuple(runs)
 
 
-def summary_of(partition: Partition) -> str:
+def summary_of(p: Partition) -> str:
     """Recommended estimate, beta, h and lag by every method, and the cross-check, as text."""
-    answers = partition.estimates
-    both = partition.both.estimates
-    withheld = partition.impossible
-    pair = "beta {}   h_fast {}   h_slow {} W/m2K"
-    lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
-    lines["speed law"] = (
-        "speed law",
-        pair.format(answers["speed law"], answers["h_fast"], answers["h_slow"]),
-    )
-    for d in DISKS:
-        lines[f"cooling {d}"] = (
-            f"cooling {d}",
-            f"beta {answers[f'cooling {d}']}   h {answers[f'h cooling {d}']} W/m2K",
+    lines = {}
+    if not p.single_disk:
+        pair = "beta {}   h_fast {}   h_slow {} W/m2K"
+        combined = p.combined.estimates
+        lines["both beta"] = (
+            "both disks",
+            pair.format(combined["beta"], combined["h_fast"], combined["h_slow"]),
         )
-    for d, fit in partition.joint.items():
-        lag = fit.estimates["lag_s"]
-        lines[f"joint {d}"] = (
-            f"joint {d}",
-            f"beta {answers[f'joint {d}']}   h {answers[f'h joint {d}']} W/m2K   lag {lag} s",
+        lines["speed law"] = (
+            "speed law",
+            pair.format(p.estimates["speed law"], p.estimates["h_fast"], p.estimates["h_slow"]),
         )
+    for kind in ("cooling", "joint"):
+        for d, fit in p.joint.items():
+            key = f"{kind} {d}"
+            text = f"beta {p.estimates[key]}   h {p.estimates[f'h {key}']} W/m2K"
+            if kind == "joint":
+                text += f"   lag {fit.estimates['lag_s']} s"
+            lines[key] = (key, text)
     rows = [
-        f"{word:14}{'withheld' if key in withheld else text}" for key, (word, text) in lines.items()
+        f"{word:14}{'withheld' if key in p.impossible else text}"
+        for key, (word, text) in lines.items()
     ]
-    return "\n".join([partition.recommendation.sentence, *rows, partition.crosscheck.sentence])
+    return "\n".join([p.recommendation.sentence, *rows, p.crosscheck.sentence])

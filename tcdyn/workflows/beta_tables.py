@@ -29,11 +29,12 @@ from tcdyn.partition.cooling import (
     cooling_sensitivity,
     smooth_traces,
 )
+from tcdyn.partition.crosscheck import BudgetRow
 from tcdyn.partition.joint import SHARE, main_covariance, nuisance_parameters
+from tcdyn.partition.model_forms import ModelForms
 from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
-from tcdyn.partition.single_disk import OneDisk
 from tcdyn.partition.specified import log_h_prior
 from tcdyn.partition.window import fit_rows
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
@@ -61,13 +62,13 @@ class FitComparison:
     sd_K: Array
 
 
-def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
+def compare_joint_fit(p: Partition, disk: str) -> FitComparison:
     """Compare readings and model of a disk at the optimum of the joint fit of all its disks.
 
     Parameters
     ----------
     p
-        The partition, of both disks or of one.
+        The partition.
     disk
         Name of the disk.
 
@@ -76,14 +77,12 @@ def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
     The residuals of the optimum start with those of the readings, disk by disk in the order of
     ``tcdyn.rig.disk.DISKS``; this must stay the order of ``tcdyn.partition.joint``.
     """
-    names = [d for d in DISKS if d in p.test.disks]
-    sides = [p.joint.block] if isinstance(p, OneDisk) else [p.joint[d].block for d in names]
-    optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
-    ends = np.cumsum([len(s.y) for s in sides])
-    window = sides[names.index(disk)].window
-    residual = np.split(optimum.residual[: ends[-1]], ends[:-1])[names.index(disk)].reshape(
-        window.y.shape
-    )
+    blocks = [fit.block for fit in p.joint.values()]
+    index = p.disks.index(disk)
+    ends = np.cumsum([len(block.y) for block in blocks])
+    window = blocks[index].window
+    residuals = np.split(p.combined.optimum.residual[: ends[-1]], ends[:-1])
+    residual = residuals[index].reshape(window.y.shape)
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
     return FitComparison(
         p.test.disks[disk].setup.outer,
@@ -94,10 +93,10 @@ def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
     )
 
 
-def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
+def residuals_table(p: Partition) -> pd.DataFrame:
     """Table of reading minus model [mK]: mean under load, mean after unloading, rms over noise."""
     rows = []
-    for disk in [d for d in DISKS if d in p.test.disks]:
+    for disk in p.disks:
         m = compare_joint_fit(p, disk)
         difference = m.readings_degC - m.model_degC
         after = m.time_since_unloading_s > 0
@@ -115,7 +114,7 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
         "disk",
         "junction",
         "mean under load [mK]",
-        "mean after the parting [mK]",
+        "mean after the unloading [mK]",
         "rms over noise [1]",
     ]
     return pd.DataFrame(rows, columns=columns)
@@ -127,7 +126,7 @@ def joint_budget(p: Partition) -> dict[str, float]:
     Parameters
     ----------
     p
-        The partition of both disks.
+        The partition.
 
     Returns
     -------
@@ -140,13 +139,12 @@ def joint_budget(p: Partition) -> dict[str, float]:
     nuisance parameters, two of the chain for each disk, and the measured surface flux if there are
     more. Noise is scaled by the inflation factor of the fit.
     """
-    sides = [p.joint[d].block for d in DISKS]
-    noise, per_sd = main_covariance(p.both.optimum, sides)
-    sources = [nuisance.source for nuisance, _ in nuisance_parameters(sides)] + ["chain"] * (
-        2 * len(sides)
-    )
+    blocks = [fit.block for fit in p.joint.values()]
+    noise, per_sd = main_covariance(p.combined.optimum, blocks)
+    sources = [nuisance.source for nuisance, _ in nuisance_parameters(blocks)]
+    sources += ["chain"] * (2 * len(blocks))
     sources += ["measured surface flux"] * (per_sd.shape[1] - len(sources))
-    square = {"noise": p.both.inflation * float(noise[SHARE, SHARE])}
+    square = {"noise": p.combined.inflation * float(noise[SHARE, SHARE])}
     for source, by in zip(sources, per_sd[SHARE]):
         square[source] = square.get(source, 0.0) + float(by) ** 2
     return {source: x**0.5 for source, x in sorted(square.items(), key=lambda item: -item[1])}
@@ -167,8 +165,6 @@ COLUMN_HEADINGS = {
 }
 # window lengths [s] of ``cooling_by_window``; chosen by judgement
 WINDOW_LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
-# fields of a row of the budget that ``budget_table`` shows next to the recommended estimate
-BUDGET_FIELDS = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0  # two estimates agree below so many standard uncertainties of their difference
 
 
@@ -204,41 +200,40 @@ def estimates_table(partition: Partition) -> pd.DataFrame:
     """
     answers = partition.estimates
     withheld = partition.impossible
-    both = partition.both.estimates
-    n = None if "both exponent" in withheld else both["exponent"]
-    reported = "both beta" not in withheld
-    rows = [
-        estimate_row(
-            f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, reported=reported
-        )
-        for d in DISKS
-    ]
-    reported = "speed law" not in withheld
-    rows += [
-        estimate_row(
-            f"speed law, {d} disk", answers["speed law"], answers[f"h_{d}"], reported=reported
-        )
-        for d in DISKS
-    ]
-    for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
-        kind, disk = way.split()
-        lag = partition.joint[disk].estimates["lag_s"] if kind == "joint" else None
-        rows.append(
-            estimate_row(
-                f"{kind} fit, {disk} disk",
-                answers[way],
-                answers[f"h {way}"],
-                lag,
-                reported=way not in withheld,
+    rows = []
+    if not partition.single_disk:
+        both = partition.combined.estimates
+        n = None if "both exponent" in withheld else both["exponent"]
+        for d in DISKS:
+            beta = both["beta"]
+            word = f"joint fit of both, {d} disk"
+            reported = "both beta" not in withheld
+            rows.append(estimate_row(word, beta, both[f"h_{d}"], n=n, reported=reported))
+        for d in DISKS:
+            beta = answers["speed law"]
+            word = f"speed law, {d} disk"
+            reported = "speed law" not in withheld
+            rows.append(estimate_row(word, beta, answers[f"h_{d}"], reported=reported))
+    for kind in ("cooling", "joint"):
+        for d, fit in partition.joint.items():
+            key = f"{kind} {d}"
+            rows.append(
+                estimate_row(
+                    f"{kind} fit, {d} disk",
+                    answers[key],
+                    answers[f"h {key}"],
+                    fit.estimates["lag_s"] if kind == "joint" else None,
+                    reported=key not in withheld,
+                )
             )
-        )
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    return table.drop(columns="exponent n [1]") if partition.single_disk else table
 
 
-def structures_table(p: Partition) -> pd.DataFrame:
+def structures_table(forms: ModelForms) -> pd.DataFrame:
     """Table of the fit of both disks with every other model form, best supported first."""
     rows = []
-    for a, likely in zip(p.model_forms.forms, p.model_forms.probability):
+    for a, likely in zip(forms.forms, forms.probability):
         implied = a.exponent.text_without_interval()
         rows.append(
             (
@@ -256,23 +251,28 @@ def structures_table(p: Partition) -> pd.DataFrame:
 def budget_table(p: Partition) -> pd.DataFrame:
     """Table of the uncertainty of beta by source and method, largest first.
 
-    The columns are the fit of both disks (recommended), the speed law and the cooling fit; the last
-    row is the total.
+    The columns are the combined fit (recommended), the speed law, which needs both disks, and the
+    cooling fit; the last row is the total.
     """
-    speed, cooling = p.budget.total_u
-    both, by_way = joint_budget(p), {r.source: r for r in p.budget.rows}
-    rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
-    total = sum(u**2 for u in both.values()) ** 0.5
-    table = [
-        [both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BUDGET_FIELDS)] for x in rows
-    ]
-    heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
-    columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
-    rows = [*rows, "all together"]
-    table = [*table, [total, speed, cooling]]
-    return pd.DataFrame(
-        [(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns
-    )
+    recommended = joint_budget(p)
+    rows = {row.source: row for row in p.budget.rows}
+    total = p.budget.total
+    table = []
+    for source in sorted(recommended | rows, key=lambda x: -recommended.get(x, 0.0)):
+        row = rows.get(source, BudgetRow(source, 0.0, 0.0))
+        u_recommended = recommended.get(source, 0.0)
+        table.append((source, u_recommended, row.u_beta_steady, row.u_beta_transient))
+    u_total = sum(u**2 for u in recommended.values()) ** 0.5
+    table.append((total.source, u_total, total.u_beta_steady, total.u_beta_transient))
+    if p.single_disk:
+        heads = ("joint fit", "speed law", "cooling fit")
+    else:
+        heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
+    frame = pd.DataFrame(table, columns=["source", *(f"u(β) [1], {head}" for head in heads)])
+    frame = frame.dropna(axis="columns", how="any")
+    numbers = frame.columns[1:]
+    frame[numbers] = frame[numbers].map(u_of_beta)
+    return frame
 
 
 def u_of_beta(u: float) -> str:
@@ -280,7 +280,7 @@ def u_of_beta(u: float) -> str:
     return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
 
 
-def conditions_table(p: Partition | OneDisk) -> pd.DataFrame:
+def conditions_table(p: Partition) -> pd.DataFrame:
     """Table of the conditions of the test."""
     t = p.test
     plain = [
@@ -343,7 +343,7 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
 def cooling_by_window(
     partition: Partition, lengths: Sequence[float] = WINDOW_LENGTHS_S
 ) -> pd.DataFrame:
-    """Table of the h-only fit of both disks for each window length.
+    """Table of the h-only fit of each disk for each window length.
 
     Parameters
     ----------
@@ -384,7 +384,10 @@ def cooling_by_window(
             expected=f"at least {min(lengths, default=0):g} s",
         )
     fit_rows_slice = fit_rows(test, lengths_s[-1])
-    of_disks = [_cooling_rows_of_disk(partition, disk, fit_rows_slice, lengths_s) for disk in DISKS]
+    of_disks = [
+        _cooling_rows_of_disk(partition, disk, fit_rows_slice, lengths_s)
+        for disk in partition.disks
+    ]
     return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
 
@@ -482,7 +485,7 @@ def reference_table(partition: Partition) -> pd.DataFrame:
         ``agree`` where abs(z) is below ``TWO_SIGMA``.
     """
     rows = []
-    for d in DISKS:
+    for d in partition.disks:
         for quantity, key in (("beta", ""), ("h_W_m2K", "h ")):
             ways = [f"{key}{kind} {d}" for kind in ("cooling", "joint")]
             compensated_value, commuted_value = (partition.estimates[way] for way in ways)
@@ -533,7 +536,7 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
+def beta_file(p: Partition, source: dict[str, str], with_profiles: bool = False) -> dict[str, Any]:
     """The content of ``beta.json`` without sufficient statistics and checksum.
 
     Parameters
@@ -542,90 +545,107 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         The partition.
     source
         Name and SHA-256 of the log.
+    with_profiles
+        Whether to compute the likelihood profiles of the joint fits; otherwise ``profiles`` is
+        empty.
 
     Returns
     -------
     dict
-        Every estimate is {value, u, low95, high95}, null where it is withheld; h in W/m2K, lags in
-        s, depths of junctions in mm.
+        Every estimate is {value, u, low95, high95}, null where it is withheld or needs a disk that
+        was not logged; h in W/m2K, lags in s, depths of junctions in mm.
 
     Notes
     -----
-    ``SCHEMA`` changes with the meaning of a key. ``tcdyn.workflows.campaign_table.COLUMNS`` and
-    ``tcdyn.workflows.single_disk.OneDiskRun.to_dict`` use the same keys.
+    ``SCHEMA`` changes with the meaning of a key. ``tcdyn.workflows.campaign_table.COLUMNS`` uses
+    the same keys.
     """
     test = p.test
-    withheld = p.impossible
-    answers = {
-        key: WITHHELD if key in withheld else estimate.model_dump()
-        for key, estimate in p.estimates.items()
+    forms = p.model_forms
+    is_withheld = p.status == "withheld"
+    recommended = joint_budget(p)
+    recommended_beta = _reported(p, p.combined.estimates, "beta", "both ")
+    range95 = None
+    alternatives = []
+    if forms is not None and not is_withheld:
+        range95 = [forms.low95, forms.high95]
+        alternatives = forms.to_list()
+    steady = {key: _reported(p, p.estimates, key) for key in ("h_fast", "h_slow", "exponent")}
+    for d in p.disks:
+        steady[f"{d}_line"] = {
+            key: _reported(p, p.estimates, f"{d} {key}") for key in ("intercept", "slope")
+        }
+    joint: dict[str, Any] = {}
+    for d, fit in p.joint.items():
+        lag = fit.estimates["lag_s"].model_dump()
+        joint[d] = {
+            "beta": _reported(p, p.estimates, f"joint {d}"),
+            "h": _reported(p, p.estimates, f"h joint {d}"),
+            "lag_s": WITHHELD if f"joint {d}" in p.impossible else lag,
+        }
+    both = {} if p.single_disk else p.combined.estimates
+    joint["both"] = {
+        key: _reported(p, both, key, "both ") for key in ("beta", "h_fast", "h_slow", "exponent")
     }
-    both = {
-        key: WITHHELD if f"both {key}" in withheld else e.model_dump()
-        for key, e in p.both.estimates.items()
-    }
+    joint["profiles"] = profiles_file(p.profiles) if with_profiles else {}
     return {
         "schema": SCHEMA,
         "source": source,
         "test": test.conditions,
-        "steady": {
-            "beta": answers["speed law"],
-            "h_fast": answers["h_fast"],
-            "h_slow": answers["h_slow"],
-            **{
-                f"{d}_line": {
-                    "intercept": answers[f"{d} intercept"],
-                    "slope": answers[f"{d} slope"],
-                }
-                for d in DISKS
-            },
-            "exponent": answers["exponent"],
-        },
+        "steady": {"beta": _reported(p, p.estimates, "speed law"), **steady},
         "transient": {
             d: {
-                "beta": answers[f"cooling {d}"],
-                "h": answers[f"h cooling {d}"],
-                "window_s": p.cooling[d].window_s,
+                "beta": _reported(p, p.estimates, f"cooling {d}"),
+                "h": _reported(p, p.estimates, f"h cooling {d}"),
+                "window_s": fit.window_s,
             }
-            for d in DISKS
+            for d, fit in p.cooling.items()
         },
-        "joint": {
-            **{
-                d: {
-                    "beta": answers[f"joint {d}"],
-                    "h": answers[f"h joint {d}"],
-                    "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
-                }
-                for d in DISKS
-            },
-            "both": both,
-            "profiles": profiles_file(p.profiles),
-        },
+        "joint": joint,
         "headline": {
-            "beta": both["beta"],
-            "way": "joint both",
+            "beta": recommended_beta,
+            "way": f"joint {p.single_disk or 'both'}",
             "sentence": p.recommendation.sentence,
-            "range95": None
-            if p.status == "withheld"
-            else [p.model_forms.low95, p.model_forms.high95],
+            "range95": range95,
         },
         "status": p.status,
-        "alternatives": [] if p.status == "withheld" else p.model_forms.to_list(),
+        "alternatives": alternatives,
         "crosscheck": p.crosscheck.to_dict(),
         "budget": [asdict(row) for row in p.budget.rows],
-        "budget_both": [{"source": name, "u_beta": u} for name, u in joint_budget(p).items()],
+        "budget_both": [{"source": name, "u_beta": u} for name, u in recommended.items()],
         "surface": {
-            "fast_max_degC": answers["surface fast"],
-            "slow_max_degC": answers["surface slow"],
-            "delta_T_us": answers["delta_T_us"],
+            "fast_max_degC": _reported(p, p.estimates, "surface fast"),
+            "slow_max_degC": _reported(p, p.estimates, "surface slow"),
+            "delta_T_us": _reported(p, p.estimates, "delta_T_us"),
         },
-        "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
-        "unevenness": {d: p.both.harmonics[d].to_dict() for d in DISKS},
+        "noise": {d: disk.noise.to_dict() for d, disk in test.disks.items()},
+        "unevenness": {d: harmonic.to_dict() for d, harmonic in p.combined.harmonics.items()},
         "sensors": {} if p.sensors is None else p.sensors.texts,
         "junctions": junction_depths(p.sensors),
         "findings": [finding.to_dict() for finding in p.findings],
         "warnings": list(p.warnings),
     }
+
+
+def _reported(
+    p: Partition, estimates: Mapping[str, Estimate], key: str, prefix: str = ""
+) -> dict[str, Any]:
+    """An estimate as in ``beta.json``; nulls where it is withheld or missing.
+
+    Parameters
+    ----------
+    p
+        The partition.
+    estimates
+        ``p.estimates``, or those of the combined fit.
+    key
+        Key of the estimate.
+    prefix
+        Prefix of the key in ``p.impossible``.
+    """
+    if key not in estimates or f"{prefix}{key}" in p.impossible:
+        return WITHHELD
+    return estimates[key].model_dump()
 
 
 def junction_depths(sensor_check: SensorCheck | None) -> dict[str, Any]:

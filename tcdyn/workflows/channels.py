@@ -22,7 +22,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, text_with_u
 from tcdyn.core.findings import Finding, warning
 from tcdyn.io.checksum import ALTERED_CODE
-from tcdyn.partition.cooling import SingleDiskFit, lag_covariance_with_common_u, refined_chains
+from tcdyn.partition.cooling import lag_covariance_with_common_u, refined_chains
+from tcdyn.partition.joint import DiskFit
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.record import DiskRecord
@@ -283,7 +284,7 @@ def record_channels(
 
 
 def with_common_lag(
-    traces: DiskTraces, record: DiskRecord, fit: SingleDiskFit | None
+    traces: DiskTraces, record: DiskRecord, fit: DiskFit | None
 ) -> tuple[DiskTraces, str]:
     """Return the traces with the common lag of the fit, if there is one, and a note about it."""
     if fit is not None:
@@ -340,7 +341,7 @@ class DiskColumns:
 
     rig: Rig
     records: Mapping[str, DiskRecord]
-    fits: Mapping[str, SingleDiskFit]
+    fits: Mapping[str, DiskFit]
     prefixed: bool
     removes_lag: bool
     where: str

@@ -25,7 +25,7 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     Parameters
     ----------
     p
-        Result of the partition; the fit of both disks is used.
+        Result of the partition; the combined fit is used.
     disk
         "fast" or "slow".
 
@@ -38,9 +38,9 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     test = p.test
     unload_s = test.events.unload_s
     window = p.windows[disk]
-    harmonic = p.both.harmonics[disk]
+    harmonic = p.combined.harmonics[disk]
     setup = test.disks[disk].setup
-    theta = p.both.theta[4 * (disk == "slow") :]
+    theta = p.combined.theta[4 * p.disks.index(disk) :]
     share = float(theta[SHARE])
     h = float(np.exp(theta[LOG_H]))
     depth = np.linspace(0.0, setup.edge_m, N_DEPTHS)

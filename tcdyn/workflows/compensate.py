@@ -25,7 +25,7 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
 from tcdyn.io.write import STANDARD_STYLE, DialectName, OutputStyle, output_style, write_log
 from tcdyn.partition.analyse import refine_lags
-from tcdyn.partition.cooling import SingleDiskFit
+from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.steady import with_inner_row_at_one_radius
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import Events
@@ -352,7 +352,7 @@ def compensate_log(
             if d in disks_in_log and d not in records
         ]
     traces: dict[str, DiskTraces] = {}
-    fits: Mapping[str, SingleDiskFit] = {}
+    fits: Mapping[str, DiskFit] = {}
     if refine and way.removes_lag and kind == "ehl" and disks_in_log <= set(records):
         progress("common lags from the unloading")
         one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
@@ -435,7 +435,7 @@ def log_around_unloading(pieces: LogChunks) -> Log:
 
 def _refine(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
-) -> tuple[dict[str, DiskTraces], Mapping[str, SingleDiskFit], list[Finding]]:
+) -> tuple[dict[str, DiskTraces], Mapping[str, DiskFit], list[Finding]]:
     """Traces and joint fits for the common lags of the disks, from the unloading.
 
     Parameters

@@ -30,7 +30,7 @@ def errors_of_test(seed: int, test: str) -> dict[str, float | str]:
         estimator: value.value - true_values["beta"]
         for estimator, value in p.beta_by_estimator.items()
     }
-    out["both"] = p.both.estimates["beta"].value - true_values["beta"]
+    out["both"] = p.combined.estimates["beta"].value - true_values["beta"]
     out |= {
         "h fast": p.speed.h_fast / true_values["h_fast"] - 1,
         "h slow": p.speed.h_slow / true_values["h_slow"] - 1,

@@ -145,7 +145,7 @@ def rows_of_rig(seed: int, forms: list[str]) -> list[dict[str, Any]]:
         except InputError as problem:
             rows.append({"seed": seed, "form": form, "failed": str(problem)})
             continue
-        beta = analysis.both.estimates["beta"]
+        beta = analysis.combined.estimates["beta"]
         row = {"seed": seed, "form": form, "status": analysis.status}
         full_beta = beta.value if form == "full" else full_beta
         for name, value in {"both": beta, **analysis.beta_by_estimator}.items():

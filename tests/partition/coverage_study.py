@@ -40,7 +40,7 @@ def study_errors(study: StudyRig, p: Partition) -> dict[str, float]:
         error = estimate.value - true_values["beta"]
         errors[f"error {estimator}"] = error
         errors[f"z {estimator}"] = error / estimate.u
-    both = p.both.estimates["beta"]
+    both = p.combined.estimates["beta"]
     errors["error both"] = both.value - true_values["beta"]
     errors["z both"] = errors["error both"] / both.u
     for disk in ("fast", "slow"):
@@ -53,7 +53,7 @@ def study_errors(study: StudyRig, p: Partition) -> dict[str, float]:
         h = p.estimates[f"h_{disk}"]
         errors[f"error h {disk}"] = h.value / true_values[f"h_{disk}"] - 1
         errors[f"z h speed {disk}"] = (h.value - true_values[f"h_{disk}"]) / h.u
-    n = p.both.estimates["exponent"]
+    n = p.combined.estimates["exponent"]
     errors["z exponent"] = (n.value - study.truth.speed_exponent) / n.u
     errors["z check"] = p.crosscheck.z
     nominal = study.rig.disk_setup("fast").junctions
@@ -64,7 +64,7 @@ def study_errors(study: StudyRig, p: Partition) -> dict[str, float]:
                 study.truth.disk(disk).setup.junctions[channel].depth_m - nominal[channel].depth_m
             )
             errors[f"z depth {channel} {disk}"] = (shift.value - true_m) / shift.u
-    pulls = tensions(study.test, p.joint, p.both, p.sensors)
+    pulls = tensions(study.test, p.joint, p.combined, p.sensors)
     errors["p_value of the depths"] = min(
         tension.probability for tension in pulls if tension.threshold == DEPTH_THRESHOLD
     )

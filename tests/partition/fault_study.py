@@ -119,7 +119,7 @@ def run_case(seed: int, name: str) -> dict[str, Any]:
         messages = [str(problem)]
         row["status"] = "refused"
     else:
-        both = p.both.estimates["beta"]
+        both = p.combined.estimates["beta"]
         z = (both.value - study.true_values["beta"]) / both.u
         row["status"] = p.status
         row["z"] = z

@@ -35,7 +35,7 @@ def rows_of_rig(seed: int, test: str = "B3") -> Iterator[dict[str, object]]:
             print(seed, name, problem)
             yield {"seed": seed, "excluded": name, "estimator": "both", "failed": True}
             continue
-        estimates = {**p.beta_by_estimator, "both": p.both.estimates["beta"]}
+        estimates = {**p.beta_by_estimator, "both": p.combined.estimates["beta"]}
         complete_u = complete_u or {
             estimator: estimate.u for estimator, estimate in estimates.items()
         }

@@ -53,8 +53,8 @@ def test_beta_is_within_1_5_u_of_the_full_log_without_warnings(
     form: str, study: StudyRig, full_analysis: Partition
 ) -> None:
     result = forms.analyse_form(study, form, SEED, sensor_check=False)
-    beta = result.both.estimates["beta"]
-    full = full_analysis.both.estimates["beta"]
+    beta = result.combined.estimates["beta"]
+    full = full_analysis.combined.estimates["beta"]
     assert abs(beta.value - full.value) < 1.5 * beta.u
     assert abs(beta.value - study.true_values["beta"]) < 3 * beta.u
     assert beta.u > 0.98 * full.u  # the log has less information

@@ -177,8 +177,8 @@ def test_every_nominal_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> 
 
     with_map = analyse(b3)
     assert with_map.sensors is not None
-    mapped = tensions(b3, with_map.joint, with_map.both, with_map.sensors)
-    without_map = tensions(b3, with_map.joint, with_map.both)
+    mapped = tensions(b3, with_map.joint, with_map.combined, with_map.sensors)
+    without_map = tensions(b3, with_map.joint, with_map.combined)
     assert (
         sum(is_depth_tension(t) for t in mapped)
         == sum(is_depth_tension(t) for t in without_map)
@@ -191,7 +191,7 @@ def test_every_nominal_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> 
     shifted_exponent = replace(b3, speed_exponent=1.2)
     (tension,) = [
         t
-        for t in tensions(shifted_exponent, with_map.joint, with_map.both)
+        for t in tensions(shifted_exponent, with_map.joint, with_map.combined)
         if t.nominal.code == "stated.exponent"
     ]
     assert tension.contradicts

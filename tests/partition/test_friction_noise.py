@@ -67,6 +67,9 @@ def test_noise_of_the_friction_is_no_change_of_h_at_the_unloading(seed: int) -> 
     h_step = next(form for form in forms.forms if form.name == "h_step")
     assert h_step.log_odds < 5.0
     assert forms.preferred is None
-    assert result.both.inflation < 1.6
+    assert result.combined.inflation < 1.6
     truth = study.true_values["beta"]
-    assert abs(result.both.estimates["beta"].value - truth) < 3 * result.both.estimates["beta"].u
+    assert (
+        abs(result.combined.estimates["beta"].value - truth)
+        < 3 * result.combined.estimates["beta"].u
+    )

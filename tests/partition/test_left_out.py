@@ -17,7 +17,7 @@ from tcdyn.core.findings import Finding, Severity
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import BothFit, joint_fits
+from tcdyn.partition.joint import CombinedFit, joint_fits
 from tcdyn.partition.steady import disk_line, steady_lines
 from tcdyn.partition.window import fit_rows
 from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT_TEXT, channels_left_out
@@ -43,20 +43,20 @@ def study() -> StudyRig:
     return study_rig(1000, "B3")
 
 
-def joint_fit_of(test: EhlTest) -> BothFit:
+def joint_fit_of(test: EhlTest) -> CombinedFit:
     """Joint fit of both disks, started from the speed law."""
     return joint_fits(test, steady_lines(test, fit_rows(test, 10.0))[1].starts)[1]
 
 
 @pytest.fixture(scope="module")
-def complete(study: StudyRig) -> BothFit:
+def complete(study: StudyRig) -> CombinedFit:
     return joint_fit_of(study.test)
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_beta_of_the_joint_fit_is_correct_without_any_one_channel(
-    channel: str, study: StudyRig, complete: BothFit
+    channel: str, study: StudyRig, complete: CombinedFit
 ) -> None:
     beta = joint_fit_of(study.without(f"fast_{channel}")).estimates["beta"]
     u = complete.estimates["beta"].u
@@ -122,7 +122,7 @@ def test_excluded_channel_has_no_compensated_trace_and_a_finding(
     assert finding.numbers["stand_ins"] == surrogates
     tension_names = [
         (t.nominal.subject, str(t.nominal.numbers.get("channel", t.nominal.numbers.get("name"))))
-        for t in tensions(p.test, p.joint, p.both, p.sensors)
+        for t in tensions(p.test, p.joint, p.combined, p.sensors)
     ]
     assert ("slow", "depth e") in tension_names or ("slow", "e") in tension_names
     assert not [
@@ -270,7 +270,7 @@ def test_channel_reported_dead_by_the_sensor_check_is_excluded(
     (finding,) = excluded_findings(beta_run.partition.analysis_findings)
     assert finding.subject == "fast_d"
     assert "channel d is dead" in finding.sentence
-    beta = beta_run.partition.both.estimates["beta"]
+    beta = beta_run.partition.combined.estimates["beta"]
     assert abs(beta.value - study.true_values["beta"]) < MAX_Z * beta.u
 
 

@@ -14,15 +14,14 @@ from tcdyn.cli.app import app
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import warnings_and_errors
+from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.joint import disk_fit
-from tcdyn.partition.single_disk import OneDisk, analyse_one_disk
+from tcdyn.report.beta import write_beta_report
 from tcdyn.report.page import typeset
-from tcdyn.report.single_disk import write_one_disk_report
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import write_record
-from tcdyn.workflows import compensate_log, estimate_one_disk
-from tcdyn.workflows.beta_tables import compare_joint_fit
-from tcdyn.workflows.single_disk import OneDiskRun
+from tcdyn.workflows import BetaRun, compensate_log, estimate_one_disk
+from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SLOW = [f"slow_{c}_degC" for c in CHANNELS]
@@ -43,32 +42,32 @@ def fast_only_log(study: StudyRig, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 @pytest.fixture(scope="module")
-def slow_disk_analysis(study: StudyRig) -> OneDisk:
-    return analyse_one_disk(
+def slow_disk_analysis(study: StudyRig) -> Partition:
+    return analyse(
         replace(study.test, disks={"slow": study.test.disks["slow"]}), sensor_check=False
     )
 
 
 @pytest.mark.study
 def test_joint_fit_of_one_disk_agrees_with_the_full_test(
-    study: StudyRig, slow_disk_analysis: OneDisk
+    study: StudyRig, slow_disk_analysis: Partition
 ) -> None:
-    share = 1 - slow_disk_analysis.estimates["joint"].value
-    h = slow_disk_analysis.estimates["h joint"].value
+    estimates = slow_disk_analysis.estimates
+    recommended = slow_disk_analysis.combined.estimates["beta"]
+    share = 1 - estimates["joint slow"].value
+    h = estimates["h joint slow"].value
     full_fit = disk_fit(study.test, study.test.disks["slow"], share, h, 10.0, "modal")
-    assert slow_disk_analysis.estimates["joint"].value == pytest.approx(
+    assert recommended.value == pytest.approx(
         full_fit.beta, abs=0.05 * full_fit.estimates["beta"].u
     )
-    for estimator in ("joint", "cooling"):
-        beta = slow_disk_analysis.estimates[estimator]
+    for estimator in ("joint slow", "cooling slow"):
+        beta = estimates[estimator]
         assert abs(beta.value - study.true_values["beta"]) < 3 * beta.u
-    # includes the uncertainty of the rim model
-    assert slow_disk_analysis.estimates["joint"].u == pytest.approx(
-        full_fit.estimates["beta"].u, rel=0.1
-    )
+    # the samples include the uncertainty of the rim model
+    assert estimates["joint slow"].u == pytest.approx(full_fit.estimates["beta"].u, rel=0.1)
     assert warnings_and_errors(slow_disk_analysis.findings) == ()
-    total = np.hypot.reduce([u_joint for u_joint, _ in slow_disk_analysis.budget.values()])
-    assert total == pytest.approx(slow_disk_analysis.estimates["joint"].u, rel=1e-6)
+    total = np.hypot.reduce(list(joint_budget(slow_disk_analysis).values()))
+    assert total == pytest.approx(recommended.u, rel=1e-6)
 
 
 @pytest.mark.e2e
@@ -93,43 +92,34 @@ def test_beta_command_takes_one_record_and_reports_what_is_missing(fast_only_log
     assert data["headline"]["way"] == "joint fast"
     assert data["steady"]["beta"]["value"] is None
     assert set(data["joint"]) == {"fast", "both", "profiles"}
-    assert set(data["crosscheck"]) == {
-        "z",
-        "agree",
-        "sentence",
-        "p_value",
-        "suspects",
-        "strained",
-        "pairs",
-    }
     numbers_of_both_disks = (
         *data["joint"]["both"].values(),
-        *data["surface"].values(),
+        data["surface"]["slow_max_degC"],
+        data["surface"]["delta_T_us"],
         data["steady"]["beta"],
     )
-    assert len(numbers_of_both_disks) == 4 + 3 + 1
+    assert len(numbers_of_both_disks) == 4 + 2 + 1
     assert all(set(number.values()) == {None} for number in numbers_of_both_disks)
-    crosscheck = data["crosscheck"]
-    lists_of_both_disks = (
-        data["joint"]["profiles"],
-        crosscheck["suspects"],
-        crosscheck["strained"],
-        crosscheck["p_value"],
-    )
-    assert not any(lists_of_both_disks)
+    (pair,) = data["crosscheck"]["pairs"]
+    assert {pair["one"], pair["other"]} == {"joint fast", "cooling fast"}
+    assert not data["joint"]["profiles"]
+    assert data["alternatives"] == []
+    assert data["headline"]["range95"] is None
+    assert all(row["u_beta_steady"] is None for row in data["budget"])
     assert "one_disk.only" in [f["code"] for f in data["findings"]]
     html = page.read_text(encoding="utf-8").replace("\u00a0", " ")
     beta = Estimate(**data["headline"]["beta"])
     assert typeset(f"<b>β = {beta}</b>") in html
     assert "sensor map of the fast disk" in html
     assert "slow disk</h" not in html
-    assert html.count("<img") == 8
+    assert "model-form alternatives" not in html
+    assert "influence of the exponent" not in html
     assert html.count("joint fit, fast disk") == 1
 
 
 @pytest.mark.e2e
 def test_page_shows_the_model_of_the_joint_fit_and_withholds_impossible_beta(
-    slow_disk_analysis: OneDisk, tmp_path: Path
+    slow_disk_analysis: Partition, tmp_path: Path
 ) -> None:
     comparison = compare_joint_fit(slow_disk_analysis, "slow")
     z = (comparison.readings_degC - comparison.model_degC) / comparison.sd_K
@@ -148,65 +138,77 @@ def test_page_shows_the_model_of_the_joint_fit_and_withholds_impossible_beta(
         "B3.1": slow_disk_analysis,
         "B3.2": replace(
             slow_disk_analysis,
-            estimates={**slow_disk_analysis.estimates, "joint": Estimate.normal(1.4, 0.1)},
+            combined=replace(
+                slow_disk_analysis.combined,
+                estimates={
+                    **slow_disk_analysis.combined.estimates,
+                    "beta": Estimate.normal(1.4, 0.1),
+                },
+            ),
         ),
     }
-    html = write_one_disk_report(tmp_path / "two.html", pages).read_text(encoding="utf-8")
+    html = write_beta_report(tmp_path / "two.html", pages).read_text(encoding="utf-8")
     assert "B3.2: no β" in html
     assert "withheld" in html
 
 
 @pytest.mark.parametrize(
-    ("impossible", "status", "withheld"),
+    ("impossible", "withheld"),
     [
-        ({"cooling": 1.3}, "warning", {"cooling"}),
-        ({"h cooling": -40.0}, "warning", {"cooling"}),
-        ({"joint": 1.3}, "withheld", {"joint"}),
-        ({"h joint": -40.0, "cooling": -0.2}, "withheld", {"joint", "cooling"}),
+        ({"cooling slow": 1.3}, {"cooling slow"}),
+        ({"h cooling slow": -40.0}, {"cooling slow"}),
+        ({"joint slow": 1.3}, {"joint slow"}),
+        ({"h joint slow": -40.0, "cooling slow": -0.2}, {"joint slow", "cooling slow"}),
     ],
 )
-def test_impossible_results_are_withheld_everywhere(
+def test_impossible_results_of_one_disk_are_withheld(
     impossible: dict[str, float],
-    status: str,
     withheld: set[str],
     study: StudyRig,
-    slow_disk_analysis: OneDisk,
+    slow_disk_analysis: Partition,
 ) -> None:
-    impossible_estimates = {
-        key: Estimate.normal(value, 0.0123) for key, value in impossible.items()
-    }
+    estimates = dict(slow_disk_analysis.estimates)
+    combined = dict(slow_disk_analysis.combined.estimates)
+    for key, value in impossible.items():
+        estimates[key] = Estimate.normal(value, 0.0123)
+        if key == "joint slow":
+            combined["beta"] = estimates[key]
+        if key == "h joint slow":
+            combined["h_slow"] = estimates[key]
     p = replace(
-        slow_disk_analysis, estimates={**slow_disk_analysis.estimates, **impossible_estimates}
+        slow_disk_analysis,
+        estimates=estimates,
+        combined=replace(slow_disk_analysis.combined, estimates=combined),
     )
-    run = OneDiskRun(study.log, p)
+    run = BetaRun(study.log, p, "")
     data = run.to_dict()
     text = run.summary()
     card = run.card()
-    assert p.impossible == withheld
-    assert data["status"] == status
+    is_withheld = "joint slow" in withheld
+    assert {key for key in p.impossible if key in p.beta_by_estimator} == withheld
+    assert (data["status"] == "withheld") == is_withheld
     for estimator, group in (
         ("joint", data["joint"]["slow"]),
         ("cooling", data["transient"]["slow"]),
     ):
         is_hidden = {group[key]["value"] is None for key in group if key != "window_s"}
-        assert is_hidden == {estimator in withheld}
-        assert {
-            row[f"u_beta_{'joint' if estimator == 'joint' else 'transient'}"] is None
-            for row in data["budget"]
-        } == is_hidden
+        assert is_hidden == {f"{estimator} slow" in withheld}
         card_row = card[card["way"] == f"{estimator} fit, slow disk"].iloc[0]
-        assert (card_row["β [1]"] == "withheld") == (estimator in withheld)
-    assert (data["headline"]["beta"]["value"] is None) == ("joint" in withheld)
-    assert data["crosscheck"]["pairs"] == []
-    assert data["crosscheck"]["z"] is None
-    assert not data["crosscheck"]["agree"]
+        assert (card_row["β [1]"] == "withheld") == (f"{estimator} slow" in withheld)
+    assert (data["headline"]["beta"]["value"] is None) == is_withheld
     for value in impossible.values():
-        assert str(abs(value)) not in text + json.dumps(
-            [data["findings"], data["crosscheck"], data["headline"]]
-        )
-    assert ("of the slow disk finds is impossible" in text) == ("joint" in withheld)
-    assert "impossible numbers" in text
+        assert str(abs(value)) not in text + json.dumps([data["findings"], data["headline"]])
+    assert ("of the slow disk finds is impossible" in text) == is_withheld
     assert "both disks" not in text
+
+
+@pytest.mark.study
+def test_wrong_lag_of_the_record_of_one_disk_is_reported(study: StudyRig) -> None:
+    record = study.test.disks["slow"]
+    wrong_lag = replace(record, chains=tuple(chain.with_lag_shift(0.4) for chain in record.chains))
+    p = analyse(replace(study.test, disks={"slow": wrong_lag}), sensor_check=False)
+    assert any(t.nominal.code == "stated.lag" for t in p.crosscheck.suspects)
+    assert p.status == "warning"
 
 
 def test_missing_record_of_a_logged_disk_raises(study: StudyRig, tmp_path: Path) -> None:

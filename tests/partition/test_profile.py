@@ -14,7 +14,7 @@ from scipy import stats
 from tcdyn.core.estimate import Z95
 from tcdyn.estimation import Problem
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_problem
+from tcdyn.partition.joint import CombinedFit, DiskFit, joint_fits, joint_problem
 from tcdyn.partition.profile import intervals, joint_profiles, profiles_file, rim_table
 from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import fit_rows
@@ -23,7 +23,7 @@ from tcdyn.workflows.beta_tables import interval_table
 from tests.partition.study_rigs import StudyRig, study_rig
 
 Array = NDArray[np.float64]
-JointFits = tuple[dict[str, DiskFit], BothFit]
+JointFits = tuple[dict[str, DiskFit], CombinedFit]
 
 
 def joint_fits_of(

@@ -116,11 +116,11 @@ def level_error_K(study: StudyRig, harmonic: AngularHarmonic) -> np.ndarray:
 def test_correct_press_fit_serves_as_prior() -> None:
     """First harmonic within its 99 % region; second within two standard uncertainties of what is subtracted."""
     study, p = study_of_rotated_fit(0.0)
-    harmonic = p.both.harmonics["slow"]
+    harmonic = p.combined.harmonics["slow"]
     assert np.hypot(*harmonic.nominal_K) > 0.3
     assert harmonic.level_z(level_error_K(study, harmonic)) < 3.04
     assert "fit.contradicted" not in {f.code for f in p.findings}
-    assert p.both.estimates["beta"].value == pytest.approx(study.true_values["beta"], abs=0.01)
+    assert p.combined.estimates["beta"].value == pytest.approx(study.true_values["beta"], abs=0.01)
     for estimator, estimate in p.beta_by_estimator.items():
         assert abs(estimate.value - study.true_values["beta"]) < 3 * estimate.u, estimator
     second = harmonic.nominal_second_K @ harmonic_at_junctions(
@@ -216,7 +216,7 @@ def test_contradicted_press_fit_is_reported_and_not_used() -> None:
     warnings = [f for f in p.findings if f.code == "fit.contradicted"]
     assert [(f.subject, f.severity) for f in warnings] == [("slow", Severity.WARNING)]
     assert "[fit] is not used" in warnings[0].sentence
-    harmonic = p.both.harmonics["slow"]
+    harmonic = p.combined.harmonics["slow"]
     assert not harmonic.nominal_K.any()
     assert harmonic.level_z(level_error_K(study, harmonic)) < 3.04
     assert p.status == "warning"

@@ -84,8 +84,8 @@ def test_uncertain_flux_position_widens_beta_and_is_in_the_budget() -> None:
     p = analysed_with(study, rig)
     row = next(r for r in p.budget.rows if r.source == "place of the flux")
     assert row.u_beta_steady > 0.002
-    both = p.both.estimates["beta"]
-    assert both.u > 1.2 * baseline().both.estimates["beta"].u
+    both = p.combined.estimates["beta"]
+    assert both.u > 1.2 * baseline().combined.estimates["beta"].u
     assert abs(both.value - study.true_values["beta"]) < 2 * both.u
     assert "place of the flux" not in [r.source for r in baseline().budget.rows]
     # an effect with a specified uncertainty is not another model form
@@ -272,14 +272,14 @@ def test_measured_surface_flux_determines_h_when_the_ambient_does_not_cool() -> 
     )
     ignored = analysed_with(study, load_rig())
     for d in ("fast", "slow"):
-        h = p.both.estimates[f"h_{d}"]
-        h_without_flux = ignored.both.estimates[f"h_{d}"]
+        h = p.combined.estimates[f"h_{d}"]
+        h_without_flux = ignored.combined.estimates[f"h_{d}"]
         assert h.u < 0.5 * h_without_flux.u
         assert abs(h.value - study.true_values[f"h_{d}"]) < 2 * h.u
         assert p.estimates[f"joint {d}"].u <= 1.01 * ignored.estimates[f"joint {d}"].u
-    fast = ignored.both.estimates["h_fast"]
+    fast = ignored.combined.estimates["h_fast"]
     assert fast.value - study.true_values["h_fast"] > 3 * fast.u
-    for estimator, beta in [*p.beta_by_estimator.items(), ("both", p.both.estimates["beta"])]:
+    for estimator, beta in [*p.beta_by_estimator.items(), ("both", p.combined.estimates["beta"])]:
         assert abs(beta.value - study.true_values["beta"]) < 2 * beta.u, estimator
     assert "measured surface flux" in [r.source for r in p.budget.rows]
     assert p.status == "sound"
@@ -321,7 +321,7 @@ def test_disks_of_different_conductivity_are_within_the_interval_that_allows_for
     }
     study = study_rig(SEED, truth=replace(truth, **disks))
     uncertain = rig_with(uncertainty={"steel_of_one_disk_rel": 0.02})
-    estimate = analysed_with(study, uncertain).both.estimates["beta"]
+    estimate = analysed_with(study, uncertain).combined.estimates["beta"]
     certain = analysed_with(study, rig_with(uncertainty={"steel_of_one_disk_rel": 0.0}))
-    assert estimate.u > 1.2 * certain.both.estimates["beta"].u
+    assert estimate.u > 1.2 * certain.combined.estimates["beta"].u
     assert abs(estimate.value - study.true_values["beta"]) < 2.5 * estimate.u

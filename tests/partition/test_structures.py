@@ -49,7 +49,7 @@ def test_intact_test_prefers_the_assumed_model_form(baseline: tuple[StudyRig, Pa
     study, p = baseline
     forms = p.model_forms
     assert forms.forms[0].name == "as assumed"
-    assert forms.forms[0].beta == p.both.estimates["beta"]
+    assert forms.forms[0].beta == p.combined.estimates["beta"]
     assert forms.preferred is None
     assert forms.estimate_holds
     assert forms.low95 <= study.true_values["beta"] <= forms.high95
@@ -104,7 +104,7 @@ def test_stem_conduction_is_within_its_uncertainty() -> None:
 def test_range_follows_a_model_form_that_changes_beta() -> None:
     """A bubble that doubles the lag of a junction changes beta of both disks by about 5 u; the message reports it."""
     study, p = analysis_in_world("bubble x2")
-    both = p.both.estimates["beta"]
+    both = p.combined.estimates["beta"]
     forms = p.model_forms
     assert abs(both.value - study.true_values["beta"]) > 3 * both.u
     assert forms.preferred is not None
@@ -122,7 +122,7 @@ def test_one_linear_step_matches_the_fit_with_one_more_parameter(
 ) -> None:
     _, p = baseline
     name = "faces"
-    columns = model_form_columns(p.test, p.joint, p.both.theta)[name]
+    columns = model_form_columns(p.test, p.joint, p.combined.theta)[name]
     columns_by_disk = np.split(columns, [len(p.joint["fast"].block.y)])
     extra_parameter = (NuisanceParameter(name, name, True),)
     blocks = [
@@ -135,7 +135,7 @@ def test_one_linear_step_matches_the_fit_with_one_more_parameter(
     ]
     problem = joint_problem(blocks)
     start = np.zeros(len(problem.names))
-    start[:8] = p.both.theta
+    start[:8] = p.combined.theta
     fit = minimise(problem, start, tolerance=1e-7)
     linear_step = next(a for a in p.model_forms.forms if a.name == name)
     # the fit is not quite linear, and the step weights slow waves of the residuals slightly differently
@@ -149,7 +149,7 @@ def test_constant_h_change_effect_matches_the_slope_by_h(
     """Two formulations of one effect: air colder by (T - T_A) at the surface, and the gains of the rim at another h."""
     _, p = baseline
     for k, d in enumerate(DISKS):
-        disk_at_fit = DiskAtFit.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
+        disk_at_fit = DiskAtFit.of(p.test, p.joint[d], p.combined.theta[4 * k : 4 * k + 4])
         h_W_m2K = disk_at_fit.h_W_m2K * np.exp([1e-3, -1e-3])
         high, low = (
             base + disk_at_fit.share * power
@@ -168,7 +168,7 @@ def test_lag_and_flux_shift_effects_match_finite_changes(
     """The lag effect over 0.05 s uses straight lines, not slopes; the flux shift effect is that of a finite shift."""
     _, p = baseline
     for k, d in enumerate(DISKS):
-        disk_at_fit = DiskAtFit.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
+        disk_at_fit = DiskAtFit.of(p.test, p.joint[d], p.combined.theta[4 * k : 4 * k + 4])
         slopes = disk_at_fit.lag_effects()[0]
         lines = disk_at_fit.lag_effects(0.05)[0]
         # they differ most where the slope jumps
@@ -214,7 +214,7 @@ def test_recommended_estimate_comes_first_in_summary_tables_and_files(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
     _, p = baseline
-    both = p.both.estimates["beta"]
+    both = p.combined.estimates["beta"]
     data = beta_tables.beta_file(p, {})
     assert data["headline"]["beta"] == both.model_dump()
     assert data["headline"]["way"] == "joint both"
@@ -251,5 +251,5 @@ def test_steady_line_points_have_95_percent_error_bars(
 
 def test_comparison_of_model_forms_is_deterministic(baseline: tuple[StudyRig, Partition]) -> None:
     study, p = baseline  # no angular harmonic: the fitted test is the prepared one
-    repeated = compare_model_forms(study.test, p.joint, p.both)
+    repeated = compare_model_forms(study.test, p.joint, p.combined)
     assert (repeated.low95, repeated.high95) == (p.model_forms.low95, p.model_forms.high95)

@@ -146,7 +146,7 @@ def uneven_disks() -> tuple[StudyRig, Partition]:
 def vector_z(study: StudyRig, p: Partition, disk: str) -> float:
     """Error of the cosine and sine amplitudes of the level, in standard uncertainties."""
     expected = study.true_values["unevenness"][disk]
-    harmonic = p.both.harmonics[disk]
+    harmonic = p.combined.harmonics[disk]
     vectors = [
         amplitude * np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
         for amplitude, angle in (
@@ -164,12 +164,12 @@ def test_amplitude_and_angle_are_recovered_within_their_interval(
     study, p = uneven_disks
     for d in DISKS:
         assert vector_z(study, p, d) < 3.04  # 99 % quantile of two normal deviates
-        assert p.both.harmonics[d].significance > 20  # about 3 K with u of about 0.1 K
+        assert p.combined.harmonics[d].significance > 20  # about 3 K with u of about 0.1 K
     findings = {f.subject: f for f in p.findings if f.code == "unevenness"}
     assert set(findings) == set(DISKS)
     assert {f.severity for f in findings.values()} == {Severity.INFO}
     written = beta_file(p, {})["unevenness"]["slow"]
-    assert written["amplitude_K"]["value"] == p.both.harmonics["slow"].amplitude_K.value
+    assert written["amplitude_K"]["value"] == p.combined.harmonics["slow"].amplitude_K.value
     assert set(written["angle_deg"]) == {"value", "u", "low95", "high95"}
 
 
@@ -178,7 +178,7 @@ def test_strongly_uneven_disks_bias_no_beta_and_have_no_suspects(
 ) -> None:
     """The joint fit of both disks within 0.01, twice its standard uncertainty; every estimator within 3 u."""
     study, p = uneven_disks
-    assert p.both.estimates["beta"].value == pytest.approx(study.true_values["beta"], abs=0.01)
+    assert p.combined.estimates["beta"].value == pytest.approx(study.true_values["beta"], abs=0.01)
     for estimator, estimate in p.beta_by_estimator.items():
         assert abs(estimate.value - study.true_values["beta"]) < 3 * estimate.u, estimator
     assert p.sensors is not None
@@ -191,7 +191,7 @@ def test_fitted_harmonic_is_subtracted_from_the_readings(
 ) -> None:
     study, p = uneven_disks
     for d in DISKS:
-        harmonic = p.both.harmonics[d]
+        harmonic = p.combined.harmonics[d]
         disk = study.test.disks[d]
         since_s = study.test.time_s - study.test.events.unload_s - disk.common_lag_s
         subtracted = harmonic_K(harmonic, disk.setup, since_s)
@@ -211,8 +211,8 @@ def test_even_disks_have_no_harmonic_and_nearly_the_same_u(
     """Amplitudes consistent with zero; u of beta of both disks increases by less than 5 %."""
     study, p = even_disks
     for d in DISKS:
-        assert p.both.harmonics[d].amplitude_K.low95 == 0.0
-        assert p.both.harmonics[d].finding(d) is None
+        assert p.combined.harmonics[d].amplitude_K.low95 == 0.0
+        assert p.combined.harmonics[d].finding(d) is None
         assert vector_z(study, p, d) < 3.04
     rows = {row.source: row.u_beta_steady for row in p.budget.rows}
     assert rows["second harmonic round the bore"] < 1e-9  # rounding errors
@@ -220,7 +220,7 @@ def test_even_disks_have_no_harmonic_and_nearly_the_same_u(
     narrow_prior = AngularHarmonic(prior_K=np.full(4, 1e-6))
     test = replace(study.test, harmonics=dict.fromkeys(DISKS, narrow_prior))
     _, both = joint_fits(test, {"fast": (0.7, 700.0), "slow": (0.3, 280.0)})
-    assert p.both.estimates["beta"].u < 1.05 * both.estimates["beta"].u
+    assert p.combined.estimates["beta"].u < 1.05 * both.estimates["beta"].u
 
 
 def test_second_harmonic_of_an_uneven_disk_widens_the_speed_law(

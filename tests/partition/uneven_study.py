@@ -45,13 +45,13 @@ def run_case(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str
         print(seed, world, problem)
         return row | {"failed": 1.0}
     row |= study_errors(study, p)
-    row["u both"] = p.both.estimates["beta"].u
+    row["u both"] = p.combined.estimates["beta"].u
     row["suspects"] = (
         " ".join(f"{s.disk}:{s.kind}" for s in p.sensors.suspects) if p.sensors else ""
     )
     for d in DISKS:
         expected = study.true_values["unevenness"][d]
-        harmonic = p.both.harmonics[d]
+        harmonic = p.combined.harmonics[d]
         row[f"true K {d}"] = expected["amplitude_K"]
         row[f"estimated K {d}"] = harmonic.amplitude_K.value
         angles = np.deg2rad([expected["angle_deg"], harmonic.hottest_angle_deg.value])

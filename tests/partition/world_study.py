@@ -289,7 +289,7 @@ def run_case(seed: int, name: str) -> dict[str, Any]:
     except InputError as problem:
         return row | {"refused": str(problem)}
     forms = analysis.model_forms
-    both = analysis.both.estimates["beta"]
+    both = analysis.combined.estimates["beta"]
     error = both.value - study.true_values["beta"]
     best = max(forms.forms, key=lambda form: form.log_odds)
     return row | {

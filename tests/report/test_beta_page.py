@@ -26,14 +26,16 @@ def decimals(text: str) -> int:
 def test_uncertainty_components_add_up_to_the_total(partition: Partition) -> None:
     table = beta_tables.budget_table(partition)
     assert table["source"].iloc[-1] == "all together"
-    steady, cooling = partition.budget.total_u
-    joint_u = partition.both.estimates["beta"].u
+    steady = partition.budget.total.u_beta_steady
+    cooling = partition.budget.total.u_beta_transient
+    assert steady is not None
+    joint_u = partition.combined.estimates["beta"].u
     assert hypot(*beta_tables.joint_budget(partition).values()) == pytest.approx(joint_u, rel=1e-9)
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
         [joint_u, steady, cooling], abs=5e-5
     )
     # independent sources in a nearly linear model: 4000 samples determine each spread to 1.1 %, none is above the sum
-    assert hypot(*(r.u_beta_steady for r in partition.budget.rows)) == pytest.approx(
+    assert hypot(*(r.u_beta_steady or 0.0 for r in partition.budget.rows)) == pytest.approx(
         steady, rel=0.06
     )
     # the worse disk of each source: never below the worse disk of all
@@ -99,7 +101,7 @@ def test_page_states_result_status_sources_and_simulation(
     page = page.replace("\u00a0", " ")  # non-breaking spaces
     head = page[page.index("<h1>") : page.index("<section>")]
     assert '<span class="simulated">' in head
-    assert typeset(f"<b>β = {partition.both.estimates['beta']}</b>") in head
+    assert typeset(f"<b>β = {partition.combined.estimates['beta']}</b>") in head
     assert '<span class="status sound">' in head
     assert "B3.csv" in head
     assert head.count("<img") == 1

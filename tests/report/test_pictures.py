@@ -102,16 +102,19 @@ def test_partition_line_of_a_disk_passes_through_points_on_it(disk: str, word: s
     heat_share = SimpleNamespace(intercept=0.2, slope=1e-4)
     h = {
         estimator: Estimate.normal(value, 50.0)
-        for estimator, value in (("cooling", 800.0), ("joint", 1000.0))
+        for estimator, value in ((f"cooling {disk}", 800.0), (f"joint {disk}", 1000.0))
     }
     beta = {w: Estimate.normal(0.2 + 1e-4 * e.value, 0.01) for w, e in h.items()}
     if disk == "slow":
         beta = {w: Estimate.normal(1 - e.value, e.u) for w, e in beta.items()}
     estimates = {**beta, **{f"h {w}": e for w, e in h.items()}}
     p: Any = SimpleNamespace(
-        disk=disk, estimates=estimates, impossible=(), line=SimpleNamespace(line=heat_share)
+        disks=(disk,),
+        estimates=estimates,
+        impossible=(),
+        lines={disk: SimpleNamespace(line=heat_share)},
     )
-    ax = partitions.draw_line(p, axes())
+    ax = partitions.draw_lines(p, axes())
     line = points_of(ax.lines[0])
     assert word in str(ax.lines[0].get_label())
     assert line[:, 0] == pytest.approx([0.0, 1250.0])  # a quarter beyond the larger h

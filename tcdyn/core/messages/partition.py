@@ -308,9 +308,11 @@ def _estimates_agree(
     one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any
 ) -> str:
     """Message of ``ways.agree``; the arguments are the fields of the finding."""
-    steady = Estimate.normal(n["steady"], n["steady_u"])
+    speed_law = ""
+    if "steady" in n:
+        speed_law = f", speed law {Estimate.normal(n['steady'], n['steady_u'])}"
     text = (
-        f"The estimates of beta agree: {low:.3f} to {high:.3f}, speed law {steady}; the most "
+        f"The estimates of beta agree: {low:.3f} to {high:.3f}{speed_law}; the most "
         f"significant difference, {one} against {other}, is {apart:.3f} or {z:.1f} standard "
         "deviations."
     )
@@ -323,16 +325,15 @@ def _estimates_agree(
     return text
 
 
-def _one_disk_estimates(
-    subject: str, z: float, joint: float, joint_u: float, cooling: float, cooling_u: float, **_: Any
-) -> str:
-    """Message of ``one_disk.ways``; the arguments are the fields of the finding."""
-    agreement = "do NOT agree" if z > ESTIMATES_DISAGREE_Z else "agree"
-    return (
-        f"The two estimates of beta from the {subject} disk {agreement}: "
-        f"{text_with_u(joint, joint_u)} by the joint fit, {text_with_u(cooling, cooling_u)} by the cooling "
-        f"fit, {z:.1f} standard deviations of their difference."
-    )
+ROUND_REASONS = {  # of `tcdyn.partition.fit_rounds`
+    "slowing": "the air of the slowing disks follows their speed, at the fitted share and h",
+    "harmonic": "the temperature around a disk varies, or rig.toml states its press fit",
+}
+
+
+def _repeated_fits(reason: str, **_: Any) -> str:
+    """Message of ``fits.repeated``; the arguments are the fields of the finding."""
+    return f"the joint fits were repeated: {ROUND_REASONS[reason]}"
 
 
 def _recommended(
@@ -438,6 +439,14 @@ def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: An
     )
 
 
+def _undecided_model_form(name: str, beta: float, u: float, **_: Any) -> str:
+    """Message of ``structures.undecided``; the arguments are the fields of the finding."""
+    return (
+        f"this test cannot show whether {model_form_text(name)}; if it is so, beta of both disks is "
+        f"{Estimate.normal(beta, u)}"
+    )
+
+
 # tcdyn/partition
 PARTITION: dict[str, Message] = {
     "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} "
@@ -477,9 +486,6 @@ PARTITION: dict[str, Message] = {
     "condition that the shares add to one would check the friction scale, the steel and the "
     "depths. Here their errors are errors of beta. The share of the other disk is not measured: it "
     "is one minus this share",
-    "one_disk.fit_unused": "the press fit that rig.toml states for the {subject} disk is not used, "
-    "because one disk alone was logged: the first circumferential harmonic comes from the readings",
-    "one_disk.ways": _one_disk_estimates,
     "one_disk.headline": _recommended_one_disk,
     "channel.left_out": _channel_left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: "
@@ -513,5 +519,7 @@ PARTITION: dict[str, Message] = {
     "answers.impossible": _impossible,
     "power.scale": _power,
     "structures.other": _other_model_form,
+    "structures.undecided": _undecided_model_form,
     "joint.interval": _profile_interval,
+    "fits.repeated": _repeated_fits,
 }
