@@ -244,7 +244,7 @@ def test_unusable_channel_is_excluded_with_a_warning(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Only the prepared test is checked; the analysis itself is replaced, because other tests run it."""
-    monkeypatch.setattr(stage, "analyse", lambda test, **_: test)
+    monkeypatch.setattr(stage, "analyse_corrected", lambda test, _, **__: test)
     name = "slow_c" if kind != "constant" else "slow_f"
     prepared: Any = estimate_beta(
         write_damaged(kind, f"{name}_degC"), campaign.rig, campaign.records
