@@ -52,13 +52,12 @@ SLOW_FIXTURES = {
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests; long studies need ``--full``."""
+    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests; long tests need ``--full``."""
     for item in items:
         if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.e2e)
-        study = item.get_closest_marker("study")
-        if study and study.kwargs.get("long") and not config.getoption("--full"):
-            item.add_marker(pytest.mark.skip(reason="a long study: only with --full"))
+        if item.get_closest_marker("long") and not config.getoption("--full"):
+            item.add_marker(pytest.mark.skip(reason="a long test: only with --full"))
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,8 @@ def layout(name: str) -> Rig:
     return parse_rig({"thermocouples": junctions}, "rig.toml")
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize("name", ["thesis", "clarke", "nearer"])
 def test_predicted_uncertainty_matches_the_fitted_one(name: str) -> None:
     rig = layout(name)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,7 +36,16 @@ WITHOUT_RIG = (
     "round fit",
 )
 RECORD = ("rig", "record show", "record diff", "record check")
+# Of the long commands, those that run without ``--full``.
+SHORTEST = ("calibrate", "beta of one disk")
 REST = tuple(name for name in QUICK if name not in (*WITHOUT_RIG, *RECORD))
+
+
+def with_long_marks(names: Iterable[str]) -> list[Any]:
+    """The names as parameters; all but the shortest commands are long tests."""
+    return [
+        pytest.param(name, marks=[] if name in SHORTEST else pytest.mark.long) for name in names
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +86,7 @@ def test_a_command_whose_calls_fail(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", with_long_marks(LONG))
 def test_a_long_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:
@@ -90,7 +100,15 @@ def test_memory_that_runs_out(name: str, world: dict[str, Path], tmp_path: Path)
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", ["compensate --record", "calibrate", "identify", "hole"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "identify",
+        "hole",
+        pytest.param("compensate --record", marks=pytest.mark.long),
+        pytest.param("calibrate", marks=pytest.mark.long),
+    ],
+)
 def test_memory_that_runs_out_in_a_long_command(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:
@@ -107,7 +125,7 @@ def test_a_kill_leaves_old_or_whole_files_and_the_next_run_goes_on(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", KILLED)
+@pytest.mark.parametrize("name", with_long_marks(KILLED))
 def test_a_long_command_is_killed(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:

@@ -58,6 +58,7 @@ def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
     assert scale["numbers"]["units"][0] == "friction in pounds-force"
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_channel_in_degrees_fahrenheit_is_left_out_by_name(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]

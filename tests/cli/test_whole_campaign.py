@@ -7,6 +7,7 @@ import pytest
 from tests.benchmarks.main_job import one_campaign
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_both_ends_of_the_programme_meet_the_first_issue_s_limits() -> None:
     table = one_campaign(6, ("A1", "D4")).set_index("test")

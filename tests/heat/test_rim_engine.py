@@ -49,7 +49,8 @@ def test_engine_matches_the_reference_on_the_same_mesh(rim, points):
     assert np.abs(result - reference).max() < 1e-3
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 def test_engine_matches_the_reference_over_a_full_test(rim, points):
     """Load for 1000 s, then 200 s of cooling; every sample is compared. The reference is refined after the jumps."""
     drive = heating_and_cooling(1250.0, 50.0, 1050.0, power=600.0)

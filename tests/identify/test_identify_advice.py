@@ -194,7 +194,8 @@ def off_equilibrium() -> IOData:
     return IOData.from_arrays(u, y, 0.2, hold="zoh")
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 def test_runs_off_equilibrium_are_refitted_with_estimated_initial_state() -> None:
     comparison = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
     assert comparison.advice.startswith("Recommended: P1.")

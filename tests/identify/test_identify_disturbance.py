@@ -185,7 +185,8 @@ def test_compare_models_the_disturbance_and_reports_it():
     assert "modelled" not in default.advice
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 def test_plateau_of_coloured_noise_gives_no_provisional_advice():
     """The held-out part is a plateau, where every model is as bad as the mean; only the noise can
     judge it."""

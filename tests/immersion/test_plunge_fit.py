@@ -252,7 +252,8 @@ def test_runs_that_cannot_be_fitted_together_raise() -> None:
         identify_plunges([short], SETUP)
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 def test_intervals_cover_over_a_hundred_pairs_sampled_from_the_priors(
     draws: Callable[[int], int],
 ) -> None:

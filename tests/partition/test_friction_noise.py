@@ -58,7 +58,7 @@ def test_a_friction_without_noise_has_no_such_parameters(study: StudyRig) -> Non
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 3))])
 def test_noise_of_the_friction_is_no_change_of_h_at_the_unloading(seed: int) -> None:
     """Without its nuisance parameters, log-odds up to 17 for a change of h in sound tests."""
     study = study_rig(seed, "D4", log_change=noisy(seed))

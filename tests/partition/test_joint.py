@@ -142,7 +142,8 @@ def with_one_sigma_change(truth: RigTruth, name: str) -> RigTruth:
     }[name]()
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 def test_budget_shifts_match_those_of_the_simulated_disk() -> None:
     """A change of each nuisance parameter in the simulated rig shifts lines and joint fits by the linear prediction.
 

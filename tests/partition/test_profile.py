@@ -221,7 +221,8 @@ def test_undetermined_lag_is_reported_as_unbounded(rig: StudyRig) -> None:
     assert cells.loc[("slow disk", "lag [s]"), "95 %, profile"].startswith("open")
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 def test_profile_intervals_have_the_stated_coverage(draws: Callable[[int], int]) -> None:
     """Ten quantities on 24 drawn rigs; each count is at least the 0.1 % point of the binomial law for 93 %."""
     count = draws(24)

@@ -349,7 +349,8 @@ def test_log_that_ends_soon_after_unloading_is_checked(b3: EhlTest) -> None:
     assert check_sensors(short).sound
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize("seed", range(20, 23))
 def test_rigs_drawn_from_their_uncertainties_have_no_findings(seed: int, tmp_path: Path) -> None:
     from tcdyn.simulate.campaign import simulate_campaign
@@ -407,7 +408,11 @@ def test_misplaced_junction_of_the_inner_row_is_identified(
 
 @pytest.mark.parametrize(
     ("fast", "slow"),
-    [pytest.param(*case, marks=pytest.mark.study) for case in (("a", "a"), ("e", "c"), ("b", "d"))],
+    [
+        pytest.param("a", "a", marks=pytest.mark.study),
+        pytest.param("e", "c", marks=[pytest.mark.study, pytest.mark.long]),
+        pytest.param("b", "d", marks=[pytest.mark.study, pytest.mark.long]),
+    ],
 )
 def test_channels_swapped_between_disks_are_identified(b3: EhlTest, fast: str, slow: str) -> None:
     swapped = with_readings(b3, "fast", {fast: column(b3, "slow", slow)})

@@ -111,6 +111,7 @@ def test_change_by_the_exponent_is_that_between_two_exponents() -> None:
     np.testing.assert_allclose(by_exponent, expected, atol=0.01 * np.abs(expected).max())
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_unit_relative_speed_does_not_change_the_estimates() -> None:
     """The input of the surface h exists and is zero: the estimates agree except for rounding."""

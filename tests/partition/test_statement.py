@@ -53,6 +53,7 @@ def baseline() -> Partition:
     return study_rig(SEED).analyse()
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_specified_flux_profile_is_as_accurate_as_the_default() -> None:
     """Heat proportional to the viscosity of the oil, 0.4 mm off the centre, summed over the ellipse."""
@@ -118,6 +119,7 @@ def test_invalid_flux_profile_raises(contact: dict[str, Any], message: str) -> N
 STEEL = {"conductivity_slope_per_K": -7e-4, "specific_heat_slope_per_K": 6e-4}
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_specified_steel_slope_removes_its_bias_and_an_uncertain_one_widens() -> None:
     """Conduction with k(T) and c(T) is solved for the full disk; noise and other errors are those of the baseline."""

@@ -100,6 +100,7 @@ def test_stem_conduction_is_within_its_uncertainty() -> None:
     assert abs(STEM_SD * size.value - 0.03) < 3 * STEM_SD * size.u
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_range_follows_a_model_form_that_changes_beta() -> None:
     """A bubble that doubles the lag of a junction changes beta of both disks by about 5 u; the message reports it."""
@@ -190,7 +191,9 @@ def test_mixture_interval_has_2_5_percent_below_and_above() -> None:
     assert below == pytest.approx([0.025, 0.975], abs=1e-9)
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.long
+@pytest.mark.study
 def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() -> None:
     """Without this check, beta = 3.14 and h = -728 have exit code 0, or correct wiring is called swapped."""
     study = study_rig(SEED, log_change=lambda log: log.assign(friction_N=log["friction_N"] / 4.448))

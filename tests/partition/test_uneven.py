@@ -58,6 +58,7 @@ def test_harmonic_satisfies_its_equation_and_surface_condition(
     assert radial_shape(setup, h, np.array(0.006), n) == pytest.approx(1.0)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_second_harmonic_relative_to_the_first_is_that_of_simulated_disks() -> None:
     """Contacts of 0.3 to 0.9 of the mean conductance; the largest junction of each disk."""

@@ -296,7 +296,8 @@ print(rows, int(peak.split()[1]) // 1024)
 """
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.skipif(
     not Path("/proc/self/status").exists(), reason="peak memory is read from Linux's /proc"
 )

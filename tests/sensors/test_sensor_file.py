@@ -567,7 +567,8 @@ def test_a_long_swing_that_stands_in_one_line_of_the_spectrum_is_followed() -> N
     )  # the noise of a reading
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_a_million_rows_need_no_more_memory_than_three_hundred_thousand(
     tmp_path: Path, ending: str

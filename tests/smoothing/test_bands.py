@@ -47,7 +47,8 @@ def test_listed_events_that_did_not_happen_do_not_replace_those_that_did() -> No
     assert any(f.code == "trace.events" for f in given.findings)
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize("name", list(ROW))
 def test_coverage_of_a_row(name: str, draws) -> None:
     """The mean coverage; pink noise and drift are the lowest (see the page "Validation")."""

@@ -82,7 +82,8 @@ def test_an_event_that_the_others_make_doubtful_is_given_up(
     assert len(rounds) >= 4
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize("world", list(WORLDS))
 def test_what_nobody_announced_stays_inside_the_band(world: str, draws) -> None:
     """95 % intervals within 3 s after and 1 s before each event; samples move together, hence the wide limits."""

@@ -20,6 +20,7 @@ DELAY_S = 2.0
 SETTLED_S = 5.0
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
 def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -> None:
@@ -33,7 +34,8 @@ def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -
     assert np.mean(np.abs(error) < 1.96 * sd[settled]) > 0.9
 
 
-@pytest.mark.study(long=True)
+@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
 def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
     before: float, draws: Callable[[int], int]
@@ -47,6 +49,7 @@ def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
     assert np.median(np.abs(error)) < NOISE_K
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_lag_that_divides_otherwise_than_the_record_says_is_within_the_band(
     tmp_path: Path,
