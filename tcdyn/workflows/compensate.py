@@ -39,8 +39,8 @@ from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
-from tcdyn.workflows.beta import prepare_test
 from tcdyn.workflows.channels import DiskColumns, disk_readings, with_common_lag
+from tcdyn.workflows.prepare import prepare_test
 from tcdyn.workflows.segments import (
     CompensationMethod,
     compensate_readings,

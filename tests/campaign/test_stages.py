@@ -15,7 +15,7 @@ from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.steady import steady_lines, with_inner_row_at_one_radius
 from tcdyn.partition.window import fit_rows
 from tcdyn.rig.log import Log
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 from tests.campaign.rigs import compressed_joint_fit
 from tests.partition.study_rigs import StudyRig, study_rig
 

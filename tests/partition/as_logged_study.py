@@ -23,7 +23,7 @@ from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import parse_rig
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
 LOAD_REL = 0.03

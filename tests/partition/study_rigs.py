@@ -25,7 +25,7 @@ from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 
 # standard uncertainties from a pair of plunges
 COMMON_U_S = 0.05

@@ -27,7 +27,7 @@ from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.rig.tables import air_name
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 from tests.partition import as_logged_study as forms
 from tests.partition.study_rigs import StudyRig, study_rig
 from tests.partition.test_events import DT, simulated_log

@@ -30,7 +30,7 @@ from tcdyn.partition.window import NOMINAL
 from tcdyn.rig.contact import FrictionCorrection
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import with_specified_depth

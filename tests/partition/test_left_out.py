@@ -23,10 +23,11 @@ from tcdyn.partition.window import fit_rows
 from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT_TEXT, channels_left_out
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.workflows import beta as stage
-from tcdyn.workflows.beta import estimate_beta, prepare_test
+from tcdyn.workflows.beta import estimate_beta
 from tcdyn.workflows.beta_tables import junctions_table
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
 from tcdyn.workflows.campaign_table import table_row
+from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
 

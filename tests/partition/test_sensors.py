@@ -24,7 +24,7 @@ from tcdyn.rig.record import read_record, write_record
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.smoothing.traces import DiskTraces
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 from tests.partition.fault_study import CASES
 from tests.partition.study_rigs import study_rig

@@ -24,7 +24,7 @@ from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.rig.tables import SurfaceFlux, fit_surface_flux
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.prepare import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SEED = 7000
