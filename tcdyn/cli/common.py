@@ -213,7 +213,7 @@ def in_range(
 
 
 def number_option(
-    option: str, help_text: str, low: float, high: float, *, ends: bool = True
+    option: str, help_text: str, low: float, high: float, *other_names: str, ends: bool = True
 ) -> Any:
     """An option whose numbers must lie within limits.
 
@@ -225,6 +225,8 @@ def number_option(
         Its help.
     low, high
         Limits.
+    *other_names
+        Other names of the option, with dashes.
     ends
         Whether the limits themselves are allowed.
 
@@ -233,7 +235,8 @@ def number_option(
     option
         Option with the callback of :func:`in_range`.
     """
-    return typer.Option(option, help=help_text, callback=in_range(low, high, ends=ends))
+    callback = in_range(low, high, ends=ends)
+    return typer.Option(option, *other_names, help=help_text, callback=callback)
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
