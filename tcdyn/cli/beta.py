@@ -191,6 +191,13 @@ def campaign(
             "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; repeat for several"
         ),
     ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            help="table of other tests to compare with, such as a campaign.csv: load_N, "
+            "sliding_speed_m_s and friction_N, fast_bulk_degC or other columns of campaign.csv"
+        ),
+    ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     *,
@@ -230,7 +237,7 @@ def campaign(
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
     for name in OUTPUTS:
-        check_outputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
+        check_outputs([*logs, rig, bearing, compare, *record, *(model or ())], out=out / name)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None
@@ -243,7 +250,14 @@ def campaign(
     n_workers = workers or min(2, os.cpu_count() or 1)
     with count_progress(len(logs), reporter.is_silent) as progress:
         run = run_campaign(
-            logs, settings, out, workers=n_workers, dask=dask, models=model or (), progress=progress
+            logs,
+            settings,
+            out,
+            workers=n_workers,
+            dask=dask,
+            models=model or (),
+            compare=compare,
+            progress=progress,
         )
     all_failed = len(run.failed) == len(run.outcomes)
     if all_failed:

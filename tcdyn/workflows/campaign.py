@@ -32,7 +32,13 @@ from tcdyn.workflows.campaign_results import (
     read_given_result,
     read_result,
 )
-from tcdyn.workflows.campaign_table import AGREE_CODE, campaign_table, table_csv, table_row
+from tcdyn.workflows.campaign_table import (
+    AGREE_CODE,
+    campaign_table,
+    read_compared,
+    table_csv,
+    table_row,
+)
 
 # files that a campaign writes into its folder, next to one result a test
 TABLE_FILE = "campaign.csv"
@@ -90,6 +96,8 @@ class CampaignRun(Result):
         All analysed tests as one measurement; None where none was analysed.
     altered
         Logs whose stored result was changed after it had been written.
+    compared
+        Other tests to compare with.
     """
 
     folder: Path
@@ -97,6 +105,7 @@ class CampaignRun(Result):
     table: pd.DataFrame
     joined: JoinedCampaign | None = None
     altered: tuple[str, ...] = ()
+    compared: pd.DataFrame | None = None
 
     @property
     def failed(self) -> tuple[LogOutcome, ...]:
@@ -165,6 +174,7 @@ def run_campaign(
     workers: int = 1,
     dask: str | None = None,
     models: Sequence[str | Path] = (),
+    compare: str | Path | None = None,
     progress: Progress = lambda *_: None,
 ) -> CampaignRun:
     """Analyse every log, and combine the tests into a table and one measurement.
@@ -183,6 +193,8 @@ def run_campaign(
         Address of a scheduler; its workers must have the logs under the same paths.
     models
         Files of curves to compare with the tests.
+    compare
+        Table of other tests to compare with (``tcdyn.workflows.campaign_table.read_compared``).
     progress
         Called with the name of a log, the number of logs done, and the number of all.
 
@@ -208,6 +220,7 @@ def run_campaign(
     _check_names(paths)
     folder = Path(out)
     curves = [read_curve(path) for path in models]
+    compared = None if compare is None else read_compared(compare)
     given_results = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
     rig = rig_fingerprint(settings.rig, settings.records) if given_results else ""
     outcomes: dict[int, list[LogOutcome]] = {
@@ -252,7 +265,7 @@ def run_campaign(
         write_text(folder / JOINED_FILE, json_text(campaign.to_dict()))
         for name, text in zip(PAPER_FILES, (paper_csv(campaign), paper_latex(campaign))):
             write_text(folder / name, text)
-    return CampaignRun(folder, ordered, table, campaign, altered)
+    return CampaignRun(folder, ordered, table, campaign, altered, compared)
 
 
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
