@@ -15,6 +15,7 @@ from tcdyn.plots.calibration import (
     draw_error_histogram,
     draw_lags,
     draw_log,
+    draw_touches,
     draw_transducer,
 )
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
@@ -107,6 +108,7 @@ __all__ = [
     "draw_running_surface",
     "draw_step",
     "draw_temperatures",
+    "draw_touches",
     "draw_tradeoff",
     "draw_transducer",
     "draw_unloading",

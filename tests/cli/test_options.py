@@ -51,6 +51,7 @@ PRINT_NUMBERS = {
     "sensor pair",
     "sensor current",
     "sensor noise",
+    "sensor touch",
     "response",
 }
 PAGE_LONG = {
