@@ -28,6 +28,7 @@ from tcdyn.cli.common import (
     print_first_warning,
     stage_progress,
 )
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
 
 Bearing = Annotated[
@@ -198,6 +199,13 @@ def campaign(
             "sliding_speed_m_s and friction_N, fast_bulk_degC or other columns of campaign.csv"
         ),
     ] = None,
+    interchanged: Annotated[
+        str | None,
+        typer.Option(
+            help="of two logs of one test: junctions whose channels were interchanged between "
+            "them, such as slow_a,slow_c; compares the temperature maps (section 6.4.2.4)"
+        ),
+    ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     *,
@@ -242,6 +250,11 @@ def campaign(
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None
     channels_left_out(without or (), rig_settings.setups)
+    pair = tuple(name.strip() for name in interchanged.split(",")) if interchanged else ()
+    if interchanged and len(pair) != 2:
+        raise InputError(
+            f"--interchanged is {interchanged!r}", expected="two junctions: slow_a,slow_c"
+        )
     settings = CampaignSettings(
         rig_settings, records, window_s, seed, rolling, tuple(without or ())
     )
@@ -257,6 +270,7 @@ def campaign(
             dask=dask,
             models=model or (),
             compare=compare,
+            interchanged=(pair[0], pair[1]) if pair else None,
             progress=progress,
         )
     all_failed = len(run.failed) == len(run.outcomes)

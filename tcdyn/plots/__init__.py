@@ -19,7 +19,7 @@ from tcdyn.plots.calibration import (
     draw_transducer,
 )
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
-from tcdyn.plots.campaign import draw_beta, draw_quantity
+from tcdyn.plots.campaign import draw_beta, draw_junction_map, draw_quantity
 from tcdyn.plots.circumferential import draw_middle_plane, draw_running_surface
 from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
 from tcdyn.plots.conduction import (
@@ -89,6 +89,7 @@ __all__ = [
     "draw_heat_transfer",
     "draw_holes",
     "draw_inverse_check",
+    "draw_junction_map",
     "draw_junctions",
     "draw_lags",
     "draw_lines",

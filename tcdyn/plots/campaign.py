@@ -8,7 +8,7 @@ generalised least squares. Tests: ``tests/report/test_campaign_page.py`` and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from tcdyn.plots.style import (
     style_axes,
 )
 from tcdyn.plots.transient import draw_depth_errors
+from tcdyn.rig.disk import DiskSetup
 from tcdyn.workflows.campaign_table import QUANTITIES, analysed_rows, trend
 
 # Labels of the conditions that can be on the x axis.
@@ -241,6 +242,50 @@ def _draw_series(
         ax.plot(ends, line.intercept + line.slope * ends, style, color=colour, linewidth=width)
     if label:
         ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
+
+
+def draw_junction_map(
+    temperature_degC: Mapping[str, float],
+    setup: DiskSetup,
+    ax: Axes,
+    title: str = "",
+    limits_degC: tuple[float, float] | None = None,
+) -> Axes:
+    """Plot the temperature of each junction of a disk over width and depth (figures 6.1 and 6.21).
+
+    Parameters
+    ----------
+    temperature_degC
+        Temperature by junction, such as "slow_a"; others than those of the disk are left out.
+    setup
+        The disk.
+    ax
+        Axes to plot into.
+    title
+        Title of the axes.
+    limits_degC
+        Range of the colours; by default that of the temperatures.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
+    names = [c for c in setup.channels if f"{setup.name}_{c}" in temperature_degC]
+    z_mm = [1e3 * setup.junctions[c].z_m for c in names]
+    depth_mm = [1e3 * setup.junctions[c].depth_m for c in names]
+    levels = [temperature_degC[f"{setup.name}_{c}"] for c in names]
+    low, high = limits_degC or (min(levels), max(levels))
+    colours: dict[str, Any] = {"cmap": "cividis", "vmin": low, "vmax": high}
+    ax.scatter(z_mm, depth_mm, c=levels, s=160, edgecolors=TRUTH, **colours)
+    for name, x, y, level in zip(names, z_mm, depth_mm, levels):
+        label = f"{name} {level:.1f}"
+        ax.annotate(label, (x, y), (0, -13), textcoords="offset points", ha="center", va="top")
+    ax.set_xlim(0, 1e3 * setup.width_m)
+    ax.set_ylim(1.35 * max(depth_mm), 0)
+    return style_axes(
+        ax, "axial position [mm]", "depth below the running surface [mm]", title=title
+    )
 
 
 def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_us_K_m_s") -> Axes:

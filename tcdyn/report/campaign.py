@@ -16,6 +16,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from tcdyn.campaign import MapComparison
 from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure, panel_figure
@@ -24,6 +25,7 @@ from tcdyn.report.campaign_joint import joined_result, joined_sections
 from tcdyn.report.page import Section, cells_with_u, write_page
 from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
+from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_table import QUANTITIES, comparison_table, trend_table
 
@@ -71,6 +73,8 @@ def write_campaign_report(
     if run.failed:
         errors = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
         sections.append(Section("Logs that could not be analysed", table=errors))
+    if run.interchange is not None:
+        sections.append(_interchange_section(run.interchange, run.rig))
     if joined is not None:
         sections += joined_sections(joined)
     for section in [*_test_sections(table, run.compared), *_source_sections(run, records)]:
@@ -243,6 +247,58 @@ def _comparison_section(table: pd.DataFrame, compared: pd.DataFrame) -> Section:
     if not rows:
         text = f"{name} has no sliding speed in common with this campaign at three loads or more."
     return Section(f"Comparison with {name}", text, table=pd.DataFrame(rows) if rows else None)
+
+
+def _interchange_section(comparison: MapComparison, rig: Rig | None) -> Section:
+    """Return the maps of two tests before and after an interchange of channels.
+
+    Parameters
+    ----------
+    comparison
+        The comparison.
+    rig
+        The rig, for the places of the junctions; None: no figure.
+    """
+    first, second = comparison.interchanged
+    rows = []
+    for name, before in comparison.before_degC.items():
+        after = comparison.after_degC[name]
+        rows.append(
+            {
+                "junction": name,
+                f"{comparison.tests[0]}, before [°C]": f"{before:.2f}",
+                f"{comparison.tests[1]}, after [°C]": f"{after:.2f}",
+                "after minus expected [K]": f"{after - comparison.expected_degC[name]:+.2f}",
+            }
+        )
+    text = (
+        f"{comparison.summary()}.\n\nExpected: linear in the temperature before, by the junctions "
+        "that were not interchanged. The uncertainty is that of their scatter."
+    )
+    picture = None
+    if rig is not None:
+        setup = rig.disk_setup(first.partition("_")[0])
+        own = [
+            level
+            for levels in (comparison.before_degC, comparison.after_degC)
+            for name, level in levels.items()
+            if name.startswith(f"{setup.name}_")
+        ]
+        limits = (min(own), max(own))
+        panels = [
+            partial(draw.draw_junction_map, levels, setup, title=name, limits_degC=limits)
+            for name, levels in zip(
+                comparison.tests, (comparison.before_degC, comparison.after_degC)
+            )
+        ]
+        picture = panel_figure(*panels, height_in=3.4)
+    return Section(
+        f"Channels of {first} and {second} interchanged",
+        text,
+        table=pd.DataFrame(rows),
+        figure=picture,
+        caption="Compare figure 6.21: temperature of each junction [°C], before (left) and after.",
+    )
 
 
 def campaign_verdict(run: CampaignRun) -> str:

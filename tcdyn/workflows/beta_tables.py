@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from math import hypot
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from immersion.fluids import fluid
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, text_with_u
@@ -29,13 +31,14 @@ from tcdyn.partition.cooling import (
     cooling_sensitivity,
     smooth_traces,
 )
+from tcdyn.partition.film_heat import film_heat_share
 from tcdyn.partition.joint import SHARE, main_covariance, nuisance_parameters
 from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.partition.single_disk import OneDisk
 from tcdyn.partition.specified import log_h_prior
-from tcdyn.partition.window import fit_rows
+from tcdyn.partition.window import fit_rows, rows_between
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 
 
@@ -167,6 +170,7 @@ COLUMN_HEADINGS = {
 }
 # window lengths [s] of ``cooling_by_window``; chosen by judgement
 WINDOW_LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+OIL_WINDOW_S = 20.0  # before the unloading, for the temperature of the oil film; by judgement
 # fields of a row of the budget that ``budget_table`` shows next to the recommended estimate
 BUDGET_FIELDS = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0  # two estimates agree below so many standard uncertainties of their difference
@@ -258,20 +262,56 @@ def budget_table(p: Partition) -> pd.DataFrame:
 
     The columns are the fit of both disks (recommended), the speed law and the cooling fit; the last
     row is the total.
+
+    Notes
+    -----
+    The heat that the oil film carries away (appendix B) enters neither disk, like a friction that
+    is read too high by this share. It is not corrected; its line is its effect on beta.
     """
-    speed, cooling = p.budget.total_u
     both, by_way = joint_budget(p), {r.source: r for r in p.budget.rows}
-    rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
-    total = sum(u**2 for u in both.values()) ** 0.5
-    table = [
-        [both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BUDGET_FIELDS)] for x in rows
-    ]
+    rows = {
+        source: [
+            both.get(source, 0.0),
+            *(getattr(by_way.get(source), k, 0.0) for k in BUDGET_FIELDS),
+        ]
+        for source in sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
+    }
+    total_u = [sum(u**2 for u in both.values()) ** 0.5, *p.budget.total_u]
+    friction_rel = p.test.disks["fast"].uncertainty.friction_rel
+    if "friction" in rows and friction_rel > 0:
+        ratio = oil_film_share(p) / friction_rel
+        rows["oil film"] = [ratio * u for u in rows["friction"]]
+        total_u = [hypot(total, film) for total, film in zip(total_u, rows["oil film"])]
+    rows["all together"] = total_u
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
-    rows = [*rows, "all together"]
-    table = [*table, [total, speed, cooling]]
-    return pd.DataFrame(
-        [(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns
+    cells = [(source, *map(u_of_beta, parts)) for source, parts in rows.items()]
+    return pd.DataFrame(cells, columns=columns)
+
+
+def oil_film_share(p: Partition | OneDisk) -> float:
+    """Share of the frictional heat that leaves with the oil film, assumed to be Mobil Jet Oil II.
+
+    The oil has the mean temperature of the junctions in the last seconds under load.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    """
+    test = p.test
+    rows = rows_between(test.time_s, test.events.unload_s - OIL_WINDOW_S, test.events.unload_s)
+    disks = list(test.disks.values())
+    bulk_degC = np.mean([np.nanmean(disk.readings_degC[rows]) for disk in disks])
+    setup = disks[0].setup
+    return film_heat_share(
+        test.load_N,
+        test.friction_N,
+        test.sliding_speed_m_s,
+        test.entraining_speed_m_s,
+        fluid("mobil-jet-ii").at(bulk_degC),
+        setup.outer_radius_m,
+        setup.crown_radius_m,
     )
 
 
@@ -289,6 +329,7 @@ def conditions_table(p: Partition | OneDisk) -> pd.DataFrame:
         ("friction coefficient", f"{t.friction_N / t.load_N:.4f}", "1"),
         ("sliding speed", f"{t.sliding_speed_m_s:.2f}", "m/s"),
         ("entraining speed", f"{t.entraining_speed_m_s:.2f}", "m/s"),
+        ("frictional heat that leaves with the oil film", f"{100 * oil_film_share(p):.2f}", "%"),
         ("half-width of the contact", f"{t.half_width_m * 1e3:.3f}", "mm"),
         ("load on at", f"{t.events.load_on_s:.2f}", "s"),
         ("unloading at", text_with_u(t.events.unload_s, t.events.unload_u_s), "s"),
