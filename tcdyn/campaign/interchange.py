@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.result import Result, jsonable
+from tcdyn.core.result import Result
 from tcdyn.estimation.line_fit import fit_line
 
 TemperatureMap = Mapping[str, Mapping[str, float | None]]  # by disk and junction [degC]
@@ -72,7 +72,7 @@ class MapComparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The entry of ``campaign.json``."""
-        return {**jsonable(super().to_dict()), "is_channel_error": self.is_channel_error}
+        return {**super().to_dict(), "is_channel_error": self.is_channel_error}
 
 
 def compare_maps(
