@@ -112,6 +112,8 @@ def _test_sections(table: pd.DataFrame, compared: pd.DataFrame | None) -> list[S
     ]
     if len(good) > 1:
         sections += campaign_pictures(table, compared)
+    if compared is not None:
+        sections.append(comparison_section(table, compared))
     about_conditions = DELTA_T_US if len(good) == 1 else ""
     about_temperatures = "a and bulk (mean of all junctions): steady segment."
     sections.append(Section("Conditions", about_conditions, condition_table(good)))
@@ -158,7 +160,7 @@ def campaign_pictures(table: pd.DataFrame, compared: pd.DataFrame | None = None)
     draw_one = partial(draw.draw_quantity, table, compared=compared)
     coefficient = partial(draw_one, "friction_coefficient")
     lines = "Lines are least squares, drawn where three loads or more were run."
-    sections = [
+    return [
         Section(
             "β of each test alone over ΔT u_s",
             DELTA_T_US,
@@ -190,9 +192,6 @@ def campaign_pictures(table: pd.DataFrame, compared: pd.DataFrame | None = None)
             "speeds, or more.",
         ),
     ]
-    if compared is not None:
-        sections.append(_comparison_section(table, compared))
-    return sections
 
 
 def _figure_of_disks(draw_one: Callable[[str, Axes], Axes], quantity: str) -> Figure:
@@ -212,7 +211,7 @@ def _figure_of_disks(draw_one: Callable[[str, Axes], Axes], quantity: str) -> Fi
     return fig
 
 
-def _comparison_section(table: pd.DataFrame, compared: pd.DataFrame) -> Section:
+def comparison_section(table: pd.DataFrame, compared: pd.DataFrame) -> Section:
     """Return the differences between other tests and those of the campaign.
 
     Parameters

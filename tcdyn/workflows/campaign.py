@@ -42,6 +42,7 @@ from tcdyn.workflows.campaign_results import (
 from tcdyn.workflows.campaign_table import (
     AGREE_CODE,
     campaign_table,
+    comparison_table,
     read_compared,
     table_csv,
     table_row,
@@ -285,6 +286,8 @@ def run_campaign(
         content = campaign.to_dict()
         if interchange is not None:
             content["interchange"] = interchange.to_dict()
+        if compared is not None:
+            content["compared"] = comparison_table(table, compared)
         write_text(folder / JOINED_FILE, json_text(content))
         for name, text in zip(PAPER_FILES, (paper_csv(campaign), paper_latex(campaign))):
             write_text(folder / name, text)

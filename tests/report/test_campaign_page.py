@@ -25,6 +25,7 @@ from tcdyn.plots.style import figure
 from tcdyn.report.campaign import (
     campaign_pictures,
     campaign_verdict,
+    comparison_section,
     partition_table,
     trend_lines,
     write_campaign_report,
@@ -308,10 +309,11 @@ def test_other_tests_are_compared_at_the_same_load(tmp_path: Path) -> None:
     assert difference.value == pytest.approx(coefficients[2], rel=1e-9)
     assert difference.u == pytest.approx(u, rel=1e-9)
     assert difference.high95 - difference.value == pytest.approx(stats.t.ppf(0.975, 6) * u)
-    section = campaign_pictures(table, compared)[-1]
+    section = comparison_section(table, compared)
     assert section.title == "Comparison with clarke.csv"
     assert section.table is not None
     assert len(section.table) == 2
+    assert all(s.figure is not None for s in campaign_pictures(table, compared))
 
 
 @pytest.mark.parametrize(
