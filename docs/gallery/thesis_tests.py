@@ -3,7 +3,7 @@
 import pandas as pd
 from common import save
 
-from tcdyn.plots import draw_friction_coefficient, draw_temperature, draw_traction
+from tcdyn.plots import draw_quantity
 from tcdyn.plots.style import figure
 from tcdyn.simulate.programme import PROGRAMME
 from tcdyn.verify.published import CLARKE_STEADY
@@ -20,11 +20,11 @@ table = pd.DataFrame(
     }
 )
 table["friction_coefficient"] = table["friction_N"] / table["load_N"]
-table["group"] = [k // 4 for k in range(16)]
 
 picture, axes = figure(2, 2, width_in=10.0, height_in=6.8)
-draw_traction(table, axes[0])
-draw_friction_coefficient(table, axes[1])
+draw_quantity(table, "friction_N", axes[0])
+draw_quantity(table, "friction_coefficient", axes[1], against="sliding_speed_m_s")
 for disk, ax in zip(("fast", "slow"), axes[2:]):
-    draw_temperature(table, disk, "a_degC", "junction a", ax)
+    draw_quantity(table, f"{disk}_a_degC", ax)
+    ax.set_ylabel(f"junction a, {disk} disk [°C]")
 save(picture, __file__)

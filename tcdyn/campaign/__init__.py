@@ -4,10 +4,12 @@ Shared quantities of the rig are estimated once, so differences between tests an
 better known than levels. Order of the work: ``compress`` makes the sufficient statistics of a test,
 ``posterior`` solves all tests, ``outliers`` removes tests that disagree, and ``exponent``,
 ``trends`` and ``result`` evaluate the posterior. ``stages`` splits a log into tests, ``planned``
-predicts a campaign. The tests are in ``tests/campaign``.
+predicts a campaign, ``interchange`` compares
+the temperature maps of two tests. The tests are in ``tests/campaign``.
 """
 
 from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of
+from tcdyn.campaign.interchange import MapComparison, compare_maps
 from tcdyn.campaign.posterior import Posterior, solve_campaign
 from tcdyn.campaign.result import JoinedCampaign, joined
 from tcdyn.campaign.sufficient_statistics import (
@@ -18,8 +20,10 @@ from tcdyn.campaign.sufficient_statistics import (
 
 __all__ = [
     "JoinedCampaign",
+    "MapComparison",
     "Posterior",
     "SufficientStatistics",
+    "compare_maps",
     "compress_likelihood",
     "joined",
     "rig_fingerprint",

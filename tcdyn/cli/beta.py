@@ -27,6 +27,7 @@ from tcdyn.cli.common import (
     print_first_warning,
     stage_progress,
 )
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
 
 Bearing = Annotated[
@@ -194,6 +195,20 @@ def campaign(
             "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; repeat for several"
         ),
     ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            help="table of other tests to compare with, such as a campaign.csv: load_N, "
+            "sliding_speed_m_s and friction_N, fast_bulk_degC or other columns of campaign.csv"
+        ),
+    ] = None,
+    interchanged: Annotated[
+        str | None,
+        typer.Option(
+            help="of two logs of one test: junctions whose channels were interchanged between "
+            "them, such as slow_a,slow_c; compares the temperature maps (section 6.4.2.4)"
+        ),
+    ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     *,
@@ -233,11 +248,16 @@ def campaign(
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
     for name in OUTPUTS:
-        check_outputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
+        check_outputs([*logs, rig, bearing, compare, *record, *(model or ())], out=out / name)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None
     channels_left_out(without or (), rig_settings.setups)
+    pair = tuple(name.strip() for name in interchanged.split(",")) if interchanged else ()
+    if interchanged and len(pair) != 2:
+        raise InputError(
+            f"--interchanged is {interchanged!r}", expected="two junctions: slow_a,slow_c"
+        )
     settings = CampaignSettings(
         rig_settings, records, window_s, seed, rolling, tuple(without or ())
     )
@@ -246,7 +266,15 @@ def campaign(
     n_workers = workers or min(2, os.cpu_count() or 1)
     with count_progress(len(logs), reporter.is_silent) as progress:
         run = run_campaign(
-            logs, settings, out, workers=n_workers, dask=dask, models=model or (), progress=progress
+            logs,
+            settings,
+            out,
+            workers=n_workers,
+            dask=dask,
+            models=model or (),
+            compare=compare,
+            interchanged=(pair[0], pair[1]) if pair else None,
+            progress=progress,
         )
     all_failed = len(run.failed) == len(run.outcomes)
     if all_failed:

@@ -14,12 +14,15 @@ from dataclasses import dataclass, is_dataclass
 from functools import wraps
 from pathlib import Path
 from time import monotonic
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import Finding, unique, warnings_and_errors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "records": "--record",
@@ -29,6 +32,9 @@ OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "resample_s": "--resample",
     "start_s": "--covariance-from-s",
 }
+# Endings of pictures that matplotlib writes and the commands allow, and their option.
+PICTURES = (".png", ".svg", ".pdf")
+Picture = typer.Option(help="picture to write: .png, .svg or .pdf")
 RigFile = Annotated[
     Path | None, typer.Option("--rig", help="rig.toml; without it the defaults are used")
 ]
@@ -213,7 +219,7 @@ def in_range(
 
 
 def number_option(
-    option: str, help_text: str, low: float, high: float, *, ends: bool = True
+    option: str, help_text: str, low: float, high: float, *other_names: str, ends: bool = True
 ) -> Any:
     """An option whose numbers must lie within limits.
 
@@ -225,6 +231,8 @@ def number_option(
         Its help.
     low, high
         Limits.
+    *other_names
+        Other names of the option, with dashes.
     ends
         Whether the limits themselves are allowed.
 
@@ -233,7 +241,8 @@ def number_option(
     option
         Option with the callback of :func:`in_range`.
     """
-    return typer.Option(option, help=help_text, callback=in_range(low, high, ends=ends))
+    callback = in_range(low, high, ends=ends)
+    return typer.Option(option, *other_names, help=help_text, callback=callback)
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -435,3 +444,36 @@ def dump(data: Any) -> str:
     from tcdyn.core.result import json_text
 
     return json_text(data)
+
+
+def check_picture(out: Path | None, inputs: Iterable[Path | None]) -> None:
+    """Raise InputError for a picture of another format, or one that is an input.
+
+    Parameters
+    ----------
+    out
+        Picture to write; None: none.
+    inputs
+        Files that the command reads.
+    """
+    if out is None:
+        return
+    if out.suffix.lower() not in PICTURES:
+        raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
+    check_outputs(inputs, out=out)
+
+
+def save_picture(picture: Figure, out: Path) -> None:
+    """Save a picture; an interrupted write leaves the old file.
+
+    Parameters
+    ----------
+    picture
+        The figure.
+    out
+        File to write.
+    """
+    from tcdyn.io.write import atomic_path
+
+    with atomic_path(out) as temporary:
+        picture.savefig(temporary, dpi=150)

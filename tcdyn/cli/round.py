@@ -11,18 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import Reporter, check_choice, check_outputs, option_groups
+from tcdyn.cli.common import (
+    Picture,
+    Reporter,
+    check_choice,
+    check_picture,
+    option_groups,
+    save_picture,
+)
 from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, bore_contacts
-from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
-    from matplotlib.figure import Figure
 
     from tcdyn.rig.disk import DiskSetup
-
-# Endings of pictures that matplotlib writes and the command allows.
-PICTURES = (".png", ".svg", ".pdf")
 
 app = typer.Typer(
     name="round",
@@ -35,7 +37,7 @@ app = typer.Typer(
 @app.command("simulate")
 @option_groups
 def simulate_round(
-    out: Annotated[Path, typer.Option(help="picture to write: .png, .svg or .pdf")],
+    out: Annotated[Path, Picture],
     test: Test = "B3",
     seed: Seed = 0,
     beta: Beta = None,
@@ -59,10 +61,10 @@ def simulate_round(
     from tcdyn.simulate.field import disk_fields
     from tcdyn.simulate.truth import draw_truth
 
-    _check_picture(out, rig)
+    check_picture(out, [rig])
     truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
     disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
-    _save(circumferential_figure([disks[d] for d in DISKS]), out)
+    save_picture(circumferential_figure([disks[d] for d in DISKS]), out)
     numbers = {
         d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].reading_degC}
         for d in DISKS
@@ -81,7 +83,7 @@ def fit_round(
     disk: Annotated[
         str | None, typer.Option(help="fast or slow (default: each with a stated fit)")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
+    out: Annotated[Path | None, Picture] = None,
     *,
     reporter: Reporter,
 ) -> None:
@@ -106,7 +108,7 @@ def fit_round(
     if disk is not None:
         check_choice("--disk", disk, DISKS)
     if out is not None:
-        _check_picture(out, rig)
+        check_picture(out, [rig])
     rig_settings = load_rig(rig)
     setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
     stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]
@@ -114,7 +116,7 @@ def fit_round(
     if out is not None:
         draws = [partial(draw_press_fit, s) for s in stated]
         rows = len(stated)
-        _save(panel_figure(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
+        save_picture(panel_figure(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
     reporter.json(lambda: {"picture": out, **numbers})
     for name, x in numbers.items():
         reporter.text(
@@ -146,37 +148,6 @@ def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
         "first": harmonic_numbers[1],
         "second": harmonic_numbers[2],
     }
-
-
-def _check_picture(out: Path, rig: Path | None) -> None:
-    """Raise InputError for a picture of another format, or one that is an input.
-
-    Parameters
-    ----------
-    out
-        Picture to write.
-    rig
-        Rig file; None: none.
-    """
-    if out.suffix.lower() not in PICTURES:
-        raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
-    check_outputs([rig], out=out)
-
-
-def _save(picture: Figure, out: Path) -> None:
-    """Save a picture; an interrupted write leaves the old file.
-
-    Parameters
-    ----------
-    picture
-        The figure.
-    out
-        File to write.
-    """
-    from tcdyn.io.write import atomic_path
-
-    with atomic_path(out) as temporary:
-        picture.savefig(temporary, dpi=150)
 
 
 def _range(x: np.ndarray) -> tuple[float, float]:

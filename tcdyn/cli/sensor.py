@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tcdyn.cli.common import (
+    Picture,
     Reporter,
     check_choice,
     check_outputs,
+    check_picture,
     exit_status,
     number_option,
     option_groups,
+    save_picture,
 )
 from tcdyn.cli.tables import TableReading, value_and_u
 from tcdyn.core.errors import InputError
@@ -360,8 +363,68 @@ def noise(
     output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
 
 
+@app.command()
+@option_groups
+def touch(
+    log: Log,
+    column: Columns,
+    order: Annotated[
+        str | None,
+        typer.Option(
+            help="columns in the order of touching, separated by commas: T2,T1,T3 (default: not "
+            "stated)"
+        ),
+    ] = None,
+    touch_s: Annotated[
+        float, number_option("--touch-s", "duration of a touch in seconds", 0.01, 600)
+    ] = 2.0,
+    out: Annotated[Path | None, Picture] = None,
+    *,
+    reading: TableReading,
+    reporter: Reporter,
+) -> None:
+    """Report which column responds when the sensors are touched one after the other.
+
+    Touch the place of each sensor for two seconds with a soldering iron or a warm finger, and wait
+    ten seconds before the next. With --order, a warning reports each touch to which another column
+    responded.
+
+    Example: tcdyn sensor touch touch.csv --column "slow_*_degC" --order slow_a,slow_b --out t.png
+    """
+    from functools import partial
+
+    import numpy as np
+
+    from tcdyn.sensors.touch import find_touches
+    from tcdyn.sensors.units import match_columns
+
+    check_picture(out, [log])
+    t, values, findings, names = _read(log, column, reading, several=True)
+    stated = []
+    for word in (order or "").split(","):
+        if word.strip():
+            stated += match_columns(word.strip(), names, str(log))
+    readings = np.column_stack(values)
+    result = find_touches(t, readings, names, touch_s=touch_s, order=stated)
+    if out is not None:
+        from tcdyn.plots.calibration import draw_touches
+        from tcdyn.plots.style import panel_figure
+
+        save_picture(panel_figure(partial(draw_touches, result, t, readings, names)), out)
+    reporter.json(result.to_dict)
+    reporter.text(result.summary())
+    reporter.findings([*findings, *result.findings])
+    reporter.files(picture=out)
+    exit_status(str(log), [*findings, *result.findings])
+
+
 def _read(
-    log: Path, columns: list[str], reading: TableReading, plain: tuple[str, ...] = ()
+    log: Path,
+    columns: list[str],
+    reading: TableReading,
+    plain: tuple[str, ...] = (),
+    *,
+    several: bool = False,
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
     """Read columns of a table.
 
@@ -375,6 +438,8 @@ def _read(
         Options for time and units.
     plain
         Columns that are not temperatures.
+    several
+        Whether a pattern of ``columns`` may match several.
 
     Returns
     -------
@@ -391,7 +456,7 @@ def _read(
     names = []
     for pattern in (*columns, *plain):
         matches = match_columns(pattern, candidates, opened.table.where)
-        if len(matches) > 1:
+        if len(matches) > 1 and not several:
             raise InputError(
                 f"{pattern!r} matches {len(matches)} columns",
                 where=str(log),
@@ -399,9 +464,15 @@ def _read(
                 remedy=f"for example name {matches[0]!r}",
             )
         names += matches
+    if several:
+        names = list(dict.fromkeys(names))
     cold = cold_column(options["cold"], opened.table.names, opened.table.where)
     units, unit_findings = units_of(
-        names[: len(columns)], options["unit"], options["couple"], cold, opened.table.units
+        names[: len(names) - len(plain)],
+        options["unit"],
+        options["couple"],
+        cold,
+        opened.table.units,
     )
     t, values, findings = read_columns(log, names, units, opened.time, reading.time_unit)
     return t, [values[name] for name in names], [*unit_findings, *findings], names

@@ -187,6 +187,16 @@ def ehl(
     out: Out,
     test: Test = "B3",
     beta: Beta = None,
+    unloading_s: Annotated[
+        float,
+        number_option(
+            "--unloading-s",
+            "time in seconds in which load and friction fall to zero; 1.5 in figure 4.20",
+            0.001,
+            60,
+            "--parting-s",
+        ),
+    ] = 0.02,
     brake: Annotated[
         float | None,
         number_option(
@@ -220,14 +230,17 @@ def ehl(
 ) -> None:
     """Simulate an EHL test of both disks: warm running, loading, unloading, cooling.
 
-    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven
-    slow:0.5@30
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --unloading-s 1.5 --brake 3
+    --again 0.2@1 --uneven slow:0.5@30
     """
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
     truth = simulated.for_log(out).with_uneven(bore_contacts(uneven)).with_film_air(film_air_K)
     options = EhlOptions(
-        beta=beta, brake_s=brake, again_s=tuple(_contact_again(text) for text in again or ())
+        beta=beta,
+        parting_s=unloading_s,
+        brake_s=brake,
+        again_s=tuple(_contact_again(text) for text in again or ()),
     )
     _write(out, reporter, *simulate_ehl(test, simulated.seed, truth, options))
 

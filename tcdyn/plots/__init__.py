@@ -15,15 +15,11 @@ from tcdyn.plots.calibration import (
     draw_error_histogram,
     draw_lags,
     draw_log,
+    draw_touches,
     draw_transducer,
 )
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
-from tcdyn.plots.campaign import (
-    draw_beta,
-    draw_friction_coefficient,
-    draw_temperature,
-    draw_traction,
-)
+from tcdyn.plots.campaign import draw_beta, draw_junction_map, draw_quantity
 from tcdyn.plots.circumferential import draw_middle_plane, draw_running_surface
 from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
 from tcdyn.plots.conduction import (
@@ -90,10 +86,10 @@ __all__ = [
     "draw_field",
     "draw_filter_report",
     "draw_fit",
-    "draw_friction_coefficient",
     "draw_heat_transfer",
     "draw_holes",
     "draw_inverse_check",
+    "draw_junction_map",
     "draw_junctions",
     "draw_lags",
     "draw_lines",
@@ -107,13 +103,13 @@ __all__ = [
     "draw_plunge_residuals",
     "draw_poles",
     "draw_profiles",
+    "draw_quantity",
     "draw_record",
     "draw_residuals",
     "draw_running_surface",
     "draw_step",
-    "draw_temperature",
     "draw_temperatures",
-    "draw_traction",
+    "draw_touches",
     "draw_tradeoff",
     "draw_transducer",
     "draw_unloading",

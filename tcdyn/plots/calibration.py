@@ -20,10 +20,12 @@ from calibration.static_lines import OvenFit, error_histogram
 from calibration.transducers import BearingFriction, TransducerLine
 from immersion.plunge_result import LagShare
 from tcdyn.chain import Chain
+from tcdyn.core import Array
 from tcdyn.plots.style import (
     DARK,
     GREY,
     PALE,
+    SERIES_COLOURS,
     SERIES_LINES,
     SERIES_MARKERS,
     SLOW,
@@ -35,6 +37,7 @@ from tcdyn.plots.style import (
 from tcdyn.rig.log import COMPENSATED, Log
 from tcdyn.rig.record import ChainRecord
 from tcdyn.rig.static_line import static_u
+from tcdyn.sensors.touch import TouchLog
 
 MIN_BINS = 12  # bins of a histogram over the range of the errors, at least; chosen by judgement
 CHANNEL_SHIFT = 0.006  # sideways shift between channels, as a share of the temperature range
@@ -363,3 +366,53 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     label = f"lag {chain.lag_s:.3g} s"
     ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=label)
     return style_axes(ax, "time after the step [s]", "share of the step [1]", loc="lower right")
+
+
+def draw_touches(
+    touch_log: TouchLog, time_s: Array, readings_degC: Array, columns: Sequence[str], ax: Axes
+) -> Axes:
+    """Plot the rise of each column, with the column that responded to each touch (figure 6.18).
+
+    Parameters
+    ----------
+    touch_log
+        The touches.
+    time_s, readings_degC
+        Times (N,) [s] and readings (N, M) [degC].
+    columns
+        Names of the columns (M).
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
+    rows = every_nth(len(time_s))
+    rise_K = readings_degC - np.nanmedian(readings_degC, axis=0)
+    for k, column in enumerate(columns):
+        style: dict[str, Any] = {
+            "color": SERIES_COLOURS[k % len(SERIES_COLOURS)],
+            "linestyle": SERIES_LINES[k // len(SERIES_COLOURS) % len(SERIES_LINES)],
+        }
+        ax.plot(time_s[rows], rise_K[rows, k], linewidth=0.9, label=column, **style)
+    for number, touch in enumerate(touch_log.touches, 1):
+        is_as_stated = touch.expected in ("", touch.column)
+        text = f"{number}: {touch.column}"
+        if not is_as_stated:
+            text += f", not {touch.expected}"
+        ax.axvline(touch.time_s, color=GREY, linewidth=0.7)
+        ax.text(
+            touch.time_s,
+            1.0,
+            text,
+            rotation=90,
+            ha="right",
+            va="top",
+            fontsize=7,
+            fontweight="normal" if is_as_stated else "bold",
+            transform=ax.get_xaxis_transform(),
+        )
+    below: dict[str, Any] = {"ncols": 3, "loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
+    return style_axes(ax, "time [s]", "reading minus its median [K]", **below)

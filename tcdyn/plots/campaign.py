@@ -1,4 +1,4 @@
-"""Figures of a campaign: temperature, traction, friction, beta, and the joint posterior.
+"""Figures of a campaign: quantities over load or speed, beta, and the joint posterior.
 
 Used by the pages of a campaign (``tcdyn/report/campaign.py``, ``campaign_joint.py``). The lines of
 the tables are least squares (:func:`tcdyn.campaign.trends.trend`), those of the joint posterior
@@ -8,13 +8,12 @@ generalised least squares. Tests: ``tests/report/test_campaign_page.py`` and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.core.estimate import Z95
@@ -27,12 +26,11 @@ from tcdyn.plots.style import (
     SERIES_LINES,
     SERIES_MARKERS,
     TRUTH,
-    figure,
     style_axes,
 )
 from tcdyn.plots.transient import draw_depth_errors
-from tcdyn.rig.disk import DISKS
-from tcdyn.workflows.campaign_table import analysed_rows, speed_groups, trend
+from tcdyn.rig.disk import DiskSetup
+from tcdyn.workflows.campaign_table import QUANTITIES, analysed_rows, trend
 
 # Labels of the conditions that can be on the x axis.
 X_LABELS = {
@@ -43,98 +41,65 @@ X_LABELS = {
     "sliding_speed_m_s": "sliding speed [m/s]",
     "entraining_speed_m_s": "entraining speed [m/s]",
 }
-
+# Groups of the figures over load and over sliding speed: column, title, unit and decimals.
+GROUPS = {
+    "load_N": ("sliding_speed_m_s", "sliding speed", "m/s", 1),
+    "sliding_speed_m_s": ("load_N", "load", "N", 0),
+}
 
 LETTER_WIDTH = 0.013  # of a seven-point letter, as a share of the axes' width; measured by eye
 NAME_GAP = 0.006  # between two names, as a share of the axes' width; chosen by judgement
 
 
-def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure:
-    """Return ``<disk>_<quantity>`` over load, a panel for each disk (figures 6.17 and 7.20).
+def draw_quantity(
+    table: pd.DataFrame,
+    quantity: str,
+    ax: Axes,
+    against: str = "load_N",
+    compared: pd.DataFrame | None = None,
+) -> Axes:
+    """Plot a quantity of all tests over load or sliding speed, with least-squares lines.
 
-    Both panels have the same scale.
+    Figures 6.17, 6.33, 6.35 and 7.20 of the thesis are over the load, with a line for each sliding
+    speed; figure 6.34 is over the sliding speed, with a line for each load.
 
     Parameters
     ----------
     table
         Table of the tests of a campaign.
     quantity
-        End of the column name, after the name of the disk.
-    label
-        Axis label without unit.
-    """
-    fig, axes = figure(1, 2, height_in=3.8)
-    axes[1].sharey(axes[0])
-    for disk, ax in zip(DISKS, axes):
-        draw_temperature(table, disk, quantity, label, ax)
-    return fig
-
-
-def draw_temperature(table: pd.DataFrame, disk: str, quantity: str, label: str, ax: Axes) -> Axes:
-    """Plot ``<disk>_<quantity>`` [degC] over load, with a line for each sliding speed.
-
-    Parameters
-    ----------
-    table
-        Table of the tests of a campaign.
-    disk
-        Name of the disk.
-    quantity
-        End of the column name, after the name of the disk.
-    label
-        Axis label without unit.
+        Column of the table, such as those of ``tcdyn.workflows.campaign_table.QUANTITIES``. Points
+        have 95 % bars where the table has a column ``u_<quantity>``.
     ax
         Axes to plot into.
+    against
+        "load_N" or "sliding_speed_m_s".
+    compared
+        Other tests (``tcdyn.workflows.campaign_table.read_compared``), as open markers.
 
     Returns
     -------
     ax
         The same axes.
     """
-    return _draw_by_speed(table, f"{disk}_{quantity}", ax, f"{label} [°C]", f"{disk} disk")
-
-
-def draw_traction(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Plot the traction force over load, with a line for each sliding speed (figure 6.33).
-
-    Parameters
-    ----------
-    table
-        Table of the tests of a campaign.
-    ax
-        Axes to plot into.
-
-    Returns
-    -------
-    ax
-        The same axes.
-    """
-    return _draw_by_speed(table, "friction_N", ax, "traction force [N]")
-
-
-def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Plot the friction coefficient over sliding speed, with a line for each load (figure 6.34).
-
-    Parameters
-    ----------
-    table
-        Table of the tests of a campaign.
-    ax
-        Axes to plot into.
-
-    Returns
-    -------
-    ax
-        The same axes.
-    """
-    good = analysed_rows(table)
-    good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
-    for k, (_, group) in enumerate(good.groupby("group")):
-        label = f"{group['load_N'].mean():.0f} N"
-        _draw_series(ax, group, "sliding_speed_m_s", "friction_coefficient", k, label)
-    x = "sliding speed [m/s]"
-    y = "coefficient of friction [1]"
-    return style_axes(ax, x, y, legend_title="load", title_fontsize=8)
+    by, title, unit, digits = GROUPS[against]
+    if compared is not None and quantity not in compared:
+        compared = None
+    rows = analysed_rows(table, compared, by)
+    for k, (_, group) in enumerate(rows.groupby("group")):
+        is_compared = group["compared"].to_numpy(dtype=bool)
+        own = group[~is_compared]
+        level = group[by].mean() if own.empty else own[by].mean()
+        _draw_series(ax, own, against, quantity, k, f"{level:.{digits}f} {unit}")
+        if is_compared.any():
+            _draw_series(ax, group[is_compared], against, quantity, k, "", is_compared=True)
+    if compared is not None:
+        name = compared["test"].iloc[0]
+        open_marker: dict[str, Any] = {"color": TRUTH, "markerfacecolor": "white"}
+        ax.plot([], [], "o", label=name, **open_marker)
+    y = QUANTITIES.get(quantity, quantity)
+    legend: dict[str, Any] = {"legend_title": title, "title_fontsize": 8}
+    return style_axes(ax, X_LABELS[against], y, **legend)
 
 
 def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
@@ -231,40 +196,17 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
         )
 
 
-def _draw_by_speed(table: pd.DataFrame, column: str, ax: Axes, y: str, title: str = "") -> Axes:
-    """Plot a column over load, with a marker and a line for each sliding speed.
-
-    Parameters
-    ----------
-    table
-        Table of the tests of a campaign.
-    column
-        Column on the y axis.
-    ax
-        Axes to plot into.
-    y
-        Label of the y axis.
-    title
-        Title of the axes.
-
-    Returns
-    -------
-    ax
-        The same axes.
-    """
-    for k, (_, group) in enumerate(analysed_rows(table).groupby("group")):
-        label = f"{group['sliding_speed_m_s'].mean():.1f} m/s"
-        _draw_series(ax, group, "load_N", column, k, label)
-    legend: dict[str, Any] = {"legend_title": "sliding speed", "title_fontsize": 8}
-    return style_axes(ax, "load [N]", y, title=title, **legend)
-
-
 def _draw_series(
-    ax: Axes, group: pd.DataFrame, x_column: str, y_column: str, k: int, label: str
+    ax: Axes,
+    group: pd.DataFrame,
+    x_column: str,
+    y_column: str,
+    k: int,
+    label: str,
+    *,
+    is_compared: bool = False,
 ) -> None:
     """Plot one group of tests, with its least-squares line if there are enough tests.
-
-    Points have 95 % bars where the table has a column ``u_<y_column>``.
 
     Parameters
     ----------
@@ -277,7 +219,9 @@ def _draw_series(
     k
         Number of the group, which chooses colour, marker and line.
     label
-        Entry of the legend.
+        Entry of the legend; none if it is empty.
+    is_compared
+        Whether these are tests to compare with: open markers and a thin line.
     """
     x = group[x_column].to_numpy(dtype=float)
     y = group[y_column].to_numpy(dtype=float)
@@ -288,13 +232,60 @@ def _draw_series(
     if u_column in group:
         half_width = Z95 * group[u_column].to_numpy(dtype=float)
         ax.errorbar(x, y, yerr=half_width, fmt="none", ecolor=colour, capsize=2)
-    ax.plot(x, y, marker, color=colour, linestyle="none")
-    line = trend(x, y)
+    face = "white" if is_compared else colour
+    ax.plot(x, y, marker, color=colour, markerfacecolor=face, linestyle="none")
+    line = trend(x, y) if len(x) else None
     if line is not None:
         style = SERIES_LINES[k % len(SERIES_LINES)]
+        width = 0.6 if is_compared else 1.0
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, line.intercept + line.slope * ends, style, color=colour, linewidth=1)
-    ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
+        ax.plot(ends, line.intercept + line.slope * ends, style, color=colour, linewidth=width)
+    if label:
+        ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
+
+
+def draw_junction_map(
+    temperature_degC: Mapping[str, float],
+    setup: DiskSetup,
+    ax: Axes,
+    title: str = "",
+    limits_degC: tuple[float, float] | None = None,
+) -> Axes:
+    """Plot the temperature of each junction of a disk over width and depth (figures 6.1 and 6.21).
+
+    Parameters
+    ----------
+    temperature_degC
+        Temperature by junction, such as "slow_a"; others than those of the disk are left out.
+    setup
+        The disk.
+    ax
+        Axes to plot into.
+    title
+        Title of the axes.
+    limits_degC
+        Range of the colours; by default that of the temperatures.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
+    names = [c for c in setup.channels if f"{setup.name}_{c}" in temperature_degC]
+    z_mm = [1e3 * setup.junctions[c].z_m for c in names]
+    depth_mm = [1e3 * setup.junctions[c].depth_m for c in names]
+    levels = [temperature_degC[f"{setup.name}_{c}"] for c in names]
+    low, high = limits_degC or (min(levels), max(levels))
+    colours: dict[str, Any] = {"cmap": "cividis", "vmin": low, "vmax": high}
+    ax.scatter(z_mm, depth_mm, c=levels, s=160, edgecolors=TRUTH, **colours)
+    for name, x, y, level in zip(names, z_mm, depth_mm, levels):
+        label = f"{name} {level:.1f}"
+        ax.annotate(label, (x, y), (0, -13), textcoords="offset points", ha="center", va="top")
+    ax.set_xlim(0, 1e3 * setup.width_m)
+    ax.set_ylim(1.35 * max(depth_mm), 0)
+    return style_axes(
+        ax, "axial position [mm]", "depth below the running surface [mm]", title=title
+    )
 
 
 def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_us_K_m_s") -> Axes:

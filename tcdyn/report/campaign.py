@@ -6,33 +6,29 @@ Written by ``tcdyn campaign``. The sections on the joint posterior are in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from tcdyn.campaign import MapComparison
 from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.plots import campaign as draw
-from tcdyn.plots.style import panel_figure
+from tcdyn.plots.style import figure, panel_figure
 from tcdyn.report.beta import ASSUMPTIONS
 from tcdyn.report.campaign_joint import joined_result, joined_sections
 from tcdyn.report.page import Section, cells_with_u, write_page
 from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
+from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign import CampaignRun
-from tcdyn.workflows.campaign_table import trend_table
+from tcdyn.workflows.campaign_table import QUANTITIES, comparison_table, trend_table
 
-# Names of the quantities with trend lines.
-QUANTITY_LABELS = {
-    "fast_bulk_degC": "bulk temperature, fast disk [°C]",
-    "slow_bulk_degC": "bulk temperature, slow disk [°C]",
-    "fast_surface_max_degC": "hottest surface, fast disk [°C]",
-    "slow_surface_max_degC": "hottest surface, slow disk [°C]",
-    "friction_N": "traction force [N]",
-}
 # Texts of the page.
 DELTA_T_US = (
     "ΔT u_s is the difference between the hottest points of the two running surfaces (fast minus "
@@ -77,9 +73,11 @@ def write_campaign_report(
     if run.failed:
         errors = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
         sections.append(Section("Logs that could not be analysed", table=errors))
+    if run.interchange is not None:
+        sections.append(_interchange_section(run.interchange, run.rig))
     if joined is not None:
         sections += joined_sections(joined)
-    for section in [*_test_sections(table), *_source_sections(run, records)]:
+    for section in [*_test_sections(table, run.compared), *_source_sections(run, records)]:
         folded = section.folded or joined is not None
         sections.append(replace(section, folded=folded))
     plural = "s" if len(table) > 1 else ""
@@ -94,8 +92,16 @@ def write_campaign_report(
     )
 
 
-def _test_sections(table: pd.DataFrame) -> list[Section]:
-    """Return the sections of the tests analysed one by one."""
+def _test_sections(table: pd.DataFrame, compared: pd.DataFrame | None) -> list[Section]:
+    """Return the sections of the tests analysed one by one.
+
+    Parameters
+    ----------
+    table
+        Table of the campaign.
+    compared
+        Other tests to compare with.
+    """
     good = table[table["error"] == ""]
     if not len(good):
         return []
@@ -105,7 +111,9 @@ def _test_sections(table: pd.DataFrame) -> list[Section]:
         Section("Heat transfer, lags and exponent of each test", table=heat_transfer),
     ]
     if len(good) > 1:
-        sections += campaign_pictures(table)
+        sections += campaign_pictures(table, compared)
+    if compared is not None:
+        sections.append(comparison_section(table, compared))
     about_conditions = DELTA_T_US if len(good) == 1 else ""
     about_temperatures = "a and bulk (mean of all junctions): steady segment."
     sections.append(Section("Conditions", about_conditions, condition_table(good)))
@@ -139,37 +147,157 @@ def _source_sections(
     return [Section("Source files", table=sources([*logs, *records]), folded=True)]
 
 
-def campaign_pictures(table: pd.DataFrame) -> list[Section]:
-    """Return the figures 6.17, 6.33, 6.34, 7.18 and 7.20 of a campaign of two tests or more."""
-    beta = partial(draw.draw_beta, table)
-    traction = partial(draw.draw_traction, table)
-    coefficient = partial(draw.draw_friction_coefficient, table)
+def campaign_pictures(table: pd.DataFrame, compared: pd.DataFrame | None = None) -> list[Section]:
+    """Return the figures 6.17, 6.33 to 6.35, 7.18 and 7.20 of a campaign of two tests or more.
+
+    Parameters
+    ----------
+    table
+        Table of the campaign.
+    compared
+        Other tests to compare with.
+    """
+    draw_one = partial(draw.draw_quantity, table, compared=compared)
+    coefficient = partial(draw_one, "friction_coefficient")
     lines = "Lines are least squares, drawn where three loads or more were run."
     return [
         Section(
             "β of each test alone over ΔT u_s",
             DELTA_T_US,
-            figure=panel_figure(beta, height_in=4.4),
+            figure=panel_figure(partial(draw.draw_beta, table), height_in=4.4),
             caption="Each test analysed alone; bars are 95 %.",
         ),
         Section(
             "Hottest running surface",
-            figure=draw.temperature_figure(table, "surface_max_degC", "hottest surface"),
+            figure=_figure_of_disks(draw_one, "surface_max_degC"),
             caption="Compare figure 7.20: at the centre of the track, end of loading; bars are "
             f"95 %. {lines}",
         ),
         Section(
             "Bulk temperature",
-            figure=draw.temperature_figure(table, "bulk_degC", "mean of all junctions"),
-            caption=f"Compare figure 6.17: over the steady segment. {lines}",
+            figure=_figure_of_disks(draw_one, "bulk_degC"),
+            caption="Compare figure 6.17: mean of all junctions over the steady segment. " + lines,
         ),
         Section(
-            "Traction and friction",
-            figure=panel_figure(traction, coefficient, height_in=3.8),
-            caption="Compare figures 6.33 (left) and 6.34 (right). Lines: three loads, or speeds, "
-            "or more.",
+            "Traction force",
+            figure=panel_figure(partial(draw_one, "friction_N"), height_in=3.8),
+            caption=f"Compare figures 6.33 and 6.35. {lines}",
+        ),
+        Section(
+            "Coefficient of friction",
+            figure=panel_figure(
+                coefficient, partial(coefficient, against="sliding_speed_m_s"), height_in=3.8
+            ),
+            caption="Over load, and over sliding speed as figure 6.34. Lines: three loads, or "
+            "speeds, or more.",
         ),
     ]
+
+
+def _figure_of_disks(draw_one: Callable[[str, Axes], Axes], quantity: str) -> Figure:
+    """Return a quantity over the load, a panel of the same scale for each disk.
+
+    Parameters
+    ----------
+    draw_one
+        Function of the column and the axes.
+    quantity
+        End of the column name, after the name of the disk.
+    """
+    fig, axes = figure(1, 2, height_in=3.8)
+    axes[1].sharey(axes[0])
+    for disk, ax in zip(DISKS, axes):
+        draw_one(f"{disk}_{quantity}", ax)
+    return fig
+
+
+def comparison_section(table: pd.DataFrame, compared: pd.DataFrame) -> Section:
+    """Return the differences between other tests and those of the campaign.
+
+    Parameters
+    ----------
+    table
+        Table of the campaign.
+    compared
+        The other tests.
+    """
+    name = compared["test"].iloc[0]
+    rows = []
+    for row in comparison_table(table, compared).to_dict("records"):
+        difference = row["difference"]
+        low, _ = rounded_texts(difference.low95, difference.u)
+        high, _ = rounded_texts(difference.high95, difference.u)
+        rows.append(
+            {
+                "quantity": QUANTITIES[row["quantity"]],
+                "sliding speed [m/s]": f"{row['sliding_speed_m_s']:.1f}",
+                "tests": f"{row['n_tests']} and {row['n_compared']}",
+                "mean of this campaign": f"{row['mean']:.4g}",
+                "difference": cells_with_u([difference.value], [difference.u])[0],
+                "95 % interval": f"{low} to {high}",
+            }
+        )
+    text = (
+        f"Difference: tests of {name} minus those of this campaign at the same load, by two "
+        "parallel lines over the load. The uncertainty is that of the scatter about the lines; "
+        "errors that all tests of a rig share, such as the gain of the force transducer, come on "
+        "top."
+    )
+    if not rows:
+        text = f"{name} has no sliding speed in common with this campaign at three loads or more."
+    return Section(f"Comparison with {name}", text, table=pd.DataFrame(rows) if rows else None)
+
+
+def _interchange_section(comparison: MapComparison, rig: Rig | None) -> Section:
+    """Return the maps of two tests before and after an interchange of channels.
+
+    Parameters
+    ----------
+    comparison
+        The comparison.
+    rig
+        The rig, for the places of the junctions; None: no figure.
+    """
+    first, second = comparison.interchanged
+    rows = []
+    for name, before in comparison.before_degC.items():
+        after = comparison.after_degC[name]
+        rows.append(
+            {
+                "junction": name,
+                f"{comparison.tests[0]}, before [°C]": f"{before:.2f}",
+                f"{comparison.tests[1]}, after [°C]": f"{after:.2f}",
+                "after minus expected [K]": f"{after - comparison.expected_degC[name]:+.2f}",
+            }
+        )
+    text = (
+        f"{comparison.summary()}.\n\nExpected: linear in the temperature before, by the junctions "
+        "that were not interchanged. The uncertainty is that of their scatter."
+    )
+    picture = None
+    if rig is not None:
+        setup = rig.disk_setup(first.partition("_")[0])
+        own = [
+            level
+            for levels in (comparison.before_degC, comparison.after_degC)
+            for name, level in levels.items()
+            if name.startswith(f"{setup.name}_")
+        ]
+        limits = (min(own), max(own))
+        panels = [
+            partial(draw.draw_junction_map, levels, setup, title=name, limits_degC=limits)
+            for name, levels in zip(
+                comparison.tests, (comparison.before_degC, comparison.after_degC)
+            )
+        ]
+        picture = panel_figure(*panels, height_in=3.4)
+    return Section(
+        f"Channels of {first} and {second} interchanged",
+        text,
+        table=pd.DataFrame(rows),
+        figure=picture,
+        caption="Compare figure 6.21: temperature of each junction [°C], before (left) and after.",
+    )
 
 
 def campaign_verdict(run: CampaignRun) -> str:
@@ -268,7 +396,7 @@ def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
         high, _ = rounded_texts(line["high95_slope"], u_slope)
         rows.append(
             {
-                "quantity": QUANTITY_LABELS[line["quantity"]],
+                "quantity": QUANTITIES[line["quantity"]],
                 "over": "load [N]",
                 "tests": f"{line['number']} at {line['tests']}",
                 "slope": cells_with_u([line["slope"]], [u_slope])[0],

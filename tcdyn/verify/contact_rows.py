@@ -13,9 +13,9 @@ import numpy as np
 
 from calibration.static_lines import error_statistics, fit_static_lines, hold_means
 from immersion.fluids import fluid
+from tcdyn.partition.film_heat import RISE_K, film_heat_share
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.contact import (
-    YOUNG_Pa,
     contact_conductance_W_m2K,
     hertz_contact,
     interference_pressure_Pa,
@@ -26,13 +26,12 @@ from tcdyn.rig.press_fit import PressFit
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.rig.static_line import apply_static
 from tcdyn.simulate.measure import simulate_oven
-from tcdyn.simulate.programme import PROGRAMME, EhlCondition
+from tcdyn.simulate.programme import PROGRAMME
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.verify import HALF_WIDTHS_mm, VerifyRow, close, numbers, row
 
 TABLE_2_6 = ((1.9, 117.0, 0.40, 0.56), (0.8, 66.5, 0.23, 0.29))  # raw, calibrated
 SPEEDS = {"A": "10, 8.06", "B": "13, 10.5", "C": "16, 12.9", "D": "20, 16.3"}  # table 6.1: u_s, u_m
-RISE_K = 20.0  # mean rise of the oil in crossing the contact (assumed)
 
 
 def speed_law_rows() -> Iterator[VerifyRow]:
@@ -189,7 +188,11 @@ def contact_rows() -> Iterator[VerifyRow]:
         "%",
         relative=0.01,
     )
-    ratios = [film_heat_ratio(t) for t in PROGRAMME.values()]
+    ratios = []
+    for test in PROGRAMME.values():
+        oil = fluid("mobil-jet-ii").at(0.5 * (test.fast_a_degC + test.slow_a_degC))
+        speeds = (test.sliding_speed_m_s, test.entraining_speed_m_s)
+        ratios.append(1 / film_heat_share(test.load_N, test.friction_N, *speeds, oil))
     low = min(ratios)
     high = max(ratios)
     yield row(
@@ -224,34 +227,3 @@ def _conductance() -> VerifyRow:
         "thesis; agrees when one m k/(sigma H^0.693) gives all three printed numbers to their "
         "rounding",
     )
-
-
-def film_heat_ratio(test: EhlCondition) -> float:
-    """Return the frictional heat over the heat that the oil film carries off (appendix B).
-
-    Parameters
-    ----------
-    test
-        Condition of one test of the programme.
-
-    Notes
-    -----
-    F u_s / (b H_c (u_f + u_s) rho c dT). H_c is the central film thickness,
-    H_c/R = 2.69 U^0.67 G^0.53 W^-0.067 (1 - 0.61 exp(-0.73 k)) (Hamrock and Dowson), with Mobil Jet
-    Oil II at the mean of both disks' surface junctions and a pressure coefficient of 1.1e-8 1/Pa
-    (assumed).
-    """
-    contact = hertz_contact(test.load_N)
-    radius = 0.0381 / 2
-    modulus = YOUNG_Pa / (1 - 0.3**2)
-    oil = fluid("mobil-jet-ii").at(0.5 * (test.fast_a_degC + test.slow_a_degC))
-    viscosity = float(oil.rho_kg_m3 * oil.nu_m2_s)
-    speed = test.entraining_speed_m_s
-    u = viscosity * speed / (modulus * radius)
-    g = 1.1e-8 * modulus
-    w = test.load_N / (modulus * radius**2)
-    k = contact.major_m / contact.minor_m
-    thickness = 2.69 * u**0.67 * g**0.53 * w**-0.067 * (1 - 0.61 * np.exp(-0.73 * k)) * radius
-    heat_capacity = float(oil.rho_kg_m3 * oil.c_J_kgK)
-    carried_W = contact.major_m * thickness * 2 * speed * heat_capacity * RISE_K
-    return float(test.power_W / carried_W)

@@ -14,7 +14,13 @@ from typing import Any
 
 import pandas as pd
 
-from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
+from tcdyn.campaign import (
+    JoinedCampaign,
+    MapComparison,
+    compare_maps,
+    joined,
+    rig_fingerprint,
+)
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
 from tcdyn.core.errors import InputError
@@ -24,6 +30,7 @@ from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import sha256
 from tcdyn.io.write import write_text
+from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
 from tcdyn.workflows.campaign_results import (
     RESULT_SUFFIX,
@@ -32,7 +39,14 @@ from tcdyn.workflows.campaign_results import (
     read_given_result,
     read_result,
 )
-from tcdyn.workflows.campaign_table import AGREE_CODE, campaign_table, table_csv, table_row
+from tcdyn.workflows.campaign_table import (
+    AGREE_CODE,
+    campaign_table,
+    comparison_table,
+    read_compared,
+    table_csv,
+    table_row,
+)
 
 # files that a campaign writes into its folder, next to one result a test
 TABLE_FILE = "campaign.csv"
@@ -90,6 +104,12 @@ class CampaignRun(Result):
         All analysed tests as one measurement; None where none was analysed.
     altered
         Logs whose stored result was changed after it had been written.
+    compared
+        Other tests to compare with.
+    interchange
+        The maps of two tests before and after an interchange of channels.
+    rig
+        The rig.
     """
 
     folder: Path
@@ -97,6 +117,9 @@ class CampaignRun(Result):
     table: pd.DataFrame
     joined: JoinedCampaign | None = None
     altered: tuple[str, ...] = ()
+    compared: pd.DataFrame | None = None
+    interchange: MapComparison | None = None
+    rig: Rig | None = None
 
     @property
     def failed(self) -> tuple[LogOutcome, ...]:
@@ -142,6 +165,8 @@ class CampaignRun(Result):
             )
             text += f"\nall tests as one: u of beta {u_within:.4f} at most within the campaign, {u_total:.4f} absolute"
             text += f"; exponent n {self.joined.speed_law.exponent}"
+        if self.interchange is not None:
+            text += f"\n{self.interchange.summary()}"
         return text
 
     def to_dict(self) -> dict[str, Any]:
@@ -165,6 +190,8 @@ def run_campaign(
     workers: int = 1,
     dask: str | None = None,
     models: Sequence[str | Path] = (),
+    compare: str | Path | None = None,
+    interchanged: tuple[str, str] | None = None,
     progress: Progress = lambda *_: None,
 ) -> CampaignRun:
     """Analyse every log, and combine the tests into a table and one measurement.
@@ -183,6 +210,11 @@ def run_campaign(
         Address of a scheduler; its workers must have the logs under the same paths.
     models
         Files of curves to compare with the tests.
+    compare
+        Table of other tests to compare with (``tcdyn.workflows.campaign_table.read_compared``).
+    interchanged
+        Two junctions, such as ("slow_a", "slow_c"), whose channels were interchanged between the
+        first test and the second; then there must be two tests.
     progress
         Called with the name of a log, the number of logs done, and the number of all.
 
@@ -208,6 +240,7 @@ def run_campaign(
     _check_names(paths)
     folder = Path(out)
     curves = [read_curve(path) for path in models]
+    compared = None if compare is None else read_compared(compare)
     given_results = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
     rig = rig_fingerprint(settings.rig, settings.records) if given_results else ""
     outcomes: dict[int, list[LogOutcome]] = {
@@ -247,12 +280,52 @@ def run_campaign(
     table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
     if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
         write_text(folder / TABLE_FILE, table_csv(table))
+    interchange = None if interchanged is None else _compare_interchange(ordered, interchanged)
     campaign = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
     if campaign is not None:
-        write_text(folder / JOINED_FILE, json_text(campaign.to_dict()))
+        content = campaign.to_dict()
+        if interchange is not None:
+            content["interchange"] = interchange.to_dict()
+        if compared is not None:
+            content["compared"] = comparison_table(table, compared)
+        write_text(folder / JOINED_FILE, json_text(content))
         for name, text in zip(PAPER_FILES, (paper_csv(campaign), paper_latex(campaign))):
             write_text(folder / name, text)
-    return CampaignRun(folder, ordered, table, campaign, altered)
+    return CampaignRun(
+        folder, ordered, table, campaign, altered, compared, interchange, settings.rig
+    )
+
+
+def _compare_interchange(
+    outcomes: Sequence[LogOutcome], interchanged: tuple[str, str]
+) -> MapComparison:
+    """Compare the maps of two tests before and after an interchange of channels.
+
+    Parameters
+    ----------
+    outcomes
+        The tests; the first is before the interchange.
+    interchanged
+        The two junctions.
+
+    Raises
+    ------
+    InputError
+        Unless there are two tests that were analysed by ``campaign``.
+    """
+    tests = {}
+    for outcome in outcomes:
+        if outcome.data is not None and "campaign" in outcome.data:
+            tests[outcome.name] = outcome.data["campaign"]["steady_degC"]
+    if len(outcomes) != 2 or len(tests) != 2:
+        reasons = [outcome.error for outcome in outcomes if outcome.error]
+        raise InputError(
+            f"{len(tests)} of {len(outcomes)} tests can be compared before and after an interchange",
+            expected="two tests, the first before and the second after it",
+            remedy="; ".join(reasons),
+        )
+    (first, second), (before, after) = tests.keys(), tests.values()
+    return compare_maps(before, after, interchanged, (first, second))
 
 
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:

@@ -1,4 +1,4 @@
-"""Table of a campaign (tables 7.1 to 7.3), groups of equal sliding speed, and trend lines.
+"""Table of a campaign (tables 7.1 to 7.3), groups of equal sliding speed, trend lines, comparison.
 
 Used by :mod:`tcdyn.workflows.campaign`, and by plots and pages of a campaign. ``COLUMNS`` names the
 keys of ``tcdyn.workflows.beta_tables.beta_file``: change both together. Guarded by
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,9 +17,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.core.estimate import Z95
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import GRADES_OF_0_2
 from tcdyn.estimation.line_fit import fit_line
+from tcdyn.io.read import read_numbers
 from tcdyn.rig.disk import DISKS
 
 # This finding has its own column in the table; ``table_row`` does not count it as a warning, and
@@ -55,6 +58,15 @@ COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
     **{f"{d}_bulk_degC": (("campaign", "bulk_degC", d), False) for d in DISKS},
     **{f"{d}_a_degC": (("campaign", "steady_degC", d, "a"), False) for d in DISKS},
     "crosscheck_z": (("crosscheck", "z"), False),
+}
+# Quantities that the thesis plots over load or sliding speed (figures 6.17, 6.33 to 6.35 and 7.20).
+QUANTITIES = {
+    "fast_bulk_degC": "bulk temperature, fast disk [°C]",
+    "slow_bulk_degC": "bulk temperature, slow disk [°C]",
+    "fast_surface_max_degC": "hottest surface, fast disk [°C]",
+    "slow_surface_max_degC": "hottest surface, slow disk [°C]",
+    "friction_N": "traction force [N]",
+    "friction_coefficient": "coefficient of friction [1]",
 }
 
 
@@ -133,11 +145,58 @@ def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
     return out
 
 
-def analysed_rows(table: pd.DataFrame) -> pd.DataFrame:
-    """The tests that were analysed, with the column ``group`` of nearly equal sliding speed."""
-    good = table[table["error"] == ""].copy()
-    good["group"] = speed_groups(good["sliding_speed_m_s"].to_numpy(dtype=float))
-    return good
+def analysed_rows(
+    table: pd.DataFrame, compared: pd.DataFrame | None = None, by: str = "sliding_speed_m_s"
+) -> pd.DataFrame:
+    """The tests that were analysed, in groups of nearly equal sliding speed.
+
+    Parameters
+    ----------
+    table
+        Table of the campaign.
+    compared
+        Other tests, see :func:`read_compared`.
+    by
+        Column of the groups.
+
+    Returns
+    -------
+    rows
+        With the columns ``group``, from 0, and ``compared``, True for the other tests.
+    """
+    rows = table[table["error"] == ""].assign(compared=False)
+    if compared is not None:
+        rows = pd.concat([rows, compared.assign(compared=True)], ignore_index=True)
+    return rows.assign(group=speed_groups(rows[by].to_numpy(dtype=float)))
+
+
+def read_compared(path: str | Path) -> pd.DataFrame:
+    """Read other tests to compare with those of a campaign, for example published ones.
+
+    Parameters
+    ----------
+    path
+        Table with load_N, sliding_speed_m_s and at least one of ``QUANTITIES``, such as the
+        campaign.csv of another campaign. The coefficient of friction follows from the friction.
+
+    Returns
+    -------
+    table
+        These columns, and ``test`` with the name of the file.
+
+    Raises
+    ------
+    InputError
+        A missing column, or a cell without a number.
+    """
+    columns = read_numbers(path, ("load_N", "sliding_speed_m_s"), QUANTITIES)
+    table = pd.DataFrame(columns).assign(test=Path(path).name)
+    if "friction_N" in table:
+        table["friction_coefficient"] = table["friction_N"] / table["load_N"]
+    if QUANTITIES.keys().isdisjoint(table):
+        expected = ", ".join(QUANTITIES)
+        raise InputError("it has no quantity to compare", where=str(path), expected=expected)
+    return table
 
 
 def count_set_points(x: Array) -> int:
@@ -198,17 +257,10 @@ def trend(x: Array, y: Array) -> Trend | None:
 
 
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20)."""
+    """Lines of ``QUANTITIES`` over the load in each group of sliding speed."""
     good = analysed_rows(table)
-    columns = (
-        "fast_bulk_degC",
-        "slow_bulk_degC",
-        "friction_N",
-        "fast_surface_max_degC",
-        "slow_surface_max_degC",
-    )
     rows = []
-    for column, (_, part) in product(columns, good.groupby("group")):
+    for column, (_, part) in product(QUANTITIES, good.groupby("group")):
         line = trend(part["load_N"].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
         if line is not None:
             name = f"{part['sliding_speed_m_s'].mean():.1f} m/s"
@@ -222,3 +274,57 @@ def trend_table(table: pd.DataFrame) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *Trend._fields])
+
+
+def comparison_table(table: pd.DataFrame, compared: pd.DataFrame) -> pd.DataFrame:
+    """Difference between other tests and those of a campaign at the same load (figure 6.35).
+
+    Parameters
+    ----------
+    table
+        Table of the campaign.
+    compared
+        The other tests, see :func:`read_compared`.
+
+    Returns
+    -------
+    table
+        Columns quantity, sliding_speed_m_s, n_tests, n_compared, mean (of the campaign), and
+        ``difference``, an estimate of the other tests minus those of the campaign. One row for each
+        quantity and sliding speed that both have, with three loads or more.
+
+    Notes
+    -----
+    Two parallel least-squares lines over the load; the uncertainty is that of the scatter about
+    them, without that of the gains of the transducers. ``tests/report/test_campaign_page.py``
+    guards it.
+    """
+    rows = []
+    grouped = analysed_rows(table, compared).groupby("group")
+    for quantity, (_, group) in product(QUANTITIES, grouped):
+        part = group.dropna(subset=[quantity]) if quantity in compared else group[:0]
+        is_other = part["compared"].to_numpy(dtype=bool)
+        load_N = part["load_N"].to_numpy(dtype=float)
+        n_compared = int(is_other.sum())
+        if not 0 < n_compared < len(part) or count_set_points(load_N) < 3 or len(part) < 4:
+            continue
+        fit = fit_line(load_N, part[quantity].to_numpy(dtype=float), groups=is_other.astype(int))
+        difference = float(fit.intercepts[1] - fit.intercepts[0])
+        contrast = np.array([0.0, -1.0, 1.0])
+        u = float(np.sqrt(contrast @ fit.covariance @ contrast))
+        half_width = Z95 * float(np.sqrt(contrast @ fit.covariance_95 @ contrast))
+        estimate = Estimate(
+            value=difference, u=u, low95=difference - half_width, high95=difference + half_width
+        )
+        rows.append(
+            {
+                "quantity": quantity,
+                "sliding_speed_m_s": float(part.loc[~is_other, "sliding_speed_m_s"].mean()),
+                "n_tests": len(part) - n_compared,
+                "n_compared": n_compared,
+                "mean": float(part.loc[~is_other, quantity].mean()),
+                "difference": estimate,
+            }
+        )
+    columns = ["quantity", "sliding_speed_m_s", "n_tests", "n_compared", "mean", "difference"]
+    return pd.DataFrame(rows, columns=columns)

@@ -82,6 +82,11 @@ QUICK = {
         ("o.json",),
         ("tcdyn.sensors.current:current_sensor",),
     ),
+    "sensor touch": Command(
+        "sensor touch {table} --column T* --out o.png -q",
+        ("o.png",),
+        ("tcdyn.sensors.touch:find_touches",),
+    ),
     "response": Command(
         "response {bode} --columns gain,phase --models P1 --out o.json -q", ("o.json",)
     ),

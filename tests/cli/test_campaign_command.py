@@ -13,6 +13,7 @@ import pytest
 
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
+from tcdyn.io.checksum import with_checksum
 from tcdyn.rig.log import read_log
 from tcdyn.workflows import campaign_log as stage
 from tcdyn.workflows.campaign import run_campaign
@@ -166,6 +167,37 @@ def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     given = [*records(campaign)[2:], "--rig", rig]
     assert tcdyn("campaign", kept, *given, "--out", out, "-q") == 2
     assert "EHL_B3.beta.json: was analysed with another rig.toml" in capsys.readouterr().err
+
+
+@pytest.mark.e2e
+def test_interchanged_channels_are_compared_by_the_maps_of_both_tests(
+    done: tuple[Path, int], campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The channels of slow_a and slow_c have errors of 1.2 and -0.6 K, exchanged in test B4."""
+    data = json.loads((done[0] / "EHL_B3.beta.json").read_text(encoding="utf-8"))
+    files = []
+    rng = np.random.default_rng(4)
+    for name, errors in (("B3", {"a": 1.2, "c": -0.6}), ("B4", {"a": -0.6, "c": 1.2})):
+        changed = json.loads(json.dumps(data))
+        for disk, junctions in changed["campaign"]["steady_degC"].items():
+            for c in junctions:
+                junctions[c] += 0.05 * rng.normal() + (errors.get(c, 0.0) if disk == "slow" else 0)
+        files.append(tmp_path / f"EHL_{name}.beta.json")
+        files[-1].write_text(json.dumps(with_checksum(changed)), encoding="utf-8")
+    words = [*records(campaign), "--out", tmp_path / "o", "--interchanged", "slow_a,slow_c"]
+    assert tcdyn("campaign", *files, *words) in (0, 1)
+    assert "The channels differ" in capsys.readouterr().out
+    stored = json.loads((tmp_path / "o" / "campaign.json").read_text(encoding="utf-8"))
+    channels = stored["interchange"]["channels_K"]
+    assert channels["low95"] < 1.8 < channels["high95"]
+    assert channels["u"] < 0.1
+    page = (tmp_path / "o" / "campaign.html").read_text(encoding="utf-8")
+    assert "Channels of slow_a and slow_c interchanged" in page
+    capsys.readouterr()
+    assert tcdyn("campaign", files[0], *words) == 2
+    assert "1 of 1 tests can be compared" in capsys.readouterr().err
+    assert tcdyn("campaign", *files, *words[:-1], "slow_a") == 2
+    assert "two junctions: slow_a,slow_c" in capsys.readouterr().err
 
 
 def test_another_log_of_the_same_name_is_analysed_again(

@@ -24,7 +24,7 @@ SINGLE_PAGES = [
 ]
 SINGLE_PAGES += ["coming-from"]
 # commands that end with exit code 1, a warning
-WARNING_COMMANDS = ("sensor noise", "record check", "campaign")
+WARNING_COMMANDS = ("sensor noise", "sensor touch", "record check", "campaign")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.S | re.M)
 

@@ -24,6 +24,7 @@ WORLDS: dict[str, dict[str, Any]] = {
     "second contact 0.4 s": {"again_s": ((0.4, 0.6),)},
     "both": {"brake_s": 3.0, "again_s": ((0.2, 1.0), (0.1, 2.0))},
     "neither": {},
+    "unloading in 1.5 s": {"parting_s": 1.5},
 }
 DEFAULT = tuple(WORLDS)[:4]
 

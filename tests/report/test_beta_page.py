@@ -42,6 +42,22 @@ def test_uncertainty_components_add_up_to_the_total(partition: Partition) -> Non
     assert hypot(*(r.u_beta_transient for r in partition.budget.rows)) > 0.97 * cooling
 
 
+def test_budget_has_a_line_of_the_heat_that_leaves_with_the_oil(partition: Partition) -> None:
+    share = beta_tables.oil_film_share(partition)
+    assert 1 / 1500 < share < 1 / 150  # appendix B: 1/1200 to 1/500 for 16 tests
+    table = beta_tables.budget_table(partition).set_index("source")
+    friction, film = (
+        pd.to_numeric(table.loc[source], errors="coerce").fillna(0.0)
+        for source in ("friction", "oil film")
+    )
+    # like a friction that is wrong by this share; cells are rounded to 0.0001
+    friction_rel = partition.test.disks["fast"].uncertainty.friction_rel
+    assert (film - friction * share / friction_rel).abs().max() < 1e-4
+    conditions = beta_tables.conditions_table(partition).set_index("quantity")
+    shown = conditions.loc["frictional heat that leaves with the oil film", "value"]
+    assert float(shown) == pytest.approx(100 * share, abs=0.005)
+
+
 def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) -> None:
     cells = [c for column in beta_tables.estimates_table(partition).to_numpy().T for c in column]
     cells += list(beta_tables.conditions_table(partition)["value"])

@@ -12,9 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from scipy import stats
 
 from tcdyn.campaign import JoinedCampaign, joined
 from tcdyn.campaign.trends import Curve, CurveTest
+from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import info, warning
 from tcdyn.plots import campaign as draw
@@ -23,6 +25,7 @@ from tcdyn.plots.style import figure
 from tcdyn.report.campaign import (
     campaign_pictures,
     campaign_verdict,
+    comparison_section,
     partition_table,
     trend_lines,
     write_campaign_report,
@@ -32,7 +35,12 @@ from tcdyn.report.campaign_joint import trend_lines as joined_trend_lines
 from tcdyn.report.page import table_html
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_results import merge_findings
-from tcdyn.workflows.campaign_table import table_columns
+from tcdyn.workflows.campaign_table import (
+    QUANTITIES,
+    comparison_table,
+    read_compared,
+    table_columns,
+)
 from tests.campaign.toy import beta_json, toy
 
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]
@@ -79,7 +87,7 @@ def test_trend_line_needs_three_tests() -> None:
     for count, lines in ((2, 0), (3, 1)):
         _, (ax,) = figure()
         table = programme_table().head(count)
-        draw.draw_traction(table, ax)
+        draw.draw_quantity(table, "friction_N", ax)
         trends = [
             line
             for line in ax.lines
@@ -91,7 +99,7 @@ def test_trend_line_needs_three_tests() -> None:
 
 def test_groups_are_distinguishable_without_colour() -> None:
     _, (ax,) = figure()
-    draw.draw_traction(programme_table(), ax)
+    draw.draw_quantity(programme_table(), "friction_N", ax)
     handles = ax.get_legend().legend_handles
     styles = {(h.get_marker(), str(h.get_linestyle())) for h in handles}
     assert len(styles) == 4
@@ -198,7 +206,7 @@ def test_campaign_summary_counts_the_tests_whose_estimates_agree(tmp_path: Path)
 def test_campaign_of_one_test_is_worded_in_the_singular(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tcdyn.report.campaign.campaign_pictures", lambda table: [])
+    monkeypatch.setattr("tcdyn.report.campaign.campaign_pictures", lambda *_: [])
     for count, title in ((1, "Campaign of 1 test<"), (2, "Campaign of 2 tests<")):
         run = CampaignRun(
             tmp_path,
@@ -258,6 +266,68 @@ def test_repeated_finding_is_printed_once() -> None:
 
 def test_campaign_has_the_figures_of_the_thesis() -> None:
     sections = campaign_pictures(programme_table().head(4))
-    # figures 7.18, 7.20, 6.17, and 6.33 with 6.34
-    assert [s.figure is not None for s in sections] == [True] * 4
+    # figures 7.18, 7.20, 6.17, 6.33, and 6.34
+    assert [s.figure is not None for s in sections] == [True] * 5
     assert "running surfaces" in sections[0].text  # explains dT u_s
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("against", ["load_N", "sliding_speed_m_s"])
+def test_lines_of_a_quantity_are_those_of_least_squares(quantity: str, against: str) -> None:
+    table = programme_table()
+    table[quantity] = 40.0 + np.random.default_rng(3).normal(size=len(table))
+    by = "sliding_speed_m_s" if against == "load_N" else "load_N"
+    _, (ax,) = figure()
+    draw.draw_quantity(table, quantity, ax, against)
+    fitted = [line for line in ax.lines if len(line.get_xdata()) == 2]
+    assert len(fitted) == 4
+    for line, (_, group) in zip(fitted, table.groupby(by)):
+        slope, intercept = np.polyfit(group[against], group[quantity], 1)
+        x = np.asarray(line.get_xdata(), dtype=float)
+        assert line.get_ydata() == pytest.approx(intercept + slope * x, rel=1e-9)
+
+
+def test_other_tests_are_compared_at_the_same_load(tmp_path: Path) -> None:
+    """Figure 6.35, against ordinary least squares with a dummy variable and Student's t."""
+    table = programme_table()
+    load = np.array([900.0, 1400.0, 1900.0, 2400.0, 2500.0])
+    noise = 0.3 * np.random.default_rng(7).normal(size=5)
+    path = tmp_path / "clarke.csv"
+    columns = {"load_N": load, "sliding_speed_m_s": 13.2, "friction_N": 2.0 + 0.01 * load + noise}
+    pd.DataFrame(columns).to_csv(path, index=False)
+    compared = read_compared(path)
+    rows = comparison_table(table, compared).set_index("quantity")
+    assert list(rows.index) == ["friction_N", "friction_coefficient"]
+    assert rows["sliding_speed_m_s"].to_list() == [13.0, 13.0]
+    own = table[table["sliding_speed_m_s"] == 13.0]
+    x = np.concatenate([own["load_N"], load])
+    y = np.concatenate([own["friction_N"], columns["friction_N"]]).astype(float)
+    design = np.column_stack([np.ones(9), x, np.arange(9) >= 4]).astype(float)
+    coefficients, squares, *_ = np.linalg.lstsq(design, y)
+    u = np.sqrt(squares[0] / 6 * np.linalg.inv(design.T @ design)[2, 2])
+    difference = rows.loc["friction_N", "difference"]
+    assert difference.value == pytest.approx(coefficients[2], rel=1e-9)
+    assert difference.u == pytest.approx(u, rel=1e-9)
+    assert difference.high95 - difference.value == pytest.approx(stats.t.ppf(0.975, 6) * u)
+    section = comparison_section(table, compared)
+    assert section.title == "Comparison with clarke.csv"
+    assert section.table is not None
+    assert len(section.table) == 2
+    assert all(s.figure is not None for s in campaign_pictures(table, compared))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("load_N,friction_N\n800,2\n", "sliding_speed_m_s is missing"),
+        ("load_N,sliding_speed_m_s,beta\n800,10,0.7\n", "no quantity to compare"),
+        ("load_N,sliding_speed_m_s,friction_N\n800,10,\n", "friction_N, row 2: no number"),
+    ],
+)
+def test_unusable_tests_to_compare_with_are_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "other.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_compared(path)

@@ -1,17 +1,21 @@
 """EHL logs of the synthetic rig: formats, temperatures of the thesis, events, reproducibility."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
+from tcdyn.cli.app import app, run
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, draw_test, simulate_ehl
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import build_system
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
-from tcdyn.simulate.truth import CLEAN, draw_truth
+from tcdyn.simulate.truth import CLEAN, RigTruth, draw_truth
 
 SHORT = EhlOptions(load_on_s=5.0, unload_s=25.0, duration_s=35.0, mesh=STUDY_MESH)
 COLUMNS = [
@@ -217,6 +221,45 @@ def test_braked_speeds_decay_exponentially_and_the_disks_cool_more_slowly() -> N
     warmer = traces["fast_e_degC"].to_numpy() - unbraked["traces"]["fast_e_degC"].to_numpy()
     assert np.abs(warmer[t < unload_s]).max() < 1e-9
     assert (np.diff(warmer[t > unload_s + 1.0]) > 0).all()
+
+
+def test_slow_unloading_cools_as_the_mean_of_sudden_unloadings_during_it() -> None:
+    """The disks are linear in the friction, and a linear fall is the mean of steps at all its
+    instants: the response to the removed heat is a running mean over the fall (figure 4.20)."""
+    rig = draw_truth(1).with_imperfections(CLEAN)
+    loaded, sudden, slow = (
+        simulate_ehl("B3", 1, rig, replace(SHORT, **changes))[1]["traces"]
+        for changes in ({"unload_s": 60.0}, {"parting_s": 0.001}, {"parting_s": 1.5})
+    )
+    t = loaded["time_s"].to_numpy()
+    for column in ("fast_e_degC", "slow_a_degC"):
+        fall = (loaded[column] - sudden[column]).to_numpy()
+        integral = cumulative_trapezoid(fall, t, initial=0.0)
+        later = t[t < 34.0]
+        expected = np.interp(later + 0.75, t, integral) - np.interp(later - 0.75, t, integral)
+        slow_fall = (loaded[column] - slow[column]).to_numpy()[t < 34.0]
+        # 1 % of the fall at its steepest: the step of the solver within the ramp
+        np.testing.assert_allclose(slow_fall, expected / 1.5, atol=0.01 * fall.max())
+
+
+@pytest.mark.parametrize("name", ["--unloading-s", "--parting-s"])
+def test_command_writes_a_friction_that_falls_linearly(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def short(test: str, seed: int, truth: RigTruth, o: EhlOptions) -> Any:
+        return simulate_ehl(test, seed, truth, replace(SHORT, parting_s=o.parting_s))
+
+    monkeypatch.setattr("tcdyn.simulate.ehl.simulate_ehl", short)
+    out = tmp_path / "B3.csv"
+    words = ["simulate", "ehl", "--out", str(out), "--clean", name, "1.5", "-q"]
+    assert run(lambda: app(words)) == 0
+    truth = json.loads(out.with_suffix(".truth.json").read_text(encoding="utf-8"))
+    log = pd.read_csv(out)
+    since = log["time_s"] - truth["unload_s"]
+    expected = truth["friction_N"] * np.clip(0.5 - since / 1.5, 0.0, 1.0)
+    near = since > -3.0
+    # the written log has four decimals
+    np.testing.assert_allclose(log["friction_N"][near], expected[near], atol=1e-4)
 
 
 @pytest.mark.parametrize("film_air_K", [0.0, 7.0])

@@ -47,8 +47,29 @@ def _noise_driving(subject: str, lags: int, **_: Any) -> str:
     return text
 
 
+def _touch_other(
+    touch: int, time_s: float, column: str, stated: str, exchanged: bool, **_: Any
+) -> str:
+    """Message of ``touch.other``; the arguments are the fields of the finding."""
+    text = f"touch {touch} ({time_s:.1f} s): {column} responded, stated was {stated}"
+    if exchanged:
+        return f"{text}, and the other way round: the two are interchanged, or were touched so"
+    return f"{text}: check the wiring and the order"
+
+
+def _touch_silent(columns: Sequence[str], **_: Any) -> str:
+    """Message of ``touch.silent``; the arguments are the fields of the finding."""
+    return f"no touch after which {' or '.join(columns)} rose most"
+
+
 # tcdyn/sensors and tables compensated with a sensor file
 SENSOR: dict[str, Message] = {
+    "touch.count": "{count} touches found, {stated} stated: the order is not compared. Touch longer "
+    "or wait longer between touches, and look at columns that did not respond",
+    "touch.other": _touch_other,
+    "touch.unclear": "touch {touch} ({time_s:.1f} s): {column} responded most, but {second} rose by "
+    "{percent:.0f} % of it: touch this place again, nearer to one sensor",
+    "touch.silent": _touch_silent,
     "sensor.exact": "the lag of {lag_s:.4g} s was given without an uncertainty: it is taken as "
     "exact, and the intervals of temperatures compensated with it include noise only; give an "
     "uncertainty, such as 1.5+-0.1",
