@@ -82,6 +82,7 @@ def test_beta_command_takes_one_record_and_reports_what_is_missing(fast_only_log
         record,
         "--out",
         str(out),
+        "--profiles",
         "--report",
         str(page),
     ]
@@ -102,7 +103,7 @@ def test_beta_command_takes_one_record_and_reports_what_is_missing(fast_only_log
     assert all(set(number.values()) == {None} for number in numbers_of_both_disks)
     (pair,) = data["crosscheck"]["pairs"]
     assert {pair["one"], pair["other"]} == {"joint fast", "cooling fast"}
-    assert not data["joint"]["profiles"]
+    assert set(data["joint"]["profiles"]["fast"]) == {"beta", "h", "lag_s"}
     assert data["alternatives"] == []
     assert data["headline"]["range95"] is None
     assert all(row["u_beta_steady"] is None for row in data["budget"])
