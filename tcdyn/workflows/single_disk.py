@@ -24,7 +24,7 @@ from tcdyn.partition.single_disk import ESTIMATORS, OneDisk, analyse_one_disk
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log, iter_log
-from tcdyn.rig.opened_log import missing_columns, rig_from_records
+from tcdyn.rig.opened_log import column_names, missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.beta import prepare_test, retry_without_lost_channels
@@ -235,7 +235,7 @@ def estimate_one_disk(
     (name,) = records
     other = next(d for d in DISKS if d != name)
     other_columns = [*junction_columns(rig.disk_setup(other).channels, other)]
-    if missing_columns(log, rig, other_columns) != other_columns:
+    if missing_columns(column_names(log, rig), rig, other_columns) != other_columns:
         raise InputError(
             f"no record of the {other} disk, whose columns the log holds",
             where=Path(log).name,
