@@ -50,7 +50,9 @@ from tcdyn.workflows.segments import (
     write_segments,
 )
 
-SEGMENT_ROWS = 50_000  # least rows of a segment of a long log; chosen by judgement
+# Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
+# compensated in one piece.
+SEGMENT_ROWS = 100_000
 # Note in the metadata where the lag is not removed.
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
@@ -176,6 +178,7 @@ class CompensatedLog(Result):
         disks = {disk: done.to_dict() for disk, done in self.disks.items()}
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
 
+    @one_blas_thread
     def write(
         self,
         path: str | Path,
