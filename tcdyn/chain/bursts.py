@@ -383,44 +383,6 @@ def _largest_correlation(padded: Array, shapes: Array) -> Array:
     return np.pad(np.abs(correlations, out=correlations).max(axis=0), length // 2)
 
 
-def find_bursts(
-    y: Array,
-    dt_s: float,
-    noise_sd: float,
-    filter_: Conditioning,
-    lag_s: float,
-    isolated: Flags | None = None,
-) -> Flags:
-    """Mark the samples that a burst before the conditioning filter has changed.
-
-    Parameters
-    ----------
-    y
-        Finite trace (N,) [K].
-    dt_s
-        Sampling interval [s]; the search is empty where the longest pulse has more than
-        ``MAX_WINDOW`` samples.
-    noise_sd
-        Standard deviation of its white noise [K].
-    filter_
-        The conditioning filter.
-    lag_s
-        Lag of the chain, which rounds the changes of the temperature [s].
-    isolated
-        Where other channels show no change, (N,); nowhere if None.
-
-    Returns
-    -------
-    Mask of the changed samples, (N,).
-
-    Notes
-    -----
-    The same search as in ``whiten_traces``, for one trace; the tests use it.
-    """
-    isolated_mask = np.zeros(len(y), dtype=bool) if isolated is None else isolated
-    return _burst_mask(_PulseSearch.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, isolated_mask)
-
-
 def _burst_mask(
     search: _PulseSearch | None, dt_s: float, lag_s: float, isolated_mask: Flags
 ) -> Flags:

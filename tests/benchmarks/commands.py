@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from pyarrow import csv
 from pyarrow import parquet as pq
 
@@ -96,14 +97,18 @@ def extended_log(log: Path, rows: int, out: Path) -> Path:
     rng = np.random.default_rng(0)
     dt = float(frame["time_s"].iloc[-1]) / (len(frame) - 1)
     noisy = [c for c in frame if c.endswith(("_degC", "_N"))]
-    with out.open("w", encoding="utf-8") as stream:
-        for first in range(0, len(index), 200_000):
-            block = frame.iloc[index[first : first + 200_000]].copy()
-            block["time_s"] = np.round(dt * np.arange(first, first + len(block)), 6)
-            block[noisy] = (
-                block[noisy] + 1e-4 * rng.standard_normal((len(block), len(noisy)))
-            ).round(4)
-            block.to_csv(stream, index=False, header=first == 0)
+    writer = None
+    for first in range(0, len(index), 200_000):
+        block = frame.iloc[index[first : first + 200_000]].copy()
+        block["time_s"] = np.round(dt * np.arange(first, first + len(block)), 6)
+        block[noisy] = (block[noisy] + 1e-4 * rng.standard_normal((len(block), len(noisy)))).round(
+            4
+        )
+        table = pa.Table.from_pandas(block, preserve_index=False)
+        writer = writer or csv.CSVWriter(out, table.schema)
+        writer.write_table(table)
+    if writer is not None:
+        writer.close()
     return out
 
 
