@@ -14,6 +14,7 @@ import pytest
 from tcdyn.campaign import stages
 from tcdyn.core.errors import InputError
 from tcdyn.rig.log import iter_log, read_log, write_log
+from tcdyn.sensors import table
 from tcdyn.workflows import compensate, compensate_log
 from tcdyn.workflows import segments as engine
 from tcdyn.workflows.compensate import LogSegments
@@ -30,6 +31,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     for room in (stages, compensate):
         monkeypatch.setattr(room, "MAX_ROWS", 12_000)
     monkeypatch.setattr(compensate, "SEGMENT_ROWS", 9_000)
+    monkeypatch.setattr(table, "FLOOR", 1e-4)  # margins of 5,120 rows, segments of 15,360
 
 
 @pytest.mark.usefixtures("small")
@@ -59,7 +61,10 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
 def test_a_long_log_is_compensated_as_in_one_piece(
     campaign: Campaign, tmp_path: Path, whole: pd.DataFrame, ending: str
 ) -> None:
-    """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty."""
+    """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty.
+
+    Segments here are a sixth as long as in a log of a million rows, where the rms is 0.01 u.
+    """
     out = tmp_path / f"out{ending}"
     assert (
         tcdyn("compensate", campaign.files.ehl["B3"], *both(campaign), "--out", out, "--quiet") == 0
@@ -70,7 +75,7 @@ def test_a_long_log_is_compensated_as_in_one_piece(
     for name in (n for n in whole if n.endswith("_u_K")):
         of, u = name.replace("_u_K", "_degC"), whole[name].to_numpy()
         apart = np.abs(made[of] - whole[of]) / u
-        assert np.sqrt(np.mean(apart**2)) < 0.02
+        assert np.sqrt(np.mean(apart**2)) < 0.03
         assert apart.max() < 0.25
         assert np.abs(made[name] / u - 1).max() < 0.05
     rest = [n for n in whole if not n.endswith("_u_K") and n.replace("_degC", "_u_K") not in whole]
