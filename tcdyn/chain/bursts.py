@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations, compress
+from itertools import compress
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -247,7 +247,8 @@ def _searched_near_suspects(
     if not possible:
         return list(searches)
     reach = 2 * max(search.widest for search in possible)
-    suspect = np.any([search.screened > SCREEN_HEIGHT_SD for search in possible], axis=0)
+    screened = [_largest_correlation(s.padded, s.shapes[list(s.screen)]) for s in possible]
+    suspect = np.any([score > SCREEN_HEIGHT_SD for score in screened], axis=0)
     near = maximum_filter1d(suspect, 2 * reach + 1)
     return [None if search is None else replace(search, near=near) for search in searches]
 
@@ -296,7 +297,7 @@ class _PulseSearch:
     screen
         Indices of the shapes of the screen: each shape resembles one of them.
     near
-        Samples of ``padded`` where the exact score is needed; None: everywhere.
+        Samples of ``padded`` where the score is needed; None: everywhere.
 
     Notes
     -----
@@ -351,31 +352,18 @@ class _PulseSearch:
 
         Returns
         -------
-        Score, (n,), at the middle of the window of the pulse; zeros at the ends.
-
-        Notes
-        -----
-        Away from the samples ``near`` only the shapes of the screen are used.
+        Score, (n,), at the middle of the window of the pulse; zeros at the ends, and away from the
+        samples ``near``.
         """
-        if self.near is None:
-            return _largest_correlation(padded, self.shapes)
-        score = np.array(self.screened if padded is self.padded else self._screen(padded))
+        near = np.ones(len(padded), dtype=bool) if self.near is None else self.near
+        score = np.zeros(len(padded))
         half = self.shapes.shape[1] // 2
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.near, [False]])))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
         for first, end in edges.reshape(-1, 2).tolist():
             before = max(first - half, 0)
             exact = _largest_correlation(padded[before : end + half], self.shapes)
             score[first:end] = exact[first - before : end - before]
         return score
-
-    def _screen(self, padded: Array) -> Array:
-        """The score with the shapes of the screen only."""
-        return _largest_correlation(padded, self.shapes[list(self.screen)])
-
-    @cached_property
-    def screened(self) -> Array:
-        """The score of the original trace with the shapes of the screen only."""
-        return self._screen(self.padded)
 
     @cached_property
     def initial_score(self) -> Array:
@@ -391,49 +379,8 @@ def _largest_correlation(padded: Array, shapes: Array) -> Array:
     length = shapes.shape[1]
     if len(padded) < length:
         return np.zeros(len(padded))
-    largest = np.zeros(len(padded) - length + 1)
-    for shape in shapes:
-        correlation = oaconvolve(padded, shape[::-1], mode="valid")
-        np.maximum(largest, np.abs(correlation), out=largest)
-    return np.pad(largest, length // 2)
-
-
-def find_bursts(
-    y: Array,
-    dt_s: float,
-    noise_sd: float,
-    filter_: Conditioning,
-    lag_s: float,
-    isolated: Flags | None = None,
-) -> Flags:
-    """Mark the samples that a burst before the conditioning filter has changed.
-
-    Parameters
-    ----------
-    y
-        Finite trace (N,) [K].
-    dt_s
-        Sampling interval [s]; the search is empty where the longest pulse has more than
-        ``MAX_WINDOW`` samples.
-    noise_sd
-        Standard deviation of its white noise [K].
-    filter_
-        The conditioning filter.
-    lag_s
-        Lag of the chain, which rounds the changes of the temperature [s].
-    isolated
-        Where other channels show no change, (N,); nowhere if None.
-
-    Returns
-    -------
-    Mask of the changed samples, (N,).
-
-    Notes
-    -----
-    The same search as in ``whiten_traces``, for one trace; the tests use it.
-    """
-    isolated_mask = np.zeros(len(y), dtype=bool) if isolated is None else isolated
-    return _burst_mask(_PulseSearch.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, isolated_mask)
+    correlations = oaconvolve(padded[None], shapes[:, ::-1], mode="valid", axes=1)
+    return np.pad(np.abs(correlations, out=correlations).max(axis=0), length // 2)
 
 
 def _burst_mask(
@@ -532,10 +479,9 @@ def _screen_shapes(dt_s: float, filter_: Conditioning) -> tuple[int, ...]:
     """
     _, shapes, _ = _pulse_shapes(dt_s, filter_)
     count = len(shapes)
-    correlation = np.ones((count, count))
-    for i, j in combinations(range(count), 2):
-        largest = np.abs(oaconvolve(shapes[i], shapes[j][::-1])).max()
-        correlation[i, j] = correlation[j, i] = largest
+    correlation = np.array(
+        [np.abs(oaconvolve(shape[None], shapes[:, ::-1], axes=1)).max(axis=1) for shape in shapes]
+    )
     alike = correlation >= SCREEN_CORRELATION
     chosen: list[int] = []
     remaining = np.ones(count, dtype=bool)

@@ -77,7 +77,7 @@ UNEXPLAINED = 1.6
 # standard deviations by which such a mean must exceed one
 UNEXPLAINED_SD = 5.0
 # relative change of a level at which the iteration ends
-LEVELS_SETTLED = 1e-9
+LEVELS_SETTLED = 1e-6
 # lag [s] of the chain before the filter: shapes the spectrum of slow temperatures
 TYPICAL_LAG_S = 0.7
 

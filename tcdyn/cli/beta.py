@@ -96,8 +96,14 @@ def beta(
     Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out
     beta.json --report beta.html
     """
+    from tcdyn.io.read import display_path
     from tcdyn.io.write import write_text
-    from tcdyn.rig.opened_log import check_records_used, records_by_disk, rig_from_records
+    from tcdyn.rig.opened_log import (
+        check_records_used,
+        column_names,
+        records_by_disk,
+        rig_from_records,
+    )
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
     from tcdyn.workflows.operating_conditions import read_bearing
@@ -105,7 +111,8 @@ def beta(
     check_outputs([log, rig, bearing, *record], out=out, report=report)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
-    check_records_used(log, rig_settings, records)
+    names = column_names(log, rig_settings)
+    check_records_used(names, rig_settings, records, display_path(log))
     rolling = read_bearing(bearing) if bearing else None
     with stage_progress(reporter.is_silent, verbose) as progress:
         options: dict[str, Any] = {

@@ -52,8 +52,8 @@ class GrowingText:
         Number of rows read, and of lines with another number of fields.
     hash
         SHA-256 of the bytes read.
-    header
-        The bytes above the first row.
+    header, first_row
+        The bytes above the first row, and those of the first row.
     tail
         The last bytes read.
     file
@@ -73,6 +73,7 @@ class GrowingText:
     bad_lines: int = 0
     hash: Any = field(default_factory=hashlib.sha256)
     header: bytes = b""
+    first_row: bytes = b""
     tail: bytes = b""
     file: tuple[int, int] = (0, 0)
     go_on: Callable[[bool], bool] = lambda _: False
@@ -105,6 +106,8 @@ class GrowingText:
         location = SampleLocation(self.dialect.where, self.dialect.skip + 1)
         first_rows = CheckedRows(0, location, end=self.opened_bytes)
         reader = TextReader(self.dialect, [n for n in wanted if n != ROW_END], first_rows)
+        if self.offset > len(self.header):  # clock stamps count from the first row of the log
+            reader.parse(self.first_row)
         lines: list[bytes] = []
         ends: list[int] = []
         least = FIRST_ROWS
@@ -229,7 +232,9 @@ def open_growing(table: Table, path: Path) -> tuple[GrowingText, Table] | None:
     if not all(line.endswith(b"\n") for line in first_rows):
         return None
     header = b"".join(head)
-    growing = GrowingText(path, table.dialect, size, header=header, file=file)
+    growing = GrowingText(
+        path, table.dialect, size, header=header, first_row=first_rows[0], file=file
+    )
     growing.seek(len(header))
     return growing, replace(table, chunks=growing.chunks)
 

@@ -28,7 +28,7 @@ from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
 from tcdyn.io.metadata import COMPENSATED, START_TIME_KEY
-from tcdyn.io.read import Table, read_all_rows, sha256
+from tcdyn.io.read import Table, display_path, read_all_rows, sha256
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
@@ -38,6 +38,7 @@ from tcdyn.rig.check_kind import check_kind
 from tcdyn.rig.columns import LAYOUTS, SWITCHES, Kind, junction_columns_in
 from tcdyn.rig.opened_log import (
     check_records_used,
+    column_names,
     columns_to_skip,
     log_kind,
     missing_and_unused,
@@ -169,6 +170,7 @@ class LogChunks:
     """
 
     path: Path
+    sha256: str
     kind: Kind
     metadata: dict[str, str]
     sampling: Sampling
@@ -336,12 +338,11 @@ class LogChunks:
                 values = chunk.frame[name].to_numpy()
                 column[first:stop] = values[selected[first:stop] - chunk.first]
             findings += chunk.findings
-        checksum = sha256(self.path) if self._log is None else self._log.sha256
         return Log(
             pd.DataFrame(frame, copy=False),
             self.kind,
             self.path,
-            checksum,
+            self.sha256,
             self.dt_s,
             self.metadata,
             findings,
@@ -471,6 +472,7 @@ def iter_log(
         chunks.clear()
     log = LogChunks(
         file,
+        sha256(file),
         kind,
         metadata,
         sampling,
@@ -511,12 +513,14 @@ def open_log_for_records(
     InputError
         As ``iter_log`` does, and for records of a disk that the log does not hold.
     """
-    kind, disk = log_kind(log, rig, records)
+    where = display_path(Path(log))
+    names = column_names(log, rig, next(iter(records)))
+    kind, disk = log_kind(names, rig, records, where)
     skipped: list[str] = []
     unused: list[str] = []
     if kind == "ehl":
-        check_records_used(log, rig, records)
-        skipped, unused = columns_to_skip(log, rig, records)
+        check_records_used(names, rig, records, where)
+        skipped, unused = columns_to_skip(names, rig, records)
     return iter_log(log, kind, rig, disk, parted=False, without=skipped), unused
 
 

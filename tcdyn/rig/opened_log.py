@@ -19,7 +19,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.metadata import check_not_compensated
-from tcdyn.io.read import Table, display_path, open_table
+from tcdyn.io.read import Table, open_table
 from tcdyn.rig.columns import (
     EHL_RUNNING,
     KNOWN_COLUMNS,
@@ -212,17 +212,31 @@ def open_log(
     return convert_columns(table, conversions), canonical
 
 
-def missing_columns(
-    file: str | Path, rig: Rig, wanted: Iterable[str], alike: bool = False
-) -> list[str]:
-    """The ``wanted`` columns that the file of an EHL log does not hold.
-
-    With ``alike``, columns with a similar name in the file are not listed.
+def column_names(file: str | Path, rig: Rig, disk: str | None = None) -> tuple[str, ...]:
+    """The columns in the file of a log.
 
     Parameters
     ----------
     file
         The file.
+    rig
+        The rig, whose columns help to find the header.
+    disk
+        Disk of an immersion log.
+    """
+    mapping = {**rig.columns(), **rig.air_columns(), **rig.columns(disk)}
+    return open_table(file, (*all_column_names(rig_layouts(rig, disk)), *mapping.values())).names
+
+
+def missing_columns(
+    names: Collection[str], rig: Rig, wanted: Iterable[str], alike: bool = False
+) -> list[str]:
+    """The ``wanted`` columns that an EHL log does not hold.
+
+    Parameters
+    ----------
+    names
+        Names in the file.
     rig
         The rig.
     wanted
@@ -231,9 +245,6 @@ def missing_columns(
         Do not list columns with a similar name in the file.
     """
     mapping = {**rig.columns(), **rig.air_columns()}
-    names = open_table(
-        Path(file), (*all_column_names(rig_layouts(rig, None)), *mapping.values())
-    ).names
     missing = [c for c in wanted if find_column(c, mapping, names) is None]
     if not alike:
         return missing
@@ -242,14 +253,14 @@ def missing_columns(
 
 
 def columns_to_skip(
-    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+    names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord]
 ) -> tuple[list[str], list[str]]:
     """Missing columns of an EHL log that are not needed.
 
     Parameters
     ----------
-    log
-        The file.
+    names
+        Names in the file.
     rig
         The rig.
     records
@@ -269,43 +280,47 @@ def columns_to_skip(
         if disk in records:
             continue
         columns = junction_columns(rig.disk_setup(disk).channels, disk)
-        if len(missing_columns(log, rig, columns)) == len(columns):
+        if len(missing_columns(names, rig, columns)) == len(columns):
             junctions += columns
     running = missing_columns(
-        log, rig, [*EHL_RUNNING, *TORQUE_COLUMNS, "ambient_degC", *rig.air_columns()]
+        names, rig, [*EHL_RUNNING, *TORQUE_COLUMNS, "ambient_degC", *rig.air_columns()]
     )
     has_torque = not set(TORQUE_COLUMNS) <= set(running)
     needless = {"contact", *TORQUE_COLUMNS, *rig.replaced_columns()}
     if has_torque:
         needless.add("friction_N")
     candidates = [c for c in running if c not in needless]
-    unused = missing_columns(log, rig, candidates, alike=True)
+    unused = missing_columns(names, rig, candidates, alike=True)
     return [*junctions, *unused], unused
 
 
-def check_records_used(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:
+def check_records_used(
+    names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
+) -> None:
     """Raise InputError for the record of a disk of which an EHL log holds no column.
 
     Parameters
     ----------
-    file
-        The file.
+    names
+        Names in the file.
     rig
         The rig.
     records
         Records by disk.
+    where
+        Name of the file, for messages.
     """
     without_columns: list[str] = []
     for disk in records:
         columns = [*junction_columns(rig.disk_setup(disk).channels, disk)]
-        if missing_columns(file, rig, columns) == columns:
+        if missing_columns(names, rig, columns) == columns:
             without_columns.append(disk)
     if len(without_columns) == len(records):
         return
     for disk in without_columns:
         raise InputError(
             f"holds no column of the {disk} disk, whose record was given",
-            where=display_path(Path(file)),
+            where=where,
             remedy=f"leave out the {disk} disk's record, or map columns",
         )
 
@@ -353,40 +368,9 @@ def unit_conversions(
 
 
 def log_kind(
-    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
-) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """Whether a file is an EHL or an immersion log, and for the latter the disk that was plunged.
-
-    Parameters
-    ----------
-    log
-        The file.
-    rig
-        The rig.
-    records
-        Records by disk.
-
-    Returns
-    -------
-    kind
-        "ehl" or "immersion".
-    disk
-        The disk that was plunged; None for an EHL log.
-
-    Raises
-    ------
-    InputError
-        Several records are given for an immersion log. The reader refuses other kinds of log.
-    """
-    disk = next(iter(records))
-    names = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
-    return log_kind_of_columns(open_table(log, names).names, rig, records, display_path(Path(log)))
-
-
-def log_kind_of_columns(
     names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """``log_kind`` for the names of the columns.
+    """Whether a log is an EHL or an immersion log, and for the latter the disk that was plunged.
 
     Parameters
     ----------
@@ -409,7 +393,7 @@ def log_kind_of_columns(
     Raises
     ------
     InputError
-        Several records for an immersion log.
+        Several records for an immersion log. The reader refuses other kinds of log.
     """
     disk = next(iter(records))
     layouts = rig_layouts(rig, disk)

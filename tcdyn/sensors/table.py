@@ -31,17 +31,17 @@ from tcdyn.io.times import (
 )
 from tcdyn.rig.plausible import dropout_codes, out_of_range
 from tcdyn.sensors.units import Unit, is_match, unit_findings
+from tcdyn.smoothing.intervals import SETTLING
+from tcdyn.smoothing.process_noise import FLOOR
 
-# Margin of a segment: rows on either side that are only used to settle the smoother. Chosen by
-# judgement; a caller asks for more where the smoother needs it.
+# Margin of a segment: rows on either side that are only used to settle the smoother. So many lags
+# and rows, chosen by judgement, beyond the time in which the smoothest temperature settles.
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
 SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
 # A segment has at least so many times the rows of its margin. The rows of the margins are smoothed
 # twice: a larger number costs memory, a smaller one time. Chosen by judgement.
 MARGINS_PER_SEGMENT = 3
-# Margin over what the segment before needed, so that few segments are read again. By judgement.
-MARGIN_RESERVE = 1.25
 # Rows for which the first block with a fixed delay waits: they give the interval, and a first
 # estimate of the noise (its relative standard uncertainty is 9 % from 64 rows). By judgement.
 START_ROWS = 64
@@ -522,9 +522,6 @@ class TableSegment:
         Rows of the segment without its margins.
     findings
         Findings of the reader.
-    margin_rows
-        Least margin on either side where the table continues [rows]; infinite where it does not,
-        and with a fixed delay, where no larger margin can be had.
     position
         Where the reading stands after this segment.
     is_last
@@ -536,7 +533,6 @@ class TableSegment:
     data: dict[str, Array]
     keep: slice
     findings: tuple[Finding, ...]
-    margin_rows: float
     position: SegmentPosition = SegmentPosition(0.0, 0, 0)
     is_last: bool = False
 
@@ -563,7 +559,7 @@ def read_segments(
     *,
     delay_s: float | None = None,
     position: SegmentPosition | None = None,
-) -> Generator[TableSegment, int | None, None]:
+) -> Iterator[TableSegment]:
     """Read a table in overlapping segments; a long gap ends a segment.
 
     Parameters
@@ -584,22 +580,23 @@ def read_segments(
         With a delay: where an earlier reading stood; ``source`` begins with the history of the next
         block.
 
-    Returns
-    -------
-    generator of TableSegment
+    Yields
+    ------
+    TableSegment
         The segments in the order of the rows; their kept rows are each row once.
 
     Notes
     -----
-    Where segments end depends on the rows only, not on how the file is read. The caller sends how
-    many rows of margin the last segment needed. Where it had fewer it comes again with that many
-    (rounded up, at most ``MAX_MARGIN_ROWS``). The segments after it have the margin that the last
-    one needed, ``MARGIN_RESERVE`` times, and never less than ten lags.
+    Where segments end depends on the rows only, not on how the file is read. The margin is that of
+    the least process-noise intensity that a fit can give, ``FLOOR`` noise variances per second
+    cubed: sqrt(2) (interval / ``FLOOR``)^(1/4) is the memory of the smoother there
+    (``tcdyn.smoothing.intervals.memory_s``), and ``SETTLING`` memories are enough. It has at most
+    ``MAX_MARGIN_ROWS``.
 
     With a delay of n rows, a block has n - ceil(n / 2) + 1 rows and a margin of ceil(n / 2) rows
     after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least
-    ``MARGIN_ROWS``. It does not grow: the rows of a block are then estimated from fewer rows, and
-    their uncertainty includes that. The first block after a start or a long gap waits for
+    ``MARGIN_ROWS``. It is shorter than that of other segments: the rows of a block are estimated
+    from fewer rows, and their uncertainty includes that. The first block after a start or a long gap waits for
     ``START_ROWS`` rows. ``tests/smoothing/test_fixed_delay.py`` guards that the division depends on
     the rows only.
     """
@@ -613,7 +610,6 @@ def read_segments(
     stretch_rows = 0  # rows since the last long gap that belong to earlier segments
     interval_s = 0.0
     margin = 0
-    least_margin = 0
     if position is not None:
         interval_s = position.interval_s
         stretch_rows = position.done_rows
@@ -639,8 +635,9 @@ def read_segments(
             continue
         if not interval_s:
             interval_s = _typical_interval_s(time if delay_s is None else time[:START_ROWS])
-            least_margin = _rounded_margin(MARGIN_LAGS * lag_s / interval_s + MARGIN_ROWS)
-            margin = least_margin
+            memory_s = np.sqrt(2) * (interval_s / FLOOR) ** 0.25
+            settling_s = SETTLING * memory_s + MARGIN_LAGS * lag_s
+            margin = _rounded_margin(settling_s / interval_s + MARGIN_ROWS)
             continue
         split_s = max(longest_gap_s, MIN_GAP_INTERVALS * interval_s)
         if done and done < len(time) and time[done] - time[done - 1] > split_s:
@@ -660,21 +657,14 @@ def read_segments(
         first = max(done - lengths.before, 0)
         last = end if to_end else stop + lengths.after
         next_rows = 0 if has_gap else stretch_rows + stop - done
-        complete = delay_s is not None or margin >= MAX_MARGIN_ROWS or (first == 0 and to_end)
-        needed = yield TableSegment(
+        yield TableSegment(
             time[first:last],
             {n: values[first:last] for n, values in data.items()},
             slice(done - first, stop - first),
             tuple(findings),
-            np.inf if complete else margin,
             SegmentPosition(interval_s, next_rows, min(next_rows, lengths.stored)),
             cut_short,
         )
-        if needed is not None:
-            had_fewer = needed > margin and not complete
-            margin = _rounded_margin(max(MARGIN_RESERVE * needed, least_margin))
-            if had_fewer:
-                continue
         findings = []
         drop = stop if has_gap else max(stop - lengths.stored, 0)
         time = time[drop:]
@@ -687,7 +677,7 @@ def _settled_lengths(margin: int, min_rows: int) -> _Lengths:
     """Lengths of a segment with ``margin`` rows on either side; a gap in the margin is seen."""
     size = max(MARGINS_PER_SEGMENT * margin, min_rows)
     window = size + 2 * margin
-    return _Lengths(size, margin, margin, window, MAX_MARGIN_ROWS, window + 1)
+    return _Lengths(size, margin, margin, window, margin, window + 1)
 
 
 def _delayed_lengths(
@@ -743,7 +733,8 @@ def _typical_interval_s(time: Array) -> float:
     step = step[np.isfinite(step)]
     if not len(step):
         return 1.0
-    return float(np.median(step)) or float(step.mean()) or 1.0
+    typical = float(np.median(step)) or float(step.mean())
+    return typical if typical > 0 else 1.0  # time that runs backward is refused later
 
 
 def _rounded_margin(rows: float) -> int:

@@ -32,7 +32,13 @@ from tcdyn.smoothing.process_noise import (
     smearing_time_s,
 )
 from tcdyn.smoothing.record import Record
-from tcdyn.smoothing.state_space import DIFFUSE, Smoothed, likelihood, smooth_record
+from tcdyn.smoothing.state_space import (
+    DIFFUSE,
+    Smoothed,
+    SmoothedSamples,
+    likelihood,
+    smooth_record,
+)
 
 # Values without a source below were chosen by judgement; those of the search trade time against
 # the chance to detect an event, the last ones accuracy of the average against time.
@@ -201,9 +207,8 @@ def remaining_jump(fit: Smoothed) -> Array:
     chi2 = fit.jump_chi2.copy()
     chi2[:3] = 0.0
     chi2[-3:] = 0.0
-    n_samples = len(fit.temperature)
-    out = np.zeros_like(fit.temperature)
-    t = np.arange(n_samples) * fit.record.dt_s
+    out = np.zeros_like(fit.predicted)
+    t = np.arange(len(out)) * fit.record.dt_s
     knots = fit.knots_s[:-1]
     free_s = {b.start_s for q in fit.intensities for b in q.bursts} | set(fit.record.events_s)
     chi2[np.isin(knots, list(free_s))] = 0.0  # there a jump has its own prior
@@ -601,20 +606,24 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
     return np.take_along_axis(levels, best, axis=1)[:, 0], value.max(axis=1)
 
 
-def average_over_event(fit: Smoothed, event: HiddenEvent) -> Smoothed:
-    """Smoothed record with temperature, slope and sd averaged over all that one event may be.
+def average_over_event(
+    fit: Smoothed, samples: SmoothedSamples, event: HiddenEvent
+) -> SmoothedSamples:
+    """Temperature, slope and sd of a record averaged over all that one event may be.
 
     Parameters
     ----------
     fit
         Smoothed record, with the event in its most likely form.
+    samples
+        The same at its samples, averaged over other events.
     event
         The event with its possibilities and their weights.
 
     Returns
     -------
-    Smoothed
-        The record with new temperature, slope, lag sensitivity and standard deviation near the
+    SmoothedSamples
+        ``samples`` with new temperature, slope, lag sensitivity and standard deviation near the
         event.
 
     Notes
@@ -633,7 +642,7 @@ def average_over_event(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     def run(intensities: Sequence[Intensity]) -> Array:
         """Temperature, slope, lag sensitivity and variance (4, n, M) of the window."""
         shifted = [q.shifted(shift_s=shift) for q in intensities]
-        part = smooth_record(window, fit.noise_var, shifted)
+        part = smooth_record(window, fit.noise_var, shifted).at_samples()
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
 
     start = run(fit.intensities)
@@ -644,14 +653,12 @@ def average_over_event(fit: Smoothed, event: HiddenEvent) -> Smoothed:
         weights.append(event.no_event_probability)
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))
-    totals = [fit.temperature.copy(), fit.slope.copy(), fit.lag_sensitivity.copy(), fit.sd**2]
-    for total, change in zip(totals, mean - start):
-        total[first:last] += change
+    totals = np.stack([samples.temperature, samples.slope, samples.lag_sensitivity, samples.sd**2])
+    totals[:, first:last] += mean - start
     temperature, slope, lag_sensitivity, var = totals
     spread = np.einsum("hm,hnm->nm", weight, (np.array(runs)[:, 0] - mean[0]) ** 2)
-    var[first:last] = np.maximum(var[first:last] + spread, 0.25 * fit.sd[first:last] ** 2)
-    return replace(
-        fit,
+    var[first:last] = np.maximum(var[first:last] + spread, 0.25 * samples.sd[first:last] ** 2)
+    return samples._replace(
         temperature=temperature,
         slope=slope,
         lag_sensitivity=lag_sensitivity,

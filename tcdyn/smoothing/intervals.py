@@ -31,8 +31,8 @@ STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 3
 FINE = 0.5
 # intervals that are smoothed at once; chosen by judgement (memory)
 CHUNK_INTERVALS = 4000
-# margin of a chunk, in memories of the smoother: exp(-18) of the error at its ends remains
-SETTLING = 18.0
+# margin of a chunk, in memories of the smoother: exp(-10) of the error at its ends remains
+SETTLING = 10.0
 # level noise over noise [1/s2] below which it has no effect on any record
 TINY_RATIO = 1e-12
 
@@ -210,7 +210,7 @@ def chunks(
     A margin lasts ``SETTLING`` times the memory of the slowest channel, counted in samples that all
     channels have. Where a margin would be longer than a chunk, the chunks are made twice as long.
     ``CHUNK_INTERVALS`` may be changed freely (memory and speed). ``SETTLING`` is the logarithm of
-    the factor to which the error at the end of a margin decays; with 2 instead of 18 the chunks
+    the factor to which the error at the end of a margin decays; with 2 instead of 10 the chunks
     differ by more than 1e-5 K in ``tests/smoothing/test_smoother.py``.
     """
     n_intervals = len(knots) - 1

@@ -81,7 +81,7 @@ class Intensity:
     >>> q = Intensity((0.0, 10.0), (1.0, 4.0), (Burst(10.0, 8.0, 2.0),))
     >>> q.at([5.0, 10.0, 16.0]).tolist()
     [1.0, 12.0, 5.0]
-    >>> float(q.between([0.0, 10.0, 16.0])[1])
+    >>> float(levels_between([q], np.array([0.0, 10.0, 16.0]))[0, 1])
     42.0
     """
 
@@ -104,14 +104,6 @@ class Intensity:
         """q(t) [K2/s3], same shape as ``t_s``."""
         t = np.asarray(t_s, dtype=float)
         return levels_at([self], t.ravel())[0].reshape(t.shape)
-
-    def between(self, knots_s: ArrayLike) -> Array:
-        """Integral of q over each interval between ``knots_s`` (J+1,), shape (J,) [K2/s2]."""
-        return levels_between([self], np.asarray(knots_s, dtype=float))[0]
-
-    def jumps(self, knots_s: Array) -> Array:
-        """Prior variance (J, 2) of a jump of level [K2] and slope [K2/s2] at each knot (J,)."""
-        return jumps_at([self], knots_s)[:, 0]
 
     def shifted(
         self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0

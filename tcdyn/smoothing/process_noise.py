@@ -581,7 +581,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
         constant = [Intensity.constant(level * var) for var in noise_var]
         fit = smooth_record(record, noise_var, constant)
         misfit = np.sum(w * (record.y - fit.predicted) ** 2, axis=0) / np.sum(w, axis=0)
-        slope_changes = np.diff(fit.knot_slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
+        slope_changes = np.diff(fit.slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
         effective_count = np.sum(w * fit.predicted_var, axis=0) / noise_var
         rows.append((misfit, np.sum(slope_changes, axis=0), effective_count))
     misfits, roughness, effective = (np.array(column) for column in zip(*rows))

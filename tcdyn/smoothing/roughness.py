@@ -9,10 +9,12 @@ the data demand.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
@@ -131,7 +133,9 @@ def too_smooth(fit: Smoothed) -> Flags:
         level_noise = level_noise_at([q], knots)[0]
         if not q.level_noise:
             segment = np.maximum(np.searchsorted(q.starts_s, knots, side="right") - 1, 0)
-            level_noise = level_noise + _first_level_noise(fit, c)[segment]
+            density = fit.noise_var[c] * fit.record.dt_s
+            first_level_noise = _first_level_noise(q, fit.record.chains[c], density)
+            level_noise = level_noise + first_level_noise[segment]
         weight = np.stack([level_noise, q.at(knots)], axis=1)
         observed, dof = score_sums(fit, c, windows, weight)
         if not q.level_noise and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
@@ -172,13 +176,23 @@ def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
     return rise > (LEVEL_SD * sd if dof > FEW_DOF else 0.0)
 
 
-def adapted(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
-    """Smooth again with level noise, and with intensities by blocks of time.
+def adapted(
+    record: Record,
+    noise_var: Array,
+    intensities: Sequence[Intensity],
+    divisions: int = MAX_DIVISIONS,
+) -> list[Intensity]:
+    """Intensities with level noise, by blocks of time.
 
     Parameters
     ----------
-    fit
-        Smoothed record; its bursts remain, its segments are the first blocks.
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2].
+    intensities
+        Intensity of each channel to start from; its bursts remain, its segments are the first
+        blocks.
     divisions
         How often a block may be divided in two.
 
@@ -188,16 +202,15 @@ def adapted(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
     is one where the likelihood has its maximum (MacKay 1992). A prior of ``PRIOR_DOF`` degrees of
     freedom keeps it from zero. A block is divided where its halves disagree.
     """
-    record = fit.record
     current: list[Intensity] = []
-    for c, q in enumerate(fit.intensities):
-        if q.level_noise:
-            current.append(q)
-        else:
-            current.append(replace(q, level_noise=tuple(_first_level_noise(fit, c).tolist())))
+    for chain, var, q in zip(record.chains, noise_var, intensities):
+        if not q.level_noise:
+            level_noise = _first_level_noise(q, chain, var * record.dt_s)
+            q = replace(q, level_noise=tuple(level_noise.tolist()))
+        current.append(q)
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
-            fit = smooth_record(record, fit.noise_var, current, COARSENING * FINE)
+            fit = smooth_record(record, noise_var, current, COARSENING * FINE)
             updated = [_updated(fit, c, q) for c, q in enumerate(current)]
             if max(gain for _, gain in updated) < SETTLED_NATS:
                 break
@@ -206,17 +219,17 @@ def adapted(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
         if division == divisions or divided == current:
             break
         current = divided
-    return smooth_record(record, fit.noise_var, current)
+    return current
 
 
-def _first_level_noise(fit: Smoothed, channel: int) -> Array:
+def _first_level_noise(q: Intensity, chain: Chain, noise_density: float) -> Array:
     """Intensity of level noise (S,) [K2/s] in each segment of a channel with slope noise only.
 
-    At the corner of the smoother it has the power of the slope noise.
+    At the corner of the smoother it has the power of the slope noise. ``noise_density`` is the
+    noise variance times the sampling interval [K2 s].
     """
-    levels = np.array(fit.intensities[channel].levels)
-    ratio = levels / (fit.noise_var[channel] * fit.record.dt_s)
-    return np.asarray(levels / corner_rad_s(fit.record.chains[channel], ratio) ** 2)
+    levels = np.array(q.levels)
+    return np.asarray(levels / corner_rad_s(chain, levels / noise_density) ** 2)
 
 
 def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
@@ -338,12 +351,10 @@ def refined(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
     if not channels.any():
         return fit
     chosen = [q for q, use in zip(fit.intensities, channels) if use]
-    part = smooth_record(selected(fit.record, channels), fit.noise_var[channels], chosen)
-    part = adapted(part, divisions)
-    if channels.all():
-        return part
+    record = selected(fit.record, channels)
     intensities = list(fit.intensities)
-    for index, q in zip(np.flatnonzero(channels).tolist(), part.intensities):
+    rougher = adapted(record, fit.noise_var[channels], chosen, divisions)
+    for index, q in zip(np.flatnonzero(channels).tolist(), rougher):
         intensities[index] = q
     return smooth_record(fit.record, fit.noise_var, intensities)
 

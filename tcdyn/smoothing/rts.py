@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 
 # relative change of a covariance from one interval to the next below which it counts as stationary
-SETTLED_CHANGE = 1e-10
+SETTLED_CHANGE = 1e-7
 # relative difference of information or intensity below which intervals count as equal: it changes
 # no temperature by a millionth of its standard deviation
 EQUAL_TOLERANCE = 1e-6
@@ -291,8 +291,8 @@ def _backward_pass(
         k = gain_index[j]
         adjoint_var[j] = back[k] @ adjoint_var[j + 1] @ step[k] + added[k]
         start = int(run_starts[k])
-        stationary = j < count - 1 and _close(adjoint_var[j], adjoint_var[j + 1])
-        if j - start >= MIN_RUN and stationary:
+        is_long = j - start >= MIN_RUN and j < count - 1
+        if is_long and _close(adjoint_var[j], adjoint_var[j + 1]):
             adjoint_var[start:j] = adjoint_var[j]
             shared[start:j] = j
             reversed_driven = np.concatenate([adjoint[j + 1][None], driven[start : j + 1][::-1]])

@@ -171,9 +171,10 @@ def smooth(
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
             fit = _reweighted(fit, record.y)
+    samples = fit.at_samples()
     for event in detected_events:
-        fit = average_over_event(fit, event)
-    sd = fit.sd
+        samples = average_over_event(fit, samples, event)
+    sd = samples.sd
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     if intensity is None:
         sd = np.hypot(sd, jump_K)
@@ -182,15 +183,17 @@ def smooth(
     for shift_K in event_shifts:
         sd = np.hypot(sd, shift_K)
     split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
-    split_K = fit.lag_split_sensitivity * [c.split_s2(u) for c, u in zip(record.chains, split_u)]
+    split_K = samples.lag_split_sensitivity * [
+        c.split_s2(u) for c, u in zip(record.chains, split_u)
+    ]
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
     detected = [(h.at_s, h.u_s) for h in detected_events if h.log_odds > 0]
     result = Compensated.from_components(
-        fit.temperature,
+        samples.temperature,
         sd,
-        fit.slope,
-        fit.lag_sensitivity,
+        samples.slope,
+        samples.lag_sensitivity,
         lag_covariance,
         line_u_K,
         dt_s,
@@ -355,8 +358,8 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
         shifted = [q.shifted(event_s, time_s).shifted(shift_s=shift) for q in fit.intensities]
         moved_window = replace(window, events_s=tuple(events))
         result = smooth_record(moved_window, fit.noise_var, shifted, COARSENING * FINE)
-        temperatures.append(result.temperature)
-    half = np.zeros_like(fit.sd)
+        temperatures.append(result.at_samples().temperature)
+    half = np.zeros_like(fit.predicted)
     half[first:last] = 0.5 * (temperatures[1] - temperatures[0])
     return half
 

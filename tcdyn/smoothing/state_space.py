@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from tcdyn.chain import Sensor
@@ -102,7 +102,7 @@ def interval_model(
         trace = record.y[low:high, c]
         n = len(s.output)
         w = np.append(weight / noise_var[c], 0.0)
-        y = np.append(trace, 0.0)
+        weighted = np.append(weight * trace / noise_var[c], 0.0)
         information_c = np.zeros((len(kind), n, n))
         score_c = np.zeros((len(kind), n))
         rows_c = []
@@ -117,7 +117,7 @@ def interval_model(
             inside = (sample >= low) & (sample < high)
             index = np.where(inside, sample - low, high - low)
             information_c[intervals] = (w[index] @ _squares(output_rows)).reshape(-1, n, n)
-            score_c[intervals] = (w[index] * y[index]) @ output_rows
+            score_c[intervals] = weighted[index] @ output_rows
             rows_c.append((intervals, output_rows, np.where(inside, sample, n_samples)))
         good = trace[weight > 0]
         level = float(good[0]) if len(good) else 0.0
@@ -355,9 +355,27 @@ def likelihood(
     return value, chi2 / np.maximum(n_samples - 2 - len(record.events_s), 1)[:, None]
 
 
+class SmoothedSamples(NamedTuple):
+    """A smoothed record at its samples (N, M).
+
+    Parameters
+    ----------
+    temperature, slope, sd
+        Temperature [degC], its slope [K/s] and its standard deviation [K].
+    lag_sensitivity, lag_split_sensitivity
+        Sensitivity to the lag [K/s] and to its division into parts [K/s2], see ``Sensor``.
+    """
+
+    temperature: Array
+    slope: Array
+    sd: Array
+    lag_sensitivity: Array
+    lag_split_sensitivity: Array
+
+
 @dataclass(frozen=True)
 class Smoothed:
-    """A smoothed record: states at the knots and samples given all samples.
+    """A smoothed record: states at the knots given all samples.
 
     Parameters
     ----------
@@ -365,8 +383,12 @@ class Smoothed:
         The record, its noise variance (M,) [K2] and the intensity of each channel.
     knots_s
         Knots (J+1,) [s].
-    knot_slope
-        Slope (J, M) [K/s] at the knots but the last.
+    level, slope
+        Temperature [degC] and slope [K/s] (J, M) at the knots but the last.
+    var
+        Their covariance (3, J, M): variance of the level, covariance, variance of the slope.
+    lag_change, split_change
+        Sensitivity to the lag [K/s] and to its division into parts [K/s2] (J, M), see ``Sensor``.
     jump_chi2
         Score test (J, M) for a jump of level, slope or both: chi-square with two degrees of freedom
         if there is none.
@@ -374,10 +396,6 @@ class Smoothed:
         Adjoint (J, M, 2) of level [1/K] and slope [s/K] at each knot, and its variance if the
         intensities are right: the derivative of the log likelihood with respect to the variance of
         a jump there is half of ``score**2 - score_var``.
-    temperature, slope, sd
-        Temperature (N, M) [degC], its slope [K/s] and its standard deviation [K].
-    lag_sensitivity, lag_split_sensitivity
-        Sensitivity to the lag [K/s] and to its division into parts [K/s2] (N, M), see ``Sensor``.
     predicted, predicted_var
         Predicted reading without noise (N, M) [degC], and its variance [K2].
     """
@@ -386,44 +404,49 @@ class Smoothed:
     noise_var: Array
     intensities: tuple[Intensity, ...]
     knots_s: Array
-    knot_slope: Array
+    level: Array
+    slope: Array
+    var: Array
+    lag_change: Array
+    split_change: Array
     jump_chi2: Array
     score: Array
     score_var: Array
-    temperature: Array
-    slope: Array
-    sd: Array
-    lag_sensitivity: Array
-    lag_split_sensitivity: Array
     predicted: Array
     predicted_var: Array
 
+    def at_samples(self) -> SmoothedSamples:
+        """Temperature, slope, standard deviation and sensitivities at the samples.
 
-def _evaluate_polynomials(
-    out: Array, powers: Sequence[Array], interval: NDArray[np.intp], since_knot_s: Array
-) -> None:
-    """Evaluate polynomials in the time since the knot by Horner's rule, and write them to ``out``.
+        Within an interval the level is a straight line and its variance a quadratic of the state
+        covariance at the knot; the sensitivities are interpolated linearly between knots.
+        """
+        dt = self.record.dt_s
+        t = np.arange(len(self.predicted)) * dt
+        interval = np.searchsorted(self.knots_s[:-1], t + 1e-6 * dt, side="right") - 1
+        since_knot_s = (t - self.knots_s[interval])[:, None]
 
-    Parameters
-    ----------
-    out
-        Result (N, M), overwritten.
-    powers
-        Coefficients (J, M) of the intervals from the highest power on.
-    interval
-        Interval (N,) of a sample.
-    since_knot_s
-        Time (N, 1) since the knot of the sample [s].
-    """
-    np.take(np.ascontiguousarray(powers[0]), interval, axis=0, out=out, mode="clip")
-    for coefficients in powers[1:]:
-        out *= since_knot_s
-        out += np.ascontiguousarray(coefficients)[interval]
+        def polynomial(*powers: Array) -> Array:
+            """Polynomial (N, M) in the time since the knot, from the highest power (J, M) on."""
+            value = powers[0][interval]
+            for coefficients in powers[1:]:
+                value *= since_knot_s
+                value += coefficients[interval]
+            return value
 
+        def interpolated(at_knot: Array) -> Array:
+            """Values (N, M) on straight lines between those at the knots (J, M)."""
+            steps = np.diff(at_knot, axis=0, append=at_knot[-1:])
+            return polynomial(steps / np.diff(self.knots_s)[:, None], at_knot)
 
-def _slopes_to_next(at_knot: Array, knots_s: Array) -> Array:
-    """Slopes (J, M) from each knot but the last to the next, of values (J, M) at the knots."""
-    return np.asarray(np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots_s)[:, None])
+        level_var, cross, slope_var = self.var
+        return SmoothedSamples(
+            polynomial(self.slope, self.level),
+            self.slope[interval],
+            np.sqrt(np.maximum(polynomial(slope_var, 2 * cross, level_var), 0.0)),
+            interpolated(self.lag_change),
+            interpolated(self.split_change),
+        )
 
 
 def smooth_record(
@@ -445,7 +468,7 @@ def smooth_record(
     Returns
     -------
     Smoothed
-        States at the samples and knots, and the score test for jumps.
+        States at the knots, predicted readings, and the score test for jumps.
 
     Notes
     -----
@@ -454,18 +477,16 @@ def smooth_record(
     see ``tcdyn.smoothing.intervals.chunks`` and ``tests/smoothing/test_smoother.py``.
 
     The score test for a jump of level and slope at a knot is q' W^-1 q, with the adjoint q and its
-    variance W from ``tcdyn.smoothing.rts.rts_smooth`` (as in de Jong and Penzer 1998). Within an
-    interval the level is a straight line and its variance a quadratic of the state covariance at
-    the knot; the sensitivities are interpolated linearly between knots.
+    variance W from ``tcdyn.smoothing.rts.rts_smooth`` (as in de Jong and Penzer 1998).
     """
     proposals = [[q] for q in chosen]
     knots = knots_for(record, noise_var, proposals, fine)
     span = channel_ranges(record)
     (n_samples, n_channels) = record.y.shape
     n_intervals = len(knots) - 1
-    knot_slope, jump_chi2 = np.empty((2, n_intervals, n_channels))
+    level, slope, lag_change, split_change, jump_chi2 = np.empty((5, n_intervals, n_channels))
+    var = np.empty((3, n_intervals, n_channels))
     score, score_var = np.empty((2, n_intervals, n_channels, 2))
-    at_samples = np.empty((5, n_samples, n_channels))
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
     split_rows = np.stack([s.split_row for s in record.sensors])
@@ -473,8 +494,8 @@ def smooth_record(
         model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
         chunk = rts_smooth(model)
         stored = slice(first - low, last - low)
-        mean = chunk.mean
-        cov = chunk.cov
+        mean = chunk.mean[stored]
+        cov = chunk.cov[stored]
         adjoint_var = chunk.adjoint_var[stored]
         (level_score, slope_score) = np.moveaxis(chunk.adjoint[stored], -1, 0)
         diagonal = adjoint_var[..., [0, 1], [0, 1]]
@@ -489,58 +510,32 @@ def smooth_record(
         jump_chi2[first:last] = quadratic / determinant
         score[first:last] = chunk.adjoint[stored]
         score_var[first:last] = diagonal
-        knot_slope[first:last] = mean[stored, :, 1]
+        level[first:last] = mean[..., 0]
+        slope[first:last] = mean[..., 1]
+        var[:, first:last] = np.moveaxis(cov[..., [0, 0, 1], [0, 1, 1]], -1, 0)
+        lag_change[first:last] = np.einsum("jmn,mn->jm", mean, lag_rows)
+        split_change[first:last] = np.einsum("jmn,mn->jm", mean, split_rows)
         for c, kinds in enumerate(model.rows):
             for intervals, rows, sample in kinds:
                 inside = (intervals >= stored.start) & (intervals < stored.stop)
-                intervals = intervals[inside]
+                intervals = intervals[inside] - stored.start
                 sample = sample[inside]
                 read[sample, c] = mean[intervals, c] @ rows.T
                 flat_cov = cov[intervals, c].reshape(len(intervals), rows.shape[1] ** 2)
                 read_var[sample, c] = flat_cov @ _squares(rows).T
-        start = 0 if first == 0 else int(np.ceil(knots[first] / record.dt_s - 1e-6))
-        end = n_samples if last == n_intervals else int(np.ceil(knots[last] / record.dt_s - 1e-6))
-        t = np.arange(start, end) * record.dt_s
-        interval = np.searchsorted(knots[low : high + 1], t + 1e-6 * record.dt_s, side="right") - 1
-        interval = np.clip(interval, 0, len(mean) - 1)
-        since_knot_s = (t - knots[low + interval])[:, None]
-        lag_change = np.einsum("jmn,mn->jm", mean, lag_rows)
-        split_change = np.einsum("jmn,mn->jm", mean, split_rows)
-        temperature, slope, sd, sensitivity, split_sensitivity = at_samples[:, start:end]
-        chunk_knots = knots[low : high + 1]
-        _evaluate_polynomials(slope, [mean[..., 1]], interval, since_knot_s)
-        _evaluate_polynomials(temperature, [mean[..., 1], mean[..., 0]], interval, since_knot_s)
-        _evaluate_polynomials(
-            sd, [cov[..., 1, 1], 2 * cov[..., 0, 1], cov[..., 0, 0]], interval, since_knot_s
-        )
-        _evaluate_polynomials(
-            sensitivity,
-            [_slopes_to_next(lag_change, chunk_knots), lag_change],
-            interval,
-            since_knot_s,
-        )
-        _evaluate_polynomials(
-            split_sensitivity,
-            [_slopes_to_next(split_change, chunk_knots), split_change],
-            interval,
-            since_knot_s,
-        )
-        np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
-    temperature, slope, sd, sensitivity, split_sensitivity = at_samples
     return Smoothed(
         record,
         noise_var,
         tuple(chosen),
         knots,
-        knot_slope,
+        level,
+        slope,
+        var,
+        lag_change,
+        split_change,
         jump_chi2,
         score,
         score_var,
-        temperature,
-        slope,
-        sd,
-        sensitivity,
-        split_sensitivity,
         read[:-1],
         read_var[:-1],
     )

@@ -31,7 +31,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, channels_left_out
 from tcdyn.rig.log import Log, iter_log
-from tcdyn.rig.opened_log import missing_columns, rig_from_records
+from tcdyn.rig.opened_log import column_names, missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.beta_tables import beta_file, estimates_table
@@ -217,7 +217,7 @@ def _columns_without_record(
         return []
     (other,) = others
     columns = [*junction_columns(rig.disk_setup(other).channels, other)]
-    if missing_columns(log, rig, columns) != columns:
+    if missing_columns(column_names(log, rig), rig, columns) != columns:
         raise InputError(
             f"no record of the {other} disk, whose columns the log holds",
             where=Path(log).name,

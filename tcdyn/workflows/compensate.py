@@ -40,6 +40,7 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
 from tcdyn.workflows.channels import DiskColumns, disk_readings, with_common_lag
+from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.prepare import prepare_test
 from tcdyn.workflows.segments import (
     CompensationMethod,
@@ -49,7 +50,9 @@ from tcdyn.workflows.segments import (
     write_segments,
 )
 
-SEGMENT_ROWS = 50_000  # least rows of a segment of a long log; chosen by judgement
+# Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
+# compensated in one piece.
+SEGMENT_ROWS = 100_000
 # Note in the metadata where the lag is not removed.
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
@@ -133,6 +136,9 @@ class CompensatedLog(Result):
         The log as it was recorded, and the method.
     segments
         How to compensate the remaining rows of a long log; None for a short one.
+    numbers
+        Noise and standard deviation of each column with a fixed delay, where ``disks`` and
+        ``traces`` are empty; otherwise None.
     """
 
     frame: pd.DataFrame
@@ -144,6 +150,7 @@ class CompensatedLog(Result):
     raw_log: Log
     method: CompensationMethod
     segments: LogSegments | None = field(default=None, repr=False)
+    numbers: pd.DataFrame | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         """Name and length of the log."""
@@ -171,6 +178,7 @@ class CompensatedLog(Result):
         disks = {disk: done.to_dict() for disk, done in self.disks.items()}
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
 
+    @one_blas_thread
     def write(
         self,
         path: str | Path,
@@ -218,6 +226,8 @@ class CompensatedLog(Result):
 
     def card(self) -> pd.DataFrame:
         """Noise and standard deviation of every channel."""
+        if self.numbers is not None:
+            return self.numbers
         return pd.concat(
             [d.card().assign(disk=disk) for disk, d in self.disks.items()], ignore_index=True
         )
@@ -251,7 +261,16 @@ class CompensatedLog(Result):
         -------
         dict
             As ``tcdyn.smoothing.windows.window_means``.
+
+        Raises
+        ------
+        InputError
+            With a fixed delay, and as ``window_means`` does.
         """
+        if not self.disks:
+            raise InputError(
+                "a result with a fixed delay has no covariance", remedy="leave out the delay"
+            )
         time_s = self.frame["time_s"].to_numpy(dtype=float)
         return window_means(
             self.raw_log.path.name,
@@ -278,6 +297,7 @@ def compensate_log(
     refine: bool = True,
     way: CompensationMethod | None = None,
     parts: bool = False,
+    delay_s: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
     """Compensate all channels of an EHL or immersion log that a record covers.
@@ -293,13 +313,18 @@ def compensate_log(
         The method; the smoother by default.
     parts
         Whether to add columns with the components of the uncertainty.
+    delay_s
+        None: each row is compensated with all rows near it. A number [s]: with the rows that are
+        there this long after it, and the lags of the records; the result is that of
+        ``tcdyn.workflows.compensate_table.compensate_table`` and ``tcdyn.workflows.follow.follow``.
     progress
         Called with the name of each stage.
 
     Raises
     ------
     InputError
-        For a log that is compensated already, or one that no record covers.
+        For a log that is compensated already, or one that no record covers; for a method or
+        components of the uncertainty with a delay.
 
     Notes
     -----
@@ -310,12 +335,27 @@ def compensate_log(
             "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
         )
     rig = rig or rig_from_records(records)
+    if delay_s is not None and (way is not None or parts):
+        raise InputError(
+            "{way} or {parts} with {delay_s}",
+            remedy="leave one of them out",
+            parameters=dict.fromkeys(("way", "parts", "delay_s")),
+        )
     way = way or CompensationMethod()
     way = replace(way, components=way.components or parts)
     progress("reading the log")
     pieces, unused = open_log_for_records(log, rig, records)
     kind = pieces.kind
     table = log_around_unloading(pieces)
+    if delay_s is not None:
+        rows: list[pd.DataFrame] = []
+        done = compensate_table(
+            log, records, rows.append, rig=rig, delay_s=delay_s, progress=progress
+        )
+        frame = pd.concat(rows, ignore_index=True)
+        return CompensatedLog(
+            frame, done.metadata, done.findings, {}, {}, (), table, way, numbers=done.numbers
+        )
     disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {
         **table.metadata,

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tcdyn.core.errors import InputError
@@ -26,7 +27,10 @@ from tcdyn.io.cells import is_number
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.growing import ROW_END, GrowingText, open_growing
+from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.read import display_path
+from tcdyn.io.stamps import is_stamp
+from tcdyn.io.start_time import start_time
 from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
@@ -209,7 +213,7 @@ def follow(
     else:
         _check_output_free(out, overwrite)  # it may have come while the header was waited for
         # what stood there stays until this is complete
-        notes = {**raw.notes, "delay_s": f"{delay_s:g}"}
+        notes = {**raw.notes, "delay_s": f"{delay_s:g}", **_first_stamp(growing, raw)}
         out_bytes = start_csv(out, raw.header, notes, style=style)
         stand = _Stand(growing.offset, None, 0, out_bytes)
     announce(raw, delay_s)
@@ -333,7 +337,7 @@ def _opened(
                 if opened is not None:
                     growing, table = opened
                     raw = raw_log(log, table, calibrations, rig, options)
-                    _check_numeric_time(growing, raw)
+                    _first_stamp(growing, raw)
                     patience.goes_on(has_new=True)
                     return growing, raw
         except InputError as error:
@@ -346,18 +350,26 @@ def _opened(
             raise problem
 
 
-def _check_numeric_time(growing: GrowingText, raw: RawLog) -> None:
-    """Raise InputError for a time column of clock stamps, which count from the first row read."""
+def _first_stamp(growing: GrowingText, raw: RawLog) -> dict[str, str]:
+    """Metadata with the date and time of the first row; empty if the log states none.
+
+    Raises InputError for a time column that holds neither numbers nor clock stamps.
+    """
     dialect = growing.dialect
     first_cells = dict(zip(dialect.names, dialect.first_row))
     name = raw.time_in_log
     cell = first_cells[name]
-    if not is_number(cell, dialect.decimal):
+    if is_number(cell, dialect.decimal):
+        return {}
+    if not is_stamp(cell):
         raise InputError(
-            f"column {name} holds no time as a number ({cell!r})",
+            f"column {name} holds no time ({cell!r})",
             where=display_path(growing.path),
-            expected="seconds or another unit of time as a number",
+            expected="a unit of time as a number, or clock times",
         )
+    cells = {column: np.array([text], dtype=object) for column, text in first_cells.items()}
+    start = start_time(cells, name, np.zeros(1))
+    return {START_TIME_KEY: start} if start else {}
 
 
 @dataclass(frozen=True)

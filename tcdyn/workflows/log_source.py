@@ -21,7 +21,7 @@ from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
 from tcdyn.rig.opened_log import (
     all_column_names,
-    log_kind_of_columns,
+    log_kind,
     rig_from_records,
     rig_layouts,
     unit_conversions,
@@ -162,7 +162,7 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
     """A log of the rig: its canonical columns, temperatures in degrees Celsius."""
     where = display_path(path)
     check_not_compensated(table.names, table.metadata, where)
-    kind, disk = log_kind_of_columns(table.names, rig, records, where)
+    kind, disk = log_kind(table.names, rig, records, where)
     mapping = rig.columns(disk)
     layouts = rig_layouts(rig, disk)
     names = match_columns(

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tcdyn.chain import Chain, sensors
+from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
@@ -35,7 +35,6 @@ from tcdyn.sensors.table import (
     unique_by_subject,
 )
 from tcdyn.sensors.units import Unit, without_unit
-from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated
@@ -174,8 +173,6 @@ class CompensatedSegment:
         By column: noise, typical and largest standard deviation (3,) [K].
     flags
         By column: flags (R,) of the samples, see ``Compensated``.
-    settling_rows
-        Rows on each side in which the smoother settles.
     findings
         Findings.
     """
@@ -184,7 +181,6 @@ class CompensatedSegment:
     columns: dict[str, NDArray[Any]]
     numbers: dict[str, Array]
     flags: dict[str, NDArray[np.uint8]]
-    settling_rows: int
     findings: list[Finding]
 
     @property
@@ -287,7 +283,6 @@ def compensate_segment(
     findings = [*segment.findings, *findings]
     numbers: dict[str, Array] = {}
     flags: dict[str, NDArray[np.uint8]] = {}
-    settling_rows = 0
     for group in prepared:
         for readings, result in _smoothed(group, method, events, findings):
             columns |= output_columns(readings, result, method, segment.keep)
@@ -300,12 +295,7 @@ def compensate_segment(
                 if np.isfinite(sd[:, i]).any():
                     typical = np.nanmedian(sd[:, i])
                     numbers[column] = np.array([result.noise_sd[i], typical, np.nanmax(sd[:, i])])
-            if result.intensities:
-                settling_s = settling_time_s(
-                    sensors(readings.chains), result.noise_sd, readings.dt_s, result.intensities
-                )
-                settling_rows = max(settling_rows, int(np.ceil(settling_s / readings.dt_s)))
-    return CompensatedSegment(segment, columns, numbers, flags, settling_rows, findings)
+    return CompensatedSegment(segment, columns, numbers, flags, findings)
 
 
 def _smoothed(
@@ -364,22 +354,13 @@ def compensated_segments(
 
     Notes
     -----
-    The rows do not depend on how the source is divided into chunks. A segment comes again with
-    larger margins where the smoother settles more slowly than they last; not with a fixed delay.
+    The rows do not depend on how the source is divided into chunks.
     """
     method = method or CompensationMethod()
-    segments = read_segments(
+    for segment in read_segments(
         source, columns, channels.lag_s, min_rows, delay_s=delay_s, position=position
-    )
-    segment = next(segments, None)
-    while segment is not None:
-        result = compensate_segment(segment, channels, method, events)
-        if result.settling_rows <= segment.margin_rows:
-            yield result
-        try:
-            segment = segments.send(result.settling_rows)
-        except StopIteration:
-            return
+    ):
+        yield compensate_segment(segment, channels, method, events)
 
 
 @dataclass

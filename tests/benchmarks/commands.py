@@ -1,7 +1,8 @@
 """Times of the commands relative to pandas reading and writing the same log, and their growth with the rows of a log.
 
 Run: ``python -m tests.benchmarks.commands FOLDER [ROWS ...]``. FOLDER stores the campaign of test D4 and is made if
-missing; each of ROWS, such as 10000 1000000, is a log of this length made from it. Baseline: pandas, in the same run.
+missing; each of ROWS, such as 10000 1000000, is a log of this length made from it; with ROWS, only these logs are
+measured. Times are CPU seconds. Baseline: pandas reads and pyarrow writes the same log, in the same run.
 """
 
 from __future__ import annotations
@@ -9,11 +10,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+from pyarrow import csv
+from pyarrow import parquet as pq
 
 from tcdyn.campaign import solve_campaign
 from tcdyn.smoothing.smoother import smooth
@@ -32,18 +37,38 @@ COMMANDS = (
     "verify",
 )
 SMOOTHED = (12, 105_000)
+BASELINE = (
+    "import sys, pandas as pd, pyarrow as pa; from pyarrow import csv; "
+    "csv.write_csv(pa.Table.from_pandas(pd.read_csv(sys.argv[1])), sys.argv[2])"
+)
+
+
+def process(*words: object) -> tuple[float, float]:
+    """CPU seconds and peak memory [MB] of a program of Python."""
+    run = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(run.pid, 0)
+    if os.waitstatus_to_exitcode(status) not in (0, 1):
+        raise SystemExit(f"{words} failed")
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
 def command(*arguments: object) -> tuple[float, float]:
-    """Seconds and peak memory [MB] of one command in its own process."""
-    start = time.perf_counter()
-    run = subprocess.Popen(
-        [sys.executable, "-m", "tcdyn.cli.app", *map(str, arguments)], stdout=subprocess.DEVNULL
-    )
-    _, status, used = os.wait4(run.pid, 0)
-    if os.waitstatus_to_exitcode(status) == 2:
-        raise SystemExit(f"{arguments} failed")
-    return time.perf_counter() - start, used.ru_maxrss / 1024
+    """CPU seconds and peak memory [MB] of one command in its own process."""
+    return process("-m", "tcdyn.cli.app", *arguments)
+
+
+def baseline(log: Path, out: Path) -> tuple[float, float]:
+    """CPU seconds and peak memory [MB] of pandas reading and pyarrow writing a log."""
+    return process("-c", BASELINE, log, out)
+
+
+def as_parquet(log: Path) -> Path:
+    """The log as Parquet, made in bounded memory."""
+    out = log.with_suffix(".parquet")
+    with csv.open_csv(log) as batches, pq.ParquetWriter(out, batches.schema) as writer:
+        for batch in batches:
+            writer.write_batch(batch)
+    return out
 
 
 def extended_log(log: Path, rows: int, out: Path) -> Path:
@@ -72,29 +97,39 @@ def extended_log(log: Path, rows: int, out: Path) -> Path:
     rng = np.random.default_rng(0)
     dt = float(frame["time_s"].iloc[-1]) / (len(frame) - 1)
     noisy = [c for c in frame if c.endswith(("_degC", "_N"))]
-    with out.open("w", encoding="utf-8") as stream:
-        for first in range(0, len(index), 200_000):
-            block = frame.iloc[index[first : first + 200_000]].copy()
-            block["time_s"] = np.round(dt * np.arange(first, first + len(block)), 6)
-            block[noisy] = (
-                block[noisy] + 1e-4 * rng.standard_normal((len(block), len(noisy)))
-            ).round(4)
-            block.to_csv(stream, index=False, header=first == 0)
+    writer = None
+    for first in range(0, len(index), 200_000):
+        block = frame.iloc[index[first : first + 200_000]].copy()
+        block["time_s"] = np.round(dt * np.arange(first, first + len(block)), 6)
+        block[noisy] = (block[noisy] + 1e-4 * rng.standard_normal((len(block), len(noisy)))).round(
+            4
+        )
+        table = pa.Table.from_pandas(block, preserve_index=False)
+        writer = writer or csv.CSVWriter(out, table.schema)
+        writer.write_table(table)
+    if writer is not None:
+        writer.close()
     return out
 
 
 def main(folder: Path, lengths: list[int]) -> None:
-    """One row for each command: seconds, and the ratio to reading and writing with pandas; then
-    one row for each length."""
+    """Print a row for each command, or for each command and length."""
     log = folder / "EHL_D4.csv"
     if not log.is_file():
         command("demo", "--out", folder, "--test", "D4", "--quiet")
     records = [word for d in ("fast", "slow") for word in ("--record", folder / f"{d}.disk.json")]
+    if lengths:
+        compare_lengths(log, lengths, records)
+    else:
+        compare_commands(log, records)
+
+
+def compare_commands(log: Path, records: list[object]) -> None:
+    """One row for each command: seconds, and the ratio to the baseline."""
+    folder = log.parent
     plunges = [word for k in (1, 2) for word in ("--immersion", folder / f"plunge_fast_{k}.csv")]
-    base = best_s(lambda: pd.read_csv(log).to_csv(folder / "copy.csv", index=False))
-    print(
-        f"pandas reads and writes {log.name} ({log.stat().st_size / 1e6:.0f} MB) in {base:.2f} s; times that:"
-    )
+    base, _ = min(baseline(log, folder / "copy.csv") for _ in range(3))
+    print(f"baseline for {log.name} ({log.stat().st_size / 1e6:.0f} MB): {base:.2f} s; times that:")
     jobs: dict[str, tuple[object, ...]] = {
         "compensate": ("compensate", log, *records, "--out", folder / "out.csv", "-q"),
         "beta": ("beta", log, *records, "--out", folder / "out.json", "-q"),
@@ -134,21 +169,33 @@ def main(folder: Path, lengths: list[int]) -> None:
     times_text = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
     slope = np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]
     print(f"campaign from stored statistics: {times_text} tests; slope from 20 on {slope:.2f}")
+
+
+def compare_lengths(log: Path, lengths: list[int], records: list[object]) -> None:
+    """One row for each length and command, and the growth of their times."""
+    folder = log.parent
     measurements = []
     for rows in lengths:
         long_log = extended_log(log, rows, folder / "longer.csv")
-        for name, out in (("compensate", "longer.out.csv"), ("beta", "longer.json")):
-            took, memory = command(name, long_log, *records, "--out", folder / out, "-q")
-            measurements.append((name, rows, took, memory))
-            print(
-                f"{name:11} {rows:9} rows {long_log.stat().st_size / 1e6:6.0f} MB: {took:7.1f} s {memory:6.0f} MB",
-                flush=True,
-            )
-    for name in ("compensate", "beta") if len(lengths) > 1 else ():
-        log_rows, seconds = np.log([(r, s) for n, r, s, _ in measurements if n == name]).T
-        print(
-            f"{name}: slope of log seconds over log rows {np.polyfit(log_rows, seconds, 1)[0]:.2f}"
-        )
+        parquet = as_parquet(long_log)
+        jobs: dict[str, Callable[[], tuple[float, float]]] = {
+            "baseline": partial(baseline, long_log, folder / "longer.out.csv")
+        }
+        for name, source, out in (
+            ("compensate", long_log, "longer.out.csv"),
+            ("compensate, Parquet", parquet, "longer.out.parquet"),
+            ("beta", long_log, "longer.json"),
+        ):
+            words = (name.split(",")[0], source, *records, "--out", folder / out, "-q")
+            jobs[name] = partial(command, *words)
+        for name, job in jobs.items():
+            took, memory = job()
+            measurements.append((name, rows, took))
+            print(f"{name:20} {rows:9} rows {took:7.1f} s {memory:6.0f} MB", flush=True)
+    for name in jobs if len(lengths) > 1 else ():
+        log_rows, seconds = np.log([(r, s) for n, r, s in measurements if n == name]).T
+        slope = np.polyfit(log_rows, seconds, 1)[0]
+        print(f"{name}: slope of log seconds over log rows {slope:.2f}")
 
 
 if __name__ == "__main__":

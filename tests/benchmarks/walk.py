@@ -74,6 +74,9 @@ def main() -> None:
             "compensate, rig": lambda: compensate_log(log, campaign.records).write(
                 folder / "rig.csv"
             ),
+            "compensate, rig, lags of the records": lambda: compensate_log(
+                log, campaign.records, refine=False
+            ).write(folder / "plain.csv"),
             "compensate, table": lambda: compensate_table(log, [sensor], folder / "table.csv"),
         }
         traces = {job: walk(run) for job, run in jobs.items()}

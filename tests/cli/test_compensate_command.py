@@ -150,7 +150,7 @@ def test_with_a_delay_a_log_with_stamps_keeps_them_and_its_start(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
 ) -> None:
     start = pd.Timestamp("2026-03-09 23:59:58")
-    rows = stretch.iloc[:300]
+    rows = stretch.iloc[330:630]  # the entry is the 525th
     elapsed_s = rows["time_s"] - rows["time_s"].iloc[0]
     stamps = [s.isoformat(sep=" ") for s in start + pd.to_timedelta(elapsed_s, "s")]
     log = tmp_path / "plunge.csv"
@@ -163,8 +163,18 @@ def test_with_a_delay_a_log_with_stamps_keeps_them_and_its_start(
     assert back["time_stamp"].tolist() == stamps
     assert np.allclose(back["time_s"], elapsed_s, rtol=0, atol=1e-5)
     assert back["e_u_K"].notna().all()
-    with pytest.raises(InputError, match="holds no time as a number"):
-        follow(log, record, tmp_path / "live.csv", campaign.rig, idle_s=0.01, poll_s=0.01)
+    in_memory = compensate_log(log, record, campaign.rig, delay_s=1.0)
+    in_memory.write(tmp_path / "written.csv")
+    assert (tmp_path / "written.csv").read_bytes() == done.path.read_bytes()
+    assert in_memory.card().equals(done.card())
+    assert "e_u_K" not in in_memory.as_log().frame
+    with pytest.raises(InputError, match="has no covariance"):
+        in_memory.covariance(1.0, 0.0)
+    with pytest.raises(InputError, match="leave one of them out"):
+        compensate_log(log, record, campaign.rig, delay_s=1.0, parts=True)
+    live = tmp_path / "live.csv"
+    follow(log, record, live, campaign.rig, delay_s=1.0, idle_s=0.01, poll_s=0.01)
+    assert live.read_bytes() == done.path.read_bytes()
 
 
 @pytest.mark.e2e

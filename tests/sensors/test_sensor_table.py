@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tcdyn.chain import NO_CONDITIONING, Chain, sensors
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
 from tcdyn.io.table import Columns, Table
@@ -19,6 +20,9 @@ from tcdyn.sensors.table import (
     read_columns,
     read_segments,
 )
+from tcdyn.smoothing import Intensity
+from tcdyn.smoothing.intervals import settling_time_s
+from tcdyn.smoothing.process_noise import FLOOR
 from tests.sensors.sensor_world import Array
 
 T = np.arange(60) / 8  # eighths of a second are exact
@@ -138,26 +142,29 @@ class Rows:
             yield self.time_s[a:b], dict.fromkeys(columns, number[a:b]), ()
 
 
-@pytest.mark.parametrize("size", [50, 700, 10_000])
+@pytest.mark.parametrize("size", [250, 700, 10_000])
 @pytest.mark.parametrize(("silence_s", "parted"), [(19.0, False), (21.0, True)])
 def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
     size: int, silence_s: float, parted: bool
 ) -> None:
-    """A lag of two seconds, 8 rows a second; row 3000 comes after the silence."""
-    time_s = np.arange(6000) / 8
-    time_s[3000:] += silence_s
+    """A lag of two seconds, 8 rows a second; row 30000 comes after the silence."""
+    time_s = np.arange(60000) / 8
+    time_s[30000:] += silence_s
     made = list(read_segments(Rows(time_s, size), ["T1"], 2.0, min_rows=1000))
+    assert len(made) > 5
+    chain = sensors([Chain((2.0,), conditioning=NO_CONDITIONING)])
+    floor = [Intensity.constant(FLOOR)]
+    margin = 8 * settling_time_s(chain, np.ones(1), 1 / 8, floor)  # of the smoothest temperature
     answered = [p.data["T1"][p.keep] for p in made]
-    assert np.concatenate(answered).tolist() == list(range(6000))
-    assert (2999.0 in [rows[-1] for rows in answered]) == parted
-    ends = [(0, 3000), (2999, 5999)] if parted else [(0,), (5999,)]
+    assert np.concatenate(answered).tolist() == list(range(60000))
+    assert (29999.0 in [rows[-1] for rows in answered]) == parted
+    ends = [(0, 30000), (29999, 59999)] if parted else [(0,), (59999,)]
     for p in made:
         rows = p.data["T1"]
         assert np.array_equal(p.time_s, time_s[rows.astype(int)])
-        assert not parted or (rows[0] < 3000) == (rows[-1] < 3000)  # none over the silence
-        assert p.keep.start >= p.margin_rows or rows[0] in ends[0]
-        assert len(rows) - p.keep.stop >= p.margin_rows or rows[-1] in ends[1]
-        assert p.margin_rows >= 560  # ten lags and 400 rows
+        assert not parted or (rows[0] < 30000) == (rows[-1] < 30000)  # none over the silence
+        assert p.keep.start >= margin or rows[0] in ends[0]
+        assert len(rows) - p.keep.stop >= margin or rows[-1] in ends[1]
 
 
 def test_an_error_leaves_no_open_reader_behind() -> None:

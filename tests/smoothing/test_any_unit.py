@@ -11,6 +11,7 @@ from scipy.integrate import trapezoid
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing import Burst, Intensity, deconvolve, invert, smooth
+from tcdyn.smoothing.noise_levels import jumps_at, levels_between
 from tcdyn.smoothing.process_noise import (
     _pick,
     channel_spans,
@@ -152,13 +153,13 @@ def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() ->
     assert moved.bursts[0].start_s == 6.5
     whole = Intensity((0.0,), (1,), (Burst(0.0, 0.5, 2.0),))  # levels without a decimal point
     assert whole.at(0.0) == 1.5
-    assert q.jumps(np.array([6.0, 7.0])).tolist() == [[0.0, 0.0], [0.25, 9.0]]
+    assert jumps_at([q], np.array([6.0, 7.0]))[:, 0].tolist() == [[0.0, 0.0], [0.25, 9.0]]
     t = np.linspace(0, 30, 30_001)
     quick = Intensity((0.0,), (0.5,), (Burst(3.0, 8.0, 2.0, 4.0), Burst(5.0, 2.0, 0.5)))
     cells = np.array([0.0, 3.0, 4.5, 20.0])
     inside = [t[(t >= a) & (t <= b)] for a, b in pairwise(cells)]
     exact = [trapezoid(quick.at(part), part) for part in inside]
-    assert quick.between(cells) == pytest.approx(
+    assert levels_between([quick], cells)[0] == pytest.approx(
         exact, abs=6e-3
     )  # half a step of height 8 at 3 s, of 1 ms
 

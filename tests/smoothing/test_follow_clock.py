@@ -6,12 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import HEAD_BYTES
+from tcdyn.io.read import open_table
 from tcdyn.sensors import specified_sensor
+from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.follow import FollowRun, follow
 from tests.sensors.sensor_world import Array, logged, write, written
 
@@ -118,6 +121,36 @@ def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: f
     )
     off = (written(out)["T1_degC"].to_numpy() - true)[t < 25.0][200:]
     assert np.sqrt(np.mean(off**2)) < 0.016
+
+
+@pytest.mark.parametrize(
+    ("form", "start"),
+    [("%d.%m.%Y %H:%M:%S.%f", "2026-03-09T23:59:58"), ("%H:%M:%S.%f", None)],
+    ids=["with the date", "time of day"],
+)
+def test_a_log_with_clock_stamps_is_followed_over_midnight_and_over_a_restart(
+    tmp_path: Path, form: str, start: str | None
+) -> None:
+    """The rows of a run with the same delay over the finished log, stamps to the letter."""
+    rng = np.random.default_rng(5)
+    t = 0.05 * np.arange(700)
+    stamps = (pd.Timestamp("2026-03-09 23:59:58") + pd.to_timedelta(t, "s")).strftime(form)
+    y = 200 + t + 0.1 * rng.standard_normal(700)
+    finished = tmp_path / "finished.csv"
+    log = tmp_path / "log.csv"
+    live = tmp_path / "live.csv"
+    pd.DataFrame({"time": stamps, "T1_degC": y}).to_csv(finished, index=False)
+    lines = finished.read_text(encoding="utf-8").splitlines(keepends=True)
+    sensors = [specified_sensor("s", ["T1"], [(0.5, 0.02)])]
+    for rows in (600, 700):  # the second run reads from a row after midnight on
+        log.write_text("".join(lines[: rows + 1]), encoding="utf-8")
+        state = tmp_path / "state.json"
+        follow(log, sensors, live, delay_s=4.0, idle_s=0.0, poll_s=0.01, state=state)
+    batch = compensate_table(finished, sensors, tmp_path / "batch.csv", delay_s=4.0)
+    assert live.read_bytes() == batch.path.read_bytes()
+    assert written(live)["time"].tolist() == stamps.tolist()
+    assert open_table(live).metadata.get("start_time") == start
+    assert open_table(batch.path).metadata.get("start_time") == start
 
 
 def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,6 +14,7 @@ import pytest
 from tcdyn.campaign import stages
 from tcdyn.core.errors import InputError
 from tcdyn.rig.log import iter_log, read_log, write_log
+from tcdyn.sensors import table
 from tcdyn.workflows import compensate, compensate_log
 from tcdyn.workflows import segments as engine
 from tcdyn.workflows.compensate import LogSegments
@@ -30,6 +31,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     for room in (stages, compensate):
         monkeypatch.setattr(room, "MAX_ROWS", 12_000)
     monkeypatch.setattr(compensate, "SEGMENT_ROWS", 9_000)
+    monkeypatch.setattr(table, "FLOOR", 1e-4)  # margins of 5,120 rows, segments of 15,360
 
 
 @pytest.mark.usefixtures("small")
@@ -59,7 +61,10 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
 def test_a_long_log_is_compensated_as_in_one_piece(
     campaign: Campaign, tmp_path: Path, whole: pd.DataFrame, ending: str
 ) -> None:
-    """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty."""
+    """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty.
+
+    Segments here are a sixth as long as in a log of a million rows, where the rms is 0.01 u.
+    """
     out = tmp_path / f"out{ending}"
     assert (
         tcdyn("compensate", campaign.files.ehl["B3"], *both(campaign), "--out", out, "--quiet") == 0
@@ -70,7 +75,7 @@ def test_a_long_log_is_compensated_as_in_one_piece(
     for name in (n for n in whole if n.endswith("_u_K")):
         of, u = name.replace("_u_K", "_degC"), whole[name].to_numpy()
         apart = np.abs(made[of] - whole[of]) / u
-        assert np.sqrt(np.mean(apart**2)) < 0.02
+        assert np.sqrt(np.mean(apart**2)) < 0.03
         assert apart.max() < 0.25
         assert np.abs(made[name] / u - 1).max() < 0.05
     rest = [n for n in whole if not n.endswith("_u_K") and n.replace("_degC", "_u_K") not in whole]
@@ -95,23 +100,15 @@ def test_a_long_log_without_unloading_and_a_place_that_cannot_be_written(
     assert not (tmp_path / "out.tdms").exists()
 
 
-def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_needs_more_beside_it_comes_again(
+def test_of_every_tenth_that_is_written_one_line_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    sent: list[int] = []
-
-    def in_four(*_: object, **__: object) -> Generator[SimpleNamespace, int, None]:
+    def in_four(*_: object, **__: object) -> Iterator[SimpleNamespace]:
         for rows in (3, 4, 6, 27):  # of 40: 7, 17, 32 and 100 %
-            margin = 10
-            while (needed := (yield SimpleNamespace(rows=rows, margin_rows=margin))) > margin:
-                sent.append(needed)
-                margin = needed
+            yield SimpleNamespace(time_s=np.zeros(rows), keep=slice(None))
 
     def compensated(segment: SimpleNamespace, *_: object) -> CompensatedSegment:
-        times = np.zeros(segment.rows)
-        read = SimpleNamespace(time_s=times, keep=slice(None), margin_rows=segment.margin_rows)
-        settling = 12 if segment.rows == 6 else 10
-        return CompensatedSegment(cast(Any, read), {"time_s": times}, {}, {}, settling, [])
+        return CompensatedSegment(cast(Any, segment), {"time_s": segment.time_s}, {}, {}, [])
 
     monkeypatch.setattr(engine, "read_segments", in_four)
     monkeypatch.setattr(engine, "compensate_segment", compensated)
@@ -121,5 +118,4 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
     told: list[str] = []
     assert segments.write(tmp_path / "out.csv", told.append) == []
     assert told == [f"writing, {percent} % of the rows" for percent in (10, 30, 100)]
-    assert sent == [12]
     assert len(pd.read_csv(tmp_path / "out.csv")) == 40

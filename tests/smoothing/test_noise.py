@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfilt, welch
 
 from tcdyn.chain import Chain
-from tcdyn.chain.bursts import estimate_and_whiten_noise, find_bursts
+from tcdyn.chain.bursts import estimate_and_whiten_noise
 from tcdyn.chain.logger_noise import LoggerNoise, estimate_logger_noise, noise_power_ratio
 from tcdyn.core import Array
 from tcdyn.estimation.trace_noise import SPIKES, white_noise_sd
@@ -15,6 +15,7 @@ from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing.record import record_of
 from tcdyn.smoothing.smoother import deconvolve, smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
+from tests.smoothing.test_noise_parts import find_bursts
 
 DT_S, B = 1 / 75, Conditioning(4.0, 2, "cascade")
 CHAIN = Chain((0.55, 0.12), conditioning=B)

@@ -21,7 +21,6 @@ from tcdyn.chain.bursts import (
     _searched_near_suspects,
     _window_model,
     _WindowModel,
-    find_bursts,
 )
 from tcdyn.chain.logger_noise import (
     LoggerNoise,
@@ -200,6 +199,14 @@ def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     assert np.linalg.norm(parts.units, axis=0) == pytest.approx(1.0)
     assert np.flatnonzero(parts.shapes[:, 0])[0] >= 3  # a quarter of what stands beside a pulse
     assert np.abs(parts.shapes[:, parts.pulses :]).max() == 0.0
+
+
+def find_bursts(
+    y: np.ndarray, dt_s: float, noise_sd: float, filter_: Conditioning, lag_s: float
+) -> np.ndarray:
+    """The mask of the bursts in one trace (N,); no other channel is a witness."""
+    search = _PulseSearch.of(y, dt_s, noise_sd, filter_)
+    return _burst_mask(search, dt_s, lag_s, np.zeros(len(y), dtype=bool))
 
 
 @pytest.mark.parametrize("length", [4, 20])
