@@ -110,6 +110,14 @@ def compare_maps(
     junctions read T1 + e1 and T2 + e2 before, p + q T1 + e2 and p + q T2 + e1 after. Hence e1 - e2
     = (q (difference before) - (difference after)) / (1 + q). Its uncertainty is that of the scatter
     about the line, which is the repeatability of the test, with Student's t.
+
+    Examples
+    --------
+    >>> before = {"slow": {"a": 121.0, "b": 115.9, "c": 120.0, "d": 114.1, "e": 126.2, "f": 114.0}}
+    >>> after = {"slow": {"a": 118.0, "b": 116.0, "c": 123.1, "d": 114.0, "e": 126.2, "f": 114.1}}
+    >>> result = compare_maps(before, after, ("slow_a", "slow_c"))
+    >>> [round(x, 1) for x in result.difference_K], round(result.channels_K.value)
+    ([1.0, -5.1], 3)
     """
     maps = []
     for name, by_disk in zip(tests, (before, after)):

@@ -193,7 +193,7 @@ def ehl(
             "--unloading-s",
             "time in seconds in which load and friction fall to zero; 1.5 in figure 4.20",
             0.001,
-            60,
+            10,
             "--parting-s",
         ),
     ] = 0.02,

@@ -270,6 +270,15 @@ def draw_junction_map(
     -------
     ax
         The same axes.
+
+    Examples
+    --------
+    >>> from tcdyn.plots.style import figure
+    >>> from tcdyn.rig.rigfile import load_rig
+    >>> setup = load_rig().disk_setup("slow")
+    >>> ax = draw_junction_map({"slow_a": 121.0, "slow_e": 126.0}, setup, figure()[1][0])
+    >>> [text.get_text() for text in ax.texts]
+    ['a 121.0', 'e 126.0']
     """
     names = [c for c in setup.channels if f"{setup.name}_{c}" in temperature_degC]
     z_mm = [1e3 * setup.junctions[c].z_m for c in names]

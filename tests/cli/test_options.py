@@ -352,7 +352,7 @@ def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_a
         ("simulate immersion --out x.csv", "--duration-s", "5 inf nan"),
         ("simulate ehl --out x.csv", "--beta", "-0.1 nan"),
         ("simulate ehl --out x.csv", "--brake", "0 -3 nan"),
-        ("simulate ehl --out x.csv", "--unloading-s", "0 -1 61 nan"),
+        ("simulate ehl --out x.csv", "--unloading-s", "0 -1 11 nan"),
         ("simulate ehl --out x.csv", "--again", "0.2 0.2@ nan@1 0.2@0 0@1 x@y"),
     ],
 )

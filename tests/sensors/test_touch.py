@@ -153,6 +153,7 @@ def test_unusable_requests_are_refused(
         find_touches(t, np.zeros((100, len(columns))), columns, **changes)
 
 
+@pytest.mark.e2e
 def test_command_reports_touches_that_differ_from_the_stated_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -460,8 +460,8 @@ PARTITION: dict[str, Message] = {
     "there",
     "loading.disagree": "contact switch and forces differ by {late_s:+.2f} s at the loading; the "
     "forces are used",
-    "parting.switch_alone": "neither friction nor load shows a clear fall at unloading: the "
-    "instant comes from the contact switch alone",
+    "parting.switch_alone": "neither friction nor load shows a clear fall within 4 s at unloading: "
+    "the instant comes from the contact switch alone; after a slower unloading, the fits are wrong",
     "parting.unclear": "neither friction nor load shows a clear fall at unloading: the instant is "
     "taken where they pass half their level",
     "parting.no_friction": "the friction shows no clear fall at unloading: the instant comes from "
