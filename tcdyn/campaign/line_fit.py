@@ -155,43 +155,38 @@ def fit_generalised_line(columns: Array, y: Array, covariance: Array) -> Line:
     return line
 
 
-def level_inside_points(y: Array, covariance: Array) -> Line:
-    """The common level of points whose covariance cannot be trusted in full.
-
-    The level is always inside the range of the points.
+def level_inside_points(y: Array, line: Line) -> Line:
+    """The common level of points that lies inside their range.
 
     Parameters
     ----------
     y
         Values, shape (N,), N at least 2.
-    covariance
-        Their covariance, shape (N, N), in the unit of ``y`` squared.
+    line
+        Generalised least squares fit of one common level to them, for its ``total_covariance``.
 
     Returns
     -------
     Line
-        One coefficient, the level. ``scatter`` is that of :func:`fit_generalised_line`: an
-        independent scatter is added until chi-squared equals N - 1 (none where it is smaller
-        already). ``chi2`` is the value without the scatter.
+        ``line`` with the level, its variance and its weights in place of those of generalised least
+        squares.
 
     Notes
     -----
-    With V the covariance and the scatter in it, the level is w' y, where w minimises w' V w subject
-    to sum(w) = 1 and w >= 0; its variance is w' V w. Where the weights of generalised least squares
+    With V the covariance of the points, the level is w' y, where w minimises w' V w subject to
+    sum(w) = 1 and w >= 0; its variance is w' V w. Where the weights of generalised least squares
     are positive, w is equal to them.
 
     Strongly correlated errors of different size give negative weights (Peelle's pertinent puzzle;
-    Burr et al. 2011, Algorithms 4, 28-39). Such weights are correct as long as the covariance
-    explains the differences of the points. Where it does not, they extrapolate a systematic error
-    from a misfit, and the level leaves the range of the points.
+    Burr et al. 2011, Algorithms 4, 28-39). Such weights extrapolate the systematic errors from the
+    differences of the points, and the level leaves their range. That is optimal if every entry of V
+    is correct; an error of V, or a misfit, then changes the level by a multiple of the differences.
 
     Up to a factor, w solves min |L' w - L^-1 1|^2, w >= 0, with V = L L' (Lawson and Hanson 1974,
     chapter 23).
     """
-    ones = np.ones(len(y))
-    line = fit_generalised_line(ones[:, None], y, covariance)
     lower = cholesky(line.total_covariance, lower=True)
-    weights, _ = optimize.nnls(lower.T, solve_triangular(lower, ones, lower=True))
+    weights, _ = optimize.nnls(lower.T, solve_triangular(lower, np.ones(len(y)), lower=True))
     weights = weights / weights.sum()
     variance = float(weights @ line.total_covariance @ weights)
     return replace(

@@ -21,7 +21,12 @@ from scipy.special import chdtr, chdtrc
 
 from tcdyn.campaign.compress import compress_likelihood
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.posterior import Posterior, shared_sensitivity, solve_campaign
+from tcdyn.campaign.posterior import (
+    Posterior,
+    determined_dof,
+    shared_sensitivity,
+    solve_campaign,
+)
 from tcdyn.campaign.sufficient_statistics import SufficientStatistics
 from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
@@ -280,7 +285,7 @@ def expected_widening(posterior: Posterior) -> Posterior:
     data determine of the shared quantities; Y has v + 2. The ratio is
     ``tcdyn.campaign.posterior.birge_ratio_squared``.
     """
-    dof = max(len(posterior.shared_mean) - float(np.trace(posterior.shared_covariance)), 1.0)
+    dof = determined_dof(posterior.shared_covariance)
     widened = float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
     sensitivity = shared_sensitivity(posterior.reduced_tests, posterior.shared)
     added = (

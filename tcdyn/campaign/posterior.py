@@ -399,8 +399,22 @@ def birge_ratio_squared(shared_mean: Array, covariance: Array) -> float:
     determine, is one on average if the statements of rig.toml and the model hold (Birge 1932). A
     campaign determines enough of them to show where they do not hold.
     """
-    dof = len(shared_mean) - float(np.trace(covariance))
-    return max(1.0, float(shared_mean @ shared_mean) / max(dof, 1.0))
+    return max(1.0, float(shared_mean @ shared_mean) / determined_dof(covariance))
+
+
+def determined_dof(covariance: Array) -> float:
+    """Degrees of freedom of the shared quantities that the data determine, at least one.
+
+    Parameters
+    ----------
+    covariance
+        Posterior covariance (S, S), in prior standard uncertainties.
+
+    Returns
+    -------
+    S - trace(covariance).
+    """
+    return max(len(covariance) - float(np.trace(covariance)), 1.0)
 
 
 def check_same_rig(tests: Sequence[SufficientStatistics]) -> None:

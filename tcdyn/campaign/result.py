@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtrc
 
 from tcdyn.campaign.exponent import SpeedLaw, speed_law
 from tcdyn.campaign.outliers import OutlyingTest, outlying_tests
-from tcdyn.campaign.posterior import Posterior, solve_campaign
+from tcdyn.campaign.posterior import Posterior, determined_dof, solve_campaign
 from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SufficientStatistics
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
 from tcdyn.core.errors import InputError
@@ -34,6 +35,10 @@ POWER_LAW_REJECTED_P = 0.01
 # Pull of a junction depth above which it is reported: the largest in 17 simulated campaigns
 # without errors was 3.7.
 DEPTH_PULL_Z = 4.0
+# p-value below which the shared quantities contradict what is stated about them. By judgement.
+CONTRADICTED_P = 0.01
+# Largest departures that this message names. Chosen by judgement.
+N_NAMED = 3
 # Least reduction of the variance of a depth by the data: below it a pull has no meaning.
 # Chosen by judgement.
 MIN_VARIANCE_REDUCTION = 0.02
@@ -129,6 +134,21 @@ class JoinedCampaign:
                     "campaign.power_law", per_doubled=by.value, u=by.u, p=self.speed_law.p_value
                 )
             )
+        freedom = determined_dof(self.posterior.shared_covariance)
+        chi2 = float(self.posterior.shared_mean @ self.posterior.shared_mean)
+        p_value = float(chdtrc(freedom, chi2))
+        if p_value < CONTRADICTED_P:
+            largest = np.argsort(-np.abs(self.posterior.shared_mean))[:N_NAMED]
+            contradicted = warning(
+                "campaign.contradicted",
+                chi2=chi2,
+                freedom=freedom,
+                p=p_value,
+                factor=float(np.sqrt(self.posterior.inflation)),
+                names=[self.posterior.shared[k] for k in largest],
+                sizes=[float(self.posterior.shared_mean[k]) for k in largest],
+            )
+            findings.append(contradicted)
         for d, pulls in self.pulls.items():
             for c, z in pulls.items():
                 if abs(z) > DEPTH_PULL_Z:

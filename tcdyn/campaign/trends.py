@@ -304,8 +304,9 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
 
     Notes
     -----
-    The uncertainty of the curve is taken as one error common to all of it. Where the shape is
-    rejected, the offset is that of :func:`~tcdyn.campaign.line_fit.level_inside_points`.
+    The uncertainty of the curve is taken as one error common to all of it. The offset is that of
+    :func:`~tcdyn.campaign.line_fit.level_inside_points`; where the shape is rejected, the scatter
+    that explains the departures is part of the covariance.
     ``tests/campaign/test_curve_offset.py`` guards both cases.
     """
     x = np.array([t.conditions.get(curve.against, np.nan) for t in posterior.tests])
@@ -321,22 +322,18 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     beta, covariance = posterior.beta
     residual = beta[inside] - np.interp(x[inside], curve.x, curve.beta)
     combined = covariance[np.ix_(inside, inside)] + np.outer(u, u)
-    weight = np.linalg.inv(combined)
-    ones = np.ones(len(residual))
-    u2 = 1 / float(ones @ weight @ ones)
-    level = u2 * float(ones @ weight @ residual)
-    chi2 = float(residual @ weight @ residual)
-    shape_chi2 = float((residual - level) @ weight @ (residual - level))
-    result = CurveTest(
+    chi2 = float(residual @ np.linalg.solve(combined, residual))
+    line = fit_generalised_line(np.ones((len(residual), 1)), residual, combined)
+    if line.p_value >= SHAPE_REJECTED_P:
+        line = replace(line, scatter=0.0, total_covariance=combined)
+    level = level_inside_points(residual, line)
+    return CurveTest(
         curve=curve,
         inside=tuple(posterior.test_names[i] for i in inside),
         chi2=chi2,
         p_value=float(chdtrc(len(residual), chi2)),
-        shape_chi2=shape_chi2,
-        shape_p_value=float(chdtrc(len(residual) - 1, shape_chi2)),
-        offset=Estimate.normal(level, float(np.sqrt(u2))),
+        shape_chi2=line.chi2,
+        shape_p_value=line.p_value,
+        offset=level.estimate(0),
+        scatter=line.scatter,
     )
-    if not result.shape_rejected:
-        return result
-    line = level_inside_points(residual, combined)
-    return replace(result, offset=line.estimate(0), scatter=line.scatter)

@@ -36,7 +36,8 @@ from tcdyn.smoothing.traces import DiskTraces
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5  # longest interruption of the contact that counts as a bounce
 RELOADED_S = 5.0  # a bounce must be followed by a contact of this length
-LOADING_AGREE_S = 0.2  # the switch is believed within this of the forces
+LOADING_AGREE_S = 0.2  # the switch is believed within this of the forces, plus the following
+LOADING_AGREE_REL = 0.1  # the same, relative to the time in which the force rises
 TOUCH_S = 0.04  # shortest later touch
 # A shorter fall is one change of slope: behind a lag its two ends cannot be separated.
 MIN_TWO_SLOPE_CHANGES_S = 0.5
@@ -216,7 +217,12 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     first, last = _contact_interval(t, contact, force_votes, switch is not None, where)
     if switch is not None:
         findings += _switch_findings(t, contact, first, last)
-    load_on_s, switch_off, late_s = _loading_instant(t, contact, first, last)
+    force = levels.get("friction_N")
+    if force is None:
+        force = levels.get("load_N")
+    load_on_s, switch_off, late_s = _loading_instant(
+        t, None if switch is None else contact, force, first, last
+    )
     if late_s is not None:
         findings.append(warning("loading.disagree", subject="contact", late_s=late_s))
     touches = _later_touches(t, contact, levels, last)
@@ -315,35 +321,69 @@ def _contact_interval(
 
 
 def _loading_instant(
-    t: Array, contact: NDArray[np.bool_], first: int, last: int
+    t: Array, contact: NDArray[np.bool_] | None, force: Array | None, first: int, last: int
 ) -> tuple[float, int, float | None]:
     """Time of loading, row in which the switch opens, and delay of a switch that disagrees.
 
     Parameters
     ----------
     t, contact
-        Times and state of the switch, (N,).
+        Times and state of the switch, (N,); None without a switch.
+    force
+        Friction, or else load, (N,); None without both.
     first, last
         First and last row of the contact by majority.
 
     Returns
     -------
     load_on_s
-        By the switch if it agrees with the majority within ``LOADING_AGREE_S``, else by the
-        majority.
+        By the switch if it agrees with the start of the force, else that start.
     switch_off
         Last row of the switch's contact.
     late_s
         By how much the switch is late, None if it agrees.
+
+    Notes
+    -----
+    The majority changes when half of the load is there. A load that is applied slowly starts long
+    before, and what is taken for unloaded time gives the zeros of the forces: so the start counts.
+    ``tests/partition/test_events.py`` has loads applied in 0.3 to 300 s.
     """
+    by_majority_s = 0.5 * float(t[first - 1] + t[first]) if first else float(t[0])
+    start_s = by_majority_s
+    if force is not None:
+        start_s = min(by_majority_s, _rise_start(t, force, first))
+    if contact is None:
+        return start_s, last, None
     overlapping = [rows for rows in _intervals(t, contact) if rows[1] >= first and rows[0] <= last]
     intervals = overlapping or [(first, last)]
     switch_on = intervals[0][0]
     switch_off = intervals[-1][1]
-    by_majority, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, switch_on))
-    if abs(by_switch - by_majority) <= LOADING_AGREE_S:
-        return by_switch, switch_off, None
-    return by_majority, switch_off, by_switch - by_majority
+    by_switch_s = 0.5 * float(t[switch_on - 1] + t[switch_on]) if switch_on else float(t[0])
+    tolerance_s = LOADING_AGREE_S + LOADING_AGREE_REL * (by_majority_s - start_s)
+    if abs(by_switch_s - start_s) <= tolerance_s:
+        return by_switch_s, switch_off, None
+    return start_s, switch_off, by_switch_s - start_s
+
+
+def _rise_start(t: Array, force: Array, row: int) -> float:
+    """Start of the rise of a force to its value in a row [s].
+
+    It is where the straight line through a tenth and half of the rise meets the force before.
+
+    Parameters
+    ----------
+    t, force
+        Times and force, (N,).
+    row
+        A row in which the force has risen.
+    """
+    # a median filter does not change a signal that only rises
+    smooth = median_filter(force[: row + LEVEL_WIDTH], LEVEL_WIDTH)[: row + 1]
+    rise = smooth - smooth.min()
+    below = [np.flatnonzero(rise <= share * rise[-1]) for share in (0.1, 0.5)]
+    tenth_s, half_s = (_between_samples(t, int(rows[-1])) for rows in below)
+    return tenth_s - 0.25 * (half_s - tenth_s)
 
 
 def _switch_state(frame: pd.DataFrame) -> NDArray[np.bool_] | None:

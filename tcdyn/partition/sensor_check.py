@@ -355,7 +355,10 @@ def _most_likely_fault(
     fits
         The linear fits of all faults.
     """
-    refined = [refine_fault(test, f, disk, fit) for fit in fits]
+    refined = [
+        refine_fault(test, f, disk, fit) if fit.log_likelihood > sound.log_likelihood else fit
+        for fit in fits
+    ]
     best, *others = sorted(refined, key=lambda fit: -fit.log_likelihood)
     near = best.log_likelihood - RIVAL_LOG_ODDS
     rivals = [fit.fault for fit in others if fit.log_likelihood > near]

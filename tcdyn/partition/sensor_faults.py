@@ -11,15 +11,16 @@ Priors are chosen by judgement, model errors are by comparison with whole-disk s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
+from tcdyn.chain import equalise
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.partition.disk_features import DiskFeatures, Order, disk_features
@@ -60,10 +61,14 @@ MAX_ITERATIONS = 4  # of the search for the nearest node of the coarse grid
 MIN_DEPTH_M = 0.3e-3  # least depth of a misplaced junction [m]
 # A refined fault has converged when its size changes by less than this.
 CONVERGED_M = 0.03e-3
-CONVERGED_S = 0.01
-# Most iterations of a refinement. Chosen by judgement.
+CONVERGED_S = 0.02
+# Most iterations of a refinement of a depth. Chosen by judgement.
 MAX_DEPTH_ITERATIONS = 4
-MAX_LATE_ITERATIONS = 6
+# Longest further lag of a late channel [s], and largest reduction of an early one's longest lag,
+# relative to it. Chosen by judgement.
+MAX_LATE_S = 1.5
+MAX_EARLY_REL = 0.9
+LATE_STEP_S = 0.1  # step of the second difference by the lag; chosen by judgement
 
 
 @dataclass(frozen=True)
@@ -319,7 +324,7 @@ class _ShareComponent:
 
 
 def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, fit: FaultFit) -> FaultFit:
-    """Linearise a misplaced outer junction, or a late channel, again until it converges.
+    """Refine the size of a misplaced outer junction, or of a late channel: a large one is not linear.
 
     Other faults are returned as they are.
 
@@ -341,7 +346,7 @@ def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, fit: FaultFit
         return fit
     channel = fit.fault.channels[0]
     if fit.fault.kind == "late":
-        return _refine_late(test, disk, fit, fit.size)
+        return _refine_late(test, disk, fit)
     if fit.fault.kind == "misplaced" and channel in f.setup.outer:
         return _refine_depth(f, disk, fit, fit.size)
     return fit
@@ -385,8 +390,8 @@ def _refine_depth(f: DiskFeatures, disk: DiskTraces, v: FaultFit, start: Estimat
     return _with_prior(fit, size, MISPLACED_M)
 
 
-def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
-    """Shift a late channel in time until its delay converges: a long one is not linear.
+def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit) -> FaultFit:
+    """The likeliest of three forms of a late channel: a further lag, a longer first lag, a delay.
 
     Parameters
     ----------
@@ -394,23 +399,57 @@ def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit, start: Estimate) 
         The test, and the traces of the disk.
     v
         The linear fit.
-    start
-        Its delay [s].
+
+    Notes
+    -----
+    The linear fit is that of a further first-order lag: with y the readings, it adds s dy/dt to
+    them. A bubble in the cement makes the chain's first lag longer, for which the linear fit can be
+    seven times too small: at each size the channel is brought to the chain of its record, which
+    raises its noise in proportion. A column may also be shifted in time. Without the fault the disk
+    counts as sound.
     """
     k = disk.setup.channels.index(v.fault.channels[0])
-    size = start
-    fit = v
-    for _ in range(MAX_LATE_ITERATIONS):
+    chain = disk.chains[k]
+    longest_s = max(chain.taus_s)
+    sd = FREE_PARAMETER["late"][1]
+    reach = (-MAX_EARLY_REL * longest_s, MAX_LATE_S)
+
+    def with_channel(y: Array, noise_factor: float) -> FaultFit:
+        """The fit of a sound disk with other readings (N,) of the channel."""
         readings = disk.readings_degC.copy()
-        readings[:, k] = np.interp(test.time_s + size.value, test.time_s, readings[:, k])
-        shifted = replace(disk, readings_degC=readings)
-        (fit,) = evaluate_faults(disk_features(test, shifted), shifted, [v.fault])
-        if fit.size is None:
-            break
-        size = Estimate.normal(size.value + fit.size.value, fit.size.u)
-        if abs(fit.size.value) < CONVERGED_S:
-            break
-    return _with_prior(fit, size, FREE_PARAMETER["late"][1])
+        readings[:, k] = y
+        level_K = disk.noise.level_K.copy()
+        level_K[k] *= noise_factor
+        changed = replace(disk, readings_degC=readings, noise=replace(disk.noise, level_K=level_K))
+        return evaluate_faults(disk_features(test, changed), changed, [Fault("none")])[0]
+
+    def without_lag(size_s: float) -> FaultFit:
+        """The fit with the first lag shorter by a size [s]."""
+        later = chain.with_lag_shift(size_s)
+        y = equalise(disk.readings_degC[:, [k]], test.dt_s, (later,), chain)[:, 0]
+        return with_channel(y, max(1.0 + size_s / longest_s, 1.0))
+
+    def without_delay(size_s: float) -> FaultFit:
+        """The fit with the channel earlier by a size [s]."""
+        y = np.interp(test.time_s + size_s, test.time_s, disk.readings_degC[:, k])
+        return with_channel(y, 1.0)
+
+    forms = [v]
+    for fit_at in (without_lag, without_delay):
+
+        def cost(size_s: float, fit_at: Callable[[float], FaultFit] = fit_at) -> float:
+            """Minus the log posterior of the size."""
+            return 0.5 * (size_s / sd) ** 2 - fit_at(size_s).log_likelihood
+
+        best = optimize.minimize_scalar(cost, bounds=reach, options={"xatol": CONVERGED_S})
+        size_s = float(best.x)
+        curvature = cost(size_s + LATE_STEP_S) - 2 * float(best.fun) + cost(size_s - LATE_STEP_S)
+        u_s = LATE_STEP_S / float(np.sqrt(max(curvature, (LATE_STEP_S / sd) ** 2)))
+        fit = fit_at(size_s)
+        evidence = fit.log_likelihood + float(np.log(u_s / sd))
+        found = replace(fit, fault=v.fault, log_likelihood=evidence)
+        forms.append(_with_prior(found, Estimate.normal(size_s, u_s), sd))
+    return max(forms, key=lambda form: form.log_likelihood)
 
 
 def _with_prior(fit: FaultFit, size: Estimate, sd: float) -> FaultFit:

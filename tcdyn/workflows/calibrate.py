@@ -53,6 +53,21 @@ SAME_SAMPLES_K = 0.02
 ENTRY_MARGIN_S = 0.5
 MIN_REST_SAMPLES = 20
 REST_U_K = 0.07
+# What is expected, and what to do, for each finding on the order of the junctions in a plunge.
+JUNCTION_ORDER = {
+    "junctions.swapped": (
+        "each column from the junction that rig.toml says",
+        "map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
+    ),
+    "junctions.uneven_start": (
+        "a disk of one temperature before the entry",
+        "let the disk rest in air until all channels agree, then plunge it again",
+    ),
+    "junctions.uneven_disk": (
+        "a disk that warms evenly around its circumference",
+        "plunge it again with the whole running surface in the bath and nothing that touches one side",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -174,7 +189,7 @@ def calibrate_disk(
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
-    _check_not_swapped(logs, fit)
+    _check_junction_order(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_uncertainty(fit)
     line_findings = [
@@ -341,8 +356,8 @@ def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
             )
 
 
-def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
-    """Check that channels in the wrong order at least move together in the fit.
+def _check_junction_order(logs: Sequence[Log], fit: PlungeFit) -> None:
+    """Check that channels whose order contradicts their depths at least move together in the fit.
 
     Parameters
     ----------
@@ -355,15 +370,16 @@ def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
     ------
     InputError
         If the log shows another order of the junctions, and the differences between channels do not
-        fit (variance factor above ``immersion.plunge_result.MAX_VARIANCE_FACTOR``).
+        fit (variance factor above ``immersion.plunge_result.MAX_VARIANCE_FACTOR``). The message
+        names the cause: swapped channels, a disk that was not at one temperature, or one that warms
+        unevenly.
     """
     for log, factor in zip(logs, fit.optimum.problem.noise):
-        swapped = [f for f in log.findings if f.code == "junctions.swapped"]
-        if swapped and factor.differential > MAX_VARIANCE_FACTOR:
+        findings = [f for f in log.findings if f.code in JUNCTION_ORDER]
+        if findings and factor.differential > MAX_VARIANCE_FACTOR:
+            expected, remedy = JUNCTION_ORDER[findings[0].code]
             raise InputError(
-                swapped[0].sentence,
-                expected="each column from the junction that rig.toml says",
-                remedy="map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
+                findings[0].sentence, where=log.path.name, expected=expected, remedy=remedy
             )
 
 

@@ -115,6 +115,35 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
 
 
 @pytest.mark.e2e
+@pytest.mark.parametrize("cause", ["not at one temperature", "warms unevenly"])
+def test_plunge_of_an_uneven_disk_is_refused_with_its_cause(tmp_path, cause):
+    """The surface starts 6 K warmer than 3 mm below, and becomes even in 8 s; or one side warms by a tenth more."""
+    from tcdyn.core.errors import InputError
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.simulate.campaign import write_log as write_rig_log
+    from tcdyn.simulate.measure import simulate_oven
+    from tcdyn.simulate.plunge import simulate_plunge
+    from tcdyn.workflows import calibrate_disk
+
+    rig = load_rig()
+    plunge, true = simulate_plunge("fast", seed=6)
+    # the junctions respond to the entry one lag later
+    since_s = np.clip(plunge["time_s"].to_numpy() - true["entry_s"] - true["common_lag_s"], 0, None)
+    for channel, junction in rig.tables("fast").thermocouples.items():
+        y = plunge[f"{channel}_degC"]
+        if cause == "warms unevenly":
+            side = 0.1 * np.cos(np.deg2rad(junction.angle_deg)) * np.exp(-since_s / 36.0)
+            change = side * (y - y.iloc[:300].mean())
+        else:
+            change = -2.0 * (junction.depth_mm - 3.0) * np.exp(-since_s / 8.0)
+        plunge[f"{channel}_degC"] = y + change
+    write_rig_log(simulate_oven("fast", seed=6)[0], tmp_path / "oven.csv")
+    write_rig_log(plunge, tmp_path / "p.csv")
+    with pytest.raises(InputError, match=cause):
+        calibrate_disk(rig, "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"])
+
+
+@pytest.mark.e2e
 def test_certificate_shows_the_plunges(tmp_path):
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import write_log as write_rig_log

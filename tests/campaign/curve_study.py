@@ -1,6 +1,6 @@
 """Drawn campaigns against model curves of correct and of wrong shape: position of the offset, and warnings.
 
-`python -m tests.campaign.curve_study 2000` prints the figures for 2000 campaigns of each kind.
+`python -m tests.campaign.curve_study 2000 0` prints the figures for 2000 campaigns of each kind, from seed 0 on.
 
 The errors of a drawn campaign are sums of standard normal numbers: a common level error, one to three systematic errors
 with a different sensitivity for each test, and an independent error of each test. The covariance follows from the same
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 from tcdyn.campaign import solve_campaign
@@ -102,38 +103,39 @@ def distance_outside(value: float, points: Array) -> float:
     return max(float(points.min()) - value, value - float(points.max()), 0.0)
 
 
-def report(count: int) -> None:
+def study_table(count: int, first: int, *, wrong: bool) -> pd.DataFrame:
+    """For ``count`` campaigns from seed ``first``: is the shape reported, and where the offset lies."""
+    rows = []
+    for seed in range(first, first + count):
+        drawn = drawn_curve(seed, wrong=wrong)
+        result = curve_test(drawn.posterior, drawn.curve)
+        inverse = np.linalg.inv(drawn.posterior.beta[1])
+        rows.append(
+            {
+                "reported": result.shape_rejected,
+                "outside": distance_outside(result.offset.value, drawn.difference),
+                "covered": result.offset.contains(drawn.offset),
+                "u_ratio": result.offset.u * np.sqrt(inverse.sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def report(count: int, first: int) -> None:
     """Print the figures for ``count`` campaigns of each kind."""
     for wrong in (False, True):
-        campaigns = [drawn_curve(seed, wrong=wrong) for seed in range(count)]
-        results = [curve_test(campaign.posterior, campaign.curve) for campaign in campaigns]
-        rejected = np.array([result.shape_rejected for result in results])
-        distance = np.array(
-            [
-                distance_outside(result.offset.value, campaign.difference)
-                for result, campaign in zip(results, campaigns)
-            ]
-        )
-        u = np.array([result.offset.u for result in results])
-        covered = np.array(
-            [
-                result.offset.contains(campaign.offset)
-                for result, campaign in zip(results, campaigns)
-            ]
-        )
+        table = study_table(count, first, wrong=wrong)
         print("wrong shape" if wrong else "correct shape", count, "campaigns")
-        is_outside = distance > 1e-12  # rounding of a mean
-        print(f"  reported: {rejected.sum()} ({100 * rejected.mean():.1f} %)")
-        print(
-            f"  offset outside the range of the tests: {is_outside.sum()}, where reported {is_outside[rejected].sum()}"
-        )
-        print(f"  by more than u: {(distance > u).sum()}; farthest {np.max(distance / u):.2f} u")
+        print(f"  reported: {table['reported'].sum()}")
+        # 1e-12: rounding of a mean
+        print(f"  offset outside the range of the tests: {(table['outside'] > 1e-12).sum()}")
         if not wrong:
             low, high = stats.binom.interval(0.95, count, 0.95)
             print(
-                f"  95 % interval covers the truth: {covered.sum()} (by chance {low:.0f} to {high:.0f})"
+                f"  95 % interval covers the truth: {table['covered'].sum()} (by chance {low:.0f} to {high:.0f})"
             )
+            print(f"  u over that of least squares, median: {table['u_ratio'].median():.2f}")
 
 
 if __name__ == "__main__":
-    report(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    report(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,4 +1,4 @@
-"""Offset of the tests from a model curve whose shape does not fit: within the range of the tests, and reported."""
+"""Offset of the tests from a model curve: within the range of the tests; a shape that does not fit is reported."""
 
 from __future__ import annotations
 
@@ -9,16 +9,31 @@ import pytest
 from scipy import stats
 
 from tcdyn.campaign import joined
-from tcdyn.campaign.line_fit import level_inside_points
+from tcdyn.campaign.line_fit import Line, fit_generalised_line, level_inside_points
 from tcdyn.campaign.posterior import BETA
 from tcdyn.campaign.trends import Curve, curve_test
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
-from tests.campaign.curve_study import COMMON, LEVEL, DrawnCurve, distance_outside, drawn_curve
+from tests.campaign.curve_study import (
+    COMMON,
+    LEVEL,
+    DrawnCurve,
+    distance_outside,
+    drawn_curve,
+    study_table,
+)
 from tests.campaign.toy import beta_json, toy
 
 DRAWS = 60
 FALSE_FAILURE_P = 1e-3  # probability that a correct library fails a test that counts draws
+STUDY_DRAWS = 200
+STUDY_SEED = 5000
+
+
+def level(y: Array, covariance: Array) -> Line:
+    """The common level inside the points, with the scatter that their departures need."""
+    return level_inside_points(y, fit_generalised_line(np.ones((len(y), 1)), y, covariance))
 
 
 def two_tests(first: float, second: float) -> DrawnCurve:
@@ -70,27 +85,51 @@ def test_offset_interval_has_the_stated_coverage_for_a_correct_shape() -> None:
     )
 
 
-def test_offset_from_an_accepted_curve_is_that_of_generalised_least_squares() -> None:
-    """(1' V^-1 d)/(1' V^-1 1), also where it lies outside the range of the tests: V explains it there."""
+def test_offset_from_an_accepted_curve_has_the_least_variance_inside_the_range() -> None:
+    """Of all weights w >= 0 with sum 1: V w = s where w > 0 and V w >= s elsewhere, s = w'V w (Karush, Kuhn, Tucker).
+
+    The weights of generalised least squares leave the range in six of ten of these campaigns.
+    """
     n_accepted = n_outside = 0
     for seed in range(DRAWS):
         drawn = drawn_curve(seed, wrong=False)
         result = curve_test(drawn.posterior, drawn.curve)
+        assert distance_outside(result.offset.value, drawn.difference) <= 1e-12, seed
         if result.shape_rejected:
             continue
         _, covariance = drawn.posterior.beta
-        ones = np.ones(len(drawn.difference))
-        solved = np.linalg.solve(covariance, np.column_stack([ones, drawn.difference]))
-        variance = 1 / (ones @ solved[:, 0])
-        value = variance * (ones @ solved[:, 1])
-        # the condition number of V is about 1e6, hence 1e-9 of its largest element
-        assert result.offset.value == pytest.approx(value, rel=1e-6, abs=1e-9)
-        assert result.offset.u == pytest.approx(np.sqrt(variance), rel=1e-6)
+        line = fit_generalised_line(
+            np.ones((len(drawn.difference), 1)), drawn.difference, covariance
+        )
+        unscattered = replace(line, scatter=0.0, total_covariance=covariance)
+        (weights,) = level_inside_points(drawn.difference, unscattered).operator
+        gradient = covariance @ weights
+        variance = float(weights @ gradient)
+        assert weights.min() >= 0
+        assert weights.sum() == pytest.approx(1)
+        # the condition number of V is about 1e4
+        assert gradient[weights > 0] == pytest.approx(variance, rel=1e-6)
+        assert gradient.min() >= variance * (1 - 1e-6)
+        assert result.offset.value == pytest.approx(float(weights @ drawn.difference))
+        assert result.offset.u == pytest.approx(np.sqrt(variance))
         assert result.scatter == 0.0
         n_accepted += 1
-        n_outside += distance_outside(value, drawn.difference) > 0
+        n_outside += weights.min() == 0
     assert n_accepted > 0.8 * DRAWS
-    assert n_outside > 0
+    assert n_outside > 0.3 * DRAWS
+
+
+@pytest.mark.study
+def test_200_campaigns_against_correct_and_wrong_shapes() -> None:
+    """Offset in the range of the tests, coverage of 92 to 98 % and every wrong shape reported."""
+    for wrong in (False, True):
+        table = study_table(STUDY_DRAWS, STUDY_SEED, wrong=wrong)
+        assert table["outside"].max() <= 1e-12
+        if wrong:
+            assert table["reported"].all()
+        else:
+            assert 0.92 <= table["covered"].mean() <= 0.98
+            assert table["reported"].mean() <= 0.10
 
 
 def test_two_tests_have_one_degree_of_freedom() -> None:
@@ -130,18 +169,16 @@ def test_one_test_in_the_range_of_a_curve_raises() -> None:
 
 def test_level_of_equal_errors_is_the_mean_and_of_unequal_errors_the_weighted_mean() -> None:
     y = np.array([0.0, 1.0, 3.0])
-    equal = level_inside_points(y, 1e-12 * np.eye(3))
+    equal = level(y, 1e-12 * np.eye(3))
     assert equal.coefficients[0] == pytest.approx(np.mean(y))
     assert np.sqrt(equal.covariance[0, 0]) == pytest.approx(
         np.std(y, ddof=1) / np.sqrt(3), rel=1e-6
     )
     u = np.array([1.0, 2.0, 4.0])
-    weighted = level_inside_points(y, np.diag(u**2))
+    weighted = level(y, np.diag(u**2))
     assert weighted.scatter == 0.0
     assert weighted.coefficients[0] == pytest.approx(np.average(y, weights=u**-2))
     assert weighted.covariance[0, 0] == pytest.approx(1 / np.sum(u**-2))
-    single = level_inside_points(y[:1], np.eye(1))
-    assert (single.coefficients[0], single.freedom, single.scatter) == (0.0, 0, 0.0)
 
 
 def test_level_has_no_negative_weight_where_least_squares_has_one() -> None:
@@ -153,7 +190,7 @@ def test_level_has_no_negative_weight_where_least_squares_has_one() -> None:
     covariance = np.diag((0.1 * y) ** 2) + np.outer(0.2 * y, 0.2 * y)
     weight = np.linalg.inv(covariance)
     assert weight.sum(axis=0) @ y / weight.sum() == pytest.approx(0.88, abs=0.005)
-    result = level_inside_points(y, covariance)
+    result = level(y, covariance)
     assert result.operator.min() >= 0
     assert result.operator.sum() == pytest.approx(1)
     assert 1.0 <= result.coefficients[0] <= 1.5

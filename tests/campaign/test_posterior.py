@@ -30,6 +30,7 @@ from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding
 from tcdyn.io.checksum import with_checksum
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, now_utc
@@ -326,6 +327,28 @@ def test_consistent_campaigns_have_outliers_at_the_stated_rate() -> None:
         bool(outlying_tests(solve_campaign(toy(seed).tests))) for seed in range(60)
     )
     assert n_with_outliers <= stats.binom.ppf(1 - FALSE_FAILURE_P, 60, 0.05)
+
+
+def contradictions(departure: float, seeds: range) -> list[Finding]:
+    """Findings that the tests contradict the statements about the rig, over drawn campaigns."""
+    findings = []
+    for seed in seeds:
+        campaign = joined({t.name: beta_json(t) for t in toy(seed, 8, departure=departure).tests})
+        assert campaign is not None
+        findings += [f for f in campaign.findings if f.code == "campaign.contradicted"]
+    return findings
+
+
+def test_wider_uncertainties_by_contradicted_statements_are_reported() -> None:
+    """Shared parameters drawn four times as wide as stated are found, and consistent ones seldom (1 %)."""
+    found = contradictions(4.0, range(10))
+    # chi-squared is then 16 times the 8.6 degrees of freedom on average, and the limit 21
+    assert len(found) >= 8
+    for finding in found:
+        assert finding.numbers["factor"] > (21.0 / 8.6) ** 0.5 * 0.95
+        assert abs(finding.numbers["sizes"][0]) > 2.0
+    # probability of more than two among 20 at 1 %: 0.1 %
+    assert len(contradictions(1.0, range(500, 520))) <= 2
 
 
 def test_model_curve_is_compared_with_the_tests(tmp_path: Path) -> None:

@@ -57,8 +57,13 @@ class Toy:
     shared: dict[str, float]
 
 
-def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy:
-    """``count`` tests of one rig; the same seed gives the same rig."""
+def toy(
+    seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0, departure: float = 1.0
+) -> Toy:
+    """``count`` tests of one rig; the same seed gives the same rig.
+
+    The shared parameters depart from what is stated by ``departure`` times as much as is stated.
+    """
     rng = np.random.default_rng(seed)
     names = (*QUANTITIES, *SHARED, *SPECIFIC)
     shared_names = dict.fromkeys(
@@ -70,7 +75,7 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
             )
         ]
     )
-    shared = {name: float(rng.standard_normal()) for name in shared_names}
+    shared = {name: departure * float(rng.standard_normal()) for name in shared_names}
     common_lag_s = {
         d: LAG_S + np.sqrt(LAG_U_S**2 - LAG_TEST_SD_S**2) * rng.standard_normal() for d in DISKS
     }

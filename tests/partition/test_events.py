@@ -333,6 +333,37 @@ def test_switch_seconds_off_at_loading_is_outvoted(delay_s: float) -> None:
     assert codes(events) == {"loading.disagree"}
 
 
+@pytest.mark.parametrize("with_switch", [True, False])
+@pytest.mark.parametrize("loading_s", [0.3, 1.0, 10.0, 60.0, 300.0])
+@pytest.mark.parametrize("loaded_s", [302.0, 600.0])
+def test_slow_loading_begins_where_the_forces_leave_their_zeros(
+    loading_s: float, loaded_s: float, with_switch: bool
+) -> None:
+    """The force at the end must not depend on how the load was applied: its zero is that before the loading."""
+    t = np.arange(0, 40.0 + loaded_s, DT)
+    share = np.clip((t - 20.0) / loading_s, 0, 1) * (t < 20.0 + loaded_s)
+    rng = np.random.default_rng(2)
+    frame = pd.DataFrame(
+        {
+            "time_s": t,
+            "contact": ((t >= 20.0) & (t < 20.0 + loaded_s)).astype(int),
+            "friction_N": 0.3 + 20 * share + 0.15 * rng.standard_normal(len(t)),
+            "load_N": 3.0 + 1850 * share + 2.0 * rng.standard_normal(len(t)),
+        }
+    )
+    events = find_events(frame if with_switch else frame.drop(columns="contact"))
+    # the line through a tenth and half of the rise: noise of 0.3 % of the force, hence 1.5 % of the rise
+    tolerance_s = DT if with_switch else DT + 0.015 * loading_s
+    assert events.load_on_s == pytest.approx(20.0, abs=tolerance_s)
+    assert codes(events) == set()
+    force = contact_force(t, frame["friction_N"].to_numpy(), events)
+    for at_s in (20.0 + 0.6 * loading_s, 10.0 + loaded_s, 19.0 + loaded_s):
+        if at_s < 20.0 + loading_s and loading_s < 10.0:  # a kink within 4 s of the straight line
+            continue
+        # 4 s of that noise, twice as much at the end of the line, and zeros known to 0.01 N
+        assert np.interp(at_s, t, force) == pytest.approx(20 * np.interp(at_s, t, share), abs=0.06)
+
+
 def test_switch_within_a_fifth_of_a_second_of_the_forces_sets_the_loading_time() -> None:
     frame = simulated_log()
     frame["contact"] = ((frame["time_s"] >= 9.87) & (frame["time_s"] < 80.0073)).astype(int)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.angular_harmonic import harmonic_at_junctions
@@ -273,6 +274,22 @@ def test_large_time_shift_of_a_column_is_identified_with_its_size(
     assert (suspect.kind, suspect.channels) == ("late", (channel,))
     assert suspect.size is not None
     assert suspect.size.value == pytest.approx(shift_s, abs=0.06)  # 3 u of a shift with u = 0.02 s
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("channel", "lag_s"), [("e", 0.6), ("a", 0.6), ("e", 1.0), ("c", 0.3)])
+def test_bubble_in_the_cement_is_identified_with_its_lag(
+    b3: EhlTest, channel: str, lag_s: float
+) -> None:
+    """A first-order lag in addition to that of the record; its linear effect is half of the true one."""
+    keep = float(np.exp(-b3.dt_s / lag_s))
+    y = column(b3, "fast", channel)
+    lagged = lfilter([1 - keep], [1, -keep], y, zi=[keep * y[0]])[0]
+    (suspect,) = check_sensors(with_readings(b3, "fast", {channel: lagged})).suspects
+    assert (suspect.kind, suspect.channels) == ("late", (channel,))
+    assert suspect.size is not None
+    # 3 u, and u of the lag within this disk is 0.05 to 0.06 s
+    assert suspect.size.value == pytest.approx(lag_s, abs=0.17)
 
 
 def test_exchanged_cables_are_detected_through_the_other_disks_static_lines(b3: EhlTest) -> None:

@@ -39,8 +39,9 @@ REFRESH_S = 0.4  # interval at which temperature-dependent coefficients are upda
 class World:
     """Deviations from the assumptions of the fits.
 
-    ``later`` multiplies the first lag of one channel, ``film`` multiplies h in equal strips across the running surface.
-    ``h_after_of`` multiplies h of one disk after the unloading, ``gain_of`` the readings of all its channels.
+    ``later_s`` is added to the first lag of one channel, ``film`` multiplies h in equal strips across the running
+    surface. ``h_after_of`` multiplies h of one disk after the unloading, ``gain_of`` the readings of all its channels.
+    ``loading_s`` is the time in which the load is applied.
     """
 
     h_after: float = 1.0
@@ -52,7 +53,8 @@ class World:
     faces: float = 1.0
     oil_K: float = 0.0
     stem: float = 0.0
-    later: dict[str, float] = field(default_factory=dict)
+    later_s: dict[str, float] = field(default_factory=dict)
+    loading_s: float = 0.3
     k_per_K: float = 0.0
     elsewhere: float = 0.0
     film: tuple[float, ...] = (1.0,)
@@ -78,9 +80,13 @@ WORLDS: dict[str, tuple[World, str]] = {
     "oil +8 K": (World(oil_K=8.0), "film_air"),
     "oil -8 K": (World(oil_K=-8.0), "film_air"),
     "stem 3 %": (World(stem=0.03), "stem"),
-    "bubble x1.3": (World(later={"fast_e": 1.3}), "lag of fast_e"),
-    "bubble x2": (World(later={"fast_e": 2.0}), "lag of fast_e"),
-    "bubble x2 of b": (World(later={"slow_b": 2.0}), "lag of slow_b"),
+    "bubble 0.15 s": (World(later_s={"fast_e": 0.15}), "lag of fast_e"),
+    "bubble 0.6 s": (World(later_s={"fast_e": 0.6}), "lag of fast_e"),
+    "bubble 0.6 s of a": (World(later_s={"slow_a": 0.6}), "lag of slow_a"),
+    "bubble 0.6 s of b": (World(later_s={"slow_b": 0.6}), "lag of slow_b"),
+    "loaded in 10 s": (World(loading_s=10.0), "as assumed"),
+    "loaded in 100 s": (World(loading_s=100.0), "as assumed"),
+    "loaded in 300 s": (World(loading_s=300.0), "as assumed"),
     "k -10 %": (World(k_per_K=-0.001), "k_of_T"),
     "15 % elsewhere": (World(elsewhere=0.15), "elsewhere"),
     "film 1.5 | 0.5": (World(film=(1.5, 0.5)), "as assumed"),
@@ -168,8 +174,7 @@ def temperatures(
     # the power just before unloading is replaced by its last full value
     loaded = time_s < unload_s - 0.05
     held_power_W = np.where(loaded, power_W, power_W[loaded][-1])
-    on_s = float(time_s[np.flatnonzero(power_W > 0.5 * power_W.max())[0]])
-    held_power_W = np.where(time_s < on_s, 0.0, held_power_W)
+    on_s = float(time_s[np.flatnonzero(power_W > 0)[0]])
     segments_of_time = [
         (0.0, on_s, 5.0, False),
         (on_s, on_s + 20, 0.1, True),
@@ -234,6 +239,7 @@ def _reader(disk: DiskTruth, at_r: Array, at_z: Array) -> Callable[[Array], Arra
 def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
     """Rig ``seed`` in the world ``name``: a log with the temperatures of that world and the calibrated records."""
     world, _ = WORLDS[name]
+    options = replace(QUICK, loading_ramp_s=world.loading_s)
     true = draw_truth(seed, load_rig(), uncertain=True)
     true_values: dict[str, Any] = {}
 
@@ -256,13 +262,13 @@ def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
                 true_values["unload_s"],
             )
             channels = {
-                c: replace(channel, tau1_s=channel.tau1_s * world.later.get(f"{d}_{c}", 1.0))
+                c: replace(channel, tau1_s=channel.tau1_s + world.later_s.get(f"{d}_{c}", 0.0))
                 for c, channel in disk.channels.items()
             }
             lagged_disk = replace(disk, channels=channels)
             log, _ = log_disk(
                 junction_temperatures,
-                QUICK.duration_s,
+                options.duration_s,
                 lagged_disk,
                 rng_for(seed, "world", d),
                 true.imperfections,
@@ -275,7 +281,12 @@ def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
         return frame.assign(**columns)
 
     return study_rig(
-        seed, test, truth=true, log_change=with_world_temperatures, on_truth=true_values.update
+        seed,
+        test,
+        truth=true,
+        options=options,
+        log_change=with_world_temperatures,
+        on_truth=true_values.update,
     )
 
 

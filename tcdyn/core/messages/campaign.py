@@ -9,6 +9,8 @@ has a message.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
@@ -104,6 +106,25 @@ def _curve_shape(
     )
 
 
+def _contradicted(
+    chi2: float,
+    freedom: float,
+    p: float,
+    factor: float,
+    names: Sequence[str],
+    sizes: Sequence[float],
+    **_: object,
+) -> str:
+    """Message of ``campaign.contradicted``; the arguments are the fields of the finding."""
+    departures = ", ".join(f"{name} ({size:+.1f})" for name, size in zip(names, sizes))
+    return (
+        f"the tests together contradict what is stated about the rig: chi-squared is {chi2:.0f} on "
+        f"{freedom:.0f} degrees of freedom ({_p_value(p)}). The uncertainties of what the tests "
+        f"share are {factor:.2f} times as large for it, so that a result may be less certain than "
+        f"that of its test alone. Largest departures in stated standard uncertainties: {departures}"
+    )
+
+
 # tcdyn/campaign
 CAMPAIGN: dict[str, Message] = {
     "campaign.stranger": _outlying_test,
@@ -115,6 +136,7 @@ CAMPAIGN: dict[str, Message] = {
     "campaign.junction": "by all tests together {subject} is {deeper_mm:.2f} +- {u_mm:.2f} mm "
     "deeper than stated ({z:.1f} standard deviations): check its depth_mm in rig.toml",
     "campaign.curve_shape": _curve_shape,
+    "campaign.contradicted": _contradicted,
     "campaign.apart": "{subject} is not solved together with the other tests: {why}",
     "campaign.altered": "{subject} in the results folder was changed after tcdyn wrote it: its log "
     "was analysed again",

@@ -109,6 +109,12 @@ READER: dict[str, Message] = {
     "second?",
     "junctions.swapped": "columns {subject} and {other}: the junction {depth_mm:g} mm deep warms "
     "by {behind_K:.2g} degC less than the one {other_depth_mm:g} mm deep; are they swapped?",
+    "junctions.uneven_start": "columns {subject} and {other}: the disk is not at one temperature "
+    "at the start; the junction {depth_mm:g} mm deep reads {start_K:.2g} degC more than the one "
+    "{other_depth_mm:g} mm deep",
+    "junctions.uneven_disk": "columns {subject} and {other}: the disk warms unevenly around its "
+    "circumference; both junctions are {depth_mm:g} mm deep, and the first warms by "
+    "{behind_K:.2g} degC less",
     "oven.no_prt": "{place}: {count} row(s) without a PRT reading are not used",
     "oven.missing": "{place}: {count} value(s) missing",
     "oven.far": "{place}: {value_degC:.4g} degC, but the PRT reads {prt_degC:.4g} degC",

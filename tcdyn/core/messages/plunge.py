@@ -67,7 +67,7 @@ def _coloured(common: float, differential: float, apart: bool, **_: Any) -> str:
     if apart:
         text += (
             "; the channels do not move together as they should: is a plunge of another disk among "
-            "them, or are channels swapped?"
+            "them, are channels swapped, or did a disk start or warm unevenly?"
         )
     return text
 
