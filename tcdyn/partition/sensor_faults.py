@@ -56,6 +56,9 @@ MIN_DEPTH_M = 0.3e-3  # least depth of a misplaced junction [m]
 # A refined fault has converged when its size changes by less than this [m, s].
 CONVERGED = {"misplaced": 0.03e-3, "late": 0.01}
 MAX_REFINEMENTS = 6
+# Part of a step that is taken after a change of direction. Full steps may alternate about the depth
+# of a misplaced junction without an end, because another depth also changes h.
+DAMPING = 0.5
 
 
 @dataclass(frozen=True)
@@ -289,11 +292,15 @@ def refine_fault(test: EhlTest, disk: DiskTraces, fit: FaultFit) -> FaultFit:
         limits_m = np.array([MIN_DEPTH_M, setup.edge_m - MIN_DEPTH_M])
         low, high = limits_m - setup.junctions[channel].depth_m
     shift = 0.0
+    part = 1.0
     for _ in range(MAX_REFINEMENTS):
-        shift = float(np.clip(shift + step.value, low, high))
+        shift = float(np.clip(shift + part * step.value, low, high))
         corrected = _corrected(test, disk, fit, shift)
         fit = fit_fault(sensor_window(test, corrected), kind, fit.channels, {})
+        last_step = step
         step = fit.size or step
+        if step.value * last_step.value < 0:
+            part = DAMPING
         size = Estimate.normal(shift + step.value, step.u)
         if abs(step.value) < CONVERGED[kind]:
             break

@@ -212,6 +212,21 @@ def test_misplaced_junction_of_the_outer_row_is_identified_with_its_depth(
 
 
 @pytest.mark.study
+@pytest.mark.parametrize("seed", [32, 37])
+def test_depth_of_a_misplaced_junction_has_the_uncertainty_of_the_test(seed: int) -> None:
+    """In these rigs full steps alternate about the depth without an end."""
+    study = study_rig(seed)
+    test = with_specified_depth(study.test, "slow", "e", -1.2e-3)
+    (suspect,) = check_sensors(test).suspects
+    assert (suspect.kind, suspect.channels) == ("misplaced", ("e",))
+    assert suspect.size is not None
+    true_depth_m = study.truth.slow.setup.junctions["e"].depth_m
+    deeper_m = true_depth_m - test.disks["slow"].setup.junctions["e"].depth_m
+    assert abs(suspect.size.value - deeper_m) < 3 * suspect.size.u
+    assert suspect.size.u < 0.1e-3  # of a nominal depth
+
+
+@pytest.mark.study
 def test_wrong_static_line_is_reported_as_offset_not_as_wrong_depth(b3: EhlTest) -> None:
     """An offset leaves the transients unchanged; a wrong depth does not."""
     for channel in ("a", "e"):
