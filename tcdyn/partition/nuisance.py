@@ -382,7 +382,7 @@ def nuisance_effects(
     boundary, power = rim.response(h_W_m2K)
     predicted = boundary + share * power
     gains = rim.gains(h_W_m2K)
-    perturbed = perturbed_changes(rim, setup, predicted, share, h_W_m2K)
+    perturbed = perturbed_changes(rim, predicted, share, h_W_m2K)
     input_responses = _input_responses(test, disk, window, share, h_W_m2K)
     rates = np.gradient(predicted, window.block_time_s, axis=0)
     constant = np.ones(len(predicted))
@@ -494,12 +494,20 @@ def friction_noise_effects(
     return tuple(parameters), np.array(change)
 
 
-def perturbed_changes(
-    rim: RimMeans, setup: DiskSetup, predicted: Array, share: float, h_W_m2K: float
-) -> Array:
-    """Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, P)."""
+def perturbed_changes(rim: RimMeans, predicted: Array, share: float, h_W_m2K: float) -> Array:
+    """Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, n).
+
+    Parameters
+    ----------
+    rim
+        The rim, R means of n predicted junctions.
+    predicted
+        Its prediction, (R, n) [degC].
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+    """
     changes = []
-    for perturbation, size in nominal_perturbations(setup):
+    for perturbation, size in nominal_perturbations(rim.setup):
         boundary, power = rim.response(h_W_m2K, perturbation)
         changes.append((boundary + share * power - predicted) / size)
     return np.array(changes)

@@ -211,7 +211,7 @@ class SensorWindow:
         setup = disk.setup
         rim = self.rim
         boundary, power = rim.response(h_W_m2K)
-        perturbed = perturbed_changes(rim, setup, boundary + share * power, share, h_W_m2K)
+        perturbed = perturbed_changes(rim, boundary + share * power, share, h_W_m2K)
         boundary_gradient, power_gradient = rim.gradient(h_W_m2K)
         gradient = boundary_gradient + share * power_gradient
         constant = self.means.sum(axis=1)
