@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.sparse.csgraph import connected_components
 from scipy.special import chdtrc
 
 from tcdyn.core.findings import Finding, info
@@ -160,11 +161,10 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     windows = {d: sensor_window(test, disk) for d, disk in test.disks.items()}
     checks = {d: _check_disk(test, f) for d, f in windows.items()}
     at_rest = faults_at_rest(test)
-    suspects = {}
+    suspects = {d: check.suspects for d, check in checks.items()}
     for d, check in checks.items():
-        suspects[d] = check.suspects
-        if check.log_likelihood is not None and at_rest[d]:
-            suspects[d] = at_rest[d]
+        if check.log_likelihood is not None:
+            suspects[d] = at_rest[d] or suspects[d]
     sound = {d: check for d, check in checks.items() if not suspects[d]}
     likelihoods = [c.log_likelihood for c in checks.values() if c.log_likelihood is not None]
     swap: tuple[Suspect, ...] = ()
@@ -292,15 +292,12 @@ def _swap_between_disks(
     ``tests/partition/test_sensors.py``, all marked study.
     """
     fast, slow = (windows[d] for d in DISKS)
-    fast_rows, slow_rows = (f.disk.setup.rows for f in (fast, slow))
     candidates = []
-    for (i, c), (j, other) in product(enumerate(fast_rows), enumerate(slow_rows)):
-        if c in fast.disk.excluded or other in slow.disk.excluded:
-            continue
+    for c, other in product(fast.used_channels, slow.used_channels):
         # the readings are taken as they are, through the static line and chain of their own disk
         fits = (
-            fit_fault(fast, "foreign", (c,), {i: (slow, j)}),
-            fit_fault(slow, "foreign", (other,), {j: (fast, i)}),
+            fit_fault(fast, "foreign", (c,), {c: (slow, other)}),
+            fit_fault(slow, "foreign", (other,), {other: (fast, c)}),
         )
         candidates.append((sum(fit.log_likelihood for fit in fits), c, other))
     best, c, other = max(candidates)
@@ -374,13 +371,11 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     >>> angle_groups(load_rig().disk_setup("slow"))
     (('a', 'e', 'f'), ('b', 'c', 'd'))
     """
-    angles = {c: setup.junctions[c].angle_deg % 360.0 for c in setup.channels}
-    order = sorted(angles, key=lambda c: angles[c])
-    sorted_deg = np.array([angles[c] for c in order])
-    begins = np.diff(sorted_deg, prepend=sorted_deg[-1] - 360.0) > SAME_GROUP_DEG
-    n_groups = max(int(begins.sum()), 1)
-    group = np.cumsum(begins) % n_groups
-    return tuple(sorted(tuple(sorted(np.array(order)[group == k])) for k in range(n_groups)))
+    angle = np.array([setup.junctions[c].angle_deg for c in setup.channels])
+    between = np.abs((angle[:, None] - angle + 180.0) % 360.0 - 180.0)
+    n_groups, group = connected_components(between <= SAME_GROUP_DEG)
+    members = [[c for c, g in zip(setup.channels, group) if g == k] for k in range(n_groups)]
+    return tuple(sorted(tuple(sorted(channels)) for channels in members))
 
 
 def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:

@@ -151,13 +151,11 @@ def fit_faults(f: SensorWindow) -> list[FaultFit]:
     f
         Window of the disk.
     """
-    setup = f.disk.setup
-    used = [c for c in setup.channels if c not in f.disk.excluded]
-    single = [(kind, (c,)) for c in used for kind in SINGLE_CHANNEL_FAULTS]
+    single = [(kind, (c,)) for c in f.used_channels for kind in SINGLE_CHANNEL_FAULTS]
     fits = [fit_fault(f, kind, channels, {}) for kind, channels in (("none", ()), *single)]
-    for pair in combinations(used, 2):
-        i, j = (setup.rows.index(c) for c in pair)
-        fits.append(fit_fault(f, "swapped", pair, {i: (f, j), j: (f, i)}))
+    for first, second in combinations(f.used_channels, 2):
+        sources = {first: (f, second), second: (f, first)}
+        fits.append(fit_fault(f, "swapped", (first, second), sources))
     return fits
 
 
@@ -384,8 +382,8 @@ def depth_test(f: SensorWindow, sound: FaultFit) -> DepthTest:
     cov = table.covariance({}) + np.outer(by_h, by_h)
     residual = f.levels[f.observed] - predicted
     depth_u_m = disk.uncertainty.depth_mm * 1e-3
-    used = [c for c in disk.setup.channels if c not in disk.excluded]
-    effects = depth_u_m * table.change[[table.names.index(f"depth {c}") for c in used]]
+    rows = [table.names.index(f"depth {c}") for c in f.used_channels]
+    effects = depth_u_m * table.change[rows]
     weighted = np.linalg.solve(cov, effects.T).T
     gram = weighted @ effects.T
     score = weighted @ residual
@@ -393,7 +391,7 @@ def depth_test(f: SensorWindow, sound: FaultFit) -> DepthTest:
     root = np.sqrt(np.diag(gram))
     deeper_m = {
         c: Estimate.normal(depth_u_m * float(s / t), depth_u_m * float(np.sqrt((1 - t) / t)))
-        for c, s, t in zip(used, score, information)
+        for c, s, t in zip(f.used_channels, score, information)
     }
     correlation = gram / np.outer(root, root)
     return DepthTest(disk.name, score / root, correlation, deeper_m, depth_u_m, disk.excluded)

@@ -111,7 +111,7 @@ class EffectTable:
         return np.asarray(scaled.T @ scaled + np.diag(self.independent_var_K2))
 
 
-Sources = Mapping[int, tuple["SensorWindow", int]]  # by position, the channel that is read there
+Sources = Mapping[str, tuple["SensorWindow", str]]  # by channel, the one that is read instead
 
 
 @dataclass(frozen=True)
@@ -163,6 +163,11 @@ class SensorWindow:
     rim: RimMeans
     observed: NDArray[np.bool_]
 
+    @property
+    def used_channels(self) -> list[str]:
+        """The channels that are not excluded."""
+        return [c for c in self.disk.setup.channels if c not in self.disk.excluded]
+
     def by_channel(self, x: Array) -> Array:
         """Values of the disk's rows, (..., C), in the order of its channels."""
         setup = self.disk.setup
@@ -174,13 +179,16 @@ class SensorWindow:
         Parameters
         ----------
         sources
-            By index of a position, the window and the index of the channel that is read there.
+            By channel, the window and the channel that is read in its place.
         """
         levels = self.levels.copy()
         inputs = self.rim.inputs.copy()
         banks = self.rim.banks.copy()
-        first_inner = len(self.disk.setup.outer)
-        for k, (source, j) in sources.items():
+        setup = self.disk.setup
+        first_inner = len(setup.outer)
+        for channel, (source, other) in sources.items():
+            k = setup.rows.index(channel)
+            j = source.disk.setup.rows.index(other)
             levels[:, k] = source.levels[:, j]
             if k >= first_inner:
                 i = 1 + k - first_inner
