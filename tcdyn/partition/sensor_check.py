@@ -245,9 +245,8 @@ def _check_disk(test: EhlTest, f: SensorWindow) -> _DiskCheck:
         numbers["rivals"] = [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]
     elif chdtrc(sound.dof, sound.chi2) >= MISFIT_P:
         near = sound.log_likelihood - INDISTINGUISHABLE_LOG_ODDS
-        swaps = tuple(
-            fit.channels for fit in fits if fit.kind == "swapped" and fit.log_likelihood > near
-        )
+        blind = [fit for fit in fits if fit.kind == "swapped" and fit.log_likelihood > near]
+        swaps = tuple(sorted(fit.channels for fit in blind))
         return _DiskCheck((), sound.log_likelihood, depth_test(f, sound), swaps)
     best = fits[0]
     log_odds = best.log_likelihood - sound.log_likelihood

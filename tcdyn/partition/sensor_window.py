@@ -312,6 +312,9 @@ def sensor_window(test: EhlTest, disk: DiskTraces) -> SensorWindow:
     curvature_K = np.zeros_like(slopes)
     for k, (start, stop) in enumerate(zip(start_s, stop_s)):
         inside = rows_between(first_sample_s, start, stop)
+        if inside.start >= inside.stop:  # a slow log: the next block, or the last
+            next_block = min(inside.start, len(counts) - 1)
+            inside = slice(next_block, next_block + 1)
         means[k, inside] = counts[inside] / counts[inside].sum()
         if event[k] == "steady":
             continue

@@ -378,6 +378,32 @@ def test_log_that_ends_soon_after_unloading_is_checked(b3: EhlTest) -> None:
     assert check_sensors(short).sound
 
 
+@pytest.mark.study
+def test_log_without_a_sample_in_the_first_window_is_checked(b3: EhlTest) -> None:
+    """One sample a second, 0.1 and 1.1 s after the unloading."""
+    first = np.searchsorted(b3.time_s, (b3.events.unload_s + 0.1) % 1.0)
+    rows = slice(int(first), None, 75)
+    disks = {
+        name: replace(
+            disk,
+            readings_degC=disk.readings_degC[rows],
+            missing=disk.missing[rows],
+            inner_offset_K=disk.inner_offset_K[rows],
+        )
+        for name, disk in b3.disks.items()
+    }
+    slow = replace(
+        b3,
+        dt_s=1.0,
+        time_s=b3.time_s[rows],
+        power_W=b3.power_W[rows],
+        ambient_degC=b3.ambient_degC[rows],
+        disks=disks,
+    )
+    check = check_sensors(slow)
+    assert check.sound, check.texts
+
+
 @pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("seed", range(20, 23))
