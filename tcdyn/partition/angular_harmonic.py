@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from tcdyn.core import Array
@@ -378,8 +377,8 @@ def fall_fraction(since_s: Array) -> Array:
     return np.asarray(cube / (1 + cube))
 
 
-def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
-    """Outer row less prediction by a kelvin of a harmonic at the depth of b, (2, P).
+def harmonic_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
+    """Readings less prediction by a kelvin of a harmonic at the depth of b, (2, m).
 
     The two rows are cos and sin.
 
@@ -390,18 +389,20 @@ def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1
     h_W_m2K
         Heat transfer coefficient of the running surface.
     static
-        Response of the outer row to a constant kelvin at each of the inner row, (k, P).
+        Response of the m predicted junctions, the first of the disk's ``rows``, to a constant
+        kelvin at each of the inner row, (k, m).
     n
         Number of the harmonic.
 
     Notes
     -----
     The inner row reads the harmonic too, and drives the rim model with it; that part is subtracted.
-    So only a difference between the rows is seen.
+    So only a difference between the rows is seen, and the full harmonic where the inner row itself
+    is predicted without its readings.
     """
-    outer = harmonic_at_junctions(setup, h_W_m2K, setup.outer, n)
-    inner = harmonic_at_junctions(setup, h_W_m2K, setup.inner, n)
-    return np.asarray(outer - inner @ static)
+    rows = harmonic_at_junctions(setup, h_W_m2K, setup.rows, n)
+    inner = rows[:, len(setup.outer) :]
+    return np.asarray(rows[:, : static.shape[1]] - inner @ static)
 
 
 def add_harmonic_effects(
@@ -418,13 +419,13 @@ def add_harmonic_effects(
     Parameters
     ----------
     parameters, change
-        All other nuisance parameters, (Q,), and their effects, (Q, R, P) [K].
+        All other nuisance parameters, (Q,), and their effects, (Q, R, m) [K].
     harmonic
         The harmonic of the disk.
     setup, h_W_m2K
         The disk, and the heat transfer coefficient of its running surface.
     static
-        Response of the outer row to a constant kelvin at each of the inner row, (k, P).
+        As of :func:`harmonic_effect`.
     since_s
         Times of the R blocks since the unloading, (R,) [s].
 
@@ -432,7 +433,7 @@ def add_harmonic_effects(
     -------
     parameters, change
         The given parameters, then second harmonic (2), angle of each junction, first harmonic (8);
-        and the effects of all, (Q + 10 + C, R, P) [K].
+        and the effects of all, (Q + 10 + C, R, m) [K].
 
     Notes
     -----
@@ -446,10 +447,10 @@ def add_harmonic_effects(
     """
     blocks = change.shape[1:]
     in_time = harmonic.prior_K[:, None] * harmonic_time_shapes(since_s, harmonic.steady_window_s)
-    at_outer_row = outer_row_effect(setup, h_W_m2K, static)
+    at_outer_row = harmonic_effect(setup, h_W_m2K, static)
     first = in_time[:, None, :, None] * at_outer_row[None, :, None, :]
     first = first.reshape(len(FIRST_HARMONIC), *blocks)
-    second = harmonic.second_harmonic_u_K * outer_row_effect(setup, h_W_m2K, static, 2)
+    second = harmonic.second_harmonic_u_K * harmonic_effect(setup, h_W_m2K, static, 2)
     angles = angle_error_effect(setup, h_W_m2K, static, harmonic.angle_level_K)
     constant = np.concatenate([second, angles])[:, None] * np.ones((1, *blocks))
     change = np.concatenate([change, constant])
@@ -468,7 +469,7 @@ def add_harmonic_effects(
 
 
 def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, level_K: Array) -> Array:
-    """Outer row less prediction if one junction lies ``ANGLE_U_DEG`` further round, (P + k, P) [K].
+    """Readings less prediction if one junction lies ``ANGLE_U_DEG`` further round, (P + k, n) [K].
 
     Parameters
     ----------
@@ -477,49 +478,14 @@ def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, level_K:
     h_W_m2K
         Heat transfer coefficient of the running surface.
     static
-        Response of the outer row to a constant kelvin at each of the inner row, (k, P).
+        As of :func:`harmonic_effect`.
     level_K
         Level of the harmonic, cos and sin, (2,) [K].
     """
     cos, sin = harmonic_at_junctions(setup, h_W_m2K, setup.rows)
     p = len(setup.outer)
     change = np.diag(np.deg2rad(ANGLE_U_DEG) * (level_K[1] * cos - level_K[0] * sin))
-    return np.asarray(change[:, :p] - change[:, p:] @ static)
-
-
-def window_harmonic_effects(
-    setup: DiskSetup, h_W_m2K: float, static: Array, event: NDArray[np.str_], after_s: Array
-) -> Array:
-    """Effect of the harmonic's prior on both rows in W windows, (6, W, P + k) [K].
-
-    Of cos and sin: the level when steady, the fall after unloading, the rise after loading. The
-    inner row's first seconds after an event are predicted without the bore.
-
-    Parameters
-    ----------
-    setup, h_W_m2K, static
-        As of :func:`outer_row_effect`.
-    event
-        The event before each window, (W,): "steady", "unloading" or "loading".
-    after_s
-        Time of each window since its event, (W,) [s].
-
-    Notes
-    -----
-    Used by the sensor check (:mod:`tcdyn.partition.disk_features`). The rise after loading may be
-    twice the prior of the level. ``tests/partition/test_sensors.py`` fails if an uneven press fit
-    is taken for a fault.
-    """
-    outer = outer_row_effect(setup, h_W_m2K, static)
-    inner = harmonic_at_junctions(setup, h_W_m2K, setup.inner)
-    rows = np.hstack([outer, inner])
-    falls = fall_fraction(after_s)
-    sizes = [
-        (event == "steady") * HARMONIC_PRIOR_K["level"],
-        (event == "unloading") * (HARMONIC_PRIOR_K["fall"] * falls),
-        (event == "loading") * (2 * HARMONIC_PRIOR_K["level"] * falls),
-    ]
-    return np.array([size[:, None] * component for size in sizes for component in rows])
+    return np.asarray(change[:, : static.shape[1]] - change[:, p:] @ static)
 
 
 def harmonic_from_fit(

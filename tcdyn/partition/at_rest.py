@@ -9,7 +9,7 @@ Guarded by ``tests/partition/test_sensors.py``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -21,7 +21,7 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensor_faults import Fault
+from tcdyn.partition.sensor_faults import Suspect
 from tcdyn.partition.window import rows_between
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.static_line import shared_u_K
@@ -207,7 +207,7 @@ def disks_differ(test: EhlTest) -> list[Finding]:
     ]
 
 
-def faults_at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:
+def faults_at_rest(test: EhlTest) -> dict[str, tuple[Suspect, ...]]:
     """Faults of each disk that show before the load.
 
     No faults where the disks' cables look exchanged as a whole; the fits show that.
@@ -220,18 +220,17 @@ def faults_at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | N
     Returns
     -------
     dict
-        By disk, a list of fault, size [K] if it is an offset, and log-odds.
+        By disk, the suspects.
     """
-    if cables_exchanged(test):
-        return {d: [] for d in test.disks}
-    faults = {}
-    for name, disk in test.disks.items():
-        at_rest = disk_at_rest(test, disk)
-        faults[name] = [] if at_rest is None else faults_of_disk(at_rest)
+    faults: dict[str, tuple[Suspect, ...]] = dict.fromkeys(test.disks, ())
+    if not cables_exchanged(test):
+        for name, disk in test.disks.items():
+            at_rest = disk_at_rest(test, disk)
+            faults[name] = () if at_rest is None else faults_of_disk(at_rest)
     return faults
 
 
-def faults_of_disk(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
+def faults_of_disk(rest: DiskAtRest) -> tuple[Suspect, ...]:
     """Two channels exchanged, or channels with an offset, of a disk at rest.
 
     Two channels are exchanged if each reads like the rest of the disk through the other's static
@@ -245,14 +244,14 @@ def faults_of_disk(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float
 
     Returns
     -------
-    list
-        As of :func:`faults_at_rest`.
+    tuple
+        The suspects.
     """
     return _exchanged_channels(rest) or _offsets(rest)
 
 
-def _exchanged_channels(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
-    """The exchange of two channels that explains the readings; a list of one or none.
+def _exchanged_channels(rest: DiskAtRest) -> tuple[Suspect, ...]:
+    """The exchange of two channels that explains the readings; one suspect or none.
 
     It must explain them far better than the next exchange, and than one channel with an offset.
     """
@@ -268,22 +267,24 @@ def _exchanged_channels(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, 
     (misfit, i, j), second = sorted(candidates)[:2]
     explains = chdtrc(dof, as_wired) < MISFIT_P and chdtrc(dof, misfit) > LIKELY_P
     if not explains or min(second[0], one_offset) - misfit <= 2 * SURE_LOG_ODDS:
-        return []
+        return ()
     channels = rest.disk.setup.channels
-    return [(Fault("swapped", (channels[i], channels[j])), None, 0.5 * (as_wired - misfit))]
+    pair = (channels[i], channels[j])
+    return (Suspect(rest.disk.name, "swapped", pair, log_odds=0.5 * (as_wired - misfit)),)
 
 
-def _offsets(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
-    """The one or two channels with an offset, if all others agree; else an empty list."""
+def _offsets(rest: DiskAtRest) -> tuple[Suspect, ...]:
+    """The one or two channels with an offset, if all others agree; else none."""
     deviation = rest.deviation(rest.mean)
     limit = np.maximum(MIN_OFFSET_Z * rest.u, MIN_OFFSET_K)
     outliers = [k for k in rest.used if abs(deviation[k]) > limit[k]]
     others = [deviation[k] for k in rest.used if k not in outliers]
     if not 1 <= len(outliers) <= 2 or np.ptp(others) > MIN_OFFSET_K:
-        return []
-    faults: list[tuple[Fault, Estimate | None, float]] = []
+        return ()
+    suspects = []
     for k in outliers:
         size = Estimate.normal(float(deviation[k]), float(rest.u[k]))
-        fault = Fault("offset", (rest.disk.setup.channels[k],))
-        faults.append((fault, size, 0.5 * (size.value / size.u) ** 2))
-    return faults
+        odds = 0.5 * (size.value / size.u) ** 2
+        channel = rest.disk.setup.channels[k]
+        suspects.append(Suspect(rest.disk.name, "offset", (channel,), size, odds))
+    return tuple(suspects)

@@ -167,7 +167,7 @@ class NuisanceEffects:
     change: Array
 
 
-def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 0.0) -> Array:
+def nominal_u(disk: DiskTraces, static_u_K: Array) -> Array:
     """Standard uncertainties (Q,) of ``nominal_parameters`` [K, m, s, relative, K].
 
     Parameters
@@ -176,9 +176,6 @@ def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float =
         The traces of the disk.
     static_u_K
         Standard uncertainty of the static lines, (C,) in the order of the channels [K].
-    other_lags_s
-        Additional standard uncertainty of the lags, (C,) or one number, where a lag may be another
-        channel's [s].
 
     Returns
     -------
@@ -198,20 +195,18 @@ def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float =
     n_channels = len(order)
     centre = np.eye(n_channels) - 1.0 / n_channels
     variances = np.diag(centre @ disk.lag_covariance_s2 @ centre.T)
-    lag_u_s = np.hypot(np.sqrt(np.clip(variances, 0.0, None)), other_lags_s)
+    lag_u_s = np.sqrt(np.clip(variances, 0.0, None))
     steel = [u.conductivity_rel, u.heat_capacity_rel, u.washer_rel, u.half_width_rel, u.ambient_K]
     return np.concatenate([static_u_K[order], disk.depth_u_m[order], lag_u_s[order], steel])
 
 
-def nominal_perturbations(disk: DiskSetup, depth_step_m: float) -> list[tuple[Perturbation, float]]:
+def nominal_perturbations(disk: DiskSetup) -> list[tuple[Perturbation, float]]:
     """Perturbations of the difference quotients of ``nominal_effects``, with their sizes.
 
     Parameters
     ----------
     disk
         The set-up of the disk.
-    depth_step_m
-        Step of the depths [m].
 
     Returns
     -------
@@ -226,8 +221,8 @@ def nominal_perturbations(disk: DiskSetup, depth_step_m: float) -> list[tuple[Pe
     """
     n_junctions = len(disk.rows)
     deeper = [
-        (Perturbation(depth_shift_m=tuple(row)), depth_step_m)
-        for row in depth_step_m * np.eye(n_junctions)
+        (Perturbation(depth_shift_m=tuple(row)), DEPTH_STEP_M)
+        for row in DEPTH_STEP_M * np.eye(n_junctions)
     ]
     return deeper + [(p, MATERIAL_STEP) for p in MATERIALS]
 
@@ -239,24 +234,24 @@ def nominal_effects(
     rates_K_s: Array,
     inner_row_weights: Array,
 ) -> Array:
-    """Readings less prediction by a unit of each of ``nominal_parameters``, (Q, R, ...).
+    """Readings less prediction by a unit of each of ``nominal_parameters``, (Q, R, n).
 
-    The last axis is the P outer junctions, or these and the k inner junctions; R is the number of
-    means.
+    The n predicted junctions are the P of the outer row, or these and the k of the inner row; R is
+    the number of means.
 
     Parameters
     ----------
     perturbed
-        Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, ...)
+        Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, n)
         [K/m, then K].
     input_responses
-        Response of the outer row to an input that is higher by a constant kelvin [1], by its rise
-        of temperature with radius [K/m], and by its rate [K/s], each for the k junctions of the
-        inner row, then to a kelvin of ambient, (3 k + 1, R, P).
+        Response to an input that is higher by a constant kelvin [1], by its rise of temperature
+        with radius [K/m], and by its rate [K/s], each for the k junctions of the inner row, then to
+        a kelvin of ambient, (3 k + 1, R, n).
     constant
         How much of a constant error the means show, (R,): 1 for a level, 0 for a change.
     rates_K_s
-        Rate of each mean, (R, ...) [K/s].
+        Rate of each mean, (R, n) [K/s].
     inner_row_weights
         Error of each input of the inner row per error of each of its junctions, (k, k); the
         identity without surrogates.
@@ -274,21 +269,21 @@ def nominal_effects(
     nominal radius or time, so the outer row reads more than predicted. ``perturbed`` of an outer
     depth already is readings less prediction.
 
-    The signs must agree with ``tcdyn.partition.disk_features.DiskFeatures.effects``, which calls
-    this function with window means. ``tests/partition/test_effects.py`` fails if a sign changes.
+    ``tests/partition/test_effects.py`` fails if a sign changes.
     """
     k = len(inner_row_weights)
-    p = input_responses.shape[2]
-    junctions = np.eye(p + k)[:, None, : perturbed.shape[2]]
+    n_junctions = len(perturbed) - len(MATERIALS)
+    p = n_junctions - k
+    junctions = np.eye(n_junctions, perturbed.shape[2])[:, None]
     static = junctions * constant[:, None]
     lag = -junctions * rates_K_s
-    depth = perturbed[: p + k].copy()
-    static[p:, :, :p] -= np.tensordot(inner_row_weights, input_responses[:k], 1)
-    depth[p:, :, :p] += np.tensordot(inner_row_weights, input_responses[k : 2 * k], 1)
-    lag[p:, :, :p] += np.tensordot(inner_row_weights, input_responses[2 * k : 3 * k], 1)
-    ambient = np.zeros_like(perturbed[:1])
-    ambient[0, :, :p] = input_responses[3 * k]
-    return np.concatenate([static, depth, lag, perturbed[p + k :], ambient])
+    depth = perturbed[:n_junctions].copy()
+    static[p:] -= np.tensordot(inner_row_weights, input_responses[:k], 1)
+    depth[p:] += np.tensordot(inner_row_weights, input_responses[k : 2 * k], 1)
+    lag[p:] += np.tensordot(inner_row_weights, input_responses[2 * k : 3 * k], 1)
+    materials = perturbed[n_junctions:]
+    ambient = input_responses[3 * k :]
+    return np.concatenate([static, depth, lag, materials, ambient])
 
 
 def steady_input_response(setup: DiskSetup, static: Array) -> Array:
@@ -387,7 +382,7 @@ def nuisance_effects(
     boundary, power = rim.response(h_W_m2K)
     predicted = boundary + share * power
     gains = rim.gains(h_W_m2K)
-    perturbed = _perturbed(rim, setup, predicted, share, h_W_m2K)
+    perturbed = perturbed_changes(rim, predicted, share, h_W_m2K)
     input_responses = _input_responses(test, disk, window, share, h_W_m2K)
     rates = np.gradient(predicted, window.block_time_s, axis=0)
     constant = np.ones(len(predicted))
@@ -499,12 +494,20 @@ def friction_noise_effects(
     return tuple(parameters), np.array(change)
 
 
-def _perturbed(
-    rim: RimMeans, setup: DiskSetup, predicted: Array, share: float, h_W_m2K: float
-) -> Array:
-    """Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, P)."""
+def perturbed_changes(rim: RimMeans, predicted: Array, share: float, h_W_m2K: float) -> Array:
+    """Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, n).
+
+    Parameters
+    ----------
+    rim
+        The rim, R means of n predicted junctions.
+    predicted
+        Its prediction, (R, n) [degC].
+    share, h_W_m2K
+        Share and heat transfer coefficient to linearise at.
+    """
     changes = []
-    for perturbation, size in nominal_perturbations(setup, DEPTH_STEP_M):
+    for perturbation, size in nominal_perturbations(rim.setup):
         boundary, power = rim.response(h_W_m2K, perturbation)
         changes.append((boundary + share * power - predicted) / size)
     return np.array(changes)

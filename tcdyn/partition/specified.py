@@ -394,7 +394,8 @@ def specified_effects(
     effects: dict[NuisanceParameter, Array] = {}
     edge = unresolved_edge_effect(rim, h_W_m2K)
     if edge is not None:
-        effects[UNRESOLVED_EDGE] = SURROGATE_U_K * edge * np.ones((len(window.y), 1))
+        effects[UNRESOLVED_EDGE] = np.zeros_like(window.y)
+        effects[UNRESOLVED_EDGE][:, : len(edge)] = SURROGATE_U_K * edge
     if u.film_along_rel:
         for parameter, change in h_profile_effects(rim, share, h_W_m2K).items():
             effects[parameter] = u.film_along_rel * change

@@ -458,8 +458,8 @@ def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
     some tenths of a millimetre. A test whose disks have an inner row of one depth is returned as it
     is.
 
-    ``tcdyn.partition.disk_features.DiskFeatures.response`` makes the same correction for window
-    means. ``tests/partition/test_inner_row.py`` fails without it.
+    Fits and sensor check add the correction to the inputs of the rim, in
+    ``tcdyn.partition.window.disk_window``. ``tests/partition/test_inner_row.py`` fails without it.
     """
     depth_differences = {
         name: disk.setup.depth_below_edge_m

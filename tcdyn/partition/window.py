@@ -59,6 +59,8 @@ MIN_OBSERVED_FRACTION = 1e-4
 # in ``tcdyn.partition.nuisance.RIM_MODEL_U_K`` and ``tcdyn.partition.crosscheck.MODEL_FORM_REL``.
 FIT_MESH = Mesh(33, 53)
 BORE_MESH = Mesh(49, 41)
+# Longest lag of the filter bank of a rim that reaches to the bore [s]; its slowest mode is faster.
+BORE_LAG_S = 50.0
 POWER = slice(0, 1)  # index of the power among the rim's inputs
 
 
@@ -115,11 +117,18 @@ class RimMeans:
         The inputs through the lags of the filter bank, (I, R, K).
     profile
         Profile of the inner boundary along z.
+    both_rows
+        Whether the inner row is predicted, too. Then the k junctions of the inner row follow the P
+        of the outer row (and the additional points) in every response.
 
     Notes
     -----
     The model is linear in its inputs: response = inputs @ direct + sum over inputs and lags of gain
     times bank. The order of the inputs must be that of ``tcdyn.heat.modal.RimGains``.
+
+    The inner row is predicted by a rim down to the bore, from power and surface air only. This
+    holds for changes in the first seconds after an event, which the bore does not feel yet;
+    ``tcdyn.partition.sensor_window.BORE_DELAY_S`` decides how long.
     """
 
     setup: DiskSetup
@@ -128,6 +137,7 @@ class RimMeans:
     inputs: Array
     banks: Array
     profile: Profile = "modal"
+    both_rows: bool = False
 
     @property
     def ambient_index(self) -> int:
@@ -158,16 +168,12 @@ class RimMeans:
         return slice(first, first + 1), slice(first + 1, first + 2)
 
     @cached_property
-    def _gains_cache(self) -> dict[tuple[float, Perturbation, tuple[Point, ...], bool], RimGains]:
-        """Gains by h, perturbation, additional points, and whether the rim reaches to the bore."""
+    def _gains_cache(self) -> dict[tuple[float, Perturbation, tuple[Point, ...]], RimGains]:
+        """Gains by h, perturbation and additional points."""
         return {}
 
     def gains(
-        self,
-        h_W_m2K: float,
-        p: Perturbation = NOMINAL,
-        extra: tuple[Point, ...] = (),
-        bore: bool = False,
+        self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> RimGains:
         """Gains of the rim, cached.
 
@@ -179,22 +185,19 @@ class RimMeans:
             Departure from the nominal disk.
         extra
             Points beside the outer row, (depth, z) [m].
-        bore
-            Whether the rim reaches to the bore; the gains are then those at the inner row.
 
         Returns
         -------
         RimGains
-            Gains at the outer row (with ``bore``, the inner row), then at the points of ``extra``.
+            Gains at the outer row, at the points of ``extra``, and with ``both_rows`` at the inner
+            row.
         """
-        key = h_W_m2K, p, extra, bore
+        key = h_W_m2K, p, extra
         if key not in self._gains_cache:
             self._gains_cache[key] = self._gains(*key)
         return self._gains_cache[key]
 
-    def _gains(
-        self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...], bore: bool
-    ) -> RimGains:
+    def _gains(self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...]) -> RimGains:
         """Compute the gains of :meth:`gains`; a depth shift moves junctions, not the rim's edge."""
         setup = self.setup
         depth_shifts = zip_longest(setup.rows, p.depth_shift_m, fillvalue=0.0)
@@ -203,14 +206,23 @@ class RimMeans:
             for c, shift in depth_shifts
         ]
         n_outer = len(setup.outer)
-        if bore:
-            rim = Rim.from_setup(setup, inner_radius_m=setup.bore_radius_m)
-            points = (*positions[n_outer:], *extra)
-            mesh = BORE_MESH
-        else:
-            rim = Rim.from_setup(setup)
-            points = (*positions[:n_outer], *extra)
-            mesh = FIT_MESH
+        points = (*positions[:n_outer], *extra)
+        outer = self._rim_gains(Rim.from_setup(setup), points, FIT_MESH, h_W_m2K, p)
+        if not self.both_rows:
+            return outer
+        to_bore = Rim.from_setup(setup, inner_radius_m=setup.bore_radius_m)
+        inner = self._rim_gains(to_bore, tuple(positions[n_outer:]), BORE_MESH, h_W_m2K, p)
+        both = {}
+        for name in ("gains", "direct", "static"):
+            of_inner = getattr(inner, name).copy()
+            of_inner[1 : self.ambient_index + 1] = 0.0
+            both[name] = np.concatenate([getattr(outer, name), of_inner], axis=1)
+        return replace(outer, points=(*outer.points, *inner.points), **both)
+
+    def _rim_gains(
+        self, rim: Rim, points: tuple[Point, ...], mesh: Mesh, h_W_m2K: float, p: Perturbation
+    ) -> RimGains:
+        """Gains of a nominal rim that departs by ``p``, at some points."""
         rim = replace(
             rim,
             conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
@@ -218,7 +230,7 @@ class RimMeans:
             washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
         )
         width = self.half_width_m * (1 + p.half_width)
-        flux = track_flux(setup.flux, width, p.shift_m, 1 + p.half_width)
+        flux = track_flux(self.setup.flux, width, p.shift_m, 1 + p.half_width)
         has_surface_air = len(self.banks) > self.ambient_index + 1
         return cached_rim_gains(
             rim,
@@ -239,7 +251,6 @@ class RimMeans:
         h_W_m2K: ArrayLike,
         p: Perturbation = NOMINAL,
         extra: tuple[Point, ...] = (),
-        bore: bool = False,
     ) -> Array:
         """Response to some inputs, (..., R, P) for h of shape (...) [K].
 
@@ -249,10 +260,10 @@ class RimMeans:
             Indices of the inputs.
         h_W_m2K
             Heat transfer coefficients of the running surface.
-        p, extra, bore
+        p, extra
             As of :meth:`gains`.
         """
-        gains_of_h = [self.gains(float(h), p, extra, bore) for h in np.ravel(h_W_m2K)]
+        gains_of_h = [self.gains(float(h), p, extra) for h in np.ravel(h_W_m2K)]
         direct = np.concatenate([g.direct[inputs] for g in gains_of_h], axis=1)
         gains = np.concatenate([g.gains[inputs] for g in gains_of_h], axis=1)
         out = self.inputs[:, inputs] @ direct
@@ -275,10 +286,24 @@ class RimMeans:
         Notes
         -----
         The inputs are then power and ``boundary_inputs``; the change by the speed exponent is
-        dropped. The gains do not depend on the inputs, so both objects share one cache.
+        dropped.
         """
         inputs = np.column_stack([power_W, self.inputs[:, self.boundary_inputs]])
         banks = np.concatenate([bank[None], self.banks[self.boundary_inputs]])
+        return self.with_inputs(inputs, banks)
+
+    def with_inputs(self, inputs: Array, banks: Array) -> RimMeans:
+        """The same rim and gains with other inputs, for example other means of the same record.
+
+        Parameters
+        ----------
+        inputs, banks
+            As of the class.
+
+        Notes
+        -----
+        The gains do not depend on the inputs, so both objects share one cache.
+        """
         out = replace(self, inputs=inputs, banks=banks)
         out.__dict__["_gains_cache"] = self._gains_cache
         return out
@@ -324,9 +349,10 @@ class RimMeans:
             surface.
         """
         boundary, power = self.response(h_W_m2K, p, self.points_inside)
-        n_outer = len(self.setup.outer)
-        rise = boundary[..., n_outer:] - self.inputs[:, self.inner_inputs]
-        return rise / GRADIENT_STEP_M, power[..., n_outer:] / GRADIENT_STEP_M
+        first = len(self.setup.outer)
+        inside = slice(first, first + len(self.setup.inner))
+        rise = boundary[..., inside] - self.inputs[:, self.inner_inputs]
+        return rise / GRADIENT_STEP_M, power[..., inside] / GRADIENT_STEP_M
 
 
 @dataclass(frozen=True)
@@ -348,7 +374,8 @@ class DiskWindow:
     counts
         Number of samples in each block, (R,).
     y
-        Block means of the P outer junctions, (R, P), in Kirchhoff's temperature [degC].
+        Block means of the P outer junctions, (R, P), in Kirchhoff's temperature [degC]; with
+        ``rim.both_rows`` those of the inner row follow.
     weight
         One over the standard deviation of the noise of a block mean, (R, P) [1/K]; zero for an
         excluded channel.
@@ -450,6 +477,7 @@ def disk_window(
     noise_K: Array,
     profile: Profile = "modal",
     chain: Chain | None = None,
+    block_starts_s: Array | None = None,
 ) -> DiskWindow:
     """Build the window of one disk.
 
@@ -467,6 +495,9 @@ def disk_window(
         Profile of the inner boundary along z.
     chain
         The chain that the temperatures still lag by; None for compensated temperatures.
+    block_starts_s
+        For the sensor check: starts of other blocks [s], the last of which ends with ``rows``. Both
+        rows of junctions are then predicted.
 
     Returns
     -------
@@ -486,20 +517,25 @@ def disk_window(
     time_s = test.time_s[rows]
     steel_K = disk.setup.steel.kirchhoff_temperature(temperatures)
     inner_row = disk.setup.channel_indices(disk.setup.inner)
-    outer_row = disk.setup.channel_indices(disk.setup.outer)
-    blocks, counts = _averaging_matrix(test, time_s)
-    missing = disk.missing[rows][:, outer_row].astype(float)
+    both_rows = block_starts_s is not None
+    predicted = disk.setup.channel_indices(disk.setup.rows if both_rows else disk.setup.outer)
+    if block_starts_s is None:
+        starts = _fit_block_starts(test, time_s)
+    else:
+        starts = np.unique(np.searchsorted(time_s, block_starts_s))
+    blocks, counts = _averaging_matrix(starts, len(time_s))
+    missing = disk.missing[rows][:, predicted].astype(float)
     observed = np.maximum(1.0 - blocks @ missing, MIN_OBSERVED_FRACTION)
     # a fit also makes of the bank the longest lag of the chain, and twice that lag
     longest_s = 2 * max(chain.taus_s, default=0.0) if chain else 0.0
-    rates = basis_rates(dt, longest_s=longest_s)
+    rates = basis_rates(dt, longest_s=max(longest_s, BORE_LAG_S * both_rows))
     power, power_bank = power_means(test, rows, chain, blocks, counts, rates)
     inner = steel_K[:, inner_row] + disk.inner_offset_K[rows]
     ambient = test.ambient_of(disk.name)[rows]
     boundary = [*inner.T, ambient, *lagged_surface_air(test, disk, rows, chain)]
     inputs = np.column_stack([power, blocks @ np.column_stack(boundary)])
     banks = np.stack([power_bank, *(lag_basis_means(u, dt, rates, counts) for u in boundary)])
-    weight = np.sqrt(counts[:, None] * observed) / noise_K[None, outer_row]
+    weight = np.sqrt(counts[:, None] * observed) / noise_K[None, predicted]
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,
@@ -507,33 +543,19 @@ def disk_window(
         blocks=blocks,
         block_time_s=blocks @ time_s,
         counts=counts,
-        y=blocks @ steel_K[:, outer_row],
-        weight=weight * ~disk.excluded_mask[outer_row],
-        rim=RimMeans(
-            disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile
-        ),
+        y=blocks @ steel_K[:, predicted],
+        weight=weight * ~disk.excluded_mask[predicted],
+        rim=RimMeans(disk.setup, test.half_width_m, rates, inputs, banks, profile, both_rows),
         chain=chain,
     )
 
 
-def _averaging_matrix(test: EhlTest, time_s: Array) -> tuple[sparse.csr_array, NDArray[np.int64]]:
-    """Averaging matrix of the blocks, and the number of samples in each.
+def _fit_block_starts(test: EhlTest, time_s: Array) -> NDArray[np.int64]:
+    """First sample of each block of the fits, (R,).
 
-    Parameters
-    ----------
-    test
-        The test.
-    time_s
-        Times of the samples, (N,).
-
-    Returns
-    -------
-    blocks, counts
-        (R, N) and (R,). Samples before the steady window are in no block: they only settle the
-        bank.
+    Samples before the steady window are in no block: they only settle the bank.
     """
     unload_s = test.events.unload_s
-    n_samples = len(time_s)
     boundaries_s = [
         steady_start_s(test),
         unload_s - BEFORE_UNLOADING_S,
@@ -542,33 +564,52 @@ def _averaging_matrix(test: EhlTest, time_s: Array) -> tuple[sparse.csr_array, N
     first, single, coarse = np.searchsorted(time_s, boundaries_s)
     steady_length = max(int(round(STEADY_BLOCK_S / test.dt_s)), 1)
     coarse_length = max(int(round(COARSE_BLOCK_S / test.dt_s)), 1)
-    starts = np.concatenate(
+    return np.concatenate(
         [
             np.arange(first, single, steady_length),
             np.arange(single, coarse),
-            np.arange(coarse, n_samples, coarse_length),
+            np.arange(coarse, len(time_s), coarse_length),
         ]
     )
+
+
+def _averaging_matrix(
+    starts: NDArray[np.int64], n_samples: int
+) -> tuple[sparse.csr_array, NDArray[np.int64]]:
+    """Averaging matrix of the blocks, (R, N), and the number of samples in each, (R,).
+
+    Parameters
+    ----------
+    starts
+        First sample of each block, (R,); the last block ends with the record.
+    n_samples
+        Number of samples, N.
+    """
     edges = np.append(starts, n_samples)
     counts = np.diff(edges)
     weights = np.repeat(1.0 / counts, counts)
-    columns = np.arange(first, n_samples)
-    blocks = sparse.csr_array((weights, columns, edges - first), shape=(len(starts), n_samples))
-    return blocks, counts
+    columns = np.arange(edges[0], n_samples)
+    shape = (len(starts), n_samples)
+    return sparse.csr_array((weights, columns, edges - edges[0]), shape=shape), counts
 
 
 def lagged_window(
-    test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal"
+    test: EhlTest,
+    disk: DiskTraces,
+    rows: slice,
+    profile: Profile = "modal",
+    block_starts_s: Array | None = None,
 ) -> DiskWindow:
     """Window of the uncompensated readings, all channels brought to the mean chain.
 
     Parameters
     ----------
-    test, disk, rows, profile
+    test, disk, rows, profile, block_starts_s
         As of :func:`disk_window`.
     """
-    readings = equalise(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
-    return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
+    chain = disk.mean_chain
+    readings = equalise(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    return disk_window(test, disk, readings, rows, disk.noise_K, profile, chain, block_starts_s)
 
 
 def interpolate_blocks(window: DiskWindow, of_blocks: Array) -> Array:

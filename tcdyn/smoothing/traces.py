@@ -407,7 +407,7 @@ def disk_traces(
 
     What may be changed: ``FINE_ROUNDING_K`` and ``MANY_MISSING`` (messages and a contribution to
     the uncertainty). ``DIFFERENCE_ORDER`` is also that of ``tcdyn.partition.joint`` and
-    ``tcdyn.campaign.input_noise``, ``SURROGATE_U_K`` that of ``tcdyn.partition.disk_features`` and
+    ``tcdyn.campaign.input_noise``, ``SURROGATE_U_K`` that of
     ``tcdyn.partition.specified``.
     """
     disk_setup = rig.disk_setup(disk)

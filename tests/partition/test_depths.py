@@ -22,11 +22,11 @@ from tcdyn.partition.crosscheck import (
     sample_largest_pulls,
     tensions,
 )
-from tcdyn.partition.disk_features import DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensor_check import check_sensors
 from tcdyn.partition.sensor_faults import DepthTest, FaultFit, depth_test
-from tcdyn.partition.window import NOMINAL
+from tcdyn.partition.sensor_window import sensor_window
+from tcdyn.partition.steady import with_inner_row_at_one_radius
 from tcdyn.rig.contact import FrictionCorrection
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
@@ -63,34 +63,20 @@ def test_disk_that_still_warms_up_has_no_findings() -> None:
         assert np.abs(test.pull).max() < 3.0
 
 
-class FeaturesWithOffset:
-    """Features whose levels are higher by ``offset_K`` (W, C), otherwise unchanged."""
-
-    def __init__(self, f: DiskFeatures, offset_K: np.ndarray) -> None:
-        self.f = f
-        self.levels = f.levels + offset_K[:, np.argsort(f.setup.channel_indices(f.setup.rows))]
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.f, name)
-
-
 def test_change_of_h_does_not_change_the_depth_pulls(
     b3: EhlTest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The pulls change if h is taken as known, and hardly if h is nearly unknown."""
-    disk = b3.disks["fast"]
     h = float(faults.H_GRID_W_M2K[9])
-    f = disk_features(b3, disk)
+    f = sensor_window(b3, b3.disks["fast"])
     fault_fit = cast(FaultFit, SimpleNamespace(h_W_m2K=h, share=0.6))
-    high, nominal = (
-        base + 0.6 * power
-        for base, power in zip(*f.response(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL))))
-    )
-    shifted = cast(DiskFeatures, FeaturesWithOffset(f, 10 * (high - nominal)))
+    boundary, power = f.rim.response(np.array([1.05 * h, h]))
+    high, nominal = boundary + 0.6 * power
+    shifted = replace(f, levels=f.levels + 10 * (high - nominal))
     changes = []
     for sd in (faults.LOG_H_SD, 1e-3):
         monkeypatch.setattr(faults, "LOG_H_SD", sd)
-        before, after = (depth_test(x, disk, fault_fit).pull for x in (f, shifted))
+        before, after = (depth_test(x, fault_fit).pull for x in (f, shifted))
         changes.append(np.abs(after - before).max())
     assert changes[0] < 0.1 * changes[1]
 
@@ -107,9 +93,8 @@ def independent_depth_test(pull: list[float]) -> DepthTest:
 def test_junction_off_by_0_3_mm_is_located_within_its_uncertainty(
     b3: EhlTest, channel: str, deeper_mm: float
 ) -> None:
-    result = check_sensors(with_specified_depth(b3, "fast", channel, deeper_mm * 1e-3)).depths[
-        "fast"
-    ]
+    shifted = with_specified_depth(b3, "fast", channel, deeper_mm * 1e-3)
+    result = check_sensors(with_inner_row_at_one_radius(shifted)).depths["fast"]
     estimate = result.deeper_m[channel]
     assert abs(estimate.value * 1e3 - deeper_mm) < 3 * estimate.u * 1e3
     assert estimate.u < 0.1e-3  # smaller than the nominal uncertainty

@@ -33,7 +33,7 @@ def test_specified_depths_of_d_and_f_are_used(tmp_path: Path) -> None:
     # static lines and noise of this rig; 0.001 for a level row
     assert speed_law_fit.beta == pytest.approx(truth, abs=0.003)
     assert speed_law_fit.h_fast == pytest.approx(study.true_values["h_fast"], rel=0.03)
-    check = check_sensors(study.test)
+    check = check_sensors(with_inner_row_at_one_radius(study.test))
     assert check.sound
     assert all(np.abs(t.pull).max() < 2.0 for t in check.depths.values())
 

@@ -13,12 +13,11 @@ from scipy.signal import lfilter
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.angular_harmonic import harmonic_at_junctions
 from tcdyn.partition.at_rest import cables_exchanged, disks_differ, faults_at_rest
-from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import nominal_parameters
 from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, hotter_junction
+from tcdyn.partition.sensor_window import AFTER_LOADING_S, AFTER_UNLOADING_S, sensor_window
 from tcdyn.partition.steady import with_inner_row_at_one_radius
-from tcdyn.partition.window import Perturbation
+from tcdyn.partition.window import Perturbation, fit_rows, lagged_window
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.record import read_record, write_record
@@ -81,9 +80,10 @@ def test_intact_rig_has_no_findings_and_no_illogical_pairs(intact_check: SensorC
 
 def test_response_is_larger_nearer_the_running_surface(b3: EhlTest) -> None:
     for disk in b3.disks.values():
-        f = disk_features(b3, disk)
-        fall = -f.levels[f.event == "unloading"][1]
-        rise = f.levels[f.event == "loading"][0]
+        f = sensor_window(b3, disk)
+        levels = f.by_channel(f.levels)
+        fall = -levels[f.event == "unloading"][1]
+        rise = levels[f.event == "loading"][0]
         for change in (fall, rise):
             a, b, c, _, e, _ = change
             assert e > a > c > b
@@ -92,50 +92,64 @@ def test_response_is_larger_nearer_the_running_surface(b3: EhlTest) -> None:
 def test_one_kelvin_on_all_thermocouples_equals_one_kelvin_less_ambient(b3: EhlTest) -> None:
     """The conduction model depends on temperature differences only, so both agree to rounding for a steady rim."""
     for disk in b3.disks.values():
-        f = disk_features(b3, disk)
-        names = [parameter.name for parameter in nominal_parameters(f.setup)]
-        steady_outer_row = f.effects(f.as_wired, 700.0, 0.6)[:, :3]  # a, c, e
-        effects = dict(zip(names, steady_outer_row))
+        table = sensor_window(b3, disk).effects(0.6, 700.0)
+        steady_outer_row = table.change[:, :3]  # a, c, e
+        effects = dict(zip(table.names, steady_outer_row))
         all_six = np.sum([effects[f"static {c}"] for c in CHANNELS], axis=0)
         np.testing.assert_allclose(all_six, effects["ambient"], atol=1e-9)
-        assert (effects["static a"][0], effects["static a"][1]) == (1.0, 0.0)
+        np.testing.assert_allclose(effects["static a"][:2], [1.0, 0.0], atol=1e-12)
         # the depth of e changes no other junction
         assert (effects["depth e"] * [0, 0, 1] == effects["depth e"]).all()
         assert effects["depth e"][2] < 0  # deeper is colder
 
 
-def test_feature_effects_match_finite_differences_of_the_response(b3: EhlTest) -> None:
+def test_outer_row_is_predicted_as_in_the_joint_fit(b3: EhlTest) -> None:
+    """Other blocks, a longer filter bank and the whole record do not change the prediction after unloading."""
+    disk = b3.disks["slow"]
+    blocks = sensor_window(b3, disk).blocks
+    joint = lagged_window(b3, disk, fit_rows(b3, 8.0))
+    times_s = b3.events.unload_s + np.array([0.5, 1.0, 2.0, 4.0, 7.0])
+    predicted = []
+    for window in (blocks, joint):
+        boundary, power = window.rim.response(500.0)
+        outer_row = (boundary + 0.4 * power)[:, :3].T
+        predicted.append([np.interp(times_s, window.block_time_s, y) for y in outer_row])
+    # half the noise of a block of 0.1 s; the prediction falls by 20 K
+    np.testing.assert_allclose(*predicted, atol=0.02)
+
+
+def test_effects_match_finite_differences_of_the_response(b3: EhlTest) -> None:
     """Flux position and heat share are compared with central differences of the response.
 
     A late channel reads less in proportion to the rate of change of its temperature.
     """
-    f = replace(disk_features(b3, b3.disks["fast"]), shift_u_m=3e-4)
+    disk = b3.disks["fast"]
+    shift_u = disk.uncertainty.model_copy(update={"flux_shift_mm": 0.3})
+    f = sensor_window(b3, replace(disk, uncertainty=shift_u))
     unloading = f.event == "unloading"
     loading = f.event == "loading"
     assert f.after_s[unloading] == pytest.approx(np.mean(AFTER_UNLOADING_S, axis=1))
     assert f.after_s[loading] == pytest.approx(np.mean(AFTER_LOADING_S, axis=1))
 
-    def features_at(share: float, shift_m: float = 0.0) -> np.ndarray:
-        base, power = f.response(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
-        return np.asarray(base + share * power)[0]
+    def predicted(share: float, shift_m: float = 0.0) -> np.ndarray:
+        boundary, power = f.rim.response(700.0, Perturbation(shift_m=shift_m))
+        return np.asarray(boundary + share * power)
 
-    names = ("beside", "film", "lag", "later", "power")
-    effects = dict(zip(names, f.effects(f.as_wired, 700.0, 0.6)[-5:]))
-    assert effects["power"] == pytest.approx(
-        (features_at(0.7) - features_at(0.5))[f.observed] / 0.2
-    )
-    flux_shift_effect = (features_at(0.6, 5e-5) - features_at(0.6, -5e-5))[f.observed] * 3e-4 / 1e-4
-    assert effects["beside"] == pytest.approx(
+    table = f.effects(0.6, 700.0)
+    effects = dict(zip(table.names, table.change))
+    assert effects["share"] == pytest.approx((predicted(0.7) - predicted(0.5))[f.observed] / 0.2)
+    flux_shift_effect = (predicted(0.6, 5e-5) - predicted(0.6, -5e-5))[f.observed] * 3e-4 / 1e-4
+    assert effects["flux shift"] == pytest.approx(
         flux_shift_effect, abs=1e-2 * np.abs(flux_shift_effect).max()
     )
     lag_effect = np.zeros(f.observed.shape)
-    lag_effect[f.observed] = effects["lag"]
-    power = 0.6 * f.response(f.as_wired, ((700.0, Perturbation()),))[1][0, :, :3]  # outer row
+    lag_effect[f.observed] = effects["common lag"]
+    power = 0.6 * f.rim.response(700.0)[1][:, :3]  # outer row
     first, second, third, _ = np.flatnonzero(unloading)
     rate = (power[third] - power[first]) / (f.after_s[third] - f.after_s[first])
     # the windows are one second apart: a finite difference of the rate
     assert lag_effect[second, :3] == pytest.approx(-rate, rel=0.5)
-    lag_effect[f.observed] -= effects["later"]
+    lag_effect[f.observed] -= effects["loading"]
     assert not lag_effect[loading].any()
     assert np.abs(lag_effect[unloading, :3]).min() > 0
 
@@ -194,8 +208,23 @@ def test_misplaced_junction_of_the_outer_row_is_identified_with_its_depth(
     (suspect,) = check_sensors(with_specified_depth(b3, "fast", channel, deeper_mm * 1e-3)).suspects
     assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
     assert suspect.size is not None
-    # 3 u of a depth with u = 0.1 mm
+    # 3 u of the true depth about the nominal one, u = 0.1 mm
     assert suspect.size.value * 1e3 == pytest.approx(deeper_mm, abs=0.3)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", [32, 37])
+def test_depth_of_a_misplaced_junction_has_the_uncertainty_of_the_test(seed: int) -> None:
+    """In these rigs full steps alternate about the depth without an end."""
+    study = study_rig(seed)
+    test = with_specified_depth(study.test, "slow", "e", -1.2e-3)
+    (suspect,) = check_sensors(test).suspects
+    assert (suspect.kind, suspect.channels) == ("misplaced", ("e",))
+    assert suspect.size is not None
+    true_depth_m = study.truth.slow.setup.junctions["e"].depth_m
+    deeper_m = true_depth_m - test.disks["slow"].setup.junctions["e"].depth_m
+    assert abs(suspect.size.value - deeper_m) < 3 * suspect.size.u
+    assert suspect.size.u < 0.1e-3  # of a nominal depth
 
 
 @pytest.mark.study
@@ -230,7 +259,7 @@ def test_disk_that_is_warm_before_loading_is_not_checked_for_offsets(b3: EhlTest
         c: column(b3, "fast", c) + before_load * (20.0 + 2.0 * (c == "b")) for c in CHANNELS
     }
     warm_test = with_readings(b3, "fast", warm_readings)
-    assert faults_at_rest(warm_test)["fast"] == []
+    assert not faults_at_rest(warm_test)["fast"]
     assert not any(faults_at_rest(b3).values())
 
 
@@ -260,7 +289,7 @@ def test_small_drift_of_a_channel_is_not_reported_as_swap(
 ) -> None:
     for sign in (1, -1):
         drifted = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
-        assert "swapped" not in [fault.kind for fault, _, _ in faults_at_rest(drifted)["fast"]]
+        assert "swapped" not in [fault.kind for fault in faults_at_rest(drifted)["fast"]]
 
 
 @pytest.mark.study
@@ -364,6 +393,32 @@ def test_log_that_ends_soon_after_unloading_is_checked(b3: EhlTest) -> None:
         disks={n: replace(d, readings_degC=d.readings_degC[keep]) for n, d in b3.disks.items()},
     )
     assert check_sensors(short).sound
+
+
+@pytest.mark.study
+def test_log_without_a_sample_in_the_first_window_is_checked(b3: EhlTest) -> None:
+    """One sample a second, 0.1 and 1.1 s after the unloading."""
+    first = np.searchsorted(b3.time_s, (b3.events.unload_s + 0.1) % 1.0)
+    rows = slice(int(first), None, 75)
+    disks = {
+        name: replace(
+            disk,
+            readings_degC=disk.readings_degC[rows],
+            missing=disk.missing[rows],
+            inner_offset_K=disk.inner_offset_K[rows],
+        )
+        for name, disk in b3.disks.items()
+    }
+    slow = replace(
+        b3,
+        dt_s=1.0,
+        time_s=b3.time_s[rows],
+        power_W=b3.power_W[rows],
+        ambient_degC=b3.ambient_degC[rows],
+        disks=disks,
+    )
+    check = check_sensors(slow)
+    assert check.sound, check.texts
 
 
 @pytest.mark.long

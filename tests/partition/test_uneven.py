@@ -17,8 +17,8 @@ from tcdyn.partition.angular_harmonic import (
     AngularHarmonic,
     add_harmonic_effects,
     harmonic_at_junctions,
+    harmonic_effect,
     harmonic_K,
-    outer_row_effect,
     radial_shape,
 )
 from tcdyn.partition.joint import joint_fits
@@ -104,10 +104,10 @@ def test_harmonic_of_junctions_at_one_angle_is_a_common_offset() -> None:
     """At one angle cos and sin are one pattern, nearly equal on all six junctions; nothing fails."""
     one_side = with_angles(SETUP, 30.0)
     static = np.full((3, 3), 1 / 3)  # d, b and f contribute equally to the outer row
-    cos, sin = outer_row_effect(one_side, 280.0, static)
+    cos, sin = harmonic_effect(one_side, 280.0, static)
     np.testing.assert_allclose(cos * np.tan(np.deg2rad(30.0)), sin, atol=1e-12)
     assert np.abs(cos).max() < 0.1  # per kelvin; 1.9 for the outer junctions of two groups
-    assert np.abs(outer_row_effect(SETUP, 280.0, static)).max() > 0.9
+    assert np.abs(harmonic_effect(SETUP, 280.0, static)).max() > 0.9
 
 
 def test_remaining_harmonic_has_the_covariance_of_the_fit() -> None:
