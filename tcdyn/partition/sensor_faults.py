@@ -390,7 +390,10 @@ def _refine_late(test: EhlTest, disk: DiskTraces, linear: FaultFit) -> FaultFit:
         evidence = fit.log_likelihood + float(np.log(u_s / sd))
         found = replace(fit, kind="late", channels=linear.channels, log_likelihood=evidence)
         forms.append(_with_prior(found, Estimate.normal(size_s, u_s)))
-    return max(forms, key=lambda form: form.log_likelihood)
+    best_form = max(forms, key=lambda form: form.log_likelihood)
+    # each form has a third of the prior probability
+    total = special.logsumexp([form.log_likelihood for form in forms]) - np.log(len(forms))
+    return replace(best_form, log_likelihood=float(total))
 
 
 def _with_prior(fit: FaultFit, size: Estimate) -> FaultFit:
