@@ -315,14 +315,15 @@ def _compare_interchange(
     """
     tests = {}
     for outcome in outcomes:
-        if outcome.data is not None and "campaign" in outcome.data:
-            tests[outcome.name] = outcome.data["campaign"]["steady_degC"]
+        results = outcome.data or {}
+        if "map_degC" in results.get("campaign", {}):
+            tests[outcome.name] = results["campaign"]["map_degC"]
     if len(outcomes) != 2 or len(tests) != 2:
         reasons = [outcome.error for outcome in outcomes if outcome.error]
         raise InputError(
             f"{len(tests)} of {len(outcomes)} tests can be compared before and after an interchange",
             expected="two tests, the first before and the second after it",
-            remedy="; ".join(reasons),
+            remedy="; ".join(reasons) or "analyse the logs anew, into another folder",
         )
     (first, second), (before, after) = tests.keys(), tests.values()
     return compare_maps(before, after, interchanged, (first, second))

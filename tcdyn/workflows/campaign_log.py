@@ -25,8 +25,9 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import iter_log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.static_line import apply_static
 from tcdyn.version import __version__
-from tcdyn.workflows.beta import estimate_beta
+from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.operating_conditions import BearingFile
 
 
@@ -162,6 +163,7 @@ def _analyse_stage(
             d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS
         },
         "steady_degC": steady,
+        "map_degC": read_map_degC(run),
         "stages": run.stages,
     }
     return with_checksum(data), run.stages
@@ -182,6 +184,32 @@ def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
         }
         for d in DISKS
     }
+
+
+def read_map_degC(run: BetaRun) -> dict[str, dict[str, float | None]]:
+    """Reading of each junction in steady state, with its static line and nothing else [degC].
+
+    By disk and channel, None for one that is left out. ``steady_degC`` is without the harmonic
+    around the disk, whose estimate takes over errors of single channels. Median, against spikes.
+
+    Parameters
+    ----------
+    run
+        Result of the test.
+    """
+    test = run.partition.test
+    frame = run.log.frame
+    times_s = frame["time_s"].to_numpy(dtype=float)
+    rows = rows_between(times_s, steady_start_s(test), test.events.unload_s - 0.5)
+    readings: dict[str, dict[str, float | None]] = {}
+    for d, disk in test.disks.items():
+        readings[d] = {}
+        for c in disk.setup.channels:
+            readings[d][c] = None
+            if c not in disk.excluded:
+                logged = np.nanmedian(frame[f"{d}_{c}_degC"].to_numpy(dtype=float)[rows])
+                readings[d][c] = float(apply_static(logged, run.records[d].static[c]))
+    return readings
 
 
 def _hash(text: str) -> str:
