@@ -267,9 +267,9 @@ def _fit_about(
 
 
 def refine_fault(test: EhlTest, disk: DiskTraces, fit: FaultFit) -> FaultFit:
-    """Refine the size of a misplaced outer junction, or of a late channel: a large one is not linear.
+    """Refine the size of a misplaced junction, or of a late channel, of the outer row.
 
-    Other faults are returned as they are.
+    A large fault is not linear. Other faults are returned as they are.
 
     Parameters
     ----------
@@ -281,13 +281,15 @@ def refine_fault(test: EhlTest, disk: DiskTraces, fit: FaultFit) -> FaultFit:
     Notes
     -----
     ``tests/partition/test_sensors.py`` (study) fails if a size is wrong. The likelihood is that
-    with the prior of the total size.
+    with the prior of the total size. Faults of the inner row stay linear, all of them: a wrong
+    depth of the inner row moves the edge of the rim, and a refined lag next to a linear depth would
+    be preferred for its refinement.
     """
-    if fit.size is None:
+    if fit.size is None or fit.channels[0] not in disk.setup.outer:
         return fit
     if fit.kind == "late":
         return _refine_late(test, disk, fit)
-    if fit.kind == "misplaced" and fit.channels[0] in disk.setup.outer:
+    if fit.kind == "misplaced":
         return _refine_depth(test, disk, fit, fit.size)
     return fit
 
