@@ -102,7 +102,7 @@ def test_stem_conduction_is_within_its_uncertainty() -> None:
 
 @pytest.mark.study
 def test_range_follows_a_model_form_that_changes_beta() -> None:
-    """A bubble that doubles the lag of a junction, or nearly so, changes beta of both disks by about 5 u; the message reports it."""
+    """A bubble that about doubles the lag of a junction changes beta of both by about 5 u; a message reports it."""
     study, p = analysis_in_world("bubble 0.6 s")
     both = p.both.estimates["beta"]
     forms = p.model_forms
