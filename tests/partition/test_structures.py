@@ -103,8 +103,8 @@ def test_stem_conduction_is_within_its_uncertainty() -> None:
 @pytest.mark.long
 @pytest.mark.study
 def test_range_follows_a_model_form_that_changes_beta() -> None:
-    """A bubble that doubles the lag of a junction changes beta of both disks by about 5 u; the message reports it."""
-    study, p = analysis_in_world("bubble x2")
+    """A bubble that about doubles the lag of a junction changes beta of both by about 5 u; a message reports it."""
+    study, p = analysis_in_world("bubble 0.6 s")
     both = p.combined.estimates["beta"]
     forms = p.model_forms
     assert abs(both.value - study.true_values["beta"]) > 3 * both.u

@@ -314,6 +314,10 @@ def run_case(seed: int, name: str) -> dict[str, Any]:
         "preferred": forms.preferred.name if forms.preferred else "",
         "status": analysis.status,
         "estimate_holds": forms.estimate_holds,
+        "suspects": ", ".join(
+            f"{s.disk} {s.kind} {'-'.join(s.channels)} {s.size.value if s.size else 0.0:.3g}"
+            for s in (analysis.sensors.suspects if analysis.sensors else ())
+        ),
         "codes": " ".join(f.code for f in analysis.findings if f.severity.value != "info"),
         "speed_law_z": forms.forms[0].speed_law_z,
     }

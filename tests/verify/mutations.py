@@ -241,8 +241,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "effect of a deeper inner row: sign",
         "tcdyn/partition/nuisance.py",
-        "depth[p:, :, :p] += np.tensordot",
-        "depth[p:, :, :p] -= np.tensordot",
+        "depth[p:] += np.tensordot",
+        "depth[p:] -= np.tensordot",
         "tests/partition/test_effects.py",
     ),
     Mutation(
