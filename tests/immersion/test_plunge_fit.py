@@ -64,6 +64,7 @@ def test_lags_are_recovered_within_their_stated_uncertainty() -> None:
     assert np.sqrt(np.mean(error**2)) < 0.03  # three times the expected 0.01
 
 
+@pytest.mark.study
 def test_lag_covariance_is_mostly_common() -> None:
     fit = fitted()
     c = fit.lag_covariance

@@ -97,6 +97,7 @@ def test_interval_of_the_common_lag_is_plotted_over_its_posterior() -> None:
     )
 
 
+@pytest.mark.study
 def test_differential_lags_have_bars_of_95_percent() -> None:
     marks, low, high = bars(pictures.draw_differential_lags(fit(), figure()[1][0]))
     estimates = [fit().differential_lag_s[c] for c in fit().channels]

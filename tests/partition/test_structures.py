@@ -58,6 +58,7 @@ def test_intact_test_prefers_the_assumed_model_form(baseline: tuple[StudyRig, Pa
     assert len(forms.forms) == 1 + len(MODEL_FORMS) + 12
 
 
+@pytest.mark.study
 def test_prior_is_half_for_the_assumed_form_and_the_rest_shared(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
@@ -118,6 +119,7 @@ def test_range_follows_a_model_form_that_changes_beta() -> None:
     assert "Do NOT trust" in p.crosscheck.sentence
 
 
+@pytest.mark.study
 def test_one_linear_step_matches_the_fit_with_one_more_parameter(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
@@ -144,6 +146,7 @@ def test_one_linear_step_matches_the_fit_with_one_more_parameter(
     assert linear_step.size[0].value == pytest.approx(fit.value(name), abs=0.1)
 
 
+@pytest.mark.study
 def test_constant_h_change_effect_matches_the_slope_by_h(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
@@ -163,6 +166,7 @@ def test_constant_h_change_effect_matches_the_slope_by_h(
         assert not disk_at_fit.perturbation_effect(Perturbation()).any()
 
 
+@pytest.mark.study
 def test_lag_and_flux_shift_effects_match_finite_changes(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
@@ -192,7 +196,6 @@ def test_mixture_interval_has_2_5_percent_below_and_above() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.long
 @pytest.mark.study
 def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() -> None:
     """Without this check, beta = 3.14 and h = -728 have exit code 0, or correct wiring is called swapped."""
@@ -213,6 +216,7 @@ def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() 
     assert not any(f.code == "sensors.suspect" and f.severity is Severity.ERROR for f in p.findings)
 
 
+@pytest.mark.study
 def test_recommended_estimate_comes_first_in_summary_tables_and_files(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
@@ -228,6 +232,7 @@ def test_recommended_estimate_comes_first_in_summary_tables_and_files(
     assert set(ESTIMATORS) & p.impossible == set()
 
 
+@pytest.mark.study
 def test_plot_shows_every_model_form_and_the_range(baseline: tuple[StudyRig, Partition]) -> None:
     _, p = baseline
     _, (ax,) = figure()
@@ -236,6 +241,7 @@ def test_plot_shows_every_model_form_and_the_range(baseline: tuple[StudyRig, Par
     assert "β" in ax.get_xlabel()
 
 
+@pytest.mark.study
 def test_steady_line_points_have_95_percent_error_bars(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
@@ -252,6 +258,7 @@ def test_steady_line_points_have_95_percent_error_bars(
             )
 
 
+@pytest.mark.study
 def test_comparison_of_model_forms_is_deterministic(baseline: tuple[StudyRig, Partition]) -> None:
     study, p = baseline  # no angular harmonic: the fitted test is the prepared one
     repeated = compare_model_forms(study.test, p.joint, p.combined)

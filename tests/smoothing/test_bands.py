@@ -36,6 +36,7 @@ def test_a_short_ramp_that_looks_like_a_step_stays_in_the_band() -> None:
     assert worst < 8
 
 
+@pytest.mark.study
 def test_listed_events_that_did_not_happen_do_not_replace_those_that_did() -> None:
     setup, truth, y, events = simulate(ROW["pulse"], 0, 4711)
     chain = Chain(setup.lags_s[0], conditioning=NO_CONDITIONING)
