@@ -45,8 +45,8 @@ from tcdyn.workflows.beta_tables import (
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "
     "rig.toml with the uncertainties of its [uncertainty] table",
-    "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the "
-    "temperature around a disk varies by its first harmonic, at the angles of rig.toml",
+    "flux in the contact follows the Hertzian pressure; the heat of the oil film is not subtracted; "
+    "the temperature around a disk varies by its first harmonic, at the angles of rig.toml",
     "the speed law h ~ u^n with n of rig.toml, whose range is part of the uncertainty",
 )
 
@@ -71,8 +71,8 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
 
     Notes
     -----
-    The first section must be that of :func:`lead_section`: :func:`write_beta_report` takes it as the head
-    of the page.
+    The first section must be that of :func:`lead_section`: :func:`write_beta_report` takes it as
+    the head of the page.
     """
     main = [
         lead_section(p, truth),
@@ -359,8 +359,8 @@ def beta_assumptions(p: Partition) -> list[str]:
         "rig.toml's table [uncertainty], as is the washer"
     )
     heat = (
-        "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the "
-        "temperature around a disk varies by its first harmonic, at the angles of rig.toml: two "
+        "flux in the contact follows the Hertzian pressure; the heat of the oil film is not "
+        "subtracted; the temperature around a disk varies by its first harmonic, at the angles of rig.toml: two "
         "groups of junctions, 15 degrees between neighbours"
     )
     if p.single_disk:
