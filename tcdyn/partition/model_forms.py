@@ -34,6 +34,7 @@ from tcdyn.partition.joint import (
     DiskFit,
     joint_problem,
 )
+from tcdyn.partition.nuisance import MAX_LOG_H
 from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.rig.disk import DISKS
 
@@ -382,6 +383,11 @@ def _nonlinear_refit(
         The linearised fit without alternatives.
     waves
         Factor on the variance of the white noise for the evidence.
+
+    Notes
+    -----
+    An alternative whose fit leaves the range of the model (``MAX_LOG_H``) explains nothing: it
+    keeps the parameters of the assumed model. ``tests/partition/test_structures.py`` guards it.
     """
     ends = linear.ends
     best = both.optimum
@@ -389,6 +395,9 @@ def _nonlinear_refit(
     theta = both.theta + first.step[:8]
     refit = first
     for _ in range(N_REFIT_ITERATIONS):
+        if not np.all(theta[LOG_H::4] < MAX_LOG_H):
+            unchanged = np.zeros_like(first.step)
+            return replace(first, step=unchanged, log_odds=-first.volume, delta_chi2=0.0)
         late_s = LAG_SD_S * refit.sizes[0].value if name.startswith("lag of ") else 0.0
         columns = model_form_columns(test, joint, theta, name, late_s)[name]
         extra = tuple(NuisanceParameter(f"{name} {k}", name, True) for k in range(columns.shape[1]))

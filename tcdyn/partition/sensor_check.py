@@ -4,9 +4,8 @@ The outer row is predicted from the inner row, when steady and after both events
 reported when it explains the readings far better than a sound disk does. Faults that show before
 the load come first (:mod:`tcdyn.partition.at_rest`). The result also has the table of pairs of
 section 6.4 and the depths of the junctions. Used by :mod:`tcdyn.partition.analyse`,
-:mod:`tcdyn.partition.single_disk`, :mod:`tcdyn.partition.crosscheck` and the report. Thresholds are
-chosen by judgement. Guarded by ``tests/partition/test_sensors.py`` and
-``tests/partition/test_left_out.py``.
+:mod:`tcdyn.partition.crosscheck` and the report. Thresholds are chosen by judgement. Guarded
+by ``tests/partition/test_sensors.py`` and ``tests/partition/test_left_out.py``.
 """
 
 from __future__ import annotations

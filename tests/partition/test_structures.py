@@ -13,9 +13,21 @@ from tcdyn.core.estimate import Estimate, mixture_interval95
 from tcdyn.core.findings import Severity
 from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.departures import MODEL_FORMS, STEM_SD, DiskAtFit, model_form_columns
-from tcdyn.partition.joint import joint_problem
-from tcdyn.partition.model_forms import ESTIMATORS, NAMED_LOG_ODDS, SPEED_LAW_Z, compare_model_forms
+from tcdyn.partition.departures import (
+    MODEL_FORMS,
+    STEM_SD,
+    DiskAtFit,
+    LinearisedFit,
+    model_form_columns,
+)
+from tcdyn.partition.joint import LOG_H, joint_problem
+from tcdyn.partition.model_forms import (
+    ESTIMATORS,
+    NAMED_LOG_ODDS,
+    SPEED_LAW_Z,
+    _nonlinear_refit,
+    compare_model_forms,
+)
 from tcdyn.partition.nuisance_parameter import NuisanceParameter
 from tcdyn.partition.specified import flux_shift_effect
 from tcdyn.partition.window import Perturbation
@@ -117,6 +129,26 @@ def test_range_follows_a_model_form_that_changes_beta() -> None:
     )
     assert not forms.estimate_holds
     assert "Do NOT trust" in p.crosscheck.sentence
+
+
+@pytest.mark.study
+def test_alternative_that_leaves_the_range_of_the_model_explains_nothing(
+    baseline: tuple[StudyRig, Partition],
+) -> None:
+    """As in an unloading of 15 s, where the linear step gives an h of 1e300 W/m2K."""
+    p = baseline[1]
+    ends = np.cumsum([len(fit.block.y) for fit in p.joint.values()])
+    points = tuple(fit.block.window.y.shape[1] for fit in p.joint.values())
+    linear = LinearisedFit.at(p.combined.optimum, ends, points)
+    columns = model_form_columns(p.test, p.joint, p.combined.theta, "h_step")["h_step"]
+    first = linear(columns, 1.0)
+    step = first.step.copy()
+    step[LOG_H] = 700.0
+    refit = _nonlinear_refit(
+        p.test, p.joint, p.combined, "h_step", replace(first, step=step), linear, 1.0
+    )
+    assert not refit.step.any()
+    assert refit.log_odds == -first.volume
 
 
 @pytest.mark.study
