@@ -146,6 +146,7 @@ def test_a_log_with_stamps_keeps_them_its_start_and_on_request_its_dialect(
     assert np.allclose(done.frame["e_degC"][~near], reference["e_degC"][~near], rtol=0, atol=0.05)
 
 
+@pytest.mark.e2e
 def test_with_a_delay_a_log_with_stamps_keeps_them_and_its_start(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
 ) -> None:

@@ -27,6 +27,8 @@ from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.plunge import simulate_hole
 from tests.pictures import bars
 
+pytestmark = pytest.mark.study  # they share simulated and fitted plunges
+
 SETUP = load_rig().disk_setup("fast")
 
 
@@ -47,7 +49,6 @@ def planned() -> Design:
     return compare_tests(SETUP, [PlungePlan(duration_s=40.0), PlungePlan(duration_s=80.0)], draws=4)
 
 
-@pytest.mark.study
 def test_figures_of_a_fit_have_axes_with_units() -> None:
     run = fit().runs[0]
     models = {**published_degC(run, SETUP), "fitted": fit().junction_degC(0)}
@@ -97,7 +98,6 @@ def test_interval_of_the_common_lag_is_plotted_over_its_posterior() -> None:
     )
 
 
-@pytest.mark.study
 def test_differential_lags_have_bars_of_95_percent() -> None:
     marks, low, high = bars(pictures.draw_differential_lags(fit(), figure()[1][0]))
     estimates = [fit().differential_lag_s[c] for c in fit().channels]

@@ -30,6 +30,7 @@ def test_a_wave_in_one_slow_channel_is_no_hum_and_no_noise() -> None:
     assert worst < 8
 
 
+@pytest.mark.study
 def test_a_short_ramp_that_looks_like_a_step_stays_in_the_band() -> None:
     """3 K in 0.05 s: the samples inside it were wrong by hundreds of standard deviations."""
     _, worst, *_ = judge(ROW["slope change"], 3, 4711)
