@@ -407,6 +407,7 @@ def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:
     assert problem.at("elsewhere").message(as_option) == problem.message(as_option)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_uneven_bores_are_asked_for_by_disk_and_told_beside_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

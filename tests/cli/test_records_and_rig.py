@@ -55,6 +55,7 @@ def speed_law(campaign: Campaign, records: list[Path], *rig: object) -> float:
     return float(json.loads(out.read_text())["steady"]["beta"]["value"])
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_without_a_rig_file_the_records_rig_is_used(
     campaign: Campaign, other_steel: list[Path]

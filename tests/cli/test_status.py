@@ -35,6 +35,7 @@ def test_a_sound_log_ends_with_0_and_the_headline(
     assert low < kept["headline"]["beta"]["value"] < high
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]

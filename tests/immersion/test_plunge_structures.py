@@ -63,6 +63,7 @@ def test_one_lag_fitted_to_two_lags_is_contradicted_with_figures() -> None:
     assert held_out_evidence["P1"] > held_out_evidence["P2"] + 6.0
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_widened_interval_covers_the_lag_missed_by_the_wrong_structure() -> None:
     before, after = fitted("P1", 0.75)

@@ -64,6 +64,7 @@ def test_a_plunge_is_written_read_and_compensated(lag_s: float, tmp_path: Path) 
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_specified_lag_compensates_and_follows_a_room(tmp_path: Path) -> None:
     lag_s = 900.0
@@ -92,6 +93,7 @@ def test_a_specified_lag_compensates_and_follows_a_room(tmp_path: Path) -> None:
     assert np.sqrt(np.mean(error[settled] ** 2)) < 0.3 * np.sqrt(np.mean((y - truth)[settled] ** 2))
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("lag_s", LONG_S)
 def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:

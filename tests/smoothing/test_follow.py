@@ -100,6 +100,7 @@ def test_the_unloading_is_followed_within_its_uncertainty(
     assert np.mean(np.abs(z) < 1.96) > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_columns_by_other_names_decimal_commas_and_notes_above(
     campaign: Campaign, tmp_path: Path, text: str, reference: pd.DataFrame

@@ -101,7 +101,9 @@ def test_a_clock_that_jumps_back_is_told(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("delay_s", [0.02, 0.0, 0.05, 0.133])
+@pytest.mark.parametrize(
+    "delay_s", [0.05, *(pytest.param(x, marks=pytest.mark.long) for x in (0.0, 0.02, 0.133))]
+)
 def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: float) -> None:
     dt_s, chain = 0.05, Chain((0.5,), delay_s=delay_s, conditioning=NO_CONDITIONING)
     t = dt_s * np.arange(600)
