@@ -172,6 +172,7 @@ def test_command_reports_touches_that_differ_from_the_stated_order(
     assert "slow_c_degC responded, stated was slow_a_degC" in err
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(("beside_mm", "seed", "most_wrong"), [(1.0, 2026, 0.0), (2.0, 2027, 0.01)])
 def test_wrong_columns_are_rare_or_unclear_beside_the_junctions(
