@@ -157,7 +157,7 @@ class Partition:
 
     @property
     def impossible(self) -> frozenset[str]:
-        """Keys of impossible estimates, of the combined fit as "both beta"; they are not reported."""
+        """Keys of impossible estimates, which are not reported; "both beta" is the combined fit's."""
         return impossible_keys(self.estimates, self.combined.estimates)
 
     @property

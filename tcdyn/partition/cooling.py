@@ -534,12 +534,15 @@ def surface_temperatures(
     values = dict[str, float]()
     samples = dict[str, Array]()
     for d, window in windows.items():
-        beta_key, h_key = "speed law", f"h_{d}"
+        beta_key = "speed law"
+        h_key = f"h_{d}"
         if beta_key not in estimated:
-            beta_key, h_key = f"joint {d}", f"h joint {d}"
+            beta_key = f"joint {d}"
+            h_key = f"h joint {d}"
         beta = estimated[beta_key]
         h = estimated[h_key]
-        share, sign = (beta, 1) if d == "fast" else (1 - beta, -1)
+        share = beta if d == "fast" else 1 - beta
+        sign = 1 if d == "fast" else -1
         setup = window.rim.setup
         since_s = window.block_time_s - test.events.unload_s
         last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)

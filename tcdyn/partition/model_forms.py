@@ -7,8 +7,9 @@ parameters in one step, so that no log is filtered again. The speed law is indep
 alternative is preferred only if the exponent that it implies agrees with it.
 
 The module also decides which estimates are physically impossible and are not reported. Used by
-:mod:`tcdyn.partition.analyse` and :mod:`tcdyn.partition.crosscheck`. Thresholds are chosen by judgement. Guarded by
-``tests/partition/test_structures.py`` and ``tests/partition/test_crosscheck.py``.
+:mod:`tcdyn.partition.analyse` and :mod:`tcdyn.partition.crosscheck`. Thresholds are chosen by
+judgement. Guarded by ``tests/partition/test_structures.py`` and
+``tests/partition/test_crosscheck.py``.
 """
 
 from __future__ import annotations
@@ -183,7 +184,7 @@ class ModelForms:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The preferred alternative, a warning or an info where the estimate holds; the undecided."""
+        """The preferred alternative, a warning unless the estimate holds, and those undecided."""
         findings = []
         best = self.preferred
         if best is not None:

@@ -311,8 +311,8 @@ def _refine_depth(test: EhlTest, disk: DiskTraces, fit: FaultFit, step: Estimate
     (channel,) = fit.channels
     setup = disk.setup
     junction = setup.junctions[channel]
-    deepest_m = setup.edge_m - MIN_DEPTH_M
-    low, high = MIN_DEPTH_M - junction.depth_m, deepest_m - junction.depth_m
+    low = MIN_DEPTH_M - junction.depth_m
+    high = setup.edge_m - MIN_DEPTH_M - junction.depth_m
     shift = 0.0
     part = 1.0
     for _ in range(MAX_REFINEMENTS):
@@ -390,8 +390,8 @@ def _refine_late(test: EhlTest, disk: DiskTraces, linear: FaultFit) -> FaultFit:
         u_s = LATE_STEP_S / float(np.sqrt(max(curvature, (LATE_STEP_S / sd) ** 2)))
         fit = fit_at(size_s)
         evidence = fit.log_likelihood + float(np.log(u_s / sd))
-        found = replace(fit, kind="late", channels=linear.channels, log_likelihood=evidence)
-        forms.append(_with_prior(found, Estimate.normal(size_s, u_s)))
+        refined = replace(fit, kind="late", channels=linear.channels, log_likelihood=evidence)
+        forms.append(_with_prior(refined, Estimate.normal(size_s, u_s)))
     best_form = max(forms, key=lambda form: form.log_likelihood)
     # each form has a third of the prior probability
     total = special.logsumexp([form.log_likelihood for form in forms]) - np.log(len(forms))

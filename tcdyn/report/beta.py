@@ -360,8 +360,8 @@ def beta_assumptions(p: Partition) -> list[str]:
     )
     heat = (
         "flux in the contact follows the Hertzian pressure; the heat of the oil film is not "
-        "subtracted; the temperature around a disk varies by its first harmonic, at the angles of rig.toml: two "
-        "groups of junctions, 15 degrees between neighbours"
+        "subtracted; the temperature around a disk varies by its first harmonic, at the angles of "
+        "rig.toml: two groups of junctions, 15 degrees between neighbours"
     )
     if p.single_disk:
         return [steel, heat]

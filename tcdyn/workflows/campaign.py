@@ -321,12 +321,13 @@ def _compare_interchange(
     if len(outcomes) != 2 or len(tests) != 2:
         reasons = [outcome.error for outcome in outcomes if outcome.error]
         raise InputError(
-            f"{len(tests)} of {len(outcomes)} tests can be compared before and after an interchange",
+            f"{len(tests)} of {len(outcomes)} tests can be compared before and after an "
+            "interchange",
             expected="two tests, the first before and the second after it",
             remedy="; ".join(reasons) or "analyse the logs anew, into another folder",
         )
-    (first, second), (before, after) = tests.keys(), tests.values()
-    return compare_maps(before, after, interchanged, (first, second))
+    first, second = tests
+    return compare_maps(tests[first], tests[second], interchanged, (first, second))
 
 
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:

@@ -270,6 +270,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
             200, -200
         )  # where the table ends, what a trace may do is taken from the part that is there
         for name, one in (("T1_degC", whole.temperature), ("T1_u_K", whole.sd)):
+            # margins of ten memories leave exp(-10) of an error of 0.1 K at their ends
             assert np.abs(out[name] - one[:, 0])[inside].max() < 5e-6
             assert np.abs(out[name] - one[:, 0]).max() < 1e-4
 

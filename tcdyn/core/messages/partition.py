@@ -442,8 +442,8 @@ def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: An
 def _undecided_model_form(name: str, beta: float, u: float, **_: Any) -> str:
     """Message of ``structures.undecided``; the arguments are the fields of the finding."""
     return (
-        f"this test cannot show whether {model_form_text(name)}; if it is so, beta of both disks is "
-        f"{Estimate.normal(beta, u)}"
+        f"this test cannot show whether {model_form_text(name)}; if it is so, beta of both disks "
+        f"is {Estimate.normal(beta, u)}"
     )
 
 
