@@ -1,38 +1,37 @@
-"""Comparison of models on one record: AICc, BIC and held-out error in one table, and all fits.
+"""Comparison of models on one record: BIC and held-out error in one table, and all fits.
 
 ``tcdyn identify`` and ``tcdyn.plots.pick`` use it. The candidates come from
-``tcdyn.identify.forward_selection``, the choice among them from ``tcdyn.identify.recommendation``.
+``tcdyn.identify.ladder``, the choice among them from ``tcdyn.identify.recommendation``.
 ``tests/identify/test_identify_choose.py``, ``test_identify_advice.py`` and
 ``test_identify_results.py`` in that folder guard it.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.errors import InputError, Spelling, as_argument
-from tcdyn.core.findings import Finding, Severity, info
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identify.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identify.fit import add_findings, fit
-from tcdyn.identify.forward_selection import (
-    Candidates,
-    Entry,
-    list_candidates,
-    off_equilibrium,
-    refit_from_simpler,
-)
-from tcdyn.identify.heldout import SCORING_OPTIONS, Progress, Task
+from tcdyn.identify.heldout import Progress, Task
+from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.models import Model, process
+from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
+from tcdyn.identify.models import Model, as_model, process, several
 from tcdyn.identify.recommendation import (
+    HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
     chain_advice,
     comparison_table,
@@ -50,13 +49,15 @@ from tcdyn.identify.validate import (
 )
 from tcdyn.rig.disk import Conditioning
 
+Entry = Model | str | Fit | Identified  # what a caller may compare
+
 # Usual models: the default of ``tcdyn response``, and the examples of an error message.
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 # Models that the advice names where none of the models compared is good enough.
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
-# Held-out error over that without a noise model, above which the noise model has absorbed dynamics
-# (chosen by judgement).
-MAX_HELD_OUT_RATIO = 1.2
+N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
+ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
 @dataclass(frozen=True)
@@ -66,22 +67,22 @@ class Comparison(Result):
     Parameters
     ----------
     table
-        One row for each model, best BIC first.
+        One row for each model, best BIC first. All have the same initial state and noise model.
     fits
         Fits to all data, by name.
     recommended
         Name of the recommended model.
     reason
         Why it is recommended.
-    is_forward_selection
-        Whether the models are those of a forward selection, which leaves none to be tried.
+    are_given
+        Whether the caller has named the models; then there are others to try.
     """
 
     table: pd.DataFrame
     fits: Mapping[str, Fit]
     recommended: str
     reason: Finding
-    is_forward_selection: bool = False
+    are_given: bool = False
 
     @property
     def reason_text(self) -> str:
@@ -98,6 +99,22 @@ class Comparison(Result):
         """The fit of the recommended model."""
         return self.fits[self.recommended]
 
+    @cached_property
+    def averaged(self) -> Mapping[str, Mapping[str, Estimate]]:
+        """Gain and lag of each input, averaged over the models.
+
+        Returns
+        -------
+        mapping
+            By input, "gain" (output over input unit) and "lag_s" [s].
+
+        Notes
+        -----
+        Weights exp(-BIC/2) (Raftery 1995), normalised over models without integrator; those below
+        ``MIN_WEIGHT`` are left out. The intervals include the choice of the structure.
+        """
+        return average_gain_and_lag(self.best, list(self.fits.values()))
+
     def summary(self, spelling: Spelling = as_argument) -> str:
         """The conclusion, the recommended model and the table, as text.
 
@@ -109,7 +126,13 @@ class Comparison(Result):
         advice = self.conclusion.message(spelling)
         best = replace(self.best.identified, sentence=self.validation.message(spelling))
         table = comparison_table(self.table, best.output_unit).to_string(index=False)
-        return "\n".join([advice, "", best.summary(spelling), "", table, "", TABLE_LEGEND])
+        averages = []
+        for name, estimates in self.averaged.items():
+            texts = f"gain {estimates['gain'].text()}, lag {estimates['lag_s'].text('s')}"
+            averages.append(f"Averaged over these models, {name}: {texts}.")
+        return "\n".join(
+            [advice, "", best.summary(spelling), "", *averages, "", table, "", TABLE_LEGEND]
+        )
 
     @cached_property
     def validation(self) -> Validation:
@@ -120,7 +143,7 @@ class Comparison(Result):
     def conclusion(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = []
-        if not self.is_forward_selection:
+        if self.are_given:
             compared = set(self.table["model"])
             untried = [name for name in ADVISED_MODELS if name not in compared]
         troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
@@ -153,12 +176,13 @@ class Comparison(Result):
             **self.best.to_dict(),
             "recommended": self.recommended,
             "why": self.reason_text,
+            "averaged": jsonable(self.averaged),
             "comparison": jsonable(self.table),
         }
 
     def card(self) -> pd.DataFrame:
         """The table without remarks."""
-        return self.table.drop(columns=["remark", "determined", "refused"])
+        return self.table.drop(columns=["remark", "determined"])
 
 
 @one_blas_thread
@@ -179,11 +203,10 @@ def compare(
     models
         Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit` or an
         :class:`Identified`, also from :func:`tcdyn.identify.from_control`), of which only the
-        offset is fitted. Two of one name are numbered. Without any, forward selection chooses them
-        (:func:`tcdyn.identify.forward_selection.forward_select`), and with several inputs the
-        inputs that matter.
+        offset is fitted. Two of one name are numbered. Without any, they are the process models of
+        :mod:`tcdyn.identify.ladder`, and with several inputs the inputs that matter.
     like
-        Model whose known factor, offset and fixed gain all models of a forward selection have.
+        Model whose known factor, offset and fixed gain all models of the ladder have.
     held_out
         Another record, or the last share of this one (with several runs: the last run). Held-out
         scores come from a second fit to the rest.
@@ -204,17 +227,13 @@ def compare(
 
     Notes
     -----
-    Without ``initial`` the runs start in equilibrium, unless the recommended fit shows that one
-    does not and all models fit better, by BIC, with estimated initial states. Without ``noise``
-    and ``baseline`` the noise is white, unless the residuals of the recommended fit are coloured
-    and do not follow the input: then both are selected from the data, for all models alike. For
-    the recommendation see :func:`tcdyn.identify.recommendation.recommend`.
-
-    The order matters: initial states first, then the disturbance, then common poles. Each step
-    keeps the earlier result unless the new one is better by its own criterion.
-    ``tests/identify/test_identify_advice.py`` checks the first step,
-    ``tests/identify/test_identify_disturbance.py`` the second,
-    ``tests/identify/test_identify_equation.py`` the third.
+    All models of the table share one setting: the initial state, the noise and the baseline, which
+    :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
+    Where the residuals of the recommended model are coloured or follow the input, the same models
+    with white noise, and transfer functions with common poles, replace them if they simulate the
+    held-out data better. The recommended model is fitted once more, with the average over slow
+    noise where the setting has a disturbance. For the recommendation see
+    :func:`tcdyn.identify.recommendation.recommend`.
     """
     if "start" in options:
         raise InputError(
@@ -230,206 +249,169 @@ def compare(
         check_closed_loop(data, data.name or "identify")
     else:
         data = replace(data, findings=(*data.findings, *closed_loop(data)))
-    task = Task(data, held_out, progress, options)
-    like = like or process("P1")
-    result = compare_candidates(task, list_candidates(task, entries, like))
-    if "initial" not in options and _needs_free_state(data, result, options):
-        free_task = task.with_options("initial state estimated", initial="estimated")
-        freed = compare_candidates(free_task, list_candidates(free_task, entries, like))
-        if freed.table["BIC"].min() < result.table["BIC"].min():
-            reason = replace(freed.reason, numbers={**freed.reason.numbers, "freed": True})
-            result = replace(freed, reason=reason)
-            task = replace(task, options=free_task.options)
-    result = refit_with_disturbance(task, result)
-    if result.is_forward_selection:
-        result = add_common_pole_model(task, result, like)
-    return result
+    template = like or process("P1")
+    given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
+    ladder = Ladder(replace(data, findings=()), template, given, progress)
+    task = Task(ladder.data, held_out, progress, {**given, "check": False})
+    fits: Mapping[str, Fit | InputError]
+    given_models = [resolve_entry(m, data) for m in entries]
+    fits, setting = fit_given(ladder, given_models) if entries else select_structures(ladder)
+    result = score(task, fits, setting)
+    if setting.is_disturbed and not has_clean_residuals(result.best):
+        white = ladder.with_white_noise(setting.initial)
+        fits, setting = fit_given(white, given_models) if entries else select_structures(white)
+        result = prefer_held_out(result, score(task, fits, setting))
+    if not entries and not has_clean_residuals(result.best):
+        result = add_common_pole_model(task, result, template)
+    result = replace(result, are_given=bool(entries))
+    return finish(ladder, data, result)
 
 
-def _needs_free_state(data: IOData, result: Comparison, options: Mapping[str, Any]) -> bool:
-    """Whether a run of the data does not start in equilibrium."""
-    if "record.off_equilibrium" in result.validation.record_problems:
-        return True
-    return off_equilibrium(data, result.best, options)
+def resolve_entry(given: Entry, data: IOData) -> Model:
+    """The model to compare: by name or value, or with all parameters fixed to an existing model.
 
-
-def add_common_pole_model(task: Task, result: Comparison, like: Model) -> Comparison:
-    """Add a transfer function whose inputs share their poles, if it is better.
-
-    It is tried only where the residuals of the best model are coloured or follow the input. See
-    :func:`tcdyn.identify.shared_poles.best_common_pole_fit`.
+    With several inputs a model of one input is taken for each of them.
 
     Parameters
     ----------
-    task
-        The comparison and its options.
-    result
-        The comparison so far.
-    like
-        What all models have: known factor, offset, fixed gain.
+    given
+        Name, model, fit or identified model.
+    data
+        The record, for the names of its inputs.
 
     Returns
     -------
-    Comparison
-        With that model as the recommended one, or ``result`` unchanged.
+    Model
+        The model; that of a fit has all its parameters fixed and the name "... as given".
     """
-    best = result.best
-    options = task.options
-    if has_clean_residuals(best) or options.get("loss", "linear") != "linear":
-        return result
-    number = len(result.table) + 1
-    task.progress("common poles", number, number)
-    better = best_common_pole_fit(task, best, result.best_row["held_out_rms"], like)
-    if better is None:
-        return result
-    better_fit, ratio = better
-    model = better_fit.problem.model
-    if model.name in result.fits:
-        model = replace(model, name=f"{model.name}, 2")
-    initial = better_fit.problem.initial
-    single_task = replace(task, options={**options, "initial": initial})
-    single = compare_candidates(single_task, [(model, better_fit.identified.theta, False)])
-    table = pd.concat([single.table, result.table], ignore_index=True)
-    has_free_state = initial != options.get("initial", "equilibrium")
-    reason = info(
-        "models.foresees",
-        subject=model.name,
-        white=not has_coloured_residuals(single.best),
-        other=result.recommended,
-        ratio=ratio,
-        freed=result.reason.numbers.get("freed", False) or has_free_state,
-    )
-    fits = {**single.fits, **result.fits}
-    return Comparison(table, fits, model.name, reason, is_forward_selection=True)
+    identified = given.identified if isinstance(given, Fit) else given
+    inputs = data.input_names
+    if isinstance(identified, Identified):
+        model = identified.model
+        theta = identified.theta
+        default_labels = tuple(f"u[{k}]" for k in range(len(inputs)))
+        if model.inputs == default_labels:  # of the control package: inputs by their position
+            model = several(model.submodels, inputs)
+            theta = {}
+            for k, name in enumerate(inputs):
+                for n, full in identified.model.branch(k)[1].items():
+                    theta[f"{n}.{name}"] = identified.theta[full]
+        return replace(model, name=f"{model.name} as given", fixed=theta)
+    model = as_model(identified)
+    if model.submodels or len(inputs) == 1:
+        return model
+    return several([model] * len(inputs), inputs)
 
 
-def refit_with_disturbance(task: Task, result: Comparison) -> Comparison:
-    """Refit all models with a noise model selected from the best model's residuals.
+def distinct_models(models: Sequence[Model]) -> list[Model]:
+    """The models without repeats; different ones of the same name are numbered."""
+    named: dict[str, Model] = {}
+    for model in models:
+        pattern = re.escape(model.name) + r"(, \d+)?"
+        same_name = [n for n in named if re.fullmatch(pattern, n)]
+        if any(replace(named[n], name=model.name) == model for n in same_name):
+            continue
+        name = f"{model.name}, {len(same_name) + 1}" if same_name else model.name
+        named[name] = replace(model, name=name)
+    return list(named.values())
 
-    Only where the residuals are coloured and, apart from a drift, do not follow the input. All
-    models get the same noise, and only where the held-out error does not rise.
+
+def fit_given(
+    ladder: Ladder, models: Sequence[Model]
+) -> tuple[dict[str, Fit | InputError], Setting]:
+    """Fit the models that the caller has named, under one selected setting.
 
     Parameters
     ----------
-    task
-        The comparison and its options.
-    result
-        The comparison with white noise.
-
-    Returns
-    -------
-    Comparison
-        The new comparison, or ``result`` where it is not better: where BIC does not fall, or the
-        held-out error rises by more than ``MAX_HELD_OUT_RATIO``.
-
-    Notes
-    -----
-    A noise model can absorb missing dynamics: then BIC falls and the held-out error rises. A larger
-    ``MAX_HELD_OUT_RATIO`` permits more of that. ``tests/identify/test_identify_disturbance.py``
-    checks that the disturbance is modelled where there is one.
-    """
-    best = result.best
-    options = task.options
-    is_requested = bool({"noise", "baseline"} & set(options))
-    is_robust = options.get("loss", "linear") != "linear"
-    if is_requested or is_robust or not has_coloured_residuals(best):
-        return result
-    selection = {**options, **SCORING_OPTIONS, "noise": "auto", "baseline": "auto"}
-    if result.is_forward_selection:
-        selection["start"] = best.identified.theta
-    disturbance = fit(task.data, best.problem.model, **selection).disturbance
-    if disturbance == best.disturbance:
-        return result
-
-    candidates: list[tuple[Model, Mapping[str, float] | None, bool]] = []
-    for f in result.fits.values():
-        start = f.identified.theta if result.is_forward_selection else None
-        candidates.append((f.problem.model, start, False))
-    noise_task = task.with_options("disturbance modelled", **disturbance)
-    refit = compare_candidates(noise_task, candidates)
-    max_held_out = MAX_HELD_OUT_RATIO * result.best_row["held_out_rms"]
-    is_worse = refit.best_row["held_out_rms"] > max_held_out
-    if is_worse or refit.table["BIC"].min() >= result.table["BIC"].min():
-        return result
-    noise = refit.best.noise
-    numbers: dict[str, Any] = {
-        **refit.reason.numbers,
-        "order": list(noise.order),
-        "baseline": disturbance["baseline"],
-        "freed": result.reason.numbers.get("freed", False),
-    }
-    if noise.averaged:
-        is_finite = noise.time_constant < len(refit.best.residual)
-        numbers["memory_s"] = noise.time_constant * task.data.dt_s if is_finite else None
-        numbers["p_walk"] = refit.best.identified.statistics["p_walk"]
-    reason = replace(refit.reason, numbers=numbers)
-    return replace(refit, reason=reason, is_forward_selection=result.is_forward_selection)
-
-
-def compare_candidates(task: Task, models: Candidates) -> Comparison:
-    """Fit and score each model with the options of the task.
-
-    Parameters
-    ----------
-    task
-        The comparison and its options.
+    ladder
+        The record and the options.
     models
-        Models, starting parameters, and whether the forward selection has rejected them.
+        The models.
+
+    Returns
+    -------
+    fits
+        Fits by name, or the error of a model that cannot be fitted.
+    setting
+        The setting.
+
+    Raises
+    ------
+    InputError
+        Where no model can be fitted.
+    """
+    distinct = distinct_models(models)
+
+    def fit_all(setting: Setting) -> dict[str, Fit | InputError]:
+        """Return the fit, or the error, of each model."""
+        results: dict[str, Fit | InputError] = {}
+        for number, model in enumerate(distinct, 1):
+            ladder.progress(model.name, number, len(distinct))
+            try:
+                results[model.name] = ladder.checked_fit(model, setting)
+            except InputError as error:
+                results[model.name] = error
+        return results
+
+    setting = ladder.first_setting
+    fits = fit_all(setting)
+    fitted = [f for f in fits.values() if isinstance(f, Fit)]
+    if not fitted:
+        raise next(f for f in fits.values() if isinstance(f, InputError))
+    selected, _ = select_setting(ladder, fitted, setting)
+    if selected != setting:
+        fits = fit_all(selected)
+    return fits, selected
+
+
+def score(task: Task, fits: Mapping[str, Fit | InputError], setting: Setting) -> Comparison:
+    """Score fits on held-out data, and recommend one.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    fits
+        Fits by name under one setting, or errors.
+    setting
+        The setting.
 
     Returns
     -------
     Comparison
         Table, fits and recommendation. A model that cannot be fitted has a row with a remark.
-
-    Raises
-    ------
-    InputError
-        Where no model could be fitted.
     """
+    fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
+    ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
+    scored = {*ranked[:N_HELD_OUT], *ALWAYS_HELD_OUT}
+    setting_task = replace(task, options={**setting.options, **task.options})
     rows: list[dict[str, Any]] = []
-    fits: dict[str, Fit] = {}
-    first_error: InputError | None = None
-    data = replace(task.data, findings=())
-    for number, (model, start, refused) in enumerate(models, 1):
-        task.progress(model.name, number, len(models))
-        options = {**task.options, "start": start}
-        if fits and start is not None:
-            options["check"] = False  # the first fit has checked the record
-        try:
-            full = fit(data, model, **options)
-            if start is None:
-                full = refit_from_simpler(full, fits, data, task.options)
-            held_out = task.held_out_error(full, start=start)
-        except InputError as error:
-            first_error = first_error or error
-            rows.append({"model": model.name, "remark": str(error), "determined": False})
+    for name, result in fits.items():
+        if isinstance(result, InputError):
+            rows.append({"model": name, "remark": str(result), "determined": False})
             continue
-        fits[model.name] = full
-        rows.append(_table_row(full, held_out, refused))
-    if not fits:
-        raise first_error or InputError(
-            "no model to compare", expected=f"names such as {', '.join(CANDIDATES)}"
-        )
+        held_out = (np.nan, np.nan, np.nan)
+        if name in scored:
+            held_out = setting_task.held_out_error(result, start=result.identified.theta)
+        rows.append(_table_row(name, result, held_out))
     table = pd.DataFrame(rows).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    recommended, reason = recommend(table, overdamped(fits))
-    fits = {name: add_findings(f, task.data.findings) for name, f in fits.items()}
-    is_forward_selection = any(refused for *_, refused in models)
-    return Comparison(table, fits, recommended, reason, is_forward_selection)
+    recommended, reason = recommend(table, overdamped(fitted))
+    return Comparison(table, fitted, recommended, reason)
 
 
-def _table_row(full: Fit, held_out: tuple[float, float, float], refused: bool) -> dict[str, Any]:
+def _table_row(name: str, full: Fit, held_out: tuple[float, float, float]) -> dict[str, Any]:
     """Return the row of a model: statistics of the fit and of the held-out simulation.
 
     Parameters
     ----------
+    name
+        Name of the model.
     full
         Fit to all of the data.
     held_out
         Rms error, fit percent and p value of the held-out simulation.
-    refused
-        Whether the forward selection has rejected the model.
 
     Returns
     -------
@@ -439,7 +421,7 @@ def _table_row(full: Fit, held_out: tuple[float, float, float], refused: bool) -
     statistics = full.identified.statistics
     held_out_rms, held_out_percent, p_held_out = held_out
     return {
-        "model": full.problem.model.name,
+        "model": name,
         "parameters": int(statistics["parameters"]),
         "fit_percent": statistics["fit_percent"],
         "rms": statistics["rms"],
@@ -452,7 +434,6 @@ def _table_row(full: Fit, held_out: tuple[float, float, float], refused: bool) -
         "p_input": statistics["p_input"],
         "remark": "; ".join(full.warnings),
         "determined": not full.findings,
-        "refused": refused,
     }
 
 
@@ -479,6 +460,174 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
         if result.findings or not two_lags.findings:
             names.append(name)
     return names
+
+
+def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
+    """Return the other comparison where its model simulates the held-out data better."""
+    error = result.best_row["held_out_rms"]
+    other_error = other.best_row["held_out_rms"]
+    return other if other_error < HELD_OUT_GAIN_RATIO * error else result
+
+
+def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Comparison:
+    """Add a transfer function whose inputs share their poles, if it is better.
+
+    See :func:`tcdyn.identify.shared_poles.best_common_pole_fit`.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    result
+        The comparison so far.
+    template
+        What all models have: known factor, offset, fixed gain.
+
+    Returns
+    -------
+    Comparison
+        With that model as the recommended one, or ``result`` unchanged.
+    """
+    if task.options.get("loss", "linear") != "linear":
+        return result
+    task.progress("common poles", 0, 0)
+    better = best_common_pole_fit(task, result.best, result.best_row["held_out_rms"], template)
+    if better is None:
+        return result
+    fit_of_poles, ratio, error = better
+    name = fit_of_poles.problem.model.name
+    row = _table_row(name, fit_of_poles, error)
+    table = pd.concat([pd.DataFrame([row]), result.table], ignore_index=True)
+    reason = replace(
+        result.reason,
+        code="models.foresees",
+        subject=name,
+        numbers={
+            "white": not has_coloured_residuals(fit_of_poles),
+            "other": result.recommended,
+            "ratio": ratio,
+        },
+    )
+    return Comparison(table, {name: fit_of_poles, **result.fits}, name, reason)
+
+
+def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
+    """Fit the recommended model once more, with profile intervals and the average over noise.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    data
+        The record with its findings.
+    result
+        The comparison.
+
+    Returns
+    -------
+    Comparison
+        With the final fit, the findings of the record, and the disturbance in its reason.
+    """
+    best = result.best
+    initial = best.problem.initial
+    options = {"initial": initial, **ladder.options, "check": False}
+    start = best.identified.theta
+    model = best.problem.model
+    final = best
+    if best.loss == "linear" and not model.arx and model.free:
+        own = {**best.disturbance, **options}
+        final = fit(ladder.data, model, **own, start=start)
+        is_selected = not {"noise", "baseline"} & set(ladder.options)
+        if is_selected and best.disturbance != {"noise": "white", "baseline": "none"}:
+            slow = {**options, "noise": "slow", "baseline": "auto"}
+            average = fit(ladder.data, model, **slow, start=final.identified.theta)
+            if not has_coloured_residuals(average) or has_coloured_residuals(final):
+                final = average
+    numbers = dict(result.reason.numbers)
+    if initial == "estimated" and "initial" not in ladder.options:
+        numbers["freed"] = True
+    noise = final.noise
+    if noise.averaged:
+        is_finite = noise.time_constant < len(final.residual)
+        numbers["order"] = list(noise.order)
+        numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
+        numbers["p_walk"] = final.identified.statistics["p_walk"]
+    elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
+        numbers["order"] = list(noise.order)
+        numbers["baseline"] = final.disturbance["baseline"]
+    fits = {**result.fits, result.recommended: final}
+    fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
+    reason = replace(result.reason, numbers=numbers)
+    return replace(result, fits=fits, reason=reason)
+
+
+def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping[str, Estimate]]:
+    """Average gain and lag over models by their BIC.
+
+    Parameters
+    ----------
+    best
+        The recommended model.
+    fits
+        Fits of all models.
+
+    Returns
+    -------
+    mapping
+        By input, "gain" and "lag_s"; empty for an integrator.
+    """
+    if best.identified.model.integrators:
+        return {}
+    usable = [f for f in fits if not f.identified.model.integrators]
+    others = [f for f in usable if f is not best and f.problem.initial == best.problem.initial]
+    # the final fit has another noise model; its BIC is that of the smallest model in the table
+    least = min((bic(f) for f in others), default=0.0)
+    own = min(bic(best), least) if best.noise.white else least
+    scores = np.array([own, *(bic(f) for f in others)])
+    weights = np.exp(-0.5 * (scores - scores.min()))
+    averages: dict[str, dict[str, Estimate]] = {}
+    for name in best.identified.by_input:
+        quantities: dict[str, Estimate] = {}
+        for quantity in ("gain", "lag_s"):
+            estimates = []
+            used_weights = []
+            for weight, f in zip(weights, [best, *others]):
+                model = f.identified.by_input.get(name)
+                if weight < MIN_WEIGHT * weights.max() or model is None or not model.gain:
+                    continue
+                value = model.static_gain if quantity == "gain" else model.lag_s
+                estimates.append(value)
+                used_weights.append(weight)
+            if estimates:
+                quantities[quantity] = mixture(np.array(used_weights), estimates)
+        if quantities:
+            averages[name] = quantities
+    return averages
+
+
+def mixture(weights: np.ndarray, estimates: Sequence[Estimate]) -> Estimate:
+    """Return mean and standard uncertainty of a mixture of estimates.
+
+    Parameters
+    ----------
+    weights
+        Weights (K,), above zero.
+    estimates
+        The estimates (K,).
+
+    Returns
+    -------
+    Estimate
+        Mean of the mixture; its variance is the mean variance plus the variance of the means.
+    """
+    if len(estimates) == 1:
+        return estimates[0]
+    share = weights / weights.sum()
+    values = np.array([e.value for e in estimates])
+    u = np.array([e.u for e in estimates])
+    mean = float(share @ values)
+    variance = float(share @ (u**2 + (values - mean) ** 2))
+    return Estimate.normal(mean, float(np.sqrt(variance)))
 
 
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:

@@ -19,7 +19,15 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import Loss, NoiseModel, Optimum, Status, is_full_rank, minimise
+from tcdyn.estimation import (
+    Loss,
+    NoiseModel,
+    Optimum,
+    Status,
+    correlation_length,
+    is_full_rank,
+    minimise,
+)
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.closed_loop import check_closed_loop
 from tcdyn.identify.disturbance import (
@@ -64,6 +72,7 @@ from tcdyn.identify.validate import (
 
 Intervals = Literal["auto", "quadratic", "profile"]  # kind of the intervals
 
+MIN_FREE_STATE_GAIN = 10.0  # BIC that free initial states must gain (decisive, Raftery 1995)
 # Limits of the findings about parameters, chosen by judgement.
 MAX_RELATIVE_U = 0.5  # standard uncertainty over value, above which a parameter is undetermined
 MIN_LAG_DIFFERENCE = 1e-2  # relative difference of two lags, below which they are equal
@@ -74,9 +83,9 @@ def fit(
     data: IOData,
     model: Model | str = "P1D",
     *,
-    initial: Initial = "equilibrium",
-    noise: tuple[int, int] | NoiseName = "white",
-    baseline: Baseline = "none",
+    initial: Initial | Literal["auto"] = "auto",
+    noise: tuple[int, int] | NoiseName = "auto",
+    baseline: Baseline = "auto",
     loss: Loss = "linear",
     covariance: Covariance = "auto",
     intervals: Intervals = "auto",
@@ -95,8 +104,8 @@ def fit(
     model
         Model or its name.
     initial
-        The record starts in equilibrium with its first input, from zero, or from a state that is
-        estimated.
+        The record starts in "equilibrium" with its first input, from "zero", or from a state that
+        is "estimated"; "auto": estimated where that lowers BIC decisively, else equilibrium.
     noise
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
         minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
@@ -153,7 +162,10 @@ def fit(
     """
     structure = as_model(model)
     where = data.name or "identify"
-    problem = make_problem(data, structure, initial, input_noise)
+    problem = make_problem(
+        data, structure, "equilibrium" if initial == "auto" else initial, input_noise
+    )
+    problem = replace(problem, trend=baseline == "trend")
     if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
         raise InputError(
             f"{structure.name} has the noise of its own poles",
@@ -165,6 +177,8 @@ def fit(
             check_causality(single, where)
     start_sets = [start] if isinstance(start, Mapping) else start or []
     problem, optimum = _fit_white(problem, start_sets)
+    if initial == "auto":
+        problem, optimum = _free_initial_state(problem, optimum)
     noise_model = NoiseModel()
     if structure.arx:
         noise_model = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
@@ -173,7 +187,8 @@ def fit(
     elif problem.input_sd and not structure.arx:
         problem, optimum, noise_model = alternate(problem, optimum, input_noise_model)
     result = make_fit(data, problem, optimum, noise_model, loss, covariance)
-    if (noise, baseline) != ("white", "none") and not structure.arx:
+    is_white = noise == "white" and baseline in ("none", "trend")
+    if not is_white and not structure.arx:
         result = fit_disturbance(data, result, optimum, noise, baseline, covariance)
     if intervals != "quadratic" and loss == "linear" and not result.noise.averaged:
         result = replace_poor_intervals(result, intervals == "profile")
@@ -212,6 +227,48 @@ def _fit_white(
         # the weight of an input's first sample needs the output's noise
         problem = replace(problem, noise_sd=residual_sd(optimum, problem))
         optimum = search(problem, start=optimum.theta)
+    return problem, optimum
+
+
+def _free_initial_state(
+    problem: IdentificationProblem, optimum: Optimum
+) -> tuple[IdentificationProblem, Optimum]:
+    """Estimate the initial states where that lowers BIC decisively.
+
+    Parameters
+    ----------
+    problem
+        The identification problem, with runs that start in equilibrium.
+    optimum
+        Its optimum.
+
+    Returns
+    -------
+    problem
+        The problem, with free states or unchanged.
+    optimum
+        Its optimum.
+
+    Notes
+    -----
+    BIC counts as many samples as there are independent residuals, N over the correlation length of
+    the residuals. The first residuals need not show a free state: an oscillating output may pass
+    through its equilibrium at the start. ``tests/identify/test_identify_choose.py`` checks it.
+    """
+    freed = replace(problem, initial="estimated")
+    if freed.n_measured < 2 * freed.size:
+        return problem, optimum
+    x = solve_linear_parameters(freed, problem.theta(optimum.theta))[1]
+    freed = replace(freed, time_scale_s=first_moment(freed, x))
+    x = solve_linear_parameters(freed, problem.theta(optimum.theta))[1]
+    freed_optimum = search(freed, start=x)
+    cost = float(optimum.residual @ optimum.residual)
+    freed_cost = float(freed_optimum.residual @ freed_optimum.residual)
+    n_independent = max(freed.n_measured / correlation_length(freed_optimum.residual), 2.0)
+    decrease = n_independent * np.log(cost / max(freed_cost, 1e-300))
+    n_added = freed.size - problem.size
+    if decrease - n_added * np.log(n_independent) > MIN_FREE_STATE_GAIN:
+        return freed, freed_optimum
     return problem, optimum
 
 
@@ -280,8 +337,7 @@ def fit_disturbance(
     noise_is_given = noise not in ("auto", "slow")
     least_baseline: Baseline = "none" if baseline == "auto" else baseline
     fits = [(white.problem, optimum)]
-    needs_drift = baseline == "auto" and (has_coloured_residuals(white) or not auto)
-    if baseline == "trend" or needs_drift:
+    if baseline == "auto" and (has_coloured_residuals(white) or not auto):
         fits.append(fit_drift(white.problem, optimum, white.loss))
     # without a drift term, a robust loss would treat the drift as outliers
     weights = fits[-1][1].weights
@@ -289,7 +345,10 @@ def fit_disturbance(
 
     def fit_given(kind: Baseline, name: tuple[int, int] | NoiseName) -> Fit:
         """Return the fit with a baseline and a noise model that are given by name."""
-        first = weighted[0] if kind == "walk" else fits[kind == "trend"]
+        if kind == "walk":
+            first = weighted[0]
+        else:
+            first = fits[-1] if kind == "trend" else fits[0]
         problem, best, noise_model = alternate(*first, noise_estimator(name, kind))
         return make_fit(
             data, problem, best, noise_model, white.loss, covariance, weights=first[1].weights
@@ -311,8 +370,7 @@ def fit_disturbance(
             return base
     candidates = [base] if auto else []
     if not noise_is_given and baseline != "walk":
-        kinds = weighted[1:] if baseline == "trend" else weighted
-        average = _fit_average(data, kinds, white.loss, covariance, weights)
+        average = _fit_average(data, weighted, white.loss, covariance, weights)
         if noise == "slow" or not has_coloured_residuals(average):
             return average
         candidates.append(average)

@@ -1,6 +1,6 @@
 """Held-out error: how well a fit simulates data that it has not used.
 
-``tcdyn.identify.comparison``, ``forward_selection`` and ``shared_poles`` use it to compare models.
+``tcdyn.identify.comparison`` and ``shared_poles`` use it to compare models.
 The simulation has only its initial state and, in one case, its level fitted; all else comes from
 the fit. ``tests/identify/test_identify_closed_forms.py``, ``test_identify_data.py`` and
 ``test_identify_equation.py`` in that folder guard it.

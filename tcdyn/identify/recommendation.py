@@ -1,8 +1,8 @@
 """Recommendation of a model: the model of a comparison to use and why, and the comparison table.
 
-``tcdyn.identify.comparison``, ``tcdyn.identify.forward_selection`` and ``tcdyn.report.dynamics``
-use it. It reads the table only, so each rule can be tested with a small table:
-``tests/identify/test_identify_advice.py``, and ``tests/identify/test_identify_results.py`` on fits.
+``tcdyn.identify.comparison`` and ``tcdyn.report.dynamics`` use it. It reads the table only, so each
+rule can be tested with a small table: ``tests/identify/test_identify_advice.py``, and
+``tests/identify/test_identify_results.py`` on fits.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tcdyn.rig.disk import Conditioning
 # Thresholds of the selection, chosen by judgement.
 DECISIVE_BIC = 10.0  # difference of BIC that no other criterion outweighs
 TIE_BIC = 2.0  # difference of BIC that is a tie
-HELD_OUT_GAIN_RATIO = 0.95  # held-out error over that of the best BIC, below which it decides
+HELD_OUT_GAIN_RATIO = 0.97  # held-out error over that of the best BIC, below which it decides
 # Fit percent below which coloured residuals are more than a disturbance.
 MIN_FIT_PERCENT = 50.0
 MAX_HELD_OUT_RATIO = 2.0  # held-out error over the rms of the fit, above which the model is wrong
@@ -95,50 +95,43 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
 
     Notes
     -----
-    The lowest BIC among models without findings (no parameter at a bound or undetermined) whose
-    residuals do not follow the input; if there are none, among those that the data do not
-    determine but whose residuals do not follow the input; then among those without findings. A
-    group is skipped where its lowest BIC is more than 10 above the lowest: a model that explains
-    decisively less of the output passes the tests for lack of power. Within a group the best gives
-    way to a smaller model whose BIC is within 2, and to one whose BIC is within 10 and whose
-    held-out error is better by more than 5 %. Rows that forward selection has rejected are not
-    considered.
+    The lowest BIC; a smaller model within ``TIE_BIC`` of it is preferred. Models that the data do
+    not determine, or whose residuals follow the input, are considered only where no other is within
+    ``DECISIVE_BIC``. BIC holds where the residuals are white and do not follow the input. Where
+    they are not, a model whose held-out error is smaller by more than ``HELD_OUT_GAIN_RATIO``
+    replaces it.
 
-    The order of the groups and the three limits (``DECISIVE_BIC``, ``TIE_BIC``,
-    ``HELD_OUT_GAIN_RATIO``) may be changed; ``tests/identify/test_identify_advice.py`` has a table
-    for each rule. ``DECISIVE_BIC`` also stops ``tcdyn.identify.forward_selection.forward_select``.
+    ``tests/identify/test_identify_advice.py`` has a table for each rule.
     """
-    refused = table["refused"].eq(True)
     out = table["model"].isin(list(left_out))
-    fitted = table[table["BIC"].notna() & ~out & ~refused]
-    determined = fitted[fitted["determined"]]
+    fitted = table[table["BIC"].notna() & ~out]
     follows_input = fitted["p_input"] < ALARM_P
-    passing = determined[~follows_input[determined.index]]
-    explaining = fitted[~follows_input]
-    # forward selection has discounted the BIC of its steps for correlated residuals already
-    reference = determined if len(determined) and not refused.any() else fitted
-    limit = reference["BIC"].min() + DECISIVE_BIC
-    groups = (passing, explaining, determined, fitted)
+    limit = fitted["BIC"].min() + DECISIVE_BIC
+    groups = (
+        fitted[fitted["determined"].astype(bool) & ~follows_input],
+        fitted[~follows_input],
+        fitted[fitted["determined"].astype(bool)],
+        fitted,
+    )
     pool = next(group for group in groups if len(group) and group["BIC"].min() <= limit)
-    best = pool.iloc[0]
-    other = best
-    by = "BIC" if best["BIC"] == fitted["BIC"].min() else "BIC of those that qualify"
-    is_near = pool["BIC"] < best["BIC"] + TIE_BIC
-    smaller = pool[is_near & (pool["parameters"] < best["parameters"])]
-    if len(smaller):
-        best = smaller.sort_values("parameters").iloc[0]
-        by = "parameters"
-    near = pool[pool["BIC"] < pool["BIC"].min() + DECISIVE_BIC]
-    rival = near.sort_values("held_out_rms").iloc[0]
-    if rival["held_out_rms"] < HELD_OUT_GAIN_RATIO * best["held_out_rms"]:
-        other = best
-        best = rival
-        by = "held out"
+    near = pool[pool["BIC"] < pool["BIC"].min() + TIE_BIC]
+    lowest = near.iloc[0]
+    best = near.sort_values(["parameters", "BIC"], kind="stable").iloc[0]
+    by = "BIC" if best["model"] == lowest["model"] else "parameters"
+    other = lowest
+    is_clean = best["p_white"] >= ALARM_P and best["p_input"] >= ALARM_P
+    scored = fitted[fitted["held_out_rms"].notna()]
+    if not is_clean and len(scored):
+        rival = scored.sort_values("held_out_rms", kind="stable").iloc[0]
+        if rival["held_out_rms"] < HELD_OUT_GAIN_RATIO * best["held_out_rms"]:
+            other = best
+            best = rival
+            by = "held out"
     is_better = table["BIC"] < best["BIC"]
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < TIE_BIC) & (pool["model"] != best["model"])]
     undetermined = fitted[~fitted["determined"].astype(bool) & is_better[fitted.index]]
-    missing = determined[~determined["model"].isin(pool["model"]) & is_better[determined.index]]
-    pairs = table[out & ~refused & (table["BIC"] < best["BIC"] + TIE_BIC)]
+    missing = fitted[follows_input & is_better[fitted.index] & fitted["determined"].astype(bool)]
+    pairs = table[out & (table["BIC"] < best["BIC"] + TIE_BIC)]
     why = info(
         "models.why",
         subject=str(best["model"]),
@@ -146,13 +139,12 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         by=by,
         rms=best["held_out_rms"],
         other_rms=other["held_out_rms"],
-        only=len(pool) == 1,
+        only=len(fitted) == 1,
         least=not best["held_out_rms"] > pool["held_out_rms"].min(),
-        ties=[] if len(smaller) else list(ties["model"]),
+        ties=list(ties["model"]) if by == "BIC" else [],
         undetermined=list(undetermined["model"]),
         missing=list(missing["model"]),
         pairs=list(pairs["model"]),
-        refused=list(table[refused & is_better]["model"]),
     )
     return why.subject, why
 

@@ -65,6 +65,15 @@ class Dynamics:
         """Static gain (without the integrator)."""
         return float(self.rational.num[0])
 
+    @property
+    def static_gain(self) -> Estimate:
+        """Static gain with its uncertainty (without the integrator)."""
+        gradient = np.zeros(len(self.model.chain_rule(self.theta)))
+        gradient[0] = 1.0
+        by_parameter = gradient @ self.model.chain_rule(self.theta)
+        u = self.standard_uncertainty(by_parameter[:, None])[0]
+        return Estimate.normal(self.gain, u)
+
     @cached_property
     def lag_s(self) -> Estimate:
         """First moment of the impulse response [s], the known factor included.

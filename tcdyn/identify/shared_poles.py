@@ -35,7 +35,7 @@ MAX_DELAY_SAMPLES = 4  # dead times of the regressions are shorter
 
 def best_common_pole_fit(
     task: Task, current: Fit, held_out_rms: float, like: Model
-) -> tuple[Fit, float] | None:
+) -> tuple[Fit, float, tuple[float, float, float]] | None:
     """The best transfer function with one to five poles that all inputs share.
 
     Parameters
@@ -52,7 +52,7 @@ def best_common_pole_fit(
     Returns
     -------
     tuple or None
-        The fit, and its error over that of ``current``. None where no fit is 3 % better, or at
+        The fit, its error over that of ``current``, and its held-out statistics. None where no fit is 3 % better, or at
         most 5 % worse with white residuals where those of ``current`` are coloured.
 
     Notes
@@ -87,7 +87,7 @@ def best_common_pole_fit(
             allowed = MAX_ERROR_RATIO if whitens else ERROR_GAIN_RATIO
             mean_ratio = float(np.sqrt(block_ratio * ratio))
             if mean_ratio < allowed * limit:
-                best = (candidate, mean_ratio)
+                best = (candidate, mean_ratio, error)
                 limit = mean_ratio / allowed
     return best
 

@@ -38,10 +38,6 @@ def _p_value(p: float) -> str:
 
 # why models were rejected: the number of the finding that lists them, text for one and for several
 _UNDETERMINED = "not determined by these data"
-_NOT_SUPPORTED = (
-    "a lower BIC, but the improvement is within the correlation of the residuals, or is not "
-    "confirmed by the held-out part"
-)
 _NO_PAIR = "left out, because the pair of poles does not oscillate and is two lags"
 # Reasons for which models were rejected: field of the finding, and predicate for one and for several.
 REJECTED = (
@@ -55,7 +51,6 @@ REJECTED = (
         "would score better but misses dynamics",
         "would score better but miss dynamics",
     ),
-    ("refused", f"has {_NOT_SUPPORTED}", f"have {_NOT_SUPPORTED}"),
     ("pairs", f"is {_NO_PAIR}", f"are {_NO_PAIR}"),
 )
 
@@ -98,7 +93,7 @@ def _reason(
 
 
 def _better_prediction(
-    subject: str, other: str, ratio: float, white: bool, freed: bool, **_: Any
+    subject: str, other: str, ratio: float, white: bool, freed: bool = False, **more: Any
 ) -> str:
     """Message of ``models.foresees``; the arguments are the fields of the finding."""
     text = (
@@ -109,7 +104,7 @@ def _better_prediction(
     text += "."
     if freed:
         text += INITIAL_STATE_ESTIMATED
-    return text
+    return text + _disturbance(**more)
 
 
 def _disturbance(
