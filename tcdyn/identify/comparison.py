@@ -43,8 +43,8 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.shared_poles import best_common_pole_fit
 from tcdyn.identify.validate import (
     Validation,
-    has_clean_residuals,
     has_coloured_residuals,
+    is_adequate,
     validate,
 )
 from tcdyn.rig.disk import Conditioning
@@ -229,7 +229,7 @@ def compare(
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
     :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
-    Where the residuals of the recommended model are coloured or follow the input, the same models
+    Where the residuals of the recommended model are clearly coloured or follow the input, these models
     with white noise, and transfer functions with common poles, replace them if they simulate the
     held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see
@@ -257,11 +257,11 @@ def compare(
     given_models = [resolve_entry(m, data) for m in entries]
     fits, setting = fit_given(ladder, given_models) if entries else select_structures(ladder)
     result = score(task, fits, setting)
-    if setting.is_disturbed and not has_clean_residuals(result.best):
+    if setting.is_disturbed and not is_adequate(result.best):
         white = ladder.with_white_noise(setting.initial)
         fits, setting = fit_given(white, given_models) if entries else select_structures(white)
         result = prefer_held_out(result, score(task, fits, setting))
-    if not entries and not has_clean_residuals(result.best):
+    if not entries and not is_adequate(result.best):
         result = add_common_pole_model(task, result, template)
     result = replace(result, are_given=bool(entries))
     return finish(ladder, data, result)

@@ -341,10 +341,10 @@ def select_one_input(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     """
     first = ladder.first_setting
     fits = {"P1D": ladder.checked_fit(ladder.model(["P1D"]), first)}
-    fits |= fit_structures(ladder, FIRST_STRUCTURES[1:], first)
+    fits |= fit_structures(ladder, (*FIRST_STRUCTURES[1:], NO_MODEL), first)
     setting, best = select_setting(ladder, list(fits.values()), first)
     if setting != first:
-        fits = fit_structures(ladder, FIRST_STRUCTURES, setting)
+        fits = fit_structures(ladder, (*FIRST_STRUCTURES, NO_MODEL), setting)
     fits = climb(ladder, fits, setting)
     best = best_fit(list(fits.values()))
     if not has_clean_residuals(best) or best.findings:
@@ -392,8 +392,6 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
                 others.append(NO_MODEL)
             for structure in others:
                 changed = [*names[:k], structure, *names[k + 1 :]]
-                if all(n == NO_MODEL for n in changed):
-                    continue
                 model = ladder.model(changed)
                 if model.name in fits:
                     continue

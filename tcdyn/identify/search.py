@@ -199,6 +199,8 @@ def make_problem(
                 f"input {name} is constant ({segments[0].inputs[0, k]:g})",
                 where=where,
                 expected="an input that moves: a constant input does not show the dynamics",
+                remedy="record also with another value of the input, before or after: for a heater "
+                "that is on from the first row, one row with the heater off is enough",
             )
     for submodel in model.submodels or (model,):
         _check_delay_has_lag(submodel, data.hold)

@@ -13,7 +13,7 @@ from math import comb
 
 import numpy as np
 
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
 
@@ -27,6 +27,16 @@ MAX_INPUT_NOISE_SHARE = 0.1
 MIN_SEGMENT_SAMPLES = 8
 # Noise of the input over its range, below which it is negligible (chosen by judgement).
 MIN_INPUT_NOISE_SHARE = 1e-4
+
+# Consecutive equal samples at a limit of the output, and all of them together, from which the
+# output is clipped (chosen by judgement).
+MIN_CLIPPED_RUN = 3
+MIN_CLIPPED_SAMPLES = 6
+# Change before and after such samples over the median change, above which the output enters and
+# leaves the limit abruptly; at rest it does so gradually (chosen by judgement).
+MIN_ABRUPT_SHARE = 0.2
+# Share of equal neighbours, above which a coarse logger explains them (chosen by judgement).
+MAX_EQUAL_SHARE = 0.4
 
 
 @dataclass(frozen=True)
@@ -124,7 +134,7 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], has_input.view(np.int8), [0]])))
         for start, end in edges.reshape(-1, 2):
             y = run.y[start:end, 0]
-            measured = np.isfinite(y)
+            measured = np.isfinite(y) & ~clipped_samples(y)
             if end - start < min(MIN_SEGMENT_SAMPLES, run.n) or not measured.any():
                 continue
             index = np.flatnonzero(has_input[:end])
@@ -133,6 +143,45 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
             start_s = run.start_s + start * data.dt_s
             segments.append(Segment(run.u[start:end], y, measured, run_number, start_s, past))
     return tuple(segments)
+
+
+def clipped_samples(y: Array) -> Flags:
+    """Return which samples of an output lie at a limit of its range, and so are clipped.
+
+    Parameters
+    ----------
+    y
+        The output (N,), NaN where it was not measured.
+
+    Returns
+    -------
+    flags
+        True at clipped samples (N,).
+
+    Notes
+    -----
+    Samples at the largest or smallest value that follow one another and that the output enters and
+    leaves by an ordinary change. An output at rest, and one of a coarse logger, is not clipped.
+    """
+    clipped = np.zeros(len(y), dtype=bool)
+    changes = np.abs(np.diff(y))
+    moving = changes[changes > 0]
+    if len(moving) < MIN_CLIPPED_SAMPLES:
+        return clipped
+    for limit in (np.nanmax(y), np.nanmin(y)):
+        at_limit = y == limit
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at_limit.view(np.int8), [0]])))
+        for start, end in edges.reshape(-1, 2):
+            if end - start < MIN_CLIPPED_RUN or start == 0 or end == len(y):
+                continue
+            smallest = MIN_ABRUPT_SHARE * float(np.median(moving))
+            if changes[start - 1] > smallest and changes[end - 1] > smallest:
+                clipped[start:end] = True
+    outside = changes[~(clipped[1:] | clipped[:-1])]
+    is_coarse = len(outside) > 0 and np.mean(outside == 0) > MAX_EQUAL_SHARE
+    if clipped.sum() < MIN_CLIPPED_SAMPLES or is_coarse:
+        clipped[:] = False
+    return clipped
 
 
 def input_noise_sd(segments: Sequence[Segment]) -> float:

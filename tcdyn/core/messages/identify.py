@@ -176,6 +176,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         f"({option('initial', 'estimated')})",
         "record.drift": f"fit with {option('baseline', 'trend')}",
         "record.coarse": "log the output in finer steps",
+        "record.clipped": "record again with the output below the limit of its range, for the "
+        "output is clipped and these samples were left out",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
@@ -379,9 +381,14 @@ IDENTIFY: dict[str, Message] = {
     "models.why": _reason,
     "models.foresees": _better_prediction,
     "models.none": _no_model,
+    "models.unrelated": "The output is unrelated to the input: no model describes it better than a "
+    "constant output. Check that the right columns were taken, and that the input moves enough to "
+    "be seen above the noise of the output.",
     "models.undetermined": _undetermined,
     "models.provisional": _recommendation,
     "models.recommended": _recommendation,
+    "record.clipped": "{count} samples of the output are clipped (equal to its largest or smallest "
+    "value) and were left out",
     "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not determine it",
     "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may "
     "fit better",
