@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -28,6 +29,10 @@ MIN_SEGMENT_SAMPLES = 8
 # Noise of the input over its range, below which it is negligible (chosen by judgement).
 MIN_INPUT_NOISE_SHARE = 1e-4
 
+# Longest gap of an input in samples that is interpolated, and the change over the gap, over the
+# median change in as many samples, up to which it is (chosen by judgement).
+MAX_BRIDGED_SAMPLES = 5
+MAX_BRIDGED_CHANGE = 3.0
 # Consecutive equal samples at a limit of the output, and all of them together, from which the
 # output is clipped (chosen by judgement).
 MIN_CLIPPED_RUN = 3
@@ -112,7 +117,8 @@ class Segment:
 def split_segments(data: IOData) -> tuple[Segment, ...]:
     """Cut the runs where an input is missing.
 
-    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter.
+    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter. Short
+    gaps of an input that hardly changes over them are interpolated (:func:`bridge_gaps`).
 
     Parameters
     ----------
@@ -130,7 +136,8 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
     """
     segments = []
     for run_number, run in enumerate(data.runs):
-        has_input = np.asarray(np.isfinite(run.u).all(axis=1))
+        inputs = np.column_stack([bridge_gaps(u) for u in run.u.T])
+        has_input = np.asarray(np.isfinite(inputs).all(axis=1))
         edges = np.flatnonzero(np.diff(np.concatenate([[0], has_input.view(np.int8), [0]])))
         for start, end in edges.reshape(-1, 2):
             y = run.y[start:end, 0]
@@ -139,10 +146,43 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
                 continue
             index = np.flatnonzero(has_input[:end])
             earlier = np.arange(index[0], start)
-            past = np.array([np.interp(earlier, index, u[index]) for u in run.u.T]).T
+            past = np.array([np.interp(earlier, index, u[index]) for u in inputs.T]).T
             start_s = run.start_s + start * data.dt_s
-            segments.append(Segment(run.u[start:end], y, measured, run_number, start_s, past))
+            segments.append(Segment(inputs[start:end], y, measured, run_number, start_s, past))
     return tuple(segments)
+
+
+def bridge_gaps(u: Array) -> Array:
+    """Return an input whose short gaps are interpolated linearly, where it hardly changes.
+
+    Parameters
+    ----------
+    u
+        One input (N,), NaN where it is missing.
+
+    Returns
+    -------
+    array
+        The input (N,). A gap of more than ``MAX_BRIDGED_SAMPLES``, or over which the input changes
+        by more than ``MAX_BRIDGED_CHANGE`` times its median change, stays: when the change happened
+        is then unknown. An input that is held must have the same value before and after.
+    """
+    index = np.flatnonzero(np.isfinite(u))
+    if len(index) == len(u) or len(index) < 2:
+        return u
+    values = u[index]
+    steps = np.diff(index)
+    typical = float(np.median(np.abs(np.diff(values))[steps == 1])) if (steps == 1).any() else 0.0
+    filled = np.asarray(np.interp(np.arange(len(u)), index, values))
+    filled[: index[0]] = np.nan
+    filled[index[-1] + 1 :] = np.nan
+    for before, after in pairwise(index.tolist()):
+        count = after - before
+        change = abs(u[after] - u[before])
+        is_short = count - 1 <= MAX_BRIDGED_SAMPLES
+        if not (is_short and change <= MAX_BRIDGED_CHANGE * typical * np.sqrt(count)):
+            filled[before + 1 : after] = np.nan
+    return filled
 
 
 def clipped_samples(y: Array) -> Flags:
