@@ -490,7 +490,7 @@ def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Co
     """
     if task.options.get("loss", "linear") != "linear":
         return result
-    task.progress("common poles", 0, 0)
+    task.progress("common poles", 1, 1)
     better = best_common_pole_fit(task, result.best, result.best_row["held_out_rms"], template)
     if better is None:
         return result
