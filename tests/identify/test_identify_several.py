@@ -124,8 +124,10 @@ def test_search_finds_the_true_structure_and_drops_an_input_without_effect():
     assert comparison.conclusion.code == "models.recommended"
 
 
+@pytest.mark.long
 @pytest.mark.study
-def test_search_continues_beyond_three_poles():
+def test_transfer_function_replaces_process_models_of_too_few_poles():
+    """A complex pair and a lag leave residuals that follow the input."""
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([0.0, 1.0], 40), 12)
     den = np.polymul(np.polymul([1.0, 0.4, 1.0], [1 / 9.0, 0.1, 1.0]), [2.0, 1.0])
