@@ -82,12 +82,11 @@ def identify(
         str,
         typer.Option(
             help="Models to compare, such as P1D,P2D,TF(1,2); for several inputs P1D+P2 (one for "
-            "each) "
-            "or P1D (for all). grow: start with one lag and add orders, dead times, zeros and "
-            "inputs "
-            "until the criterion stops."
+            "each) or P1D (for all). auto: process models of one to three lags with or without "
+            "dead time, zero, complex pair and integrator, under one model of the disturbance; "
+            "with several inputs those that have an effect."
         ),
-    ] = "grow",
+    ] = "auto",
     gain: Annotated[
         float | None,
         typer.Option(
@@ -241,7 +240,7 @@ def identify(
     model_settings = {"offset": "none" if no_offset else "free", "known": filter_}
     fixed = {} if gain is None else {"Kp": gain}
     model_list = []
-    if models.strip() != "grow":
+    if models.strip() not in ("auto", "grow"):  # the second is the name in earlier versions
         model_list = [_model(name, inputs, fixed, model_settings) for name in _model_names(models)]
     fit_settings |= {
         "like": _model("P1", inputs[:1], fixed, model_settings),

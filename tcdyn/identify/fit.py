@@ -534,9 +534,9 @@ def make_fit(
 
     Notes
     -----
-    The keys of ``statistics`` are read by ``tcdyn.identify.recommendation``,
-    ``tcdyn.identify.forward_selection`` and the JSON file. ``tests/identify/test_identify_fit.py``
-    checks the criteria against the textbook.
+    The keys of ``statistics`` are read by ``tcdyn.identify.comparison``, ``tcdyn.identify.ladder``
+    and the JSON file. ``tests/identify/test_identify_fit.py`` checks the criteria against the
+    textbook.
     """
     n = problem.n_measured
     x = optimum.theta
