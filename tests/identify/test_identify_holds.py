@@ -9,9 +9,19 @@ import pandas as pd
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import Identified, IOData, fit, from_csv, from_frame, several
+from tcdyn.core.findings import Severity
+from tcdyn.identify import (
+    Comparison,
+    Identified,
+    IOData,
+    compare,
+    fit,
+    from_csv,
+    from_frame,
+    several,
+)
 from tests.cli.test_main_job import tcdyn
-from tests.identify.bare_cases import fine_response
+from tests.identify.bare_cases import CASES, fine_response
 
 FINE_S = 0.005  # step of the simulator
 DT_S = 0.05
@@ -101,3 +111,37 @@ def test_the_hold_of_several_inputs_is_checked(tmp_path, capsys):
     words = ("identify", path, "--input", "heater,room", "--output", "T", "--models", "P1D")
     assert tcdyn(*words, "--hold", "zoh,linear") == 2
     assert "--hold is 'linear'" in capsys.readouterr().err
+
+
+def other_holds(comparison: Comparison) -> list[dict[str, object]]:
+    """Numbers of the warnings about the hold."""
+    return [f.numbers for f in comparison.best.findings if f.code == "record.other_hold"]
+
+
+def test_a_held_input_that_is_taken_as_a_straight_line_is_reported():
+    data = CASES["wrong hold"].record(44)
+    assert data.hold == "foh"
+    wrong = compare(data, "P2D", initial="equilibrium")
+    assert [numbers["holds"] for numbers in other_holds(wrong)] == [("zoh",)]
+    assert wrong.conclusion.severity is Severity.WARNING
+    right = compare(replace(data, hold="zoh"), "P2D", initial="equilibrium")
+    assert not other_holds(right)
+    assert right.conclusion.severity is Severity.INFO
+
+
+def test_the_hold_is_reported_where_the_other_one_fits_decisively_better():
+    frame = held_and_ramped(45)
+    room = frame["room"].to_numpy()
+    # one lag of 0.2 s behind a straight line from sample to sample, in closed form
+    a = np.exp(-DT_S / 0.2)
+    first_weight = (1 - a) * 0.2 / DT_S - a
+    y = np.full(N, room[0])
+    for k in range(1, N):
+        y[k] = a * y[k - 1] + first_weight * room[k - 1] + (1 - a - first_weight) * room[k]
+    noisy = y + NOISE_K * np.random.default_rng(45).normal(size=N)
+    data = IOData.from_arrays(room, noisy, DT_S, hold="foh")
+    assert not other_holds(compare(data, "P1", initial="equilibrium", noise="white"))
+    wrong = compare(replace(data, hold="zoh"), "P1", initial="equilibrium", noise="white")
+    (numbers,) = other_holds(wrong)
+    assert numbers["holds"] == ("foh",)
+    assert numbers["bic"] > 10
