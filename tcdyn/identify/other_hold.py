@@ -16,7 +16,7 @@ from tcdyn.identify.ladder import Ladder, Setting, bic
 from tcdyn.identify.recommendation import DECISIVE_BIC
 from tcdyn.identify.search import Fit
 from tcdyn.identify.tables import is_setpoint
-from tcdyn.identify.validate import has_clean_residuals
+from tcdyn.identify.validate import is_undriven
 
 # Half a sample over the standard uncertainty of the dead time, below which a wrong hold does not
 # matter: an error of 0.5 u lowers the coverage of a 95 % interval of a normal distribution to 92 %.
@@ -43,8 +43,8 @@ def check_holds(ladder: Ladder, result: Fit) -> list[Finding]:
     -----
     An input that was set by a computer (:func:`tcdyn.identify.tables.is_setpoint`) is held. Where
     the samples do not decide, the same model is fitted under the other hold. It is reported where
-    its BIC is lower by more than ``DECISIVE_BIC`` and its residuals are clean, since a hold can
-    also replace dynamics that the model lacks. A free dead time takes up the shift: then the two
+    its BIC is lower by more than ``DECISIVE_BIC`` and its residuals do not follow the input: a hold
+    can also replace dynamics that the model lacks. A free dead time takes up the shift, so the two
     fits are equal unless the dead time is near zero.
     """
     data = ladder.data
@@ -79,7 +79,7 @@ def check_holds(ladder: Ladder, result: Fit) -> list[Finding]:
 
 
 def gain_of_hold(ladder: Ladder, result: Fit, holds: tuple[Hold, ...]) -> float:
-    """Return the BIC that other holds gain; zero where their fit is not clean.
+    """Return the BIC that other holds gain; zero where their residuals follow the input.
 
     Parameters
     ----------
@@ -102,6 +102,6 @@ def gain_of_hold(ladder: Ladder, result: Fit, holds: tuple[Hold, ...]) -> float:
     setting = Setting(result.problem.initial, **result.disturbance)
     start = [result.identified.theta]
     other = replace(ladder, data=data).fit_model(model, setting, start)
-    if other is None or not has_clean_residuals(other):
+    if other is None or not is_undriven(other):
         return 0.0
     return bic(result) - bic(other)
