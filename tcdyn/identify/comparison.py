@@ -30,6 +30,7 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
 from tcdyn.identify.models import Model, as_model, process, several
+from tcdyn.identify.other_hold import check_holds
 from tcdyn.identify.recommendation import (
     HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
@@ -57,6 +58,8 @@ CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
 N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+# Findings of the final fit about the record that count against the recommended model.
+RECORD_TROUBLES = ("record.closed_loop", "record.other_hold")
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
@@ -146,10 +149,12 @@ class Comparison(Result):
         if self.are_given:
             compared = set(self.table["model"])
             untried = [name for name in ADVISED_MODELS if name not in compared]
-        troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
-        if not troubles and responds_at_once(self.best):
-            troubles = ["model.at_once"]
-        has_closed_loop = bool(troubles)
+        codes = {f.code for f in self.best.findings}
+        troubles = [code for code in RECORD_TROUBLES if code in codes]
+        has_closed_loop = "record.closed_loop" in codes
+        if not has_closed_loop and responds_at_once(self.best):
+            troubles.append("model.at_once")
+            has_closed_loop = True
         for code in self.validation.record_problems:
             # feedback says the same as a closed loop
             if not (has_closed_loop and code == "record.feedback"):
@@ -555,6 +560,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
     elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
         numbers["order"] = list(noise.order)
         numbers["baseline"] = final.disturbance["baseline"]
+    final = add_findings(final, tuple(check_holds(ladder, best)))
     fits = {**result.fits, result.recommended: final}
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
     reason = replace(result.reason, numbers=numbers)

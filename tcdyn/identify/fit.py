@@ -562,7 +562,7 @@ def make_fit(
         cov_theta,
         offset=final_offset(problem, x, residual, noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
-        hold=problem.hold,
+        hold=data.hold,
         dt_s=problem.dt_s,
         input_name=", ".join(data.input_names),
         output_name=data.output_names[0],

@@ -184,6 +184,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "this model responds to its input without delay, and with the opposite sign or without a "
         "static gain, like minus the inverse of a controller",
         "record.feedback": "check whether the input depends on the output (a closed loop)",
+        "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because another "
+        "one is more likely",
     }
     return [remedies[code] for code in troubles]
 
@@ -345,6 +347,28 @@ def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling,
     )
 
 
+def _other_hold(
+    subject: str,
+    hold: str,
+    holds: Sequence[str],
+    bic: float | None,
+    half_s: float,
+    option: Spelling,
+    **_: Any,
+) -> str:
+    """Message of ``record.other_hold``; the arguments are the fields of the finding."""
+    kinds = {"zoh": "held between its samples (zoh)", "foh": "a straight line (foh)"}
+    if bic is None:
+        evidence = "but it stays constant and jumps, as if a computer had set it"
+    else:
+        evidence = f"but the other hold fits decisively better (BIC lower by {bic:.0f})"
+    return (
+        f"Input {subject} is taken as {kinds[hold]}, {evidence}. A wrong hold shifts the dead time "
+        f"by half a sample, {half_s:.3g} s: check how the input was logged, or give "
+        f"{option('hold', ','.join(holds))}."
+    )
+
+
 def _gaps(count: int, **_: Any) -> str:
     """Message of ``record.gaps``; the arguments are the fields of the finding."""
     gaps = count_with_noun(count, "gap")
@@ -417,6 +441,7 @@ IDENTIFY: dict[str, Message] = {
     "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as "
     "missing: check the wiring.",
     "record.hold": _hold,
+    "record.other_hold": _other_hold,
     "record.gaps": _gaps,
     "record.off_equilibrium": _off_equilibrium,
     "record.drift": _drift,
