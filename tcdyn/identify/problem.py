@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import count
 from typing import Literal, NamedTuple
 
@@ -557,23 +557,24 @@ class IdentificationProblem:
             Names, residuals, bounds and priors. The unknowns after the model parameters are called
             x0, x1, .. by their position.
         """
-        noise = noise or NoiseModel()
-        slices = self.residual_slices
-
-        def evaluate(x: Array) -> tuple[Array, Array] | None:
-            """Return whitened residuals (N,) and Jacobian (N, size) at x, or None."""
-            rows = self.evaluate(x, root)
-            if rows is None:
-                return None
-            if self.model.arx:
-                poles = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
-                return equation_error(
-                    self.pole_polynomial, x, poles, slices, *rows, self.slice_has_free_state
-                )
-            return noise.whiten(rows[0], slices), noise.whiten(rows[1], slices)
-
+        evaluate = partial(self._innovations, noise=noise or NoiseModel(), root=root)
         lower, upper = self.bounds()
         names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))
         with np.errstate(divide="ignore"):
             prior_sd = 1 / np.sqrt(self.prior_precision)
         return Problem(names, evaluate, lower=lower, upper=upper, prior_sd=prior_sd)
+
+    def _innovations(
+        self, x: Array, noise: NoiseModel, root: Array | float
+    ) -> tuple[Array, Array] | None:
+        """Return whitened residuals (N,) and their Jacobian (N, size) at x, or None."""
+        slices = self.residual_slices
+        rows = self.evaluate(x, root)
+        if rows is None:
+            return None
+        if self.model.arx:
+            poles = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
+            return equation_error(
+                self.pole_polynomial, x, poles, slices, *rows, self.slice_has_free_state
+            )
+        return noise.whiten(rows[0], slices), noise.whiten(rows[1], slices)
