@@ -6,11 +6,13 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 
 from tcdyn.core import Array
-from tcdyn.identify import IOData, compare, fit, process, simulate, transfer
+from tcdyn.core.errors import InputError
+from tcdyn.identify import IOData, compare, fit, from_control, process, simulate, transfer
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
 DT_S = 0.1
@@ -51,3 +53,71 @@ def test_unpickled_fit_is_the_same_and_can_still_be_evaluated(model: Any, option
 def test_unpickled_comparison_has_the_same_summary() -> None:
     comparison = compare(record(), "P1", "P1D")
     assert pickle.loads(pickle.dumps(comparison)).summary() == comparison.summary()
+
+
+def test_resampled_record_has_the_same_dynamics_and_no_aliases() -> None:
+    rng = np.random.default_rng(1)
+    slow = {"Kp": 2.0, "Tp1": 8.0, "Td": 1.3}
+    u = switched_input(4000, rng, held=40)
+    y = simulate(process("P1D").rational(slow), u, DT_S, "zoh") + rng.normal(0, 0.2, 4000)
+    coarse = IOData.from_arrays(u, y, DT_S, hold="zoh").resample(0.4)
+    result = fit(coarse, "P1D")
+    assert coarse.hold == "foh"
+    for name, value in slow.items():
+        estimate = result.estimates[name]
+        assert abs(estimate.value - value) < 4 * estimate.u
+        assert estimate.u < 0.01 * value
+    t = np.arange(4000) * DT_S
+    above_nyquist = IOData.from_arrays(np.sin(t), np.sin(2 * np.pi * 3.0 * t), DT_S).resample(0.25)
+    assert np.abs(above_nyquist.runs[0].y[20:-20]).max() < 1e-3
+    np.testing.assert_allclose(
+        above_nyquist.runs[0].u[20:-20, 0], np.sin(above_nyquist.times_s()[20:-20]), atol=2e-3
+    )
+
+
+def test_resampling_to_a_shorter_interval_keeps_hold_and_gaps() -> None:
+    y = np.array([0.0, 1.0, np.nan, 3.0, 4.0])
+    data = IOData.from_arrays([0.0, 5.0, 5.0, 0.0, 1.0], y, 1.0, hold="zoh").resample(0.5)
+    assert data.runs[0].u[:, 0].tolist() == [0, 0, 5, 5, 5, 5, 0, 0, 1]
+    expected = [0, 0.5, 1, np.nan, np.nan, np.nan, 3, 3.5, 4]
+    np.testing.assert_allclose(data.runs[0].y[:, 0], expected)
+
+
+def test_resampling_leaves_no_value_near_a_gap() -> None:
+    y = np.ones(100)
+    y[50] = np.nan
+    data = IOData.from_arrays(np.ones(100), y, 0.1).resample(0.4)
+    assert np.flatnonzero(np.isnan(data.runs[0].y[:, 0])).tolist() == [12, 13]
+
+
+def test_detrend_removes_a_line_from_each_run_and_leaves_gaps() -> None:
+    t = np.arange(200.0)
+    wave = np.sin(2 * np.pi * t / 10) - np.polyval(np.polyfit(t, np.sin(2 * np.pi * t / 10), 1), t)
+    y = wave + 5 + 0.2 * t
+    y[7] = np.nan
+    first = IOData.from_arrays(t, y, 1.0)
+    second = IOData.from_arrays(t, wave - 3, 1.0)
+    flat = first.merge(second).detrend(1, "outputs")
+    np.testing.assert_allclose(flat.runs[0].y[8:, 0], wave[8:], atol=0.02)
+    np.testing.assert_allclose(flat.runs[1].y[:, 0], wave, atol=1e-9)
+    assert np.isnan(flat.runs[0].y[7, 0])
+    np.testing.assert_array_equal(flat.runs[0].u, first.runs[0].u)
+
+
+def test_merge_of_unequal_intervals_names_the_remedy() -> None:
+    fine = record()
+    coarse = fine.resample(0.5)
+    with pytest.raises(InputError, match="resample"):
+        coarse.merge(fine)
+    assert len(coarse.merge(fine.resample(0.5)).runs) == 2
+
+
+def test_control_systems_are_compared_as_they_stand() -> None:
+    data = record()
+    system = control.tf([2.0], [0.8, 1.0])
+    named = compare(data, system, "P1D").table["model"].tolist()
+    assert sorted(named) == ["P1D", "TF(0,1) as given"]
+    state_space = compare(data, [control.ss(system), "P1D"])
+    row = state_space.table.set_index("model").loc["TF(0,1) as given"]
+    reference = compare(data, from_control(system), "P1D").table.set_index("model")
+    assert row["BIC"] == pytest.approx(reference.loc["TF(0,1) as given", "BIC"])
