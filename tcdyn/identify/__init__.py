@@ -61,6 +61,7 @@ from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
 from tcdyn.identify.iodata import IOData, Run
 from tcdyn.identify.models import KnownDynamics, Model, chain_model, process, several, transfer
+from tcdyn.identify.prediction import Prediction, predict
 from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.tables import from_csv, from_frame
@@ -74,6 +75,7 @@ __all__ = [
     "Identified",
     "KnownDynamics",
     "Model",
+    "Prediction",
     "Response",
     "Run",
     "Validation",
@@ -89,6 +91,7 @@ __all__ = [
     "held_out_score",
     "joint_table",
     "percent_times",
+    "predict",
     "process",
     "profile",
     "read_identified",

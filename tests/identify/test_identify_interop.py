@@ -9,10 +9,11 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.identify import IOData, compare, fit, from_control, process, simulate, transfer
+from tcdyn.identify import IOData, compare, fit, from_control, predict, process, simulate, transfer
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
 DT_S = 0.1
@@ -121,3 +122,47 @@ def test_control_systems_are_compared_as_they_stand() -> None:
     row = state_space.table.set_index("model").loc["TF(0,1) as given"]
     reference = compare(data, from_control(system), "P1D").table.set_index("model")
     assert row["BIC"] == pytest.approx(reference.loc["TF(0,1) as given", "BIC"])
+
+
+def test_prediction_error_has_the_variance_of_the_noise_so_many_samples_ahead() -> None:
+    n = 4000
+    pole = 0.9
+    rng = np.random.default_rng(4)
+    u = switched_input(n, rng)
+    noise = lfilter([0.3], [1.0, -pole], rng.standard_normal(n))
+    y = simulate(process("P1D").rational(TRUTH), u, DT_S, "zoh") + noise
+    data = IOData.from_arrays(u, y, DT_S, hold="zoh")
+    result = fit(data, "P1D", noise=(1, 0), baseline="none")
+    for steps in (1, 2, 5, None):
+        prediction = predict(result, data, steps)
+        error = y - prediction.output[0]
+        variance = 0.09 * (1 - pole ** (2 * (steps or n))) / (1 - pole**2)
+        # the variance of a sample variance of AR(1) noise: 2/n (1 + pole^2)/(1 - pole^2)
+        assert np.var(error) / variance == pytest.approx(1, abs=4 * np.sqrt(2 / n * 9.5))
+        assert prediction.fit_percent == pytest.approx(100 * (1 - error.std() / y.std()), abs=0.1)
+
+
+def test_prediction_uses_no_output_of_the_last_samples() -> None:
+    data = record(n=200)
+    result = fit(data, "P1D", noise=(1, 0), baseline="none", initial="zero")
+    y = data.runs[0].y[:, 0].copy()
+    y[150] += 1e-3
+    changed = IOData.from_arrays(data.runs[0].u, y, DT_S, hold="zoh")
+    before, after = (predict(result, d, 3).output[0] for d in (data, changed))
+    change = np.abs(after - before)
+    # the offset, which is fitted to all samples, changes by about 1e-3/200 everywhere
+    assert change[150:153].max() < 2e-5
+    assert change[153] > 5 * change[152]
+
+
+def test_prediction_leaves_out_missing_inputs_and_simulates_missing_outputs() -> None:
+    data = record(n=300)
+    u, y = (a[:, 0].copy() for a in (data.runs[0].u, data.runs[0].y))
+    y[100:110] = np.nan
+    u[200:205] = np.nan
+    gappy = IOData.from_arrays(u, y, DT_S, hold="zoh")
+    result = fit(gappy, "P1D", noise=(1, 0), baseline="none")
+    output = predict(result, gappy).output[0]
+    assert np.flatnonzero(np.isnan(output)).tolist() == list(range(200, 205))
+    simulated = predict(result, gappy, None).output[0]
+    np.testing.assert_array_equal(output[100:110], simulated[100:110])
