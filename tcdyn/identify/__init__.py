@@ -54,6 +54,7 @@ True
 
 from tcdyn.chain.rational import simulate
 from tcdyn.identify.comparison import CANDIDATES, Comparison, compare, joint_table
+from tcdyn.identify.experiment import prbs_input, step_input
 from tcdyn.identify.fit import fit
 from tcdyn.identify.frequency import Response, fit_response
 from tcdyn.identify.heldout import held_out_score
@@ -61,6 +62,7 @@ from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
 from tcdyn.identify.iodata import IOData, Run
 from tcdyn.identify.models import KnownDynamics, Model, chain_model, process, several, transfer
+from tcdyn.identify.nonparametric import impulse_response, spectral_estimate
 from tcdyn.identify.prediction import Prediction, predict
 from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
@@ -89,8 +91,10 @@ __all__ = [
     "from_csv",
     "from_frame",
     "held_out_score",
+    "impulse_response",
     "joint_table",
     "percent_times",
+    "prbs_input",
     "predict",
     "process",
     "profile",
@@ -98,7 +102,9 @@ __all__ = [
     "roots_of",
     "several",
     "simulate",
+    "spectral_estimate",
     "step_band",
+    "step_input",
     "transfer",
     "validate",
 ]

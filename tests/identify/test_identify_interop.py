@@ -13,7 +13,21 @@ from scipy.signal import lfilter
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.identify import IOData, compare, fit, from_control, predict, process, simulate, transfer
+from tcdyn.identify import (
+    IOData,
+    compare,
+    fit,
+    fit_response,
+    from_control,
+    impulse_response,
+    prbs_input,
+    predict,
+    process,
+    simulate,
+    spectral_estimate,
+    step_input,
+    transfer,
+)
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
 DT_S = 0.1
@@ -166,3 +180,85 @@ def test_prediction_leaves_out_missing_inputs_and_simulates_missing_outputs() ->
     assert np.flatnonzero(np.isnan(output)).tolist() == list(range(200, 205))
     simulated = predict(result, gappy, None).output[0]
     np.testing.assert_array_equal(output[100:110], simulated[100:110])
+
+
+def test_impulse_response_is_that_of_a_first_order_lag_within_its_band() -> None:
+    # held input: gain (1 - a) a^(i - 1) from the second sample on, a = exp(-dt/lag)
+    n = 80
+    decay = np.exp(-DT_S / 0.8)
+    weights = 2.0 * (1 - decay) * decay ** np.arange(-1.0, n - 1)
+    weights[0] = 0.0
+    z = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        u = switched_input(800, rng, held=2)
+        noise = lfilter([0.2], [1.0, -0.8], rng.standard_normal(800))
+        y = np.convolve(u - u[0], weights)[:800] + noise + 30
+        table = impulse_response(IOData.from_arrays(u, y, DT_S, hold="zoh"), n)
+        z.append((table["value"] * DT_S - weights) / (table["u"] * DT_S))
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.25
+    assert abs(np.mean(z)) < 0.3
+
+
+def test_impulse_response_of_each_input_is_separated_over_gaps() -> None:
+    rng = np.random.default_rng(5)
+    u = rng.choice([0.0, 1.0], (400, 2))
+    y = 10 + 2 * np.roll(u[:, 0], 1) - 3 * np.roll(u[:, 1], 3)
+    y[100:120] = np.nan
+    u[200, 0] = np.nan
+    data = IOData.from_arrays(u, y, 1.0, input_names=["heater", "fan"])
+    table = impulse_response(data, 5).set_index("input")["value"]
+    np.testing.assert_allclose(table["heater"], [0, 2, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(table["fan"], [0, 0, 0, -3, 0], atol=1e-9)
+    steady = IOData.from_arrays(np.repeat([0.0, 1.0], 50), np.repeat([0.0, 1.0], 50), 1.0)
+    with pytest.raises(InputError, match="determine"):
+        impulse_response(steady[:60], 20)
+
+
+def test_spectral_estimate_scatters_as_its_uncertainty_says() -> None:
+    z = []
+    for seed in range(8):
+        response = spectral_estimate(record(n=4000, noise_sd=1.0, seed=seed), window_s=40.0)
+        s = 2j * np.pi * response.frequency_Hz
+        true = 2.0 * np.exp(-0.13 * s) / (1 + 0.8 * s)
+        error = (response.response - true) / response.part_uncertainty(true)
+        z += [*error.real, *error.imag]
+    assert 0.9 < np.sqrt(np.mean(np.square(z))) < 1.2
+    fitted = fit_response(response, "P1D")
+    for name, value in TRUTH.items():
+        assert abs(fitted.theta[name] - value) < 4 * fitted.estimates[name].u
+
+
+def test_spectral_estimate_of_a_held_and_of_a_linear_input_agree() -> None:
+    rng = np.random.default_rng(6)
+    ends = np.repeat(rng.normal(0, 1, 500), 8)
+    u = lfilter([0.2], [1.0, -0.8], ends)
+    for hold in ("zoh", "foh"):
+        y = simulate(process("P1D").rational(TRUTH), u, DT_S, hold)
+        response = spectral_estimate(IOData.from_arrays(u, y, DT_S, hold=hold), window_s=80.0)
+        s = 2j * np.pi * response.frequency_Hz
+        true = 2.0 * np.exp(-0.13 * s) / (1 + 0.8 * s)
+        assert np.abs(response.response / true - 1).max() < 0.05
+
+
+def test_binary_sequence_has_power_over_the_range_of_lags() -> None:
+    table = prbs_input((1.0, 10.0), 0.1, (-1.0, 1.0))
+    u = table["u"].to_numpy()
+    clock = int(np.diff(np.flatnonzero(np.diff(u))).min())
+    bits = u[::clock]
+    # a sequence of maximum length is balanced to one bit, and its autocorrelation is -1/N
+    spectrum = np.abs(np.fft.fft(bits)) ** 2
+    assert abs(bits.sum()) == 1
+    np.testing.assert_allclose(spectrum[1:], len(bits) + 1)
+    assert table["time_s"].iloc[-1] >= 2 * np.pi * 3 * 10
+    # half power, sinc^2, at twice the inverse of the shortest lag
+    assert np.sinc(2 / (2 * np.pi * 1.0) * clock * 0.1) ** 2 >= 0.5
+    with pytest.raises(InputError):
+        prbs_input((0.1, 1.0), 0.5, (0, 1))
+
+
+def test_steps_are_held_until_the_output_has_settled() -> None:
+    table = step_input(2.0, 0.5, [0, 10, 0])
+    y = simulate(process("P1").rational({"Kp": 1.0, "Tp1": 2.0}), table["u"], 0.5, "zoh")
+    assert abs(y[39] - 10) < 0.1
+    assert abs(y[59]) < 0.1
