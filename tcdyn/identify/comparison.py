@@ -215,7 +215,7 @@ def compare(
     progress
         Called with each model before it is fitted.
     options
-        Options of :func:`fit`, without ``start``.
+        Options of :func:`fit`, without ``start`` and ``weights``.
 
     Returns
     -------
@@ -237,6 +237,12 @@ def compare(
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identify.recommendation.recommend`.
     """
+    if "weights" in options:
+        raise InputError(
+            "weights are given, but the held-out part has none",
+            where="compare",
+            remedy="pass fit(data, model, weights=..) as a model",
+        )
     if "start" in options:
         raise InputError(
             "start is given, but each search begins where a simpler model ended",

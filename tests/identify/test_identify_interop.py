@@ -262,3 +262,82 @@ def test_steps_are_held_until_the_output_has_settled() -> None:
     y = simulate(process("P1").rational({"Kp": 1.0, "Tp1": 2.0}), table["u"], 0.5, "zoh")
     assert abs(y[39] - 10) < 0.1
     assert abs(y[59]) < 0.1
+
+
+def test_prior_of_a_gain_gives_the_conjugate_posterior() -> None:
+    rng = np.random.default_rng(7)
+    u = rng.normal(0, 1, 200)
+    y = 1.5 * u + 20 + rng.normal(0, 2.0, 200)
+    data = IOData.from_arrays(u, y, 1.0, hold="zoh")
+    options: Any = {"noise": "white", "baseline": "none", "initial": "equilibrium"}
+    result = fit(data, "P0", prior={"Kp": (1.0, 0.1)}, input_noise=0.0, **options)
+    centred = u - u.mean()
+    free = centred @ y / (centred @ centred)
+    residual = y - y.mean() - free * centred
+    precision = centred @ centred / (residual @ residual / 198)
+    posterior = (free * precision + 1.0 / 0.01) / (precision + 1 / 0.01)
+    estimate = result.estimates["Kp"]
+    # the noise is that of the residuals at the posterior, a little larger
+    assert estimate.value == pytest.approx(posterior, abs=0.05 * estimate.u)
+    assert estimate.u == pytest.approx((precision + 1 / 0.01) ** -0.5, rel=0.02)
+
+
+def test_exact_prior_of_a_lag_is_as_good_as_fixing_it() -> None:
+    data = record(n=150, noise_sd=0.5, seed=8)
+    options: Any = {"noise": "white", "baseline": "none"}
+    by_prior = fit(data, "P1D", prior={"Tp1": (0.8, 1e-5)}, **options).estimates
+    fixed = fit(data, process("P1D", fixed={"Tp1": 0.8}), **options).estimates
+    for name in ("Kp", "Td"):
+        assert by_prior[name].value == pytest.approx(fixed[name].value, abs=1e-3 * fixed[name].u)
+        assert by_prior[name].u == pytest.approx(fixed[name].u, rel=0.02)
+
+
+def test_bounds_leave_an_optimum_inside_and_report_one_outside() -> None:
+    data = record()
+    free = fit(data, "P1D")
+    inside = fit(data, "P1D", bounds={"Tp1": (0.5, 5.0), "Td": (0.0, 1.0)})
+    assert inside.estimates["Tp1"].value == pytest.approx(free.estimates["Tp1"].value, rel=1e-5)
+    outside = fit(data, "P1D", bounds={"Tp1": (1.0, 5.0)})
+    assert outside.estimates["Tp1"].value == pytest.approx(1.0)
+    assert [f.code for f in outside.findings] == ["fit.bound"]
+    for wrong in ({"Tp2": (1.0, 2.0)}, {"Tp1": (2.0, 1.0)}):
+        with pytest.raises(InputError):
+            fit(data, "P1D", bounds=wrong)
+
+
+def test_weights_use_the_quiet_half_of_a_record() -> None:
+    n = 400
+    sd = np.where(np.arange(n) < n // 2, 0.1, 3.0)
+    errors = []
+    z = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        u = switched_input(n, rng)
+        y = simulate(process("P1D").rational(TRUTH), u, DT_S, "zoh") + sd * rng.normal(size=n)
+        y[300] = 1e6  # a wrong value, of weight zero
+        weights = sd**-2.0
+        weights[300] = 0
+        data = IOData.from_arrays(u, y, DT_S, hold="zoh")
+        estimates = fit(data, "P1D", weights=weights, noise="white").estimates
+        errors += [estimates[name].value - value for name, value in TRUTH.items()]
+        z += [(estimates[n].value - value) / estimates[n].u for n, value in TRUTH.items()]
+    assert np.max(np.abs(errors)) < 0.05
+    assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+def test_weights_stay_with_a_disturbance_that_is_fitted() -> None:
+    n = 400
+    rng = np.random.default_rng(9)
+    u = switched_input(n, rng)
+    sd = np.where(np.arange(n) < n // 2, 0.05, 3.0)
+    y = simulate(process("P1D").rational(TRUTH), u, DT_S, "zoh") + sd * rng.normal(size=n)
+    data = IOData.from_arrays(u, y + 0.01 * np.arange(n), DT_S, hold="zoh")
+    for options in ({"baseline": "trend"}, {"noise": "slow"}):
+        estimates = fit(data, "P1D", weights=sd**-2.0, **options).estimates
+        for name, value in TRUTH.items():
+            assert abs(estimates[name].value - value) < 0.01 * value + 0.005
+    for wrong in ({"baseline": "walk"}, {"loss": "huber"}):
+        with pytest.raises(InputError, match="weights"):
+            fit(data, "P1D", weights=sd**-2.0, **wrong)
+    with pytest.raises(InputError, match="weights"):
+        fit(data, "P1D", weights=np.ones(3))
