@@ -26,7 +26,7 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.identify.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identify.fit import add_findings, fit
 from tcdyn.identify.heldout import Progress, Task
-from tcdyn.identify.identified import Identified
+from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
 from tcdyn.identify.models import Model, as_model, process, several
@@ -50,7 +50,8 @@ from tcdyn.identify.validate import (
 )
 from tcdyn.rig.disk import Conditioning
 
-Entry = Model | str | Fit | Identified  # what a caller may compare
+# What a caller may compare; a ``control`` system has no type without importing that package.
+Entry = Model | str | Fit | Identified | Any
 
 # Usual models: the default of ``tcdyn response``, and the examples of an error message.
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
@@ -206,10 +207,11 @@ def compare(
     data
         One output, one or several inputs.
     models
-        Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit` or an
-        :class:`Identified`, also from :func:`tcdyn.identify.from_control`), of which only the
-        offset is fitted. Two of one name are numbered. Without any, they are the process models of
-        :mod:`tcdyn.identify.ladder`, and with several inputs the inputs that matter.
+        Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit`, an
+        :class:`Identified` or a ``control`` system; :func:`tcdyn.identify.from_control` adds a
+        dead time), of which only the offset is fitted. Two of one name are numbered.
+        Without any, they are the process models of :mod:`tcdyn.identify.ladder`, and with several
+        inputs the inputs that matter.
     like
         Model whose known factor, offset and fixed gain all models of the ladder have.
     held_out
@@ -218,7 +220,7 @@ def compare(
     progress
         Called with each model before it is fitted.
     options
-        Options of :func:`fit`, without ``start``.
+        Options of :func:`fit`, without ``start`` and ``weights``.
 
     Returns
     -------
@@ -240,6 +242,12 @@ def compare(
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identify.recommendation.recommend`.
     """
+    if "weights" in options:
+        raise InputError(
+            "weights are given, but the held-out part has none",
+            where="compare",
+            remedy="pass fit(data, model, weights=..) as a model",
+        )
     if "start" in options:
         raise InputError(
             "start is given, but each search begins where a simpler model ended",
@@ -248,7 +256,7 @@ def compare(
         )
     entries: list[Entry] = []
     for m in models:
-        entries += [m] if isinstance(m, Entry) else m
+        entries += m if isinstance(m, list | tuple) else [m]
 
     if options.get("check", True):
         check_closed_loop(data, data.name or "identify")
@@ -280,7 +288,7 @@ def resolve_entry(given: Entry, data: IOData) -> Model:
     Parameters
     ----------
     given
-        Name, model, fit or identified model.
+        Name, model, fit, identified model or ``control`` system.
     data
         The record, for the names of its inputs.
 
@@ -290,6 +298,8 @@ def resolve_entry(given: Entry, data: IOData) -> Model:
         The model; that of a fit has all its parameters fixed and the name "... as given".
     """
     identified = given.identified if isinstance(given, Fit) else given
+    if hasattr(given, "dcgain"):
+        identified = from_control(given)
     inputs = data.input_names
     if isinstance(identified, Identified):
         model = identified.model

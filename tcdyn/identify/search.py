@@ -387,9 +387,11 @@ def sort_lags(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
     Returns
     -------
     Optimum
-        With vector, Jacobian and information in the new order. With a pair of poles the order
-        stays.
+        With vector, Jacobian and information in the new order. With a pair of poles, or with
+        bounds or priors of parameters, the order stays.
     """
+    if problem.limits or problem.priors:
+        return optimum
     free = list(problem.model.free)
     order = np.arange(len(optimum.theta))
     for suffix in {input_suffix(n) for n in free}:
@@ -415,10 +417,10 @@ def sqrt_weights(weights: Array | None) -> Array | float:
 def active_bound(optimum: Optimum, k: int) -> str:
     """Return the bound at which the ``k``-th parameter is: "lower", "upper", or "" for none."""
     x = optimum.theta[k]
-    if x <= optimum.problem.lower[k]:
-        return "lower"
-    if x >= optimum.problem.upper[k]:
-        return "upper"
+    # the average over noise leaves a parameter on its bound but for rounding errors
+    for end in ("lower", "upper"):
+        if np.isclose(x, getattr(optimum.problem, end)[k], rtol=1e-9, atol=1e-12):
+            return end
     return ""
 
 

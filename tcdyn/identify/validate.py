@@ -247,26 +247,12 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     d'(C + C_0)^-1 d is chi-squared with one degree of freedom for each parameter. C is robust
     where residuals are coloured.
     """
-    old = fit.problem
-    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
-        raise InputError(
-            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
-            where=data.name or "confirm",
-        )
-    problem = replace(
-        make_problem(data, old.model, old.initial),
-        input_sds=old.input_sds,
-        time_scale_s=old.time_scale_s,
-        noise_sd=old.noise_sd,
-        trend=old.trend,
-    )
+    problem, x = fit_states(fit, data)
     k = problem.n_model
-    x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
     core = problem.least_squares_problem(fit.noise)
-    rows = core.evaluate(x)
-    assert rows is not None  # the model is stable, it was fitted
-    x[k:] -= np.linalg.lstsq(rows[1][:, k:], rows[0], rcond=None)[0]
-    e, j = core.evaluate(x) or rows
+    evaluated = core.evaluate(x)
+    assert evaluated is not None  # the model is stable, it was fitted
+    e, j = evaluated
     unweighted = problem.evaluate(x)
     assert unweighted is not None
     applied = replace(
@@ -292,8 +278,51 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     p = float(chdtrc(k, step @ inverse(total) @ step))
     if p >= ALARM_P:
         return validation
-    differs = warning("validation.moved", subject=old.model.name, p=p)
+    differs = warning("validation.moved", subject=problem.model.name, p=p)
     return replace(validation, findings=(*validation.findings, differs))
+
+
+def fit_states(fit: Fit, data: IOData) -> tuple[IdentificationProblem, Array]:
+    """Fit offsets, drifts and initial states to other data; the parameters stay.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    data
+        Other data.
+
+    Returns
+    -------
+    problem
+        The problem of these data.
+    x
+        Its vector (size,).
+
+    Raises
+    ------
+    InputError
+        For data that cannot be used, or whose sampling differs from that of a noise model.
+    """
+    old = fit.problem
+    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
+        raise InputError(
+            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
+            where=data.name or "identify",
+        )
+    problem = replace(
+        make_problem(data, old.model, old.initial),
+        input_sds=old.input_sds,
+        time_scale_s=old.time_scale_s,
+        noise_sd=old.noise_sd,
+        trend=old.trend,
+    )
+    k = problem.n_model
+    x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
+    rows = problem.least_squares_problem(fit.noise).evaluate(x)
+    assert rows is not None  # the model is stable, it was fitted
+    x[k:] -= np.linalg.lstsq(rows[1][:, k:], rows[0], rcond=None)[0]
+    return problem, x
 
 
 def _conclusion(
