@@ -296,9 +296,9 @@ class IOData(Result):
             count = int(np.floor((run.n - 1) * self.dt_s / dt_s + 1e-9)) + 1
             position = np.asarray(np.arange(count) * dt_s / self.dt_s, dtype=float)
             y = [_resampled(column, position, "foh") for column in run.y.T]
-            u = [_resampled(column, position, self.hold) for column in run.u.T]
+            u = [_resampled(column, position, h) for column, h in zip(run.u.T, self.holds)]
             runs.append(replace(run, u=np.column_stack(u), y=np.column_stack(y)))
-        hold: Hold = "foh" if is_longer else self.hold
+        hold: Holds = "foh" if is_longer else self.hold
         return replace(self, runs=tuple(runs), dt_s=float(dt_s), hold=hold)
 
     def detrend(
