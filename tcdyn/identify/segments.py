@@ -192,7 +192,7 @@ def interpolation_error(u: Array, count: int, change: float) -> float:
     count
         Samples from one end of the interpolation to the other.
     change
-        Largest change from one end to the other of the intervals that are used.
+        Intervals are used whose ends differ by this much, or by down to half of it.
 
     Returns
     -------
@@ -204,7 +204,8 @@ def interpolation_error(u: Array, count: int, change: float) -> float:
     middle = u[count // 2 : len(u) - count + count // 2]
     weight = (count // 2) / count
     error = middle - (1 - weight) * start - weight * end
-    is_used = np.isfinite(error) & (np.abs(end - start) <= change)
+    size = np.abs(end - start)
+    is_used = np.isfinite(error) & (size <= change) & (size >= 0.5 * change)
     return float(np.sqrt(np.mean(error[is_used] ** 2))) if is_used.any() else np.inf
 
 
