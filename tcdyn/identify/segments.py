@@ -171,7 +171,8 @@ def bridge_gaps(u: Array) -> Array:
     if len(index) == len(u) or len(index) < 2:
         return u
     filled = u.copy()
-    limit = MAX_BRIDGED_ERROR * float(np.nanstd(u))
+    rounding = 1e-12 * float(np.nanmax(np.abs(u)))
+    limit = MAX_BRIDGED_ERROR * float(np.nanstd(u)) + rounding
     for before, after in pairwise(index.tolist()):
         count = after - before
         if not 1 < count <= MAX_BRIDGED_SAMPLES + 1:
