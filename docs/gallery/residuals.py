@@ -11,7 +11,8 @@ from tcdyn.plots.style import figure
 rng = np.random.default_rng(1)
 heater = np.repeat(rng.choice([20.0, 60.0, 90.0], 20), 60)
 warm = 25 + 0.6 * behind(behind(heater, 18.0, 0.5), 4.0, 0.5) + rng.normal(0, 0.3, len(heater))
-found = fit(IOData.from_arrays(heater, warm, 0.5, hold="zoh"), "P1")
+data = IOData.from_arrays(heater, warm, 0.5, hold="zoh")
+found = fit(data, "P1", noise="white", baseline="none")
 checked = validate(found)
 
 picture, axes = figure(3, 1, height_in=7.0)

@@ -74,20 +74,19 @@ def identify(
     hold: Annotated[
         str,
         typer.Option(
-            help="Input between samples: foh (straight line), zoh (constant); auto: zoh if it was "
-            "set in steps."
+            help="Input between samples: foh (straight line), zoh (constant), zoh,foh (one for each "
+            "input); auto: zoh for each input that was set in steps."
         ),
     ] = "auto",
     models: Annotated[
         str,
         typer.Option(
             help="Models to compare, such as P1D,P2D,TF(1,2); for several inputs P1D+P2 (one for "
-            "each) "
-            "or P1D (for all). grow: start with one lag and add orders, dead times, zeros and "
-            "inputs "
-            "until the criterion stops."
+            "each) or P1D (for all). auto: process models of one to three lags with or without "
+            "dead time, zero, complex pair and integrator, under one model of the disturbance; "
+            "with several inputs those that have an effect."
         ),
-    ] = "grow",
+    ] = "auto",
     gain: Annotated[
         float | None,
         typer.Option(
@@ -196,7 +195,9 @@ def identify(
             f"--gain is {gain:g}",
             expected="a static gain other than 0",
         )
-    check_choice("--hold", hold, ("auto", "foh", "zoh"))
+    holds = tuple(each.strip() for each in hold.split(","))
+    for each in holds:
+        check_choice("--hold", each, ("foh", "zoh") if len(holds) > 1 else ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
     check_choice("--noise", noise, NOISE_OPTIONS)
     check_choice("--baseline", baseline, BASELINE_OPTIONS)
@@ -233,7 +234,7 @@ def identify(
         time_unit=time_unit,
         dt_s=dt_s,
         resample_s=resample_s,
-        hold=hold,
+        hold=holds if len(holds) > 1 else hold,
     )
     filter_ = NO_CONDITIONING
     if cutoff_hz is not None:
@@ -241,7 +242,7 @@ def identify(
     model_settings = {"offset": "none" if no_offset else "free", "known": filter_}
     fixed = {} if gain is None else {"Kp": gain}
     model_list = []
-    if models.strip() != "grow":
+    if models.strip() not in ("auto", "grow"):  # the second is the name in earlier versions
         model_list = [_model(name, inputs, fixed, model_settings) for name in _model_names(models)]
     fit_settings |= {
         "like": _model("P1", inputs[:1], fixed, model_settings),

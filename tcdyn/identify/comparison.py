@@ -30,6 +30,7 @@ from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
 from tcdyn.identify.models import Model, as_model, process, several
+from tcdyn.identify.other_hold import check_holds
 from tcdyn.identify.recommendation import (
     HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
@@ -43,8 +44,8 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.shared_poles import best_common_pole_fit
 from tcdyn.identify.validate import (
     Validation,
-    has_clean_residuals,
     has_coloured_residuals,
+    is_adequate,
     validate,
 )
 from tcdyn.rig.disk import Conditioning
@@ -58,6 +59,8 @@ CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
 N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+# Findings of the final fit about the record that count against the recommended model.
+RECORD_TROUBLES = ("record.closed_loop", "record.other_hold")
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
@@ -147,10 +150,12 @@ class Comparison(Result):
         if self.are_given:
             compared = set(self.table["model"])
             untried = [name for name in ADVISED_MODELS if name not in compared]
-        troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
-        if not troubles and responds_at_once(self.best):
-            troubles = ["model.at_once"]
-        has_closed_loop = bool(troubles)
+        codes = {f.code for f in self.best.findings}
+        troubles = [code for code in RECORD_TROUBLES if code in codes]
+        has_closed_loop = "record.closed_loop" in codes
+        if not has_closed_loop and responds_at_once(self.best):
+            troubles.append("model.at_once")
+            has_closed_loop = True
         for code in self.validation.record_problems:
             # feedback says the same as a closed loop
             if not (has_closed_loop and code == "record.feedback"):
@@ -233,7 +238,7 @@ def compare(
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
     :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
-    Where the residuals of the recommended model are coloured or follow the input, the same models
+    Where the residuals of the recommended model are clearly coloured or follow the input, these models
     with white noise, and transfer functions with common poles, replace them if they simulate the
     held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see
@@ -269,11 +274,11 @@ def compare(
     given_models = [resolve_entry(m, data) for m in entries]
     fits, setting = fit_given(ladder, given_models) if entries else select_structures(ladder)
     result = score(task, fits, setting)
-    if setting.is_disturbed and not has_clean_residuals(result.best):
+    if setting.is_disturbed and not is_adequate(result.best):
         white = ladder.with_white_noise(setting.initial)
         fits, setting = fit_given(white, given_models) if entries else select_structures(white)
         result = prefer_held_out(result, score(task, fits, setting))
-    if not entries and not has_clean_residuals(result.best):
+    if not entries and not is_adequate(result.best):
         result = add_common_pole_model(task, result, template)
     result = replace(result, are_given=bool(entries))
     result = finish(ladder, data, result)
@@ -552,7 +557,7 @@ def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Co
     """
     if task.options.get("loss", "linear") != "linear":
         return result
-    task.progress("common poles", 0, 0)
+    task.progress("common poles", 1, 1)
     better = best_common_pole_fit(task, result.best, result.best_row["held_out_rms"], template)
     if better is None:
         return result
@@ -617,6 +622,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
     elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
         numbers["order"] = list(noise.order)
         numbers["baseline"] = final.disturbance["baseline"]
+    final = add_findings(final, tuple(check_holds(ladder, best)))
     fits = {**result.fits, result.recommended: final}
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
     reason = replace(result.reason, numbers=numbers)

@@ -644,9 +644,9 @@ def make_fit(
 
     Notes
     -----
-    The keys of ``statistics`` are read by ``tcdyn.identify.recommendation``,
-    ``tcdyn.identify.forward_selection`` and the JSON file. ``tests/identify/test_identify_fit.py``
-    checks the criteria against the textbook.
+    The keys of ``statistics`` are read by ``tcdyn.identify.comparison``, ``tcdyn.identify.ladder``
+    and the JSON file. ``tests/identify/test_identify_fit.py`` checks the criteria against the
+    textbook.
     """
     n = problem.n_measured
     x = optimum.theta
@@ -672,7 +672,7 @@ def make_fit(
         cov_theta,
         offset=final_offset(problem, x, residual, noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
-        hold=problem.hold,
+        hold=data.hold,
         dt_s=problem.dt_s,
         input_name=", ".join(data.input_names),
         output_name=data.output_names[0],

@@ -22,6 +22,7 @@ from tcdyn.core.findings import Finding, unique
 from tcdyn.core.result import Result
 
 Hold = Literal["zoh", "foh"]  # the input between samples: held, or a straight line
+Holds = Hold | tuple[Hold, ...]  # one hold for all inputs, or one for each
 
 # Jump over the range of the integer type, above which it is an overflow (chosen by judgement).
 MIN_WRAP_SHARE = 0.8
@@ -72,7 +73,8 @@ class IOData(Result):
         Sampling interval [s].
     hold
         The input between samples: held (``zoh``, set by a computer) or a straight line (``foh``,
-        anything physical). A wrong hold shifts the dead time by half a sample.
+        anything physical); one for all inputs, or a tuple with one for each. A wrong hold shifts
+        the dead time by half a sample.
     input_names, output_names, input_units, output_units
         Names and units of the columns.
     name
@@ -95,7 +97,7 @@ class IOData(Result):
 
     runs: tuple[Run, ...]
     dt_s: float
-    hold: Hold
+    hold: Holds
     input_names: tuple[str, ...] = ("u",)
     output_names: tuple[str, ...] = ("y",)
     input_units: tuple[str, ...] = ("",)
@@ -110,7 +112,7 @@ class IOData(Result):
         y: ArrayLike,
         dt_s: float,
         *,
-        hold: Hold = "foh",
+        hold: Holds = "foh",
         start_s: float = 0.0,
         input_names: Sequence[str] = (),
         output_names: Sequence[str] = (),
@@ -127,7 +129,7 @@ class IOData(Result):
         dt_s
             Sampling interval [s].
         hold
-            The input between samples: "zoh" or "foh".
+            The input between samples: "zoh" or "foh", or one of them for each input.
         start_s
             Time of the first sample [s].
         input_names, output_names, input_units, output_units
@@ -151,7 +153,6 @@ class IOData(Result):
             raise InputError(
                 f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero"
             )
-        check_hold(hold, where)
         inputs = checked_columns(u, input_names, "input", where)
         outputs = checked_columns(y, output_names, "output", where)
         if len(inputs) != len(outputs):
@@ -165,7 +166,7 @@ class IOData(Result):
         return cls(
             runs=(Run(inputs, outputs, float(start_s), name),),
             dt_s=float(dt_s),
-            hold=hold,
+            hold=check_hold(hold, n_inputs, where),
             input_names=tuple(input_names) or default_names("u", n_inputs),
             output_names=tuple(output_names) or default_names("y", n_outputs),
             input_units=tuple(input_units) or ("",) * n_inputs,
@@ -179,7 +180,7 @@ class IOData(Result):
         outputs = ", ".join(self.output_names)
         line = (
             f"{inputs} -> {outputs}: {len(self.runs)} run(s), {self.n_samples} samples every "
-            f"{self.dt_s:g} s, input {self.hold.upper()}"
+            f"{self.dt_s:g} s, input {hold_text(self.hold)}"
         )
         if self.missing:
             line += f", {self.missing} output values missing"
@@ -197,6 +198,11 @@ class IOData(Result):
             "missing": self.missing,
             "findings": [f.to_dict() for f in self.findings],
         }
+
+    @property
+    def holds(self) -> tuple[Hold, ...]:
+        """The hold of each input."""
+        return hold_of_each(self.hold, len(self.input_names))
 
     @property
     def n_samples(self) -> int:
@@ -225,7 +231,7 @@ class IOData(Result):
         for other in others:
             same_sampling = np.isclose(other.dt_s, self.dt_s, rtol=1e-6)
             same_names = (other.input_names, other.output_names) == names
-            if not (same_sampling and other.hold == self.hold and same_names):
+            if not (same_sampling and other.holds == self.holds and same_names):
                 raise InputError(
                     f"merge: {other.name or 'the second data set'} has dt_s {other.dt_s}, hold "
                     f"{other.hold}, columns {other.input_names} -> {other.output_names}",
@@ -290,9 +296,9 @@ class IOData(Result):
             count = int(np.floor((run.n - 1) * self.dt_s / dt_s + 1e-9)) + 1
             position = np.asarray(np.arange(count) * dt_s / self.dt_s, dtype=float)
             y = [_resampled(column, position, "foh") for column in run.y.T]
-            u = [_resampled(column, position, self.hold) for column in run.u.T]
+            u = [_resampled(column, position, h) for column, h in zip(run.u.T, self.holds)]
             runs.append(replace(run, u=np.column_stack(u), y=np.column_stack(y)))
-        hold: Hold = "foh" if is_longer else self.hold
+        hold: Holds = "foh" if is_longer else self.hold
         return replace(self, runs=tuple(runs), dt_s=float(dt_s), hold=hold)
 
     def detrend(
@@ -401,9 +407,11 @@ class IOData(Result):
             replace(run, u=run.u[:, inputs].copy(), y=run.y[:, outputs].copy()) for run in self.runs
         ]
         findings = [f for f in self.findings if f.subject in (*input_names, *output_names)]
+        holds = tuple(self.holds[k] for k in inputs)
         return replace(
             self,
             runs=tuple(runs),
+            hold=check_hold(holds, len(inputs), self.name or "IOData"),
             input_names=input_names,
             output_names=output_names,
             input_units=tuple(self.input_units[k] for k in inputs),
@@ -457,18 +465,39 @@ def default_names(letter: str, count: int) -> tuple[str, ...]:
     return tuple(f"{letter}{k}" for k in range(1, count + 1))
 
 
-def check_hold(hold: Hold, where: str) -> Hold:
-    """Return the hold after a check.
+def check_hold(hold: Hold | Sequence[Hold], n_inputs: int, where: str) -> Holds:
+    """Return the hold after a check: one where all inputs have the same, else one for each.
 
     Raises
     ------
     InputError
-        Where it is neither "zoh" nor "foh".
+        Where one is neither "zoh" nor "foh", or there is another number of them than of inputs.
     """
-    if hold not in ("zoh", "foh"):
+    holds = (hold,) * n_inputs if isinstance(hold, str) else tuple(hold)
+    if not set(holds) <= {"zoh", "foh"}:
         expected = "'zoh' (input held between samples) or 'foh' (straight line)"
         raise InputError(f"hold is {hold!r}", where=where, expected=expected)
-    return hold
+    if len(holds) != n_inputs:
+        raise InputError(
+            f"hold has {len(holds)} values",
+            where=where,
+            expected=f"one for all inputs, or one for each of {n_inputs}",
+        )
+    return holds[0] if len(set(holds)) == 1 else holds
+
+
+def hold_of_each(hold: Holds, n_inputs: int) -> tuple[Hold, ...]:
+    """Return the hold of each input."""
+    return hold if isinstance(hold, tuple) else (hold,) * n_inputs
+
+
+def hold_text(hold: Holds) -> str:
+    """Return the hold in capitals, or those of the inputs.
+
+    >>> hold_text("zoh"), hold_text(("zoh", "foh"))
+    ('ZOH', 'ZOH, FOH')
+    """
+    return ", ".join(hold_of_each(hold, 1)).upper()
 
 
 def indices_of(

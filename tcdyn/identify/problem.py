@@ -29,6 +29,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
+from tcdyn.identify.iodata import Hold
 from tcdyn.identify.models import MIN_POSITIVE, Model, base_name
 from tcdyn.identify.segments import Segment
 
@@ -89,8 +90,8 @@ class IdentificationProblem:
         The record, cut where an input is missing.
     dt_s
         Sampling interval [s].
-    hold
-        The input between samples: held ("zoh") or a straight line ("foh").
+    holds
+        Each input between samples: held ("zoh") or a straight line ("foh").
     initial
         State in which the runs start.
     time_scale_s
@@ -130,7 +131,7 @@ class IdentificationProblem:
     model: Model
     segments: tuple[Segment, ...]
     dt_s: float
-    hold: Literal["zoh", "foh"]
+    holds: tuple[Hold, ...]
     initial: Initial
     time_scale_s: float = 1.0
     input_sds: tuple[float, ...] = (0.0,)
@@ -143,6 +144,11 @@ class IdentificationProblem:
     def input_sd(self) -> float:
         """Noise of the input where there is one input only, else 0."""
         return self.input_sds[0] if len(self.input_sds) == 1 else 0.0
+
+    @property
+    def hold(self) -> Hold:
+        """The hold of the first input."""
+        return self.holds[0]
 
     @cached_property
     def branches(self) -> list[Branch]:
@@ -415,7 +421,8 @@ class IdentificationProblem:
                 size = self.state_sizes[i] if has_state else 0
                 single = segment.with_input(i) if len(levels) > 1 else segment
                 rows = slice(first, first + size)
-                self._add_branch(system, single, levels[i], rows, x, y, jacobian)
+                hold = self.holds[i]
+                self._add_branch(system, single, hold, levels[i], rows, x, y, jacobian)
                 first += size
             outputs.append((y, jacobian))
         return outputs
@@ -469,6 +476,7 @@ class IdentificationProblem:
         self,
         system: _BranchSystem,
         segment: Segment,
+        hold: Hold,
         level: int | None,
         state: slice,
         x: Array,
@@ -483,6 +491,8 @@ class IdentificationProblem:
             The branch at x.
         segment
             The segment with this input.
+        hold
+            The hold of this input.
         level
             Position in x of the input's level before the segment, or None.
         state
@@ -509,14 +519,12 @@ class IdentificationProblem:
             past = segment.last_inputs(self.max_delay_samples)
         u = np.concatenate([past, segment.u])
         if level is None:
-            rows = simulate_rows(system.realisation, u, self.dt_s, g.delay_s, self.hold, self.start)
+            rows = simulate_rows(system.realisation, u, self.dt_s, g.delay_s, hold, self.start)
             rows = rows[:, len(past) :]
         else:
             # steady state at the level before, plus the response to the departure from it
             before = u[0] + x[level]
-            rows = simulate_rows(
-                system.realisation, u - before, self.dt_s, g.delay_s, self.hold, "zero"
-            )
+            rows = simulate_rows(system.realisation, u - before, self.dt_s, g.delay_s, hold, "zero")
             steady = simulate_rows(
                 system.realisation, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium"
             )

@@ -19,6 +19,7 @@ from tcdyn.chain.rational import simulate
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.models import NO_MODEL
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ALARM_P
 from tcdyn.rig.disk import Conditioning
@@ -174,10 +175,13 @@ def conclude(
     Returns
     -------
     Finding
-        An error where no model is good enough ("models.none"), a warning where the model is
+        An error where no model is good enough ("models.none") or a constant output is as good
+        ("models.unrelated"), a warning where the model is
         provisional or not determined, else an info ("models.recommended").
     """
     row = table[table["model"] == recommended].iloc[0]
+    if set(recommended.split(" + ")) == {NO_MODEL}:
+        return error("models.unrelated")
     is_coloured = bool(row["p_white"] < ALARM_P)
     fit_percent = float(row["fit_percent"])
     # NaN where the held-out output is constant
@@ -256,8 +260,9 @@ def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
 
 # Explanation of the columns of ``comparison_table``.
 TABLE_LEGEND = (
-    "Models: P and the number of lags, D dead time, Z zero, U oscillating pair; TF(zeros, poles), "
-    "ARX the same where disturbances come in before the poles. Fit and held out: 100 % is perfect, "
+    "Models: P and the number of lags, D dead time, Z zero, U oscillating pair, I integrator, "
+    "H half-order element; TF(zeros, poles), ARX the same where disturbances come in before the poles; "
+    "- no effect. Fit and held out: 100 % is perfect, "
     "0 % as bad as the mean; held out is simulation of data kept from the fit. BIC above best: "
     "below 2 is a tie, above 10 is decisive. White p, input p: chance of such residuals from a "
     f"true model, below {ALARM_P:g} is an alarm; input p shows missing dynamics."

@@ -423,7 +423,13 @@ def single_input_problem(
         replace(s.with_input(k), y=s.y - y) for s, (y, _) in zip(problem.segments, outputs)
     )
     model = replace(model, offset=problem.model.offset, delay_max_s=problem.model.delay_max_s)
-    return replace(problem, model=model, segments=segments, input_sds=(problem.input_sds[k],))
+    return replace(
+        problem,
+        model=model,
+        segments=segments,
+        holds=(problem.holds[k],),
+        input_sds=(problem.input_sds[k],),
+    )
 
 
 def one_lag_problem(

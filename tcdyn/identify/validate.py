@@ -118,7 +118,7 @@ class Validation:
 
         Coarse readings and weak feedback count only where the residuals follow the input.
         """
-        codes = ["record.off_equilibrium", "record.drift"]
+        codes = ["record.off_equilibrium", "record.drift", "record.clipped"]
         if self.dynamics_missing:
             codes.append("record.coarse")
         feedback_p = [f.numbers["p"] for f in self.findings if f.code == "record.feedback"]
@@ -189,6 +189,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     n_spikes = _count_spikes(fit.residual if fit.noise.white else e)
     if n_spikes and cross.p >= ALARM_P and not is_rounding and not unsettled:
         findings.append(warning("residuals.spikes", count=n_spikes, robust=fit.loss != "linear"))
+    findings += clipped_output(problem)
     n_gaps = sum(s.after_gap for s in problem.segments)
     if n_gaps:
         findings.append(info("record.gaps", count=n_gaps))
@@ -580,6 +581,12 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
     return (warning("record.off_equilibrium", off=largest, times_rms=largest / rms),)
 
 
+def clipped_output(problem: IdentificationProblem) -> tuple[Finding, ...]:
+    """Return a warning where samples of the output were left out because they are at a limit."""
+    n_clipped = sum(int(np.sum(np.isfinite(s.y) & ~s.measured)) for s in problem.segments)
+    return (warning("record.clipped", count=n_clipped),) if n_clipped else ()
+
+
 def drift(problem: IdentificationProblem, residual: Array) -> tuple[Finding, ...]:
     """Return a warning where the residuals contain a straight line in time.
 
@@ -639,6 +646,12 @@ def has_coloured_residuals(fit: Fit) -> bool:
 def has_clean_residuals(fit: Fit) -> bool:
     """Whether the residuals are white and do not follow the input."""
     return not has_coloured_residuals(fit) and fit.identified.statistics["p_input"] >= ALARM_P
+
+
+def is_adequate(fit: Fit) -> bool:
+    """Whether the tests of the residuals do not clearly reject the model, at ``DRIVEN_P``."""
+    statistics = fit.identified.statistics
+    return min(statistics["p_white"], statistics["p_input"]) >= DRIVEN_P
 
 
 def is_undriven(fit: Fit) -> bool:

@@ -10,6 +10,8 @@ from scipy.signal import lfilter, max_len_seq
 
 from tcdyn.identify import IOData, process, simulate, transfer
 
+# Options of a fit without selection: white noise, no baseline, a start in equilibrium.
+PLAIN = {"noise": "white", "baseline": "none", "initial": "equilibrium"}
 CASE_A = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Td": 0.37}
 RAO_GARNIER = {
     "b0": 1.0,

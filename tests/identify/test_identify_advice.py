@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from identify_cases import PLAIN
 
 import tcdyn
 from tcdyn.chain import NO_CONDITIONING, Chain
@@ -28,7 +29,6 @@ def row(model: str, bic: float, **overrides: Any) -> dict[str, Any]:
         "p_input": 0.5,
         "remark": "",
         "determined": "remark" not in overrides,
-        "refused": False,
     }
     return {
         "model": model,
@@ -92,8 +92,8 @@ def test_one_lag_is_rejected_for_data_of_two_lags_and_two_are_recommended() -> N
         0, 0.01, len(u)
     )
     data = IOData.from_arrays(u, np.ravel(y), 0.05, hold="zoh")
-    assert compare(data, ["P1"]).advice.startswith("None of these models")
-    comparison = compare(data, ["P1", "P2"])
+    assert compare(data, ["P1"], **PLAIN).advice.startswith("None of these models")
+    comparison = compare(data, ["P1", "P2"], **PLAIN)
     assert comparison.recommended == "P2"
     assert comparison.summary().startswith("Recommended: P2.")
 
@@ -128,7 +128,7 @@ def test_chain_advice_evaluates_to_the_identified_chain_without_the_known_filter
     data = IOData.from_arrays(
         u, np.ravel(y) + np.random.default_rng(1).normal(0, 1e-3, len(u)), 0.05, hold="zoh"
     )
-    best = compare(data, [process("P2", known=conditioning)]).best.identified
+    best = compare(data, [process("P2", known=conditioning)], **PLAIN).best.identified
     match = re.search(
         r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", chain_advice(best, conditioning)
     )
@@ -138,16 +138,23 @@ def test_chain_advice_evaluates_to_the_identified_chain_without_the_known_filter
     assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)
     # identified with a filter: without it, it is another chain
     assert chain_advice(best, NO_CONDITIONING) == ""
-    plain = compare(data, [process("P2")]).best.identified
+    plain = compare(data, [process("P2")], **PLAIN).best.identified
     # a chain without a filter has no cut-off
     assert "conditioning=tcdyn.Conditioning(poles=0)" in chain_advice(plain)
 
 
-def test_held_out_data_without_excitation_do_not_overrule_a_decisive_bic() -> None:
-    assert (
-        recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 30.0, held_out_rms=0.05)]))[0] == "P1D"
-    )
-    assert recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 8.0, held_out_rms=0.05)]))[0] == "P1"
+@pytest.mark.parametrize("contradicted", ["p_white", "p_input"])
+def test_held_out_error_decides_only_where_the_residuals_contradict_the_lowest_bic(
+    contradicted: str,
+) -> None:
+    rival = row("P1", 30.0, held_out_rms=0.05)
+    assert recommend(pd.DataFrame([row("P1D", 0.0), rival]))[0] == "P1D"
+    table = pd.DataFrame([row("P1D", 0.0, **{contradicted: 1e-4}), rival | {contradicted: 1e-4}])
+    name, why = recommend(table)
+    assert name == "P1"
+    assert why.numbers["by"] == "held out"
+    # an error that is smaller by less than 3 % does not decide
+    assert recommend(table.assign(held_out_rms=[0.1, 0.098]))[0] == "P1D"
 
 
 def test_input_test_passed_for_lack_of_power_does_not_overrule_a_decisive_bic() -> None:
@@ -214,7 +221,7 @@ def test_two_real_lags_are_not_reported_as_an_oscillating_pair() -> None:
     u = np.repeat(rng.choice([0.0, 10.0], 20), 60)
     y = Chain((50.0, 5.0), conditioning=NO_CONDITIONING).response(u, 1.0, hold="zoh")
     data = IOData.from_arrays(u, np.ravel(y) + 0.05 * rng.normal(size=len(u)), 1.0, hold="zoh")
-    comparison = compare(data, ["P2U", "P2"])
+    comparison = compare(data, ["P2U", "P2"], **PLAIN)
     assert comparison.recommended == "P2"
     assert "P2U is left out" in comparison.reason_text
 
@@ -241,6 +248,8 @@ def test_progress_callback_is_called_before_each_fit() -> None:
         ["P1", "P1D"],
         initial="estimated",
         progress=lambda *arguments: progress_calls.append(arguments),
+        noise="white",
+        baseline="none",
     )
     assert progress_calls == [("P1", 1, 2), ("P1D", 2, 2)]
 

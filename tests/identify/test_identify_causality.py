@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from disturbance_study import record
-from identify_cases import case_a, case_a_input
+from identify_cases import PLAIN, case_a, case_a_input
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
@@ -83,7 +83,7 @@ def test_shifted_and_exchanged_columns_raise(test_kind):
 
 
 def test_lead_is_recovered():
-    result = fit(lead("plunge", 1.0, 2.0, 0.3, 0.05), "P2Z")
+    result = fit(lead("plunge", 1.0, 2.0, 0.3, 0.05), "P2Z", **PLAIN)
     for name, true_value in (("Tp1", 1.0), ("Tp2", 0.3), ("Tz", 2.0)):
         # the recursion holds each fine sample: 2.5 ms for each lag
         assert result.estimates[name].value == pytest.approx(
@@ -93,11 +93,11 @@ def test_lead_is_recovered():
 
 def test_advice_offers_no_chain_of_a_model_that_misses_dynamics():
     data = record("PRBS", 1)
-    too_small = compare(data, ["P1"])
+    too_small = compare(data, ["P1"], **PLAIN)
     assert too_small.conclusion.severity is Severity.ERROR
     assert "Do not trust" in too_small.advice
     assert too_small.lag_removal_advice() == ""
-    assert "Chain(" in compare(data, ["P2D"]).lag_removal_advice()
+    assert "Chain(" in compare(data, ["P2D"], **PLAIN).lag_removal_advice()
 
 
 def test_robust_loss_gives_no_false_alarms():
@@ -114,6 +114,7 @@ def test_robust_loss_gives_no_false_alarms():
             loss="huber",
             check=False,
             start={"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Td": 0.37},
+            **PLAIN,
         )
         alarms += robust.identified.statistics["p_input"] < 0.01
     assert alarms <= 2  # 1 % of 30; three or more occur once in 300

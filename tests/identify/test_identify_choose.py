@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from disturbance_study import record
+from identify_cases import PLAIN
 from scipy.signal import cont2discrete, lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
-from tcdyn.estimation import correlation_length
 from tcdyn.identify import (
     IOData,
     compare,
@@ -21,11 +21,8 @@ from tcdyn.identify import (
     from_control,
     from_frame,
     process,
-    several,
     simulate,
 )
-from tcdyn.identify import forward_selection as grow
-from tcdyn.identify.forward_selection import refit_from_simpler
 from tcdyn.identify.validate import validate
 from tcdyn.report.dynamics import input_noise_text, interval_text
 from tests.identify.test_identify_several import plant
@@ -55,9 +52,9 @@ def test_stepwise_inputs_are_held_and_ambiguous_rounding_gives_a_warning():
     no_findings = {name: [] for name in columns}
     expected = {**no_findings, "stairs": [WARNING], "ramp": [WARNING], "few": [INFO]}
     assert severities == expected
-    td = fit(records["small"], "P1D", intervals="quadratic").estimates["Td"]
+    td = fit(records["small"], "P1D", intervals="quadratic", **PLAIN).estimates["Td"]
     assert td.value == pytest.approx(0.13, abs=4 * td.u)
-    summary = compare(records["stairs"], "P1").summary()
+    summary = compare(records["stairs"], "P1", **PLAIN).summary()
     assert "Input stairs moves by its least step of 1 only" in summary
     assert not from_frame(frame, input="stairs", output="y", hold="zoh").findings
     two_inputs = from_frame(frame, input=["stairs", "ramp"], output="y")
@@ -83,32 +80,14 @@ def test_models_of_equal_name_are_numbered_and_a_repeated_model_is_compared_once
         compare(data, "P1", start={"Kp": 1.0, "Tp1": 1.0})
 
 
-def test_larger_sum_with_a_worse_fit_is_refitted_from_the_smaller_one():
-    data = plant(3)
-    small = several(["P1D", "P1"], ["heat", "fan"])
-    smaller_fits = {"small": fit(data, small, intervals="quadratic", check=False)}
-    options = {"intervals": "quadratic", "check": False}
-    large = fit(data, several(["P1D", "P2"], ["heat", "fan"]), **options)
-    worse = replace(
-        large,
-        identified=replace(
-            large.identified, statistics={**large.identified.statistics, "rms": 9.0}
-        ),
-    )
-    refitted = refit_from_simpler(worse, smaller_fits, data, options)
-    assert refitted.identified.statistics["rms"] <= smaller_fits["small"].identified.statistics[
-        "rms"
-    ] * (1 + 1e-6)
-
-
 def test_report_texts_name_the_interval_method_and_the_noise_of_the_input():
     data = replace(plant(5, 200).select("heat"), input_units=("degC",))
     with_profile, robust, averaged = (
-        fit(data, "P1D", intervals="quadratic", check=False, **options)
+        fit(data, "P1D", intervals="quadratic", check=False, **{**PLAIN, **options})
         for options in (
             {"input_noise": 0.0},
             {"loss": "huber", "input_noise": 0.02},
-            {"noise": "slow", "input_noise": 0.0},
+            {"noise": "slow", "baseline": "auto", "input_noise": 0.0},
         )
     )
     assert "profile likelihood" in interval_text(with_profile)
@@ -120,7 +99,13 @@ def test_report_texts_name_the_interval_method_and_the_noise_of_the_input():
 
 def test_requested_drift_that_continues_in_the_held_out_data_gives_no_warning():
     """The held-out part is a plateau of noise 0.5 K in which the drift of 3 K continues."""
-    comparison = compare(record("plunge", 0, "drift"), ["P2D"], noise="white", baseline="trend")
+    comparison = compare(
+        record("plunge", 0, "drift"),
+        ["P2D"],
+        noise="white",
+        baseline="trend",
+        initial="equilibrium",
+    )
     assert comparison.best_row["held_out_rms"] == pytest.approx(0.5, rel=0.1)
     assert comparison.conclusion.severity is INFO
     assert "Chain(" in comparison.lag_removal_advice()
@@ -159,51 +144,3 @@ def test_ringing_start_is_detected_from_all_residuals_of_the_record():
         assert comparison.best.estimates[name].value == pytest.approx(
             true_value, abs=3 * comparison.best.estimates[name].u
         ), name
-
-
-def test_larger_sum_equally_good_to_1e_6_is_not_refitted(
-    monkeypatch: pytest.MonkeyPatch,
-):
-    refitted: list[object] = []
-    data = plant(3, 200).select("heat")
-    options = {"intervals": "quadratic", "check": False, "input_noise": 0.0}
-    small, large = (
-        fit(data, p, **options, start={"Kp": 2.0, "Tp1": 8.0, "Td": 1.5}) for p in ("P1", "P1D")
-    )
-    monkeypatch.setattr(grow, "fit", lambda data, model, **_: refitted.append(model) or large)
-    for rms, n_refits in ((1 - 5e-7, 0), (1 - 5e-6, 1)):
-        statistics = {
-            **large.identified.statistics,
-            "rms": rms * large.identified.statistics["rms"],
-        }
-        rival = replace(small, identified=replace(small.identified, statistics=statistics))
-        assert refit_from_simpler(large, {"small": rival}, data, options) is large
-        assert len(refitted) == n_refits
-
-
-def test_bic_gain_counts_independent_samples():
-    """White residuals: N ln(S/S') - ln N for one more parameter. Of residuals repeated r times
-    there are N/r independent ones."""
-    rng = np.random.default_rng(3)
-    e = rng.normal(size=100)
-    data = plant(3, 200)
-    start = {"Kp": 2.0, "Tp1": 8.0}
-    base = fit(
-        data.select("heat"), "P1", intervals="quadratic", check=False, input_noise=0.0, start=start
-    )
-    for repeats in (1, 4):
-        innovation = np.repeat(e, repeats)
-        five_parameters = replace(
-            base.identified, statistics={**base.identified.statistics, "parameters": 5.0}
-        )
-        three_parameters = replace(
-            base.identified, statistics={**base.identified.statistics, "parameters": 3.0}
-        )
-        before = replace(base, innovation=1.2 * innovation, identified=three_parameters)
-        n_independent = len(innovation) / correlation_length(innovation)
-        # correlations of 100 samples are known to a tenth
-        assert n_independent == pytest.approx(100, rel=0.25)
-        gain = grow.bic_gain(
-            before, replace(base, innovation=innovation, identified=five_parameters)
-        )
-        assert gain == pytest.approx(2 * n_independent * np.log(1.2) - 2 * np.log(n_independent))

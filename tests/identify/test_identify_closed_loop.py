@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_loop_cases import OPEN_LOOPS, closed_loop_record, open_loop_record
+from identify_cases import PLAIN
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
 from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.closed_loop import closed_loop
 
-PLAIN = {"noise": "white", "initial": "equilibrium"}  # options of a quick comparison
 CONTROLLERS = ("PI", "PID", "filtered PI")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from identify_cases import case_a
+from identify_cases import PLAIN, case_a
 from nptdms import ChannelObject, TdmsWriter
 
 from tcdyn.core.errors import InputError
@@ -32,7 +32,7 @@ def test_merged_runs_remain_separate():
     merged = first.merge(second)
     assert [r.n for r in merged.runs] == [800, 800]
     # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs have one dead time
-    result = fit(merged, "P2D")
+    result = fit(merged, "P2D", **PLAIN)
     assert result.identified.theta["Td"] == pytest.approx(0.37, abs=4 * result.estimates["Td"].u)
     assert len(result.problem.segments) == 2
 
@@ -57,7 +57,7 @@ def test_missing_rows_become_a_gap_and_the_fit_remains_unbiased():
     data = from_frame(frame, input="u", output="y", hold="zoh")
     assert data.n_samples == 800
     assert data.missing == 30
-    result = fit(data, "P2D", initial="estimated")
+    result = fit(data, "P2D", initial="estimated", noise="white", baseline="none")
     assert result.estimates["Tp1"].value == pytest.approx(2.0, abs=4 * result.estimates["Tp1"].u)
 
 
@@ -125,7 +125,9 @@ BAD = {
     ),
     "NaN in turns": (
         lambda: fit(
-            IOData.from_arrays(np.where(np.arange(50) % 2, 1.0, np.nan), np.arange(50.0), 0.1)
+            IOData.from_arrays(
+                np.where(np.arange(50) % 2, np.arange(50.0), np.nan), np.arange(50.0), 0.1
+            )
         ),
         "column u has no 8 samples in a row",
     ),
@@ -173,7 +175,7 @@ def test_lead_is_not_mistaken_for_an_output_that_precedes_the_input():
     u = case_a("PRBS", 2).runs[0].u[:, 0]
     y = simulate(process("P1Z").rational({"Kp": 1.0, "Tp1": 0.3, "Tz": 0.9}), u, 0.05, "zoh")
     y = y + 0.3 * np.random.default_rng(0).normal(size=len(y))
-    result = fit(IOData.from_arrays(u, y, 0.05, hold="zoh"), "P1Z")
+    result = fit(IOData.from_arrays(u, y, 0.05, hold="zoh"), "P1Z", **PLAIN)
     assert result.identified.theta["Tz"] == pytest.approx(0.9, abs=4 * result.estimates["Tz"].u)
 
 
@@ -208,10 +210,15 @@ def test_run_that_starts_off_equilibrium_is_reported():
     y = np.where(t < 200, 10 - 50 * np.exp(-t / 20), 10 * np.exp(-(t - 200) / 20))
     y = y + np.random.default_rng(0).normal(0, 0.1, len(t))
     data = IOData.from_arrays(u, y, 1.0)
-    assert "initial=estimated" in fit(data, "P1").identified.sentence
-    assert "initial=estimated" not in fit(data, "P1", initial="estimated").identified.sentence
+    assert "initial=estimated" in fit(data, "P1", **PLAIN).identified.sentence
+    assert (
+        "initial=estimated"
+        not in fit(
+            data, "P1", initial="estimated", noise="white", baseline="none"
+        ).identified.sentence
+    )
     settled = IOData.from_arrays(u[200 - 20 :], y[200 - 20 :], 1.0)
-    assert "initial=estimated" not in fit(settled, "P1").identified.sentence
+    assert "initial=estimated" not in fit(settled, "P1", **PLAIN).identified.sentence
 
 
 def test_matlab_excel_and_labview_tables_give_the_same_record(tmp_path):
@@ -252,7 +259,7 @@ def test_lag_between_the_trial_lags_is_not_mistaken_for_a_leading_output():
     columns all records are rejected."""
     for tau in np.geomspace(0.3, 6, 25):
         data = single_step(float(tau))
-        fit(data, "P1", intervals="quadratic")
+        fit(data, "P1", intervals="quadratic", **PLAIN)
         run = data.runs[0]
         with pytest.raises(InputError, match=r"before the input.*closed loop.*check=False"):
             fit(IOData.from_arrays(run.y, run.u, 1 / 75), "P1", intervals="quadratic")
@@ -273,7 +280,7 @@ def record_with_gaps(n: int = 600) -> IOData:
 def test_segment_after_lost_rows_has_its_own_initial_state():
     """With equilibrium at the start of each segment the gain is 0.8 and the lag 16 s, with a
     stated uncertainty of one percent."""
-    result = fit(record_with_gaps(), "P1")
+    result = fit(record_with_gaps(), "P1", **PLAIN)
     assert sum(result.problem.has_free_state) == len(result.problem.segments) - 1
     for name, true_value in (("Kp", 1.0), ("Tp1", 20.0)):
         assert result.estimates[name].value == pytest.approx(
@@ -281,7 +288,7 @@ def test_segment_after_lost_rows_has_its_own_initial_state():
         )
     assert result.estimates["Tp1"].u < 0.2
     # the state of each held-out segment is estimated, too
-    shared = compare(record_with_gaps(), ["P1"])
+    shared = compare(record_with_gaps(), ["P1"], **PLAIN)
     assert shared.table["held_out_percent"].iloc[0] > 95
 
 
@@ -292,7 +299,7 @@ def test_dead_time_carries_the_input_across_a_gap():
     plant = process("P1D").rational({"Kp": 1.0, "Tp1": 20.0, "Td": 6.3})
     y = simulate(plant, u, 1.0, "zoh") + 0.05 * rng.normal(size=len(u))
     u[np.flatnonzero(np.diff(u)) + 2] = np.nan
-    result = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D")
+    result = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D", **PLAIN)
     for name, true_value in (("Kp", 1.0), ("Tp1", 20.0), ("Td", 6.3)):
         assert result.estimates[name].value == pytest.approx(
             true_value, abs=4 * result.estimates[name].u
@@ -300,7 +307,9 @@ def test_dead_time_carries_the_input_across_a_gap():
 
 
 def test_offset_per_run_is_shared_by_all_segments_of_the_run():
-    result = fit(record_with_gaps().merge(record_with_gaps()), process("P1", offset="per run"))
+    result = fit(
+        record_with_gaps().merge(record_with_gaps()), process("P1", offset="per run"), **PLAIN
+    )
     assert len({offset.start for offset, _ in result.problem.offset_and_state_slices}) == 2
     assert result.estimates["Kp"].value == pytest.approx(1.0, abs=4 * result.estimates["Kp"].u)
 
@@ -314,6 +323,8 @@ def test_held_out_run_is_simulated_from_its_own_initial_state():
         y = simulate(process("P1").rational({"Kp": 3.0, "Tp1": 10.0}), u, 0.5, "zoh")
         y = y + offset * np.exp(-0.05 * np.arange(len(u))) + 0.05 * rng.normal(size=len(u))
         runs.append(IOData.from_arrays(u, y, 0.5, hold="zoh"))
-    comparison = compare(runs[0].merge(runs[1]), ["P1"], initial="estimated")
+    comparison = compare(
+        runs[0].merge(runs[1]), ["P1"], initial="estimated", noise="white", baseline="none"
+    )
     # the noise, from 400 samples
     assert comparison.table["held_out_rms"].iloc[0] == pytest.approx(0.05, rel=0.2)

@@ -149,7 +149,7 @@ def test_random_walk_restarts_after_a_gap():
     y[300:340] = np.nan
     y[340:] += 50.0  # an arbitrary new level after the gap
     data = IOData.from_arrays(u, y, DT_S, hold="zoh")
-    result = fit(data, "P2D", noise=(0, 1), baseline="walk", check=False)
+    result = fit(data, "P2D", noise=(0, 1), baseline="walk", check=False, initial="equilibrium")
     assert result.identified.lag_s.value == pytest.approx(2.87, abs=4 * result.identified.lag_s.u)
     assert result.identified.lag_s.u < 0.1
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from identify_cases import PLAIN
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
@@ -68,9 +69,16 @@ def test_free_initial_state_is_determined_by_the_first_samples():
     input_with_gap = data.runs[0].u.copy()
     input_with_gap[200:220] = np.nan
     gap = replace(data, runs=(replace(data.runs[0], u=input_with_gap),))
-    plain = fit(data, common_pole_model(), check=False)
+    plain = fit(data, common_pole_model(), check=False, **PLAIN)
     for record, initial in ((data, "estimated"), (gap, "equilibrium"), (gap, "estimated")):
-        result = fit(record, common_pole_model(), initial=initial, check=False)
+        result = fit(
+            record,
+            common_pole_model(),
+            initial=initial,
+            check=False,
+            noise="white",
+            baseline="none",
+        )
         assert result.identified.statistics["fit_percent"] == pytest.approx(
             plain.identified.statistics["fit_percent"], abs=1
         )
@@ -89,7 +97,12 @@ def test_intervals_of_poles_and_gains_cover_when_noise_enters_before_the_poles()
         "b0.fan": -0.2 / A.sum(),
         "b0.heat": 0.15 / A.sum(),
     }
-    options = {"start": {"a1": 5.0, "a2": 4.0}, "intervals": "quadratic", "check": False}
+    options = {
+        "start": {"a1": 5.0, "a2": 4.0},
+        "intervals": "quadratic",
+        "check": False,
+        **PLAIN,
+    }
     for seed in range(40):
         result = fit(two_input_record(seed), common_pole_model(), **options)
         plain = fit(
@@ -130,7 +143,7 @@ def test_criterion_of_a_duplicated_record_doubles_except_for_the_parameter_count
 def test_block_held_out_rms_equals_refits_without_each_block():
     data = two_input_record(2)
     model = several([transfer(1, 1)] * 2, ["heat", "fan"], common=True)
-    result = fit(data, model, intervals="quadratic", check=False)
+    result = fit(data, model, intervals="quadratic", check=False, **PLAIN)
     errors = []
     for block in np.array_split(np.arange(600), 6)[1:]:
         y = data.runs[0].y.copy()
@@ -140,6 +153,7 @@ def test_block_held_out_rms_equals_refits_without_each_block():
             model,
             start=result.identified.theta,
             check=False,
+            **PLAIN,
         )
         simulated = refit.identified.simulate(data.runs[0].u)
         errors.append((simulated - data.runs[0].y[:, 0])[block])
@@ -177,7 +191,7 @@ def test_arx_candidates_with_dead_time_have_one_zero_less_and_recover_the_parame
     decay = np.exp(-dt_s / 0.8)
     y = lfilter([0, 2 * (1 - decay)], [1, -decay], delayed) + 0.02 * rng.standard_normal(len(u))
     data = IOData.from_arrays(u, y, dt_s, hold="zoh")
-    results = list(common_pole_fits(data, 1, False, {}, fit(data, "P1").problem.model))
+    results = list(common_pole_fits(data, 1, False, {}, fit(data, "P1", **PLAIN).problem.model))
     with_dead_time = [f for f in results if "Td" in f.estimates]
     assert 0 < len(with_dead_time) < len(results)
     for f in with_dead_time:

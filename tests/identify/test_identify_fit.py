@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
+from identify_cases import CASE_A, PLAIN, RAO_GARNIER, case_a, case_a_input, rao_garnier
 from scipy.signal import lfilter
 
 from tcdyn.estimation import NoiseModel, Optimum, Status
@@ -53,7 +53,7 @@ def test_every_structure_recovers_the_true_parameters_without_start_values(name)
     u = u - 25.0 if name == "P1I" else u
     hold = "foh" if name == "P0D" else hold
     y = simulate(model.rational(true_theta), u, 0.05, hold) + 0.3 * rng.normal(size=len(u)) + 4.0
-    result = fit(IOData.from_arrays(u, y, 0.05, hold=hold), model)
+    result = fit(IOData.from_arrays(u, y, 0.05, hold=hold), model, **PLAIN)
     for key, value in true_theta.items():
         # 4 standard uncertainties: 1 in 16 000 for each of the 40 parameters
         assert result.estimates[key].value == pytest.approx(
@@ -66,7 +66,7 @@ def test_every_structure_recovers_the_true_parameters_without_start_values(name)
 @pytest.mark.parametrize("kind", ["plunge", "PRBS"])
 def test_case_a_errors_match_their_stated_uncertainty_over_30_seeds(kind):
     # 30 seeds; the 200-seed study is test_identify_studies.py
-    fits = [fit(case_a(kind, seed), "P2D") for seed in range(100, 130)]
+    fits = [fit(case_a(kind, seed), "P2D", **PLAIN) for seed in range(100, 130)]
     for name, true_value in CASE_A.items():
         z = np.array([(f.estimates[name].value - true_value) / f.estimates[name].u for f in fits])
         assert abs(z.mean()) < 3 / np.sqrt(30), name  # three standard errors
@@ -76,7 +76,10 @@ def test_case_a_errors_match_their_stated_uncertainty_over_30_seeds(kind):
 def test_wrong_hold_shifts_the_dead_time_by_half_a_sample():
     data = case_a("PRBS", 3)
     wrong = IOData.from_arrays(data.runs[0].u, data.runs[0].y, 0.05, hold="foh")
-    shift = fit(wrong, "P2D").identified.theta["Td"] - fit(data, "P2D").identified.theta["Td"]
+    shift = (
+        fit(wrong, "P2D", **PLAIN).identified.theta["Td"]
+        - fit(data, "P2D", **PLAIN).identified.theta["Td"]
+    )
     assert shift == pytest.approx(0.025, abs=0.004)  # half of 0.05 s; the same noise in both fits
 
 
@@ -86,7 +89,7 @@ def test_known_conditioning_filter_is_part_of_the_chain_and_not_estimated():
     u, hold = case_a_input("plunge", np.random.default_rng(0))
     y = simulate(model.rational({"Tp1": 0.6, "Td": 0.11}), u, 0.05, hold)
     y = y + 0.1 * np.random.default_rng(1).normal(size=len(u))
-    result = fit(IOData.from_arrays(u, y, 0.05), model)
+    result = fit(IOData.from_arrays(u, y, 0.05), model, **PLAIN)
     assert result.estimates["Tp1"].value == pytest.approx(0.6, abs=4 * result.estimates["Tp1"].u)
     chain = result.identified.chain(conditioning)
     assert chain.lag_s == pytest.approx(result.identified.lag_s.value, rel=1e-12)
@@ -98,13 +101,15 @@ def test_estimated_initial_state_removes_the_bias_of_a_record_that_begins_in_a_t
     u, hold = case_a_input("PRBS", rng, 1200)
     y = simulate(process("P2D").rational(CASE_A), u, 0.05, hold) + 0.3 * rng.normal(size=1200)
     cut = IOData.from_arrays(u[407:], y[407:], 0.05, hold=hold)  # begins amid a transient
-    result = fit(cut, "P2D", initial="estimated")
+    result = fit(cut, "P2D", initial="estimated", noise="white", baseline="none")
     for name, true_value in CASE_A.items():
         # a dead time of 7 samples hides part of the past: the state is only as good as the record's start
         assert result.estimates[name].value == pytest.approx(
             true_value, abs=5 * result.estimates[name].u
         ), name
-    assert result.identified.statistics["rms"] < fit(cut, "P2D").identified.statistics["rms"]
+    assert (
+        result.identified.statistics["rms"] < fit(cut, "P2D", **PLAIN).identified.statistics["rms"]
+    )
 
 
 def test_robust_losses_recover_the_parameters_despite_spikes():
@@ -113,7 +118,7 @@ def test_robust_losses_recover_the_parameters_despite_spikes():
     y[50::40] += 40.0
     spiked = IOData.from_arrays(data.runs[0].u, y, 0.05, hold="zoh")
     plain, huber, tukey = (
-        fit(spiked, "P2D", loss=loss) for loss in ("linear", "huber", "bisquare")
+        fit(spiked, "P2D", loss=loss, **PLAIN) for loss in ("linear", "huber", "bisquare")
     )
     assert "spikes" in plain.identified.sentence
     for robust in (huber, tukey):
@@ -126,9 +131,9 @@ def test_robust_losses_recover_the_parameters_despite_spikes():
 
 def test_sandwich_covariance_widens_under_coloured_noise_and_a_noise_model_narrows_it():
     data = case_a("PRBS", 0, colour=0.9)
-    classical = fit(data, "P2D", covariance="classical")
-    sandwich = fit(data, "P2D")
-    modelled = fit(data, "P2D", noise=(1, 0))
+    classical = fit(data, "P2D", covariance="classical", **PLAIN)
+    sandwich = fit(data, "P2D", **PLAIN)
+    modelled = fit(data, "P2D", noise=(1, 0), baseline="none", initial="equilibrium")
     assert sandwich.identified.statistics["robust_covariance"] == 1.0
     assert sandwich.estimates["Tp1"].u > 1.5 * classical.estimates["Tp1"].u
     assert modelled.estimates["Td"].u < sandwich.estimates["Td"].u
@@ -137,7 +142,7 @@ def test_sandwich_covariance_widens_under_coloured_noise_and_a_noise_model_narro
 
 
 def test_rao_garnier_benchmark_is_recovered_without_start_values():
-    result = fit(rao_garnier(0), transfer(1, 4), initial="zero")
+    result = fit(rao_garnier(0), transfer(1, 4), initial="zero", noise="white", baseline="none")
     for name, true_value in RAO_GARNIER.items():
         assert result.estimates[name].value == pytest.approx(
             true_value, abs=4 * result.estimates[name].u
@@ -145,7 +150,7 @@ def test_rao_garnier_benchmark_is_recovered_without_start_values():
 
 
 def test_profile_and_quadratic_intervals_agree_for_a_quadratic_cost():
-    result = fit(case_a("PRBS", 1), "P2D", intervals="quadratic")
+    result = fit(case_a("PRBS", 1), "P2D", intervals="quadratic", **PLAIN)
     for name in ("Tp1", "Td"):
         interval, is_closed = profile(result, name)
         assert is_closed
@@ -156,13 +161,13 @@ def test_profile_and_quadratic_intervals_agree_for_a_quadratic_cost():
 
 
 def test_superfluous_lag_gets_an_open_interval_and_a_warning():
-    result = fit(case_a("PRBS", 3), "P3D")
+    result = fit(case_a("PRBS", 3), "P3D", **PLAIN)
     assert any("Tp3" in w for w in result.warnings)
     assert result.estimates["Tp3"].high95 < 0.3
 
 
 def test_json_and_python_control_preserve_the_model():
-    model = fit(case_a("PRBS", 0), "P2D").identified
+    model = fit(case_a("PRBS", 0), "P2D", **PLAIN).identified
     restored = Identified.from_json(model.to_json())
     assert restored.to_json() == model.to_json()
     assert np.array_equal(restored.simulate(np.arange(50.0)), model.simulate(np.arange(50.0)))
@@ -174,7 +179,10 @@ def test_json_and_python_control_preserve_the_model():
 
 def test_repeated_fit_gives_the_identical_result():
     data = case_a("plunge", 7)
-    assert fit(data, "P2D").identified.to_json() == fit(data, "P2D").identified.to_json()
+    assert (
+        fit(data, "P2D", **PLAIN).identified.to_json()
+        == fit(data, "P2D", **PLAIN).identified.to_json()
+    )
 
 
 def test_nearly_equal_lags_keep_the_uncertainty_of_their_sum():
@@ -185,7 +193,7 @@ def test_nearly_equal_lags_keep_the_uncertainty_of_their_sum():
         noise = lfilter([1.0], [1.0, -0.98], np.random.default_rng(seed).normal(0, 0.02, len(t)))
         y = 10 * (1 - np.exp(-np.clip(t - 260, 0, None) / 100)) + noise
         data = IOData.from_arrays((t >= 200) * 1.0, y, 1.0, hold="zoh")
-        model = fit(data, "P2", intervals="quadratic").identified
+        model = fit(data, "P2", intervals="quadratic", **PLAIN).identified
         assert model.theta["Tp1"] == pytest.approx(model.theta["Tp2"], rel=1e-3)
         assert 4 < model.lag_s.u < 10  # eight such records gave 5 to 8 s
         # coinciding lags differ by nothing: semidefinite to rounding
@@ -200,7 +208,7 @@ def test_integrator_with_estimated_state_has_no_separate_offset():
     u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
     y = 7 + simulate(process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh", "zero")
     data = IOData.from_arrays(u, y + 0.01 * rng.normal(size=len(u)), 0.5, hold="zoh")
-    result = fit(data, "P1I", initial="estimated")
+    result = fit(data, "P1I", initial="estimated", noise="white", baseline="none")
     assert not result.warnings
     for name, true_value in (("Kp", 0.05), ("Tp1", 2.0)):
         assert result.estimates[name].value == pytest.approx(
@@ -276,7 +284,9 @@ def test_final_offset_continues_drift_and_random_walk():
 def test_bic_and_aicc_of_white_residuals_match_the_textbook():
     """N ln(S/N) + k ln N, and Hurvich and Tsai's AICc. The noise has N - p degrees of freedom; k
     is p + 1."""
-    result = fit(case_a("PRBS", 2), "P2D", intervals="quadratic", check=False, start=CASE_A)
+    result = fit(
+        case_a("PRBS", 2), "P2D", intervals="quadratic", check=False, start=CASE_A, **PLAIN
+    )
     n = 800
     p = 5  # with the offset
     sse = float(result.residual @ result.residual)

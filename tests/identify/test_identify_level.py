@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from identify_cases import PLAIN
 
 from tcdyn.identify import IOData
 from tcdyn.identify.level_lag import LevelLagProblem, level_lag
@@ -75,7 +76,7 @@ def test_rising_lag_is_detected_and_a_constant_lag_is_not(kind):
 def test_zero_level_dependence_reduces_to_the_linear_model_and_sensitivities_equal_differences():
     from tcdyn.identify import fit
 
-    base = fit(record("square", 0), "P2D", intervals="quadratic")
+    base = fit(record("square", 0), "P2D", intervals="quadratic", **PLAIN)
     level_lag_problem = LevelLagProblem(base, 100.0, 80.0)
     residual, slopes = level_lag_problem.problem.evaluate(np.append(base.x, 0.0))
     assert np.allclose(residual, -base.residual)

@@ -11,6 +11,7 @@ import control
 import numpy as np
 import pandas as pd
 import pytest
+from identify_cases import PLAIN
 from matplotlib.figure import Figure
 from scipy.signal import cont2discrete, lfilter
 
@@ -27,7 +28,6 @@ from tcdyn.identify import (
     roots_of,
     several,
 )
-from tcdyn.identify.forward_selection import successors, warm_start
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import make_problem
 from tcdyn.plots import draw, draw_poles
@@ -76,10 +76,11 @@ def test_two_inputs_with_dead_times_are_recovered_within_their_intervals():
             start=TRUE_THETA,
             intervals="quadratic",
             check=False,
+            **PLAIN,
         )
         covered.append([result.estimates[n].contains(v) for n, v in TRUE_THETA.items()])
     assert np.mean(covered) > 0.9  # of 150, nominal 0.95; standard error 0.018
-    without_start = fit(plant(0), several(["P1D", "P1"], ["heat", "fan"]))
+    without_start = fit(plant(0), several(["P1D", "P1"], ["heat", "fan"]), **PLAIN)
     for name, value in TRUE_THETA.items():
         assert without_start.estimates[name].value == pytest.approx(
             value, abs=4 * without_start.estimates[name].u
@@ -117,15 +118,16 @@ def test_search_finds_the_true_structure_and_drops_an_input_without_effect():
     )
     comparison = compare(wide)
     assert comparison.recommended == "P1D + P1 + -"
-    assert comparison.table["refused"].sum() >= 1  # the end of the search is shown
     # the noise, 150 samples
     assert comparison.best_row["held_out_rms"] == pytest.approx(0.05, rel=0.2)
     assert "lag.idle" not in comparison.summary()
     assert comparison.conclusion.code == "models.recommended"
 
 
+@pytest.mark.long
 @pytest.mark.study
-def test_search_continues_beyond_three_poles():
+def test_transfer_function_replaces_process_models_of_too_few_poles():
+    """A complex pair and a lag leave residuals that follow the input."""
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([0.0, 1.0], 40), 12)
     den = np.polymul(np.polymul([1.0, 0.4, 1.0], [1 / 9.0, 0.1, 1.0]), [2.0, 1.0])
@@ -136,25 +138,11 @@ def test_search_continues_beyond_three_poles():
     assert comparison.best_row["held_out_percent"] > 96
 
 
-def test_warm_start_of_a_larger_model_has_the_response_of_the_smaller_one():
-    f = np.geomspace(0.01, 1, 9)
-    for name, theta, larger in (
-        ("P2DZ", {"Kp": 2.0, "Tp1": 5.0, "Tp2": 1.0, "Tz": 0.5, "Td": 0.3}, "TF(2,2)D"),
-        ("P1D", {"Kp": 2.0, "Tp1": 5.0, "Td": 0.3}, "P2DZ"),
-        ("TF(1,3)", {"b0": 2.0, "b1": 1.0, "a1": 3.0, "a2": 3.0, "a3": 1.0}, "TF(2,4)"),
-    ):
-        smaller = as_model(name)
-        larger_model = as_model(larger)
-        assert larger in [m.name for m in successors(smaller)]
-        response = larger_model.rational(
-            warm_start(smaller, theta, larger_model, 0.7)
-        ).frequency_response(f)
-        assert np.allclose(response, smaller.rational(theta).frequency_response(f), rtol=1e-9)
-
-
 def test_state_space_and_json_forms_repeat_the_simulation(tmp_path):
     data = plant(5)
-    model = fit(data, several(["P1", "P2Z"], ["heat", "fan"]), intervals="quadratic").identified
+    model = fit(
+        data, several(["P1", "P2Z"], ["heat", "fan"]), intervals="quadratic", **PLAIN
+    ).identified
     u = data.runs[0].u
     restored = Identified.from_json(model.to_json())
     assert np.allclose(restored.simulate(u), model.simulate(u), atol=1e-12)
@@ -173,21 +161,23 @@ def test_control_system_can_be_compared_as_given_and_used_as_start():
     data = heated(6)
     from_tf = from_control(control.tf([2.0], [8.0, 1.0]), delay_s=1.5)
     assert from_tf.lag_s.value == pytest.approx(9.5)
-    comparison = compare(data, from_tf, "P1D")
+    comparison = compare(data, from_tf, "P1D", **PLAIN)
     row = comparison.table[comparison.table["model"] == "TF(0,1)D as given"].iloc[0]
     assert row["parameters"] == 1  # the offset
-    result = fit(data, from_tf.model, start=from_tf.theta)
+    result = fit(data, from_tf.model, start=from_tf.theta, **PLAIN)
     assert result.identified.theta["a1"] == pytest.approx(8.0, abs=4 * result.estimates["a1"].u)
     joined = several(["P1D", "TF(1,2)"], ["heat", "fan"])
     u = plant(6).runs[0].u
-    two_inputs = fit(plant(6), joined, intervals="quadratic", check=False).identified
+    two_inputs = fit(plant(6), joined, intervals="quadratic", check=False, **PLAIN).identified
     restored = from_control(two_inputs.state_space(0), delay_s=[two_inputs.theta["Td.heat"], 0.0])
     assert np.allclose(
         restored.simulate(u, DT, "zoh"), two_inputs.simulate(u) - two_inputs.offset, atol=1e-6
     )
     unnamed = control.combine_tf([[control.tf([2.0], [8.0, 1.0]), control.tf([-1.0], [3.0, 1.0])]])
     # without names the inputs are matched by position: u[0], u[1]
-    by_position = compare(plant(6), from_control(unnamed, delay_s=[1.5, 0.0])).best.identified
+    by_position = compare(
+        plant(6), from_control(unnamed, delay_s=[1.5, 0.0]), **PLAIN
+    ).best.identified
     assert by_position.model.inputs == ("heat", "fan")
     assert by_position.theta["a1.fan"] == 3.0
     assert "correlations" not in from_tf.summary()
@@ -205,7 +195,7 @@ def test_control_system_can_be_compared_as_given_and_used_as_start():
 
 
 def test_covariance_of_poles_matches_closed_form_and_spread_of_repeated_fits():
-    g = fit(heated(7), "P2D", intervals="quadratic", check=False).identified
+    g = fit(heated(7), "P2D", intervals="quadratic", check=False, **PLAIN).identified
     poles = sorted((r for r in roots_of(g)), key=lambda r: -r.value.real)
     for r, name in zip(poles, ("Tp1", "Tp2")):
         tau = g.estimates[name].value
@@ -221,6 +211,7 @@ def test_covariance_of_poles_matches_closed_form_and_spread_of_repeated_fits():
             "P2U",
             start={"Kp": 1.0, "Tw": 2.0, "Zeta": 0.3},
             check=False,
+            **PLAIN,
         ).identified
         for seed in range(40)
     ]
@@ -246,7 +237,9 @@ def test_data_and_poles_are_plotted():
         "fan, right axis",
         "y",
     }
-    model = fit(data, several(["P1", "P1Z"], ["heat", "fan"]), intervals="quadratic").identified
+    model = fit(
+        data, several(["P1", "P1Z"], ["heat", "fan"]), intervals="quadratic", **PLAIN
+    ).identified
     marks = [line.get_marker() for line in draw_poles(model, axes[1]).lines]
     assert marks.count("o") == 1
     assert marks.count("x") == 4  # two poles, each plotted and named
@@ -276,7 +269,8 @@ def test_hold_is_zoh_for_a_set_input_and_foh_for_a_measured_one():
     frame = pd.DataFrame({"t": t, "y": t, **u})
     for name, hold in (("set", "zoh"), ("measured", "foh"), ("rounded", "foh")):
         assert from_frame(frame, input=name, output="y").hold == hold
-    assert from_frame(frame, input=["set", "measured"], output="y").hold == "foh"
+    both = from_frame(frame, input=["set", "measured"], output="y")
+    assert both.hold == ("zoh", "foh")
 
 
 BAD = {
@@ -351,7 +345,7 @@ def test_identify_command_accepts_several_inputs_and_outputs(
 
 def test_lag_removal_advice_runs_as_python():
     data = heated(4)
-    comparison = compare(data, "P1D")
+    comparison = compare(data, "P1D", **PLAIN)
     line = comparison.lag_removal_advice().partition("other traces: ")[2].partition(";")[0]
     y = data.runs[0].y[:, 0]
     assert line.startswith("tcdyn.smooth(y, dt, tcdyn.Chain(")

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
-from tcdyn.identify import IOData, fit, process, several, simulate
+from tcdyn.identify import IOData, process, several, simulate
 from tcdyn.identify.causality import lead_correlation
-from tcdyn.identify.forward_selection import successors, warm_start, warm_starts
 from tcdyn.identify.models import as_model, base_name
 from tcdyn.identify.search import distinct_starts, first_moment, make_problem, time_parameters
 from tcdyn.identify.starting_values import (
@@ -76,35 +75,6 @@ def test_starts_do_not_depend_on_the_units_of_time_and_amplitude(name: str) -> N
     ] == [len(distinct_starts(reference, plain_starts))] * 2
 
 
-@pytest.mark.parametrize(
-    ("smaller", "larger"),
-    [
-        ("P1", "P1D"),
-        ("P1", "P2Z"),
-        ("P1", "P1Z"),
-        ("P2", "P2DU"),
-        ("P3", "P3U"),
-        ("P1D", "P3DU"),
-        ("TF(0,1)", "TF(1,3)D"),
-    ],
-)
-def test_warm_start_of_a_larger_model_does_not_depend_on_the_time_unit(
-    smaller: str, larger: str
-) -> None:
-    theta = {
-        n: 2.0 if n in ("Kp", "b0") else 0.3 * (k + 1)
-        for k, n in enumerate(as_model(smaller).names)
-    }
-    larger_model = as_model(larger)
-    unit = 1 / 60
-    expected = warm_start(as_model(smaller), theta, larger_model, 0.7)
-    scaled = warm_start(as_model(smaller), in_unit(theta, unit), larger_model, 0.7 * unit)
-    assert scaled == pytest.approx(in_unit(expected, unit), rel=1e-12)  # rounding only
-    assert set(expected) == set(larger_model.names)
-    if larger == "P1D":
-        assert expected["Td"] < 0.5 * 0.7  # a dead time as large as the lag would be another model
-
-
 @pytest.mark.parametrize("name", ["P1D", "P2D", "P3D", "P1HD", "P2H"])
 @pytest.mark.parametrize("pattern", [1, 2])
 def test_share_lag_preserves_the_total_lag(name: str, pattern: int) -> None:
@@ -139,46 +109,6 @@ def test_share_lag_gives_half_the_dead_time_to_two_lags_and_bounds_the_delay_of_
     for pattern in range(3):
         theta = share_lag(process("P2U"), 1.3, 0.0, pattern)
         assert 2 * theta["Zeta"] * theta["Tw"] < 1.5 * 1.3
-
-
-def test_warm_start_of_a_transfer_function_adds_a_pole_cancelled_by_a_zero() -> None:
-    theta = warm_start(as_model("TF(0,1)"), {"b0": 2.0, "a1": 5.0}, as_model("TF(1,3)"), 0.7)
-    assert [theta[n] for n in ("b0", "b1")] == pytest.approx([2.0, 2.0 * 0.7])
-    # (1 + 5 s)(1 + 0.7 s)^2
-    expected = [6.4, 2 * 3.5 + 0.49, 5 * 0.49]
-    assert [theta[n] for n in ("a1", "a2", "a3")] == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("name", "larger"),
-    [
-        ("P1Z", ["P1DZ", "P2Z", "P2UZ"]),
-        ("P2Z", ["P2DZ", "P3Z", "P2UZ", "TF(2,2)"]),
-        ("P3D", ["P3DZ", "P3DU", "TF(0,4)D", "TF(1,4)D"]),
-        ("P3DZ", ["P3DUZ", "TF(2,3)D", "TF(1,4)D", "TF(2,4)D"]),
-        ("TF(5,6)D", ["TF(6,6)D"]),
-    ],
-)
-def test_successors_of_a_model_add_one_element_each(name: str, larger: list[str]) -> None:
-    assert [m.name for m in successors(as_model(name))] == larger
-
-
-def test_warm_starts_place_the_new_lag_relative_to_the_existing_lag_in_any_unit() -> None:
-    starts_by_unit = []
-    for unit in (1.0, 1 / 60):
-        start = {"Kp": 2.0, "Tp1": 1.3 * unit}
-        small = fit(
-            record(unit), "P1", start=start, check=False, intervals="quadratic", input_noise=0.0
-        )
-        starts_by_unit.append(
-            [in_unit(theta, 1 / unit) for theta in warm_starts(small, as_model("P2"))]
-        )
-    assert len(starts_by_unit[0]) == 3  # a tenth of the lag, the lag, ten of it
-    for in_seconds, in_minutes in zip(*starts_by_unit):
-        assert in_minutes == pytest.approx(in_seconds, rel=1e-4)
-    assert [theta["Tp2"] for theta in starts_by_unit[0]] == pytest.approx(
-        [f * starts_by_unit[0][0]["Tp1"] for f in (0.1, 1.0, 10.0)]
-    )
 
 
 def test_regression_with_filtered_columns_has_no_residual_at_the_true_parameters() -> None:

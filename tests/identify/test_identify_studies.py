@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from identify_cases import CASE_A, RAO_GARNIER, case_a, rao_garnier
+from identify_cases import CASE_A, PLAIN, RAO_GARNIER, case_a, rao_garnier
 from scipy import stats
 
 from tcdyn.identify import fit, transfer
@@ -55,7 +55,13 @@ def test_rao_garnier_is_unbiased_over_100_runs_at_10_dB(draws):
     errors = []
     for seed in range(draws(100)):
         result = fit(
-            rao_garnier(seed), transfer(1, 4), initial="zero", intervals="quadratic", check=False
+            rao_garnier(seed),
+            transfer(1, 4),
+            initial="zero",
+            intervals="quadratic",
+            check=False,
+            noise="white",
+            baseline="none",
         )
         errors.append([result.estimates[n].value - v for n, v in RAO_GARNIER.items()])
     errors = np.array(errors)
@@ -74,7 +80,7 @@ def test_false_alarm_rates_are_nominal_over_2000_runs(draws):
             data = case_a(kind, 10_000 + seed)
             # start at the true values: the study is of the tests; starts are studied above
             s = fit(
-                data, "P2D", start=CASE_A, intervals="quadratic", check=False
+                data, "P2D", start=CASE_A, intervals="quadratic", check=False, **PLAIN
             ).identified.statistics
             p.append((s["p_white"], s["p_input"]))
     alarms = np.sum(np.array(p) < 0.05, axis=0)
@@ -88,7 +94,13 @@ def test_coverage_under_coloured_noise_is_at_least_93_percent(noise, draws):
     covered = []
     for seed in range(draws(100)):
         result = fit(
-            case_a("PRBS", seed, colour=0.9), "P2D", start=CASE_A, noise=noise, check=False
+            case_a("PRBS", seed, colour=0.9),
+            "P2D",
+            start=CASE_A,
+            noise=noise,
+            check=False,
+            baseline="none",
+            initial="equilibrium",
         )
         covered.append([result.estimates[n].contains(v) for n, v in CASE_A.items()])
     # the sandwich uses an estimated spectrum: 93 %, within the scatter of so many runs

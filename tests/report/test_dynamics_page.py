@@ -17,7 +17,7 @@ from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.units import Unit
 from tcdyn.workflows.log_source import RawLog
-from tests.identify.identify_cases import case_a
+from tests.identify.identify_cases import PLAIN, case_a
 
 
 def test_identification_page_counts_runs_and_samples(
@@ -26,7 +26,7 @@ def test_identification_page_counts_runs_and_samples(
     for figure_name in ("fit_figure", "dynamics_figure", "residual_figure"):
         monkeypatch.setattr(f"tcdyn.report.dynamics.{figure_name}", lambda *_: None)
     single_run = case_a("prbs", 1)
-    comparison = compare(single_run, ["P1"])
+    comparison = compare(single_run, ["P1"], **PLAIN)
     for record, text in (
         (single_run, "1 run, 800 samples at 0.05 s."),
         (single_run.merge(single_run), "2 runs, 1600 samples at 0.05 s."),

@@ -1,0 +1,249 @@
+"""Steps of the model selection: neighbours, the setting that all models share, ties, averages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from identify_cases import PLAIN
+from scipy.signal import lfilter
+
+from tcdyn.core.estimate import Estimate
+from tcdyn.identify import IOData, compare, fit
+from tcdyn.identify.comparison import average_gain_and_lag, mixture
+from tcdyn.identify.ladder import (
+    TIE_BIC,
+    Ladder,
+    Setting,
+    best_fit,
+    changed_settings,
+    neighbours,
+    select_setting,
+    select_structures,
+)
+from tcdyn.identify.models import as_model, process
+from tcdyn.identify.search import Fit
+
+N = 300
+DT_S = 0.1
+TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.3}
+Disturbance = Callable[[np.random.Generator], np.ndarray]
+
+
+def one_lag(u: np.ndarray, gain: float, tau_s: float, delay_samples: int) -> np.ndarray:
+    """Exact response of a lag behind a dead time to ``u``, held between samples."""
+    a = np.exp(-DT_S / tau_s)
+    delayed = np.concatenate([np.full(delay_samples, u[0]), u])[: len(u)]
+    return gain * (lfilter([0.0, 1 - a], [1.0, -a], delayed - u[0]) + u[0])
+
+
+def levels(rng: np.random.Generator, hold: int) -> np.ndarray:
+    """Levels 0 and 1 (N,), held for ``hold`` samples; the second is not the first."""
+    drawn = rng.integers(0, 2, -(-N // hold)).astype(float)
+    drawn[1] = 1 - drawn[0]
+    return np.repeat(drawn, hold)[:N]
+
+
+def record(seed: int, disturbance: Disturbance = lambda rng: np.zeros(N)) -> IOData:
+    """One lag and a dead time of three samples; white noise of 0.05 and a disturbance."""
+    rng = np.random.default_rng(seed)
+    u = levels(rng, 15)
+    y = one_lag(u, 2.0, 0.8, 3) + 0.05 * rng.normal(size=N) + disturbance(rng)
+    return IOData.from_arrays(u, y, DT_S, hold="zoh")
+
+
+def ladder(data: IOData, **options: Any) -> Ladder:
+    """The selection on ``data`` without the checks of the record."""
+    options = {"check": False, "input_noise": 0.0, **options}
+    return Ladder(data, process("P1"), options, lambda name, number, count: None)
+
+
+STRUCTURES = [
+    f"P{n}{delay}{pair}{zero}{last}"
+    for n in (1, 2, 3)
+    for delay in ("", "D")
+    for pair in ("", "U")
+    for zero in ("", "Z")
+    for last in ("", "I", "H")
+    if not (pair and (n == 1 or last))
+]
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_neighbours_are_other_models_of_which_the_model_is_a_neighbour_too(name: str) -> None:
+    names = neighbours(name)
+    assert len(set(names)) == len(names)
+    for other in names:
+        assert as_model(other).name == other
+        # one parameter more or less, but a pair has those of two lags
+        difference = len(as_model(other).free) - len(as_model(name).free)
+        assert abs(difference) == (0 if ("U" in other) != ("U" in name) else 1), other
+        assert name in neighbours(other)
+    assert name not in names
+
+
+def test_neighbour_of_no_effect_is_one_lag_with_a_dead_time() -> None:
+    assert neighbours("-") == ["P1D"]
+
+
+def test_setting_changes_one_element_and_nothing_that_the_caller_gave() -> None:
+    first = Setting()
+    freed = Setting(initial="estimated")
+    disturbed = [
+        Setting(baseline="trend"),
+        Setting(noise=(1, 1)),
+        Setting(noise=(0, 1), baseline="walk"),
+    ]
+    assert changed_settings(first, {}, False) == [freed]
+    assert changed_settings(first, {}, True) == [freed, *disturbed]
+    assert changed_settings(first, {"initial": "equilibrium"}, True) == disturbed
+    for given in ({"noise": "white"}, {"baseline": "none"}, {"loss": "huber"}):
+        assert changed_settings(first, given, True) == [freed]
+    assert changed_settings(replace(freed, baseline="trend"), {}, True) == [
+        replace(freed, noise=(1, 1), baseline="trend"),
+        replace(freed, noise=(0, 1), baseline="walk"),
+    ]
+    assert changed_settings(replace(freed, noise=(1, 1)), {}, True) == [
+        replace(freed, noise=(1, 1), baseline="trend"),
+        replace(freed, noise=(2, 2)),
+    ]
+    assert not changed_settings(replace(freed, noise=(2, 2), baseline="trend"), {}, True)
+
+
+def fake_fit(bic: float, size: int) -> Fit:
+    """A fit with this BIC and this number of parameters."""
+    identified = SimpleNamespace(statistics={"bic": bic})
+    return cast(Fit, SimpleNamespace(identified=identified, problem=SimpleNamespace(size=size)))
+
+
+def test_smaller_model_is_the_best_only_within_the_tie() -> None:
+    large = fake_fit(-100.0, 6)
+    tied = fake_fit(-100.0 + 0.9 * TIE_BIC, 4)
+    tied_and_worse = fake_fit(-100.0 + 0.95 * TIE_BIC, 4)
+    small = fake_fit(-100.0 + 1.1 * TIE_BIC, 3)
+    assert best_fit([small, tied_and_worse, large, tied]) is tied
+    assert best_fit([small, large]) is large
+
+
+DISTURBANCES: dict[str, tuple[Disturbance, Setting]] = {
+    "none": (lambda rng: np.zeros(N), Setting()),
+    "drift": (lambda rng: np.linspace(0, 1.5, N), Setting(baseline="trend")),
+    "start off equilibrium": (
+        lambda rng: 1.5 * np.exp(-DT_S * np.arange(N) / 0.8),
+        Setting(initial="estimated"),
+    ),
+    "random walk": (
+        lambda rng: np.cumsum(0.05 * rng.normal(size=N)),
+        Setting(noise=(0, 1), baseline="walk"),
+    ),
+    "first-order noise": (
+        lambda rng: lfilter([0.1], [1.0, -0.9], rng.normal(size=N)),
+        Setting(noise=(1, 1)),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", DISTURBANCES)
+def test_selected_setting_is_that_of_the_record(kind: str) -> None:
+    disturbance, expected = DISTURBANCES[kind]
+    selection = ladder(record(11, disturbance))
+    fits = [selection.checked_fit(selection.model([n]), Setting()) for n in ("P1D", "P2D")]
+    setting, best = select_setting(selection, fits, Setting())
+    assert setting == expected
+    for name, value in TRUTH.items():
+        # 4 standard uncertainties: 1 in 16 000
+        u = best.estimates[name].u
+        assert best.estimates[name].value == pytest.approx(value, abs=4 * u), name
+
+
+@pytest.mark.study
+def test_drift_is_not_taken_for_a_lag() -> None:
+    """The drift of 1.5 is three quarters of the gain."""
+    for seed in range(6):
+        comparison = compare(record(seed, DISTURBANCES["drift"][0]))
+        assert comparison.best.problem.trend
+        gain = comparison.averaged["u"]["gain"]
+        assert gain.value == pytest.approx(2.0, abs=4 * gain.u), seed
+
+
+@pytest.mark.study
+def test_selected_structure_is_the_true_one_in_most_of_twenty_records() -> None:
+    names = [compare(record(seed)).recommended for seed in range(20)]
+    # a superfluous parameter lowers BIC where its squared t value exceeds ln 300: 2 % each
+    assert names.count("P1D") >= 15
+
+
+def two_inputs(seed: int, effect: float) -> IOData:
+    """The heater of :func:`record` and a fan with the gain ``effect`` and a lag of 0.4 s."""
+    rng = np.random.default_rng(seed)
+    u = np.column_stack([levels(rng, 15), levels(rng, 11)])
+    y = one_lag(u[:, 0], 2.0, 0.8, 3) + one_lag(u[:, 1], effect, 0.4, 0)
+    y = y + 0.05 * rng.normal(size=N)
+    return IOData.from_arrays(u, y, DT_S, hold="zoh", input_names=["heater", "fan"])
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("effect", [0.0, -1.0])
+def test_input_without_effect_is_dropped_and_one_with_an_effect_is_not(effect: float) -> None:
+    selection = ladder(two_inputs(3, effect), **PLAIN)
+    fits, setting = select_structures(selection)
+    assert setting == Setting()
+    model = best_fit(list(fits.values())).problem.model
+    assert model.submodels[0].name == "P1D"
+    assert model.submodels[1].name == ("P1" if effect else "-")
+
+
+def test_mixture_of_estimates_has_the_moments_of_its_samples() -> None:
+    rng = np.random.default_rng(4)
+    weights = np.array([1.0, 0.2, 0.05])
+    estimates = [Estimate.normal(2.0, 0.1), Estimate.normal(2.4, 0.3), Estimate.normal(1.0, 0.2)]
+    drawn = rng.choice(3, 200_000, p=weights / weights.sum())
+    means = np.array([e.value for e in estimates])[drawn]
+    samples = means + np.array([e.u for e in estimates])[drawn] * rng.normal(size=len(drawn))
+    average = mixture(weights, estimates)
+    # tolerance: five standard errors of 200,000 samples
+    assert average.value == pytest.approx(samples.mean(), abs=5 * samples.std() / 447)
+    assert average.u == pytest.approx(samples.std(), rel=0.02)
+    assert mixture(weights[:1], estimates[:1]) is estimates[0]
+
+
+def test_average_over_models_weights_them_by_bic() -> None:
+    data = record(6)
+    options = {"intervals": "quadratic", "check": False, "input_noise": 0.0, **PLAIN}
+    first, second, integrator = (fit(data, name, **options) for name in ("P1D", "P2D", "P1I"))
+
+    def with_bic(result: Fit, bic: float) -> Fit:
+        """The fit with another BIC."""
+        statistics = {**result.identified.statistics, "bic": bic}
+        return replace(result, identified=replace(result.identified, statistics=statistics))
+
+    best = with_bic(first, -50.0)
+    fits = [best, with_bic(second, -47.0), with_bic(integrator, -50.0)]
+    averaged = average_gain_and_lag(best, fits)["u"]
+    weights = np.exp([0.0, -1.5])
+    for quantity, estimates in (
+        ("gain", [f.estimates["Kp"] for f in (first, second)]),
+        ("lag_s", [f.identified.lag_s for f in (first, second)]),
+    ):
+        expected = mixture(weights, estimates)
+        assert averaged[quantity].value == pytest.approx(expected.value, rel=1e-9)
+        assert averaged[quantity].u == pytest.approx(expected.u, rel=1e-6)
+    # exp(-5) is below a hundredth
+    alone = average_gain_and_lag(best, [best, with_bic(second, -40.0)])["u"]
+    assert alone["lag_s"].value == first.identified.lag_s.value
+    assert alone["gain"].u == pytest.approx(first.estimates["Kp"].u, rel=1e-6)
+    assert average_gain_and_lag(integrator, fits) == {}
+
+
+def test_models_of_a_comparison_share_one_setting_and_the_summary_gives_the_average() -> None:
+    comparison = compare(record(12, DISTURBANCES["drift"][0]), "P1D", "P1", input_noise=0.0)
+    assert all(f.problem.trend for f in comparison.fits.values())
+    assert {f.problem.initial for f in comparison.fits.values()} == {"equilibrium"}
+    gain = comparison.averaged["u"]["gain"]
+    assert gain.value == pytest.approx(2.0, abs=4 * gain.u)
+    assert f"gain {gain.text()}" in comparison.summary()
+    assert comparison.to_dict()["averaged"]["u"]["gain"]["value"] == gain.value
