@@ -178,11 +178,11 @@ def test_prediction_leaves_out_missing_inputs_and_simulates_missing_outputs() ->
     data = record(n=300)
     u, y = (a[:, 0].copy() for a in (data.runs[0].u, data.runs[0].y))
     y[100:110] = np.nan
-    u[200:205] = np.nan
+    u[200:210] = np.nan
     gappy = IOData.from_arrays(u, y, DT_S, hold="zoh")
     result = fit(gappy, "P1D", noise=(1, 0), baseline="none")
     output = predict(result, gappy).output[0]
-    assert np.flatnonzero(np.isnan(output)).tolist() == list(range(200, 205))
+    assert np.flatnonzero(np.isnan(output)).tolist() == list(range(200, 210))
     simulated = predict(result, gappy, None).output[0]
     np.testing.assert_array_equal(output[100:110], simulated[100:110])
 
@@ -210,7 +210,7 @@ def test_impulse_response_of_each_input_is_separated_over_gaps() -> None:
     u = rng.choice([0.0, 1.0], (400, 2))
     y = 10 + 2 * np.roll(u[:, 0], 1) - 3 * np.roll(u[:, 1], 3)
     y[100:120] = np.nan
-    u[200, 0] = np.nan
+    u[200:210, 0] = np.nan
     data = IOData.from_arrays(u, y, 1.0, input_names=["heater", "fan"])
     table = impulse_response(data, 5).set_index("input")["value"]
     np.testing.assert_allclose(table["heater"], [0, 2, 0, 0, 0], atol=1e-9)
@@ -451,3 +451,10 @@ def test_model_of_sysidentpy_is_scored_by_free_simulation() -> None:
     assert decay == pytest.approx(weights[1001], abs=0.05)
     assert row["held_out_rms"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.01)
     assert "FROLS, 1" in comparison.summary()
+
+
+def test_resampling_to_a_shorter_interval_holds_the_held_input_only() -> None:
+    u = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
+    data = IOData.from_arrays(u, u[:, 0], 1.0, hold=("zoh", "foh")).resample(0.5)
+    assert data.runs[0].u.T.tolist() == [[0, 0, 1, 1, 2], [0, 0.5, 1, 1.5, 2]]
+    assert data.holds == ("zoh", "foh")
