@@ -57,6 +57,7 @@ from tcdyn.identify.comparison import CANDIDATES, Comparison, compare, joint_tab
 from tcdyn.identify.experiment import prbs_input, step_input
 from tcdyn.identify.fit import fit
 from tcdyn.identify.frequency import Response, fit_response
+from tcdyn.identify.grey_box import FunctionFit, fit_function
 from tcdyn.identify.heldout import held_out_score
 from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
@@ -73,6 +74,7 @@ __all__ = [
     "CANDIDATES",
     "Comparison",
     "Fit",
+    "FunctionFit",
     "IOData",
     "Identified",
     "KnownDynamics",
@@ -86,6 +88,7 @@ __all__ = [
     "compare",
     "confirm",
     "fit",
+    "fit_function",
     "fit_response",
     "from_control",
     "from_csv",

@@ -25,7 +25,7 @@ from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identify.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identify.fit import add_findings, fit
-from tcdyn.identify.heldout import Progress, Task
+from tcdyn.identify.heldout import Progress, Task, split_held_out
 from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
@@ -212,7 +212,9 @@ def compare(
     models
         Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit`, an
         :class:`Identified` or a ``control`` system; :func:`tcdyn.identify.from_control` adds a
-        dead time), of which only the offset is fitted. Two of one name are numbered.
+        dead time), of which only the offset is fitted. Two of one name are numbered. A fitted model
+        of sysidentpy (``predict`` and ``max_lag``) is scored by free simulation and never
+        recommended.
         Without any, they are the process models of :mod:`tcdyn.identify.ladder`, and with several
         inputs the inputs that matter.
     like
@@ -261,6 +263,8 @@ def compare(
     for m in models:
         entries += m if isinstance(m, list | tuple) else [m]
 
+    simulators = [m for m in entries if hasattr(m, "predict") and hasattr(m, "max_lag")]
+    entries = [m for m in entries if not any(m is s for s in simulators)]
     if options.get("check", True):
         check_closed_loop(data, data.name or "identify")
     else:
@@ -271,7 +275,13 @@ def compare(
     given_models = [resolve_entry(m, data) for m in entries]
     record = search_record(ladder)
     result = search_models(replace(ladder, data=record.data), record, held_out, given_models)
-    return finish(ladder, data, result, record)
+    result = finish(ladder, data, result, record)
+    task = Task(ladder.data, held_out, progress, given)
+    rows = [simulator_row(m, f"{type(m).__name__}, {k}", task) for k, m in enumerate(simulators, 1)]
+    if not rows:
+        return result
+    table = pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True)
+    return replace(result, table=table)
 
 
 def search_models(
@@ -311,6 +321,49 @@ def search_models(
     if not given_models and not is_adequate(result.best):
         result = add_common_pole_model(task, result, ladder.template)
     return replace(result, are_given=bool(given_models))
+
+
+def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
+    """Return the row of a fitted model of sysidentpy, scored by free simulation.
+
+    Parameters
+    ----------
+    model
+        The model, fitted to inputs and output in the units of the data.
+    name
+        Its name in the table.
+    task
+        The comparison.
+
+    Returns
+    -------
+    dict
+        Values by column; no criteria, for the model may have been fitted to other data.
+
+    Notes
+    -----
+    Each run starts with its first ``max_lag`` measured outputs, which are not scored.
+    """
+    row = {"model": name, "remark": "as given, scored by free simulation", "determined": False}
+    _, test, from_s = split_held_out(task.data, task.held_out)
+    scores = []
+    for data, first_s in ((task.data, -np.inf), (test, from_s)):
+        if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in data.runs):
+            return {**row, "remark": "not scored: samples are missing"}
+        errors = []
+        departures = []
+        for k, run in enumerate(data.runs):
+            lag = model.max_lag
+            simulated = np.ravel(model.predict(X=run.u, y=run.y[:lag]))
+            is_scored = (data.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
+            y = run.y[is_scored, 0]
+            errors.append(y - simulated[is_scored])
+            departures.append(y - y.mean())
+        rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+        spread = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
+        scores += [rms, 100 * (1 - rms / max(spread, 1e-300))]
+    columns = ("rms", "fit_percent", "held_out_rms", "held_out_percent")
+    return {**row, "parameters": len(np.ravel(model.theta)), **dict(zip(columns, scores))}
 
 
 def resolve_entry(given: Entry, data: IOData) -> Model:

@@ -218,7 +218,8 @@ def conclude(
 def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     """The comparison as a table of texts: best BIC first, residual tests as p values.
 
-    BIC is relative to the best. Models that could not be fitted are left out.
+    BIC is relative to the best. Models that could not be fitted are left out; models that are only
+    scored have neither BIC nor tests.
 
     Parameters
     ----------
@@ -232,11 +233,12 @@ def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     DataFrame
         Texts, one row for each model that could be fitted.
     """
-    fitted = table[table["BIC"].notna()]
+    fitted = table[table["fit_percent"].notna()]
 
     def p_values(column: str) -> list[str]:
         """Return p values as text, small ones as "below 0.01"."""
-        return [f"{p:.2f}" if p >= ALARM_P else "below 0.01" for p in fitted[column]]
+        texts = [f"{p:.2f}" if p >= ALARM_P else "below 0.01" for p in fitted[column]]
+        return [t if np.isfinite(p) else "" for t, p in zip(texts, fitted[column])]
 
     rms = f"rms [{unit}]" if unit else "rms"
     held_out = [f"{v:.2f}" if np.isfinite(v) else "" for v in fitted["held_out_percent"]]
@@ -247,7 +249,9 @@ def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
             "fit [%]": [f"{v:.2f}" for v in fitted["fit_percent"]],
             rms: [f"{v:#.3g}".rstrip(".") for v in fitted["rms"]],
             "held out [%]": held_out,
-            "BIC above best": [f"{v:.1f}" for v in fitted["BIC"] - fitted["BIC"].min()],
+            "BIC above best": [
+                f"{v:.1f}" if np.isfinite(v) else "" for v in fitted["BIC"] - fitted["BIC"].min()
+            ],
             "white p": p_values("p_white"),
             "input p": p_values("p_input"),
         }

@@ -9,7 +9,11 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
+from sysidentpy.basis_function import Polynomial
+from sysidentpy.model_structure_selection import FROLS
+from sysidentpy.parameter_estimation import LeastSquares
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -17,6 +21,7 @@ from tcdyn.identify import (
     IOData,
     compare,
     fit,
+    fit_function,
     fit_response,
     from_control,
     impulse_response,
@@ -173,11 +178,11 @@ def test_prediction_leaves_out_missing_inputs_and_simulates_missing_outputs() ->
     data = record(n=300)
     u, y = (a[:, 0].copy() for a in (data.runs[0].u, data.runs[0].y))
     y[100:110] = np.nan
-    u[200:205] = np.nan
+    u[200:210] = np.nan
     gappy = IOData.from_arrays(u, y, DT_S, hold="zoh")
     result = fit(gappy, "P1D", noise=(1, 0), baseline="none")
     output = predict(result, gappy).output[0]
-    assert np.flatnonzero(np.isnan(output)).tolist() == list(range(200, 205))
+    assert np.flatnonzero(np.isnan(output)).tolist() == list(range(200, 210))
     simulated = predict(result, gappy, None).output[0]
     np.testing.assert_array_equal(output[100:110], simulated[100:110])
 
@@ -205,7 +210,7 @@ def test_impulse_response_of_each_input_is_separated_over_gaps() -> None:
     u = rng.choice([0.0, 1.0], (400, 2))
     y = 10 + 2 * np.roll(u[:, 0], 1) - 3 * np.roll(u[:, 1], 3)
     y[100:120] = np.nan
-    u[200, 0] = np.nan
+    u[200:210, 0] = np.nan
     data = IOData.from_arrays(u, y, 1.0, input_names=["heater", "fan"])
     table = impulse_response(data, 5).set_index("input")["value"]
     np.testing.assert_allclose(table["heater"], [0, 2, 0, 0, 0], atol=1e-9)
@@ -341,3 +346,115 @@ def test_weights_stay_with_a_disturbance_that_is_fitted() -> None:
             fit(data, "P1D", weights=sd**-2.0, **wrong)
     with pytest.raises(InputError, match="weights"):
         fit(data, "P1D", weights=np.ones(3))
+
+
+def first_order(p: dict[str, float], data: IOData) -> list[Array]:
+    """First-order lag from equilibrium with a held input, by its difference equation."""
+    outputs = []
+    for run in data.runs:
+        u = run.u[:, 0]
+        decay = np.exp(-data.dt_s / p["Tp1"])
+        response = lfilter([0.0, 1 - decay], [1.0, -decay], u - u[0])
+        outputs.append(p["offset"] + p["Kp"] * (u[0] + response))
+    return outputs
+
+
+def test_function_of_a_lag_is_fitted_as_the_process_model() -> None:
+    rng = np.random.default_rng(10)
+    u = switched_input(300, rng)
+    y = first_order({"Kp": 2.0, "Tp1": 0.8, "offset": 20.0}, IOData.from_arrays(u, u, DT_S))[0]
+    y = y + rng.normal(0, 0.3, 300)
+    y[120:130] = np.nan
+    data = IOData.from_arrays(u, y, DT_S, hold="zoh")
+    data = data[:14.95].merge(data[15.0:])
+    start = {"Kp": 1.0, "Tp1": 0.3, "offset": 0.0}
+    result = fit_function(data, first_order, start)
+    same = fit(data, "P1", noise="white", baseline="none", initial="equilibrium")
+    for name in ("Kp", "Tp1"):
+        estimate = result.estimates[name]
+        expected = same.estimates[name]
+        assert estimate.value == pytest.approx(expected.value, abs=1e-3 * expected.u)
+        assert estimate.u == pytest.approx(expected.u, rel=0.02)
+    assert result.rms == pytest.approx(same.identified.statistics["rms"], rel=1e-6)
+    at_bound = fit_function(data, first_order, start, bounds={"Tp1": (0.1, 0.5)})
+    assert at_bound.estimates["Tp1"].value == pytest.approx(0.5)
+    assert [f.code for f in at_bound.findings] == ["fit.bound"]
+
+
+def test_function_of_a_nonlinear_system_is_recovered_within_its_intervals() -> None:
+    # a tank: dh/dt = k u - c sqrt(h); the record by an adaptive integrator, the model by Heun steps
+    truth = {"k": 0.5, "c": 0.8}
+    dt_s = 0.05
+    rng = np.random.default_rng(11)
+    u = 2 + switched_input(600, rng, held=40) / 5
+
+    def rate(t: float, h: Array) -> Array:
+        return truth["k"] * u[min(int(t / dt_s + 1e-9), 599)] - truth["c"] * np.sqrt(h)
+
+    t = np.arange(600) * dt_s
+    h0 = (0.5 * u[0] / 0.8) ** 2
+    level = solve_ivp(rate, (0, t[-1]), [h0], t_eval=t, rtol=1e-8, max_step=dt_s).y[0]
+
+    def tank(p: dict[str, float], data: IOData) -> list[Array]:
+        h = np.empty(600)
+        h[0] = p["h0"]
+        for i, inflow in enumerate(data.runs[0].u[:-1, 0]):
+            first = p["k"] * inflow - p["c"] * np.sqrt(max(h[i], 0.0))
+            second = p["k"] * inflow - p["c"] * np.sqrt(max(h[i] + dt_s * first, 0.0))
+            h[i + 1] = h[i] + 0.5 * dt_s * (first + second)
+        return [h]
+
+    data = IOData.from_arrays(u, level + rng.normal(0, 0.05, 600), dt_s, hold="zoh")
+    result = fit_function(data, tank, {"k": 1.0, "c": 1.0, "h0": 1.0}, {"h0": (0.0, 100.0)})
+    for name, value in {**truth, "h0": h0}.items():
+        estimate = result.estimates[name]
+        assert abs(estimate.value - value) < 4 * estimate.u
+        assert estimate.u < 0.02 * value
+
+
+def test_function_with_outputs_of_another_length_is_refused() -> None:
+    data = record(n=100)
+    with pytest.raises(InputError, match="shapes"):
+        fit_function(data, lambda p, d: [np.ones(3)], {"a": 1.0})
+    with pytest.raises(InputError, match="start"):
+        fit_function(data, lambda p, d: [np.full(100, np.nan)], {"a": 1.0})
+    with pytest.raises(InputError, match="bounds"):
+        fit_function(data, first_order, {"Kp": 1.0}, {"Tp1": (0.0, 1.0)})
+
+
+def test_model_of_sysidentpy_is_scored_by_free_simulation() -> None:
+    decay = np.exp(-DT_S / 0.8)
+    rng = np.random.default_rng(12)
+    u = switched_input(400, rng)
+    exact = first_order({"Kp": 2.0, "Tp1": 0.8, "offset": 0.0}, IOData.from_arrays(u, u, DT_S))[0]
+    y = exact + rng.normal(0, 0.2, 400)
+    data = IOData.from_arrays(u, y, DT_S, hold="zoh")
+    narx = FROLS(
+        ylag=1,
+        xlag=1,
+        n_terms=2,
+        order_selection=False,
+        estimator=LeastSquares(),
+        basis_function=Polynomial(degree=1),
+    )
+    narx.fit(X=u[:280, None], y=y[:280, None])
+    comparison = compare(data, "P1", narx)
+    assert comparison.recommended == "P1"
+    row = comparison.table.set_index("model").loc["FROLS, 1"]
+    # the recursion itself, from the terms that were selected: y(k-1), u(k-1)
+    codes = narx.final_model.max(axis=1).tolist()
+    weights = dict(zip(codes, np.ravel(narx.theta)))
+    simulated = y.copy()
+    for k in range(1, 400):
+        simulated[k] = weights[1001] * simulated[k - 1] + weights[2001] * u[k - 1]
+    error = (y - simulated)[280:]
+    assert decay == pytest.approx(weights[1001], abs=0.05)
+    assert row["held_out_rms"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.01)
+    assert "FROLS, 1" in comparison.summary()
+
+
+def test_resampling_to_a_shorter_interval_holds_the_held_input_only() -> None:
+    u = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
+    data = IOData.from_arrays(u, u[:, 0], 1.0, hold=("zoh", "foh")).resample(0.5)
+    assert data.runs[0].u.T.tolist() == [[0, 0, 1, 1, 2], [0, 0.5, 1, 1.5, 2]]
+    assert data.holds == ("zoh", "foh")
