@@ -37,6 +37,9 @@ from tcdyn.rig.disk import Conditioning
 if TYPE_CHECKING:
     import control
 
+# Relative difference below which two numbers of a ``control`` system are taken as equal; roots of a
+# double pole are known to about the square root of the rounding error of doubles.
+ROOT_TOLERANCE = 1e-6
 # A conditioning filter without poles: G = 1.
 NO_CONDITIONING = Conditioning(poles=0)
 
@@ -215,6 +218,86 @@ class Chain(Result):
         """
         return self.rational.transfer_function(pade_order)
 
+    def state_space(self, pade_order: int = 3) -> control.StateSpace:
+        """The chain as a ``control.StateSpace``.
+
+        Parameters
+        ----------
+        pade_order
+            Order of the Pade approximation by which a dead time enters.
+
+        Examples
+        --------
+        >>> Chain([0.5, 0.1], delay_s=0.2).state_space(pade_order=2).nstates
+        4
+        """
+        import control
+
+        return control.ss(self.transfer_function(pade_order))
+
+    @classmethod
+    def from_control(
+        cls, system: control.TransferFunction | control.StateSpace, delay_s: float = 0.0
+    ) -> Chain:
+        """The chain that a ``control`` system is: lags, at most one complex pair, and one zero.
+
+        Parameters
+        ----------
+        system
+            Continuous system of one input and one output, with static gain 1; poles and zeros do
+            not cancel (``system.minreal()``).
+        delay_s
+            Dead time [s], which such a system does not hold.
+
+        Returns
+        -------
+        Chain
+            The same transfer function as a chain, without a conditioning filter.
+
+        Raises
+        ------
+        InputError
+            For a system that is no chain.
+
+        Examples
+        --------
+        >>> import control
+        >>> chain = Chain.from_control(control.tf([0.02, 1.0], [0.05, 0.6, 1.0]))
+        >>> [round(tau, 6) for tau in chain.taus_s], round(chain.zero_s, 6)
+        ([0.5, 0.1], 0.02)
+        """
+        if system.isdtime(strict=True) or not system.issiso():
+            raise InputError(
+                "Chain.from_control: the system is discrete or has several signals",
+                expected="a continuous system of one input and one output",
+            )
+        poles = system.poles()
+        zeros = system.zeros()
+        gain = float(np.real(system.dcgain()))
+        is_complex = np.abs(poles.imag) > ROOT_TOLERANCE * np.abs(poles)
+        pairs = poles[is_complex]
+        is_real = np.all(np.abs(zeros.imag) <= ROOT_TOLERANCE * np.abs(zeros))
+        if (
+            np.any(poles.real >= 0)
+            or len(pairs) > 2
+            or len(zeros) > 1
+            or not is_real
+            or abs(gain - 1) > ROOT_TOLERANCE
+        ):
+            raise InputError(
+                f"Chain.from_control: gain {gain:.6g}, poles {np.round(poles, 6).tolist()}, "
+                f"zeros {np.round(zeros, 6).tolist()}",
+                expected="static gain 1, stable poles, at most one complex pair, one real zero",
+                remedy="divide the system by its gain, system/system.dcgain()",
+            )
+        pair = None
+        if len(pairs):
+            frequency = float(np.abs(pairs[0]))
+            pair = (1 / frequency, float(-pairs[0].real) / frequency)
+        lags = sorted((-1 / poles[~is_complex].real).tolist(), reverse=True)
+        zero_s = float(-1 / zeros[0].real) if len(zeros) else 0.0
+        return cls(lags, zero_s, delay_s, pair=pair)
+
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
         """G(2 pi i f), with dead time and cement exact.
 
@@ -344,7 +427,7 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     ----------
     chains
         One chain for all channels, one number [s] for a single lag of all, or one chain for each
-        channel.
+        channel. A ``control`` system of static gain 1 is a chain too.
     count
         Number of channels.
 
@@ -362,11 +445,16 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     >>> [c.taus_s for c in chains_for(1.5, 2)]
     [(1.5,), (1.5,)]
     """
+    if hasattr(chains, "dcgain"):
+        chains = Chain.from_control(chains)
     if isinstance(chains, Chain):
         return [chains] * count
     if np.ndim(chains) == 0:  # type: ignore[arg-type]
         return [Chain(chains)] * count  # type: ignore[arg-type]
-    listed = list(chains)  # type: ignore[arg-type]
+    listed = [
+        Chain.from_control(c) if hasattr(c, "dcgain") else c
+        for c in chains  # type: ignore[union-attr]
+    ]
     if not all(isinstance(c, Chain) for c in listed):
         lags = ", ".join(map(str, listed))
         raise InputError(

@@ -74,8 +74,8 @@ def identify(
     hold: Annotated[
         str,
         typer.Option(
-            help="Input between samples: foh (straight line), zoh (constant); auto: zoh if it was "
-            "set in steps."
+            help="Input between samples: foh (straight line), zoh (constant), zoh,foh (one for each "
+            "input); auto: zoh for each input that was set in steps."
         ),
     ] = "auto",
     models: Annotated[
@@ -195,7 +195,9 @@ def identify(
             f"--gain is {gain:g}",
             expected="a static gain other than 0",
         )
-    check_choice("--hold", hold, ("auto", "foh", "zoh"))
+    holds = tuple(each.strip() for each in hold.split(","))
+    for each in holds:
+        check_choice("--hold", each, ("foh", "zoh") if len(holds) > 1 else ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
     check_choice("--noise", noise, NOISE_OPTIONS)
     check_choice("--baseline", baseline, BASELINE_OPTIONS)
@@ -232,7 +234,7 @@ def identify(
         time_unit=time_unit,
         dt_s=dt_s,
         resample_s=resample_s,
-        hold=hold,
+        hold=holds if len(holds) > 1 else hold,
     )
     filter_ = NO_CONDITIONING
     if cutoff_hz is not None:

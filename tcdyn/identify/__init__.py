@@ -54,6 +54,7 @@ True
 
 from tcdyn.chain.rational import simulate
 from tcdyn.identify.comparison import CANDIDATES, Comparison, compare, joint_table
+from tcdyn.identify.experiment import prbs_input, step_input
 from tcdyn.identify.fit import fit
 from tcdyn.identify.frequency import Response, fit_response
 from tcdyn.identify.heldout import held_out_score
@@ -61,6 +62,8 @@ from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
 from tcdyn.identify.iodata import IOData, Run
 from tcdyn.identify.models import KnownDynamics, Model, chain_model, process, several, transfer
+from tcdyn.identify.nonparametric import impulse_response, spectral_estimate
+from tcdyn.identify.prediction import Prediction, predict
 from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.tables import from_csv, from_frame
@@ -74,6 +77,7 @@ __all__ = [
     "Identified",
     "KnownDynamics",
     "Model",
+    "Prediction",
     "Response",
     "Run",
     "Validation",
@@ -87,15 +91,20 @@ __all__ = [
     "from_csv",
     "from_frame",
     "held_out_score",
+    "impulse_response",
     "joint_table",
     "percent_times",
+    "prbs_input",
+    "predict",
     "process",
     "profile",
     "read_identified",
     "roots_of",
     "several",
     "simulate",
+    "spectral_estimate",
     "step_band",
+    "step_input",
     "transfer",
     "validate",
 ]

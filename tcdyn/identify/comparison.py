@@ -26,10 +26,11 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.identify.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identify.fit import add_findings, fit
 from tcdyn.identify.heldout import Progress, Task
-from tcdyn.identify.identified import Identified
+from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
 from tcdyn.identify.models import Model, as_model, process, several
+from tcdyn.identify.other_hold import check_holds
 from tcdyn.identify.recommendation import (
     HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
@@ -43,13 +44,14 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.shared_poles import best_common_pole_fit
 from tcdyn.identify.validate import (
     Validation,
-    has_clean_residuals,
     has_coloured_residuals,
+    is_adequate,
     validate,
 )
 from tcdyn.rig.disk import Conditioning
 
-Entry = Model | str | Fit | Identified  # what a caller may compare
+# What a caller may compare; a ``control`` system has no type without importing that package.
+Entry = Model | str | Fit | Identified | Any
 
 # Usual models: the default of ``tcdyn response``, and the examples of an error message.
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
@@ -57,6 +59,8 @@ CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
 N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+# Findings of the final fit about the record that count against the recommended model.
+RECORD_TROUBLES = ("record.closed_loop", "record.other_hold")
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
@@ -146,10 +150,12 @@ class Comparison(Result):
         if self.are_given:
             compared = set(self.table["model"])
             untried = [name for name in ADVISED_MODELS if name not in compared]
-        troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
-        if not troubles and responds_at_once(self.best):
-            troubles = ["model.at_once"]
-        has_closed_loop = bool(troubles)
+        codes = {f.code for f in self.best.findings}
+        troubles = [code for code in RECORD_TROUBLES if code in codes]
+        has_closed_loop = "record.closed_loop" in codes
+        if not has_closed_loop and responds_at_once(self.best):
+            troubles.append("model.at_once")
+            has_closed_loop = True
         for code in self.validation.record_problems:
             # feedback says the same as a closed loop
             if not (has_closed_loop and code == "record.feedback"):
@@ -201,10 +207,11 @@ def compare(
     data
         One output, one or several inputs.
     models
-        Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit` or an
-        :class:`Identified`, also from :func:`tcdyn.identify.from_control`), of which only the
-        offset is fitted. Two of one name are numbered. Without any, they are the process models of
-        :mod:`tcdyn.identify.ladder`, and with several inputs the inputs that matter.
+        Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit`, an
+        :class:`Identified` or a ``control`` system; :func:`tcdyn.identify.from_control` adds a
+        dead time), of which only the offset is fitted. Two of one name are numbered.
+        Without any, they are the process models of :mod:`tcdyn.identify.ladder`, and with several
+        inputs the inputs that matter.
     like
         Model whose known factor, offset and fixed gain all models of the ladder have.
     held_out
@@ -213,7 +220,7 @@ def compare(
     progress
         Called with each model before it is fitted.
     options
-        Options of :func:`fit`, without ``start``.
+        Options of :func:`fit`, without ``start`` and ``weights``.
 
     Returns
     -------
@@ -229,12 +236,18 @@ def compare(
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
     :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
-    Where the residuals of the recommended model are coloured or follow the input, the same models
+    Where the residuals of the recommended model are clearly coloured or follow the input, these models
     with white noise, and transfer functions with common poles, replace them if they simulate the
     held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identify.recommendation.recommend`.
     """
+    if "weights" in options:
+        raise InputError(
+            "weights are given, but the held-out part has none",
+            where="compare",
+            remedy="pass fit(data, model, weights=..) as a model",
+        )
     if "start" in options:
         raise InputError(
             "start is given, but each search begins where a simpler model ended",
@@ -243,7 +256,7 @@ def compare(
         )
     entries: list[Entry] = []
     for m in models:
-        entries += [m] if isinstance(m, Entry) else m
+        entries += m if isinstance(m, list | tuple) else [m]
 
     if options.get("check", True):
         check_closed_loop(data, data.name or "identify")
@@ -257,11 +270,11 @@ def compare(
     given_models = [resolve_entry(m, data) for m in entries]
     fits, setting = fit_given(ladder, given_models) if entries else select_structures(ladder)
     result = score(task, fits, setting)
-    if setting.is_disturbed and not has_clean_residuals(result.best):
+    if setting.is_disturbed and not is_adequate(result.best):
         white = ladder.with_white_noise(setting.initial)
         fits, setting = fit_given(white, given_models) if entries else select_structures(white)
         result = prefer_held_out(result, score(task, fits, setting))
-    if not entries and not has_clean_residuals(result.best):
+    if not entries and not is_adequate(result.best):
         result = add_common_pole_model(task, result, template)
     result = replace(result, are_given=bool(entries))
     return finish(ladder, data, result)
@@ -275,7 +288,7 @@ def resolve_entry(given: Entry, data: IOData) -> Model:
     Parameters
     ----------
     given
-        Name, model, fit or identified model.
+        Name, model, fit, identified model or ``control`` system.
     data
         The record, for the names of its inputs.
 
@@ -285,6 +298,8 @@ def resolve_entry(given: Entry, data: IOData) -> Model:
         The model; that of a fit has all its parameters fixed and the name "... as given".
     """
     identified = given.identified if isinstance(given, Fit) else given
+    if hasattr(given, "dcgain"):
+        identified = from_control(given)
     inputs = data.input_names
     if isinstance(identified, Identified):
         model = identified.model
@@ -490,7 +505,7 @@ def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Co
     """
     if task.options.get("loss", "linear") != "linear":
         return result
-    task.progress("common poles", 0, 0)
+    task.progress("common poles", 1, 1)
     better = best_common_pole_fit(task, result.best, result.best_row["held_out_rms"], template)
     if better is None:
         return result
@@ -555,6 +570,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
     elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
         numbers["order"] = list(noise.order)
         numbers["baseline"] = final.disturbance["baseline"]
+    final = add_findings(final, tuple(check_holds(ladder, best)))
     fits = {**result.fits, result.recommended: final}
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
     reason = replace(result.reason, numbers=numbers)

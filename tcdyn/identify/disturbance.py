@@ -491,11 +491,13 @@ def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> 
     assert rows is not None
     lower, upper = problem.bounds()
     inside = (lower < x) & (x < upper)
-    jacobian = rows[1] * inside / problem.natural_scale(x)
+    scale = problem.natural_scale(x)
+    jacobian = rows[1] * inside / scale
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = np.inf
     prior_root = np.sqrt(problem.prior_precision)
-    prior = np.column_stack([np.diag(prior_root / size), prior_root * x])[prior_root > 0]
+    distance = prior_root * (x - problem.prior_mean)
+    prior = np.column_stack([np.diag(prior_root / scale / size), distance])[prior_root > 0]
     n_drifts = len(problem.run_start_s) if problem.trend else 0
     return LinearisedProblem(
         rows[0], jacobian / size, size, prior, problem.residual_slices, n_drifts

@@ -13,8 +13,9 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
@@ -92,6 +93,9 @@ def fit(
     start: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
     check: bool = True,
     input_noise: float | Literal["auto"] = "auto",
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    weights: ArrayLike | None = None,
 ) -> Fit:
     """Least-squares simulation fit of a model to data, with uncertainties.
 
@@ -130,6 +134,14 @@ def fit(
         Standard deviation of a measured input's noise, 0 for an exact input; "auto" estimates it
         from the samples. With noise, the input's level before a run in equilibrium is estimated:
         its first sample is one reading of it.
+    bounds
+        Lower and upper bound of parameters, ``{"Tp1": (1, 5)}``.
+    prior
+        Mean and standard uncertainty of parameters from elsewhere, ``{"Kp": (1.0, 0.01)}``: a
+        normal distribution; of the logarithm where the parameter is positive.
+    weights
+        Weights (N,) of all samples of the data: the variance of the noise is inversely proportional
+        to them. Samples of weight zero are left out.
 
     Returns
     -------
@@ -162,10 +174,20 @@ def fit(
     """
     structure = as_model(model)
     where = data.name or "identify"
+    _check_knowledge(structure, bounds or {}, prior or {})
+    if weights is not None:
+        weights = _checked_weights(data, weights)
+        if loss != "linear" or structure.arx or baseline == "walk":
+            raise InputError(
+                "weights are given",
+                where=where,
+                expected="the linear loss, no random walk, and no ARX model",
+            )
+        data = without_samples(data, weights == 0)
     problem = make_problem(
         data, structure, "equilibrium" if initial == "auto" else initial, input_noise
     )
-    problem = replace(problem, trend=baseline == "trend")
+    problem = replace(problem, trend=baseline == "trend", limits=bounds or {}, priors=prior or {})
     if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
         raise InputError(
             f"{structure.name} has the noise of its own poles",
@@ -179,6 +201,10 @@ def fit(
     problem, optimum = _fit_white(problem, start_sets)
     if initial == "auto":
         problem, optimum = _free_initial_state(problem, optimum)
+    row_weights = None
+    if weights is not None:
+        row_weights = measured_rows(problem, data, weights)
+        optimum = _fit_weighted(problem, optimum, row_weights)
     noise_model = NoiseModel()
     if structure.arx:
         noise_model = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
@@ -186,11 +212,12 @@ def fit(
         optimum = _fit_robust(problem, optimum, loss)
     elif problem.input_sd and not structure.arx:
         problem, optimum, noise_model = alternate(problem, optimum, input_noise_model)
-    result = make_fit(data, problem, optimum, noise_model, loss, covariance)
+    result = make_fit(data, problem, optimum, noise_model, loss, covariance, weights=row_weights)
     is_white = noise == "white" and baseline in ("none", "trend")
     if not is_white and not structure.arx:
         result = fit_disturbance(data, result, optimum, noise, baseline, covariance)
-    if intervals != "quadratic" and loss == "linear" and not result.noise.averaged:
+    is_weighted = result.optimum.weights is not None
+    if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
         result = replace_poor_intervals(result, intervals == "profile")
     return add_findings(result, data.findings)
 
@@ -276,6 +303,87 @@ def _fit_robust(problem: IdentificationProblem, optimum: Optimum, loss: Loss) ->
     """Return the optimum of a robust loss, from that of least squares."""
     robust = minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
     return sort_lags(problem, robust)
+
+
+def _check_knowledge(
+    model: Model,
+    bounds: Mapping[str, tuple[float, float]],
+    prior: Mapping[str, tuple[float, float]],
+) -> None:
+    """Raise InputError for bounds or priors of other parameters, or that are not possible.
+
+    Raises
+    ------
+    InputError
+        For a name that is no free parameter, a lower bound above the upper, an uncertainty that is
+        not above zero, or a mean of a positive parameter that is not.
+    """
+    expected = ", ".join(model.free)
+    for name in (*bounds, *prior):
+        if name not in model.free:
+            raise InputError(
+                f"bounds or prior of {name!r}", where=model.name, expected=f"one of {expected}"
+            )
+    for name, (low, high) in bounds.items():
+        if not low < high:
+            raise InputError(f"bounds of {name} are {low} and {high}", expected="low < high")
+    for name, (mean, u) in prior.items():
+        if not u > 0 or (model.positive(name) and not mean > 0):
+            raise InputError(
+                f"prior of {name} is {mean} +- {u}",
+                expected="an uncertainty above zero, and a mean above zero of a time constant",
+            )
+
+
+def _checked_weights(data: IOData, weights: ArrayLike) -> Array:
+    """Return the weights (N,) after a check of their number and sign.
+
+    Raises
+    ------
+    InputError
+        For another number of weights, or weights that are negative or not finite.
+    """
+    values = np.asarray(weights, dtype=float)
+    if values.shape != (data.n_samples,) or not (np.isfinite(values) & (values >= 0)).all():
+        raise InputError(
+            f"weights of shape {values.shape}",
+            where=data.name or "identify",
+            expected=f"({data.n_samples},), zero or more: one for each sample of all runs",
+        )
+    return values
+
+
+def without_samples(data: IOData, left_out: Flags) -> IOData:
+    """Return the data with NaN in place of the outputs (N,) that are left out."""
+    first = 0
+    runs = []
+    for run in data.runs:
+        flags = left_out[first : first + run.n, None]
+        runs.append(replace(run, y=np.where(flags, np.nan, run.y)))
+        first += run.n
+    return replace(data, runs=tuple(runs))
+
+
+def measured_rows(problem: IdentificationProblem, data: IOData, values: Array) -> Array:
+    """Return the values of the measured samples of all segments, from those of all samples (N,)."""
+    first_of_run = np.cumsum([0, *(run.n for run in data.runs)])
+    rows = []
+    for s in problem.segments:
+        since_s = s.start_s - data.runs[s.run].start_s
+        first = int(first_of_run[s.run]) + round(since_s / data.dt_s)
+        rows.append(values[first : first + len(s.y)][s.measured])
+    return np.concatenate(rows)
+
+
+def _fit_weighted(problem: IdentificationProblem, optimum: Optimum, weights: Array) -> Optimum:
+    """Return the optimum with weights (N,) of the residuals, from that without."""
+    core = problem.least_squares_problem(root=np.sqrt(weights))
+    weighted = search(problem, core, optimum.theta)
+    rows = optimum.problem.evaluate(weighted.theta)
+    assert rows is not None
+    return replace(
+        weighted, problem=optimum.problem, residual=rows[0], jacobian=rows[1], weights=weights
+    )
 
 
 def add_findings(result: Fit, findings: tuple[Finding, ...]) -> Fit:
@@ -443,6 +551,8 @@ def fit_drift(
     best = search(with_trend, start=candidates)
     if loss != "linear":
         best = _fit_robust(with_trend, best, loss)
+    elif optimum.weights is not None:
+        best = _fit_weighted(with_trend, best, optimum.weights)
     return with_trend, best
 
 
@@ -562,7 +672,7 @@ def make_fit(
         cov_theta,
         offset=final_offset(problem, x, residual, noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
-        hold=problem.hold,
+        hold=data.hold,
         dt_s=problem.dt_s,
         input_name=", ".join(data.input_names),
         output_name=data.output_names[0],

@@ -193,7 +193,7 @@ def held_out_statistics(
         model=replace(model.model, fixed=model.theta, offset="none"),
         segments=tuple(state_segments),
         dt_s=test.dt_s,
-        hold=test.hold,
+        holds=test.holds,
         trend=False,
     )
     outputs = problem.outputs(solve_linear_parameters(problem, {})[1])

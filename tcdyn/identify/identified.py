@@ -26,7 +26,7 @@ from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.result import Result, jsonable
-from tcdyn.identify.iodata import Hold
+from tcdyn.identify.iodata import Holds, hold_of_each, hold_text
 from tcdyn.identify.models import KnownDynamics, Model, several, transfer
 from tcdyn.identify.responses import Dynamics, percent_times
 from tcdyn.rig.disk import Conditioning
@@ -74,6 +74,7 @@ class Identified(Dynamics, Result):
         Standard deviation of the noise, in the output's unit.
     hold, dt_s
         Hold and sampling interval [s] of the record; ``dt_s`` is 0 for a model without a record.
+        Inputs of different holds have one each.
     input_name, output_name, input_unit, output_unit
         Names and units of the record.
     statistics
@@ -90,7 +91,7 @@ class Identified(Dynamics, Result):
     estimates: Mapping[str, Estimate]
     offset: float = 0.0
     noise_sd: float = 0.0
-    hold: Hold = "foh"
+    hold: Holds = "foh"
     dt_s: float = 1.0
     input_name: str = "u"
     output_name: str = "y"
@@ -136,6 +137,7 @@ class Identified(Dynamics, Result):
         """The model behind each input, by the input's name."""
         free = self.model.free
         models = {}
+        holds = hold_of_each(self.hold, len(self.model.inputs))
         for k, input_name in enumerate(self.model.inputs):
             model, names = self.model.branch(k)
             index = [free.index(names[n]) for n in model.free]
@@ -146,6 +148,7 @@ class Identified(Dynamics, Result):
                 covariance=self.covariance[np.ix_(index, index)],
                 estimates={n: self.estimates[names[n]] for n in model.free},
                 offset=0.0,
+                hold=holds[k],
                 input_name=input_name,
                 statistics={},
                 sentence="",
@@ -171,7 +174,7 @@ class Identified(Dynamics, Result):
         self,
         u: Array,
         dt_s: float | None = None,
-        hold: Hold | None = None,
+        hold: Holds | None = None,
         start: InitialState = "equilibrium",
     ) -> Array:
         """Return the model's output, offset included.
@@ -183,7 +186,7 @@ class Identified(Dynamics, Result):
         dt_s
             Sampling interval [s]; by default that of the record.
         hold
-            Hold of the input; by default that of the record.
+            Hold of all inputs, or of each; by default that of the record.
         start
             State in which the simulation starts.
 
@@ -208,8 +211,9 @@ class Identified(Dynamics, Result):
                 "the model is of no record", expected="the sampling interval", remedy="give dt_s=.."
             )
         y = np.zeros(len(table))
-        for model, column in zip(self.by_input.values(), table.T):
-            y = y + simulate(model.rational, column, dt, hold or self.hold, start)
+        holds = hold_of_each(hold or self.hold, table.shape[1])
+        for model, column, column_hold in zip(self.by_input.values(), table.T, holds):
+            y = y + simulate(model.rational, column, dt, column_hold, start)
         return y + self.offset
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
@@ -292,7 +296,7 @@ class Identified(Dynamics, Result):
         width = max(5, *map(len, m.names))
         if m.inputs:
             width += 2
-        origin = f"{self.hold.upper()}, dt = {self.dt_s:g} s" if self.dt_s else "given"
+        origin = f"{hold_text(self.hold)}, dt = {self.dt_s:g} s" if self.dt_s else "given"
         lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {origin}"]
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
             lines.append(f"  {name:{width}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
@@ -404,6 +408,8 @@ class Identified(Dynamics, Result):
         model = _model_from_dict(d["model"])
         size = len(model.free)
         fields = {key: d[key] for key in PLAIN_KEYS}
+        if not isinstance(d["hold"], str):
+            fields["hold"] = tuple(d["hold"])
         fields["covariance"] = np.array(d["covariance"], dtype=float).reshape(size, size)
         fields["estimates"] = {n: Estimate(**e) for n, e in d["estimates"].items()}
         fields["statistics"] = {

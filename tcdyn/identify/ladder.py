@@ -10,8 +10,9 @@ coverage of the complete search; ``tests/identify/test_identify_ladder.py`` chec
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
 from typing import Any
 
 from tcdyn.core.errors import InputError
@@ -83,12 +84,20 @@ class Ladder:
         Options of :func:`tcdyn.identify.fit` that the caller has given.
     progress
         Called before each fit.
+    counter
+        Numbers of the fits.
     """
 
     data: IOData
     template: Model
     options: Mapping[str, Any]
     progress: Progress
+    counter: Iterator[int] = field(default_factory=lambda: count(1))
+
+    def announce(self, name: str) -> None:
+        """Report a fit, with its number; how many follow is not known."""
+        number = next(self.counter)
+        self.progress(name, number, number)
 
     @property
     def first_setting(self) -> Setting:
@@ -204,7 +213,7 @@ def select_setting(ladder: Ladder, fits: Sequence[Fit], setting: Setting) -> tup
         candidates = []
         for changed in changed_settings(setting, ladder.options, has_coloured_residuals(best)):
             for reference in references:
-                ladder.progress(reference.problem.model.name, 0, 0)
+                ladder.announce(reference.problem.model.name)
                 theta = reference.identified.theta
                 result = ladder.fit_model(reference.problem.model, changed, [theta])
                 if result is not None:
@@ -271,10 +280,9 @@ def neighbours(name: str) -> list[str]:
     if n_lags >= 2 and not letters & {"H", "I"}:
         variants.append((n_lags, letters ^ {"U"}))
     names = []
-    for count, used in variants:
-        is_possible = 1 <= count <= MAX_LAGS and (count > 1 or "I" in used or "U" not in used)
-        if is_possible:
-            names.append(f"P{count}" + "".join(c for c in "DUZHI" if c in used))
+    for poles, used in variants:
+        if 1 <= poles <= MAX_LAGS:
+            names.append(f"P{poles}" + "".join(c for c in "DUZHI" if c in used))
     return names
 
 
@@ -312,7 +320,7 @@ def fit_structures(ladder: Ladder, names: Sequence[str], setting: Setting) -> di
     """Return the fits of structures of one input, without those that cannot be fitted."""
     fits = {}
     for name in names:
-        ladder.progress(name, 0, 0)
+        ladder.announce(name)
         result = ladder.fit_model(ladder.model([name]), setting)
         if result is not None:
             fits[name] = result
@@ -341,10 +349,10 @@ def select_one_input(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     """
     first = ladder.first_setting
     fits = {"P1D": ladder.checked_fit(ladder.model(["P1D"]), first)}
-    fits |= fit_structures(ladder, FIRST_STRUCTURES[1:], first)
+    fits |= fit_structures(ladder, (*FIRST_STRUCTURES[1:], NO_MODEL), first)
     setting, best = select_setting(ladder, list(fits.values()), first)
     if setting != first:
-        fits = fit_structures(ladder, FIRST_STRUCTURES, setting)
+        fits = fit_structures(ladder, (*FIRST_STRUCTURES, NO_MODEL), setting)
     fits = climb(ladder, fits, setting)
     best = best_fit(list(fits.values()))
     if not has_clean_residuals(best) or best.findings:
@@ -392,12 +400,10 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
                 others.append(NO_MODEL)
             for structure in others:
                 changed = [*names[:k], structure, *names[k + 1 :]]
-                if all(n == NO_MODEL for n in changed):
-                    continue
                 model = ladder.model(changed)
                 if model.name in fits:
                     continue
-                ladder.progress(model.name, 0, 0)
+                ladder.announce(model.name)
                 start = branch_starts(best, model, k)
                 result = ladder.fit_model(model, setting, start)
                 if result is not None:

@@ -161,6 +161,7 @@ class LevelLagProblem:
             self.evaluate,
             lower=np.append(core.lower, -MAX_BEND),
             upper=np.append(core.upper, MAX_BEND),
+            prior_mean=np.append(core.prior_mean, 0.0),
             prior_sd=np.append(core.prior_sd, np.inf),
         )
 

@@ -10,8 +10,8 @@ that folder compare the derivatives with differences;
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import count
 from typing import Literal, NamedTuple
 
@@ -29,7 +29,8 @@ from tcdyn.core import Array, Flags
 from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
-from tcdyn.identify.models import Model, base_name
+from tcdyn.identify.iodata import Hold
+from tcdyn.identify.models import MIN_POSITIVE, Model, base_name
 from tcdyn.identify.segments import Segment
 
 Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
@@ -89,8 +90,8 @@ class IdentificationProblem:
         The record, cut where an input is missing.
     dt_s
         Sampling interval [s].
-    hold
-        The input between samples: held ("zoh") or a straight line ("foh").
+    holds
+        Each input between samples: held ("zoh") or a straight line ("foh").
     initial
         State in which the runs start.
     time_scale_s
@@ -102,6 +103,11 @@ class IdentificationProblem:
         of an input against the fitted level before it.
     trend
         Whether each run has a linear drift.
+    limits
+        Bounds (low, high) of parameters by name, within those of the model.
+    priors
+        Mean and standard uncertainty of parameters by name, of normal distributions; of the
+        logarithm where the parameter is positive.
 
     Notes
     -----
@@ -125,17 +131,24 @@ class IdentificationProblem:
     model: Model
     segments: tuple[Segment, ...]
     dt_s: float
-    hold: Literal["zoh", "foh"]
+    holds: tuple[Hold, ...]
     initial: Initial
     time_scale_s: float = 1.0
     input_sds: tuple[float, ...] = (0.0,)
     noise_sd: float = 1.0
     trend: bool = False
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def input_sd(self) -> float:
         """Noise of the input where there is one input only, else 0."""
         return self.input_sds[0] if len(self.input_sds) == 1 else 0.0
+
+    @property
+    def hold(self) -> Hold:
+        """The hold of the first input."""
+        return self.holds[0]
 
     @cached_property
     def branches(self) -> list[Branch]:
@@ -236,14 +249,32 @@ class IdentificationProblem:
     def prior_precision(self) -> Array:
         """Prior precision of x (size,), in units of the output's noise.
 
-        It is above zero for the input levels before a segment, by their first sample.
+        It is above zero for parameters with a prior, and for the input levels before a segment, by
+        their first sample.
         """
         precision = np.zeros(self.size)
         for levels in self.past_level_index:
             for k, sd in zip(levels, self.input_sds):
                 if k is not None:
                     precision[k] = (self.noise_sd / sd) ** 2
+        for name, (mean, u) in self.priors.items():
+            if name in self.model.free:
+                sd = u / mean if self.model.positive(name) else u
+                precision[self.model.free.index(name)] = (self.noise_sd / sd) ** 2
         return precision
+
+    @cached_property
+    def prior_mean(self) -> Array:
+        """Prior mean of x (size,); zero where there is no prior of a parameter."""
+        mean = np.zeros(self.size)
+        for name, (value, _) in self.priors.items():
+            if name in self.model.free:
+                mean[self.model.free.index(name)] = self._as_x(name, value)
+        return mean
+
+    def _as_x(self, name: str, value: float) -> float:
+        """Return the value of a parameter as in x: the logarithm of a positive one."""
+        return float(np.log(max(value, MIN_POSITIVE))) if self.model.positive(name) else value
 
     @property
     def n_measured(self) -> int:
@@ -346,7 +377,7 @@ class IdentificationProblem:
         """Return lower and upper bounds of x.
 
         Lags lie between ``MIN_LAG_SAMPLES`` samples and ``MAX_LAG_RECORDS`` records, the dead
-        time between zero and :attr:`delay_max_s`.
+        time between zero and :attr:`delay_max_s`, and all within ``limits``.
 
         Returns
         -------
@@ -355,6 +386,11 @@ class IdentificationProblem:
         """
         lags_s = (MIN_LAG_SAMPLES * self.dt_s, MAX_LAG_RECORDS * self.longest_segment_s)
         lower, upper = self.model.bounds(lags_s, self.delay_max_s)
+        for name, (low, high) in self.limits.items():
+            if name in self.model.free:
+                k = self.model.free.index(name)
+                lower[k] = max(lower[k], self._as_x(name, low))
+                upper[k] = min(upper[k], self._as_x(name, high))
         unbounded = np.full(self.size - self.n_model, np.inf)
         return np.append(lower, -unbounded), np.append(upper, unbounded)
 
@@ -385,7 +421,8 @@ class IdentificationProblem:
                 size = self.state_sizes[i] if has_state else 0
                 single = segment.with_input(i) if len(levels) > 1 else segment
                 rows = slice(first, first + size)
-                self._add_branch(system, single, levels[i], rows, x, y, jacobian)
+                hold = self.holds[i]
+                self._add_branch(system, single, hold, levels[i], rows, x, y, jacobian)
                 first += size
             outputs.append((y, jacobian))
         return outputs
@@ -439,6 +476,7 @@ class IdentificationProblem:
         self,
         system: _BranchSystem,
         segment: Segment,
+        hold: Hold,
         level: int | None,
         state: slice,
         x: Array,
@@ -453,6 +491,8 @@ class IdentificationProblem:
             The branch at x.
         segment
             The segment with this input.
+        hold
+            The hold of this input.
         level
             Position in x of the input's level before the segment, or None.
         state
@@ -479,14 +519,12 @@ class IdentificationProblem:
             past = segment.last_inputs(self.max_delay_samples)
         u = np.concatenate([past, segment.u])
         if level is None:
-            rows = simulate_rows(system.realisation, u, self.dt_s, g.delay_s, self.hold, self.start)
+            rows = simulate_rows(system.realisation, u, self.dt_s, g.delay_s, hold, self.start)
             rows = rows[:, len(past) :]
         else:
             # steady state at the level before, plus the response to the departure from it
             before = u[0] + x[level]
-            rows = simulate_rows(
-                system.realisation, u - before, self.dt_s, g.delay_s, self.hold, "zero"
-            )
+            rows = simulate_rows(system.realisation, u - before, self.dt_s, g.delay_s, hold, "zero")
             steady = simulate_rows(
                 system.realisation, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium"
             )
@@ -557,23 +595,24 @@ class IdentificationProblem:
             Names, residuals, bounds and priors. The unknowns after the model parameters are called
             x0, x1, .. by their position.
         """
-        noise = noise or NoiseModel()
-        slices = self.residual_slices
-
-        def evaluate(x: Array) -> tuple[Array, Array] | None:
-            """Return whitened residuals (N,) and Jacobian (N, size) at x, or None."""
-            rows = self.evaluate(x, root)
-            if rows is None:
-                return None
-            if self.model.arx:
-                poles = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
-                return equation_error(
-                    self.pole_polynomial, x, poles, slices, *rows, self.slice_has_free_state
-                )
-            return noise.whiten(rows[0], slices), noise.whiten(rows[1], slices)
-
+        evaluate = partial(self._innovations, noise=noise or NoiseModel(), root=root)
         lower, upper = self.bounds()
         names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))
         with np.errstate(divide="ignore"):
             prior_sd = 1 / np.sqrt(self.prior_precision)
-        return Problem(names, evaluate, lower=lower, upper=upper, prior_sd=prior_sd)
+        return Problem(names, evaluate, self.prior_mean, prior_sd, lower, upper)
+
+    def _innovations(
+        self, x: Array, noise: NoiseModel, root: Array | float
+    ) -> tuple[Array, Array] | None:
+        """Return whitened residuals (N,) and their Jacobian (N, size) at x, or None."""
+        slices = self.residual_slices
+        rows = self.evaluate(x, root)
+        if rows is None:
+            return None
+        if self.model.arx:
+            poles = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
+            return equation_error(
+                self.pole_polynomial, x, poles, slices, *rows, self.slice_has_free_state
+            )
+        return noise.whiten(rows[0], slices), noise.whiten(rows[1], slices)

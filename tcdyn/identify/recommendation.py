@@ -19,6 +19,7 @@ from tcdyn.chain.rational import simulate
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.models import NO_MODEL
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ALARM_P
 from tcdyn.rig.disk import Conditioning
@@ -174,10 +175,13 @@ def conclude(
     Returns
     -------
     Finding
-        An error where no model is good enough ("models.none"), a warning where the model is
+        An error where no model is good enough ("models.none") or a constant output is as good
+        ("models.unrelated"), a warning where the model is
         provisional or not determined, else an info ("models.recommended").
     """
     row = table[table["model"] == recommended].iloc[0]
+    if set(recommended.split(" + ")) == {NO_MODEL}:
+        return error("models.unrelated")
     is_coloured = bool(row["p_white"] < ALARM_P)
     fit_percent = float(row["fit_percent"])
     # NaN where the held-out output is constant

@@ -199,9 +199,11 @@ def make_problem(
                 f"input {name} is constant ({segments[0].inputs[0, k]:g})",
                 where=where,
                 expected="an input that moves: a constant input does not show the dynamics",
+                remedy="record also with another value of the input, before or after: for a heater "
+                "that is on from the first row, one row with the heater off is enough",
             )
-    for submodel in model.submodels or (model,):
-        _check_delay_has_lag(submodel, data.hold)
+    for submodel, hold in zip(model.submodels or (model,), data.holds):
+        _check_delay_has_lag(submodel, hold)
     if input_noise != "auto" and not 0 <= input_noise < np.inf:
         raise InputError(
             f"the input's noise is {input_noise}",
@@ -213,7 +215,7 @@ def make_problem(
         sds = tuple(input_noise_sd(each) for each in single)
     else:
         sds = (float(input_noise),) * n_inputs
-    problem = IdentificationProblem(model, segments, data.dt_s, data.hold, initial, input_sds=sds)
+    problem = IdentificationProblem(model, segments, data.dt_s, data.holds, initial, input_sds=sds)
     noise_sd = float(np.std(np.diff(problem.measured_output))) / np.sqrt(2)
     problem = replace(problem, noise_sd=noise_sd or 1.0)
     min_samples = max(2 * problem.size, 8)
@@ -385,9 +387,11 @@ def sort_lags(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
     Returns
     -------
     Optimum
-        With vector, Jacobian and information in the new order. With a pair of poles the order
-        stays.
+        With vector, Jacobian and information in the new order. With a pair of poles, or with
+        bounds or priors of parameters, the order stays.
     """
+    if problem.limits or problem.priors:
+        return optimum
     free = list(problem.model.free)
     order = np.arange(len(optimum.theta))
     for suffix in {input_suffix(n) for n in free}:
@@ -413,10 +417,10 @@ def sqrt_weights(weights: Array | None) -> Array | float:
 def active_bound(optimum: Optimum, k: int) -> str:
     """Return the bound at which the ``k``-th parameter is: "lower", "upper", or "" for none."""
     x = optimum.theta[k]
-    if x <= optimum.problem.lower[k]:
-        return "lower"
-    if x >= optimum.problem.upper[k]:
-        return "upper"
+    # the average over noise leaves a parameter on its bound but for rounding errors
+    for end in ("lower", "upper"):
+        if np.isclose(x, getattr(optimum.problem, end)[k], rtol=1e-9, atol=1e-12):
+            return end
     return ""
 
 

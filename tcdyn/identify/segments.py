@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import comb
 
 import numpy as np
 
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
 
@@ -27,6 +28,20 @@ MAX_INPUT_NOISE_SHARE = 0.1
 MIN_SEGMENT_SAMPLES = 8
 # Noise of the input over its range, below which it is negligible (chosen by judgement).
 MIN_INPUT_NOISE_SHARE = 1e-4
+
+# Longest gap of an input in samples that is interpolated, and the change over the gap, over the
+# median change in as many samples, up to which it is (chosen by judgement).
+MAX_BRIDGED_SAMPLES = 5
+MAX_BRIDGED_CHANGE = 3.0
+# Consecutive equal samples at a limit of the output, and all of them together, from which the
+# output is clipped (chosen by judgement).
+MIN_CLIPPED_RUN = 3
+MIN_CLIPPED_SAMPLES = 6
+# Change before and after such samples over the median change, above which the output enters and
+# leaves the limit abruptly; at rest it does so gradually (chosen by judgement).
+MIN_ABRUPT_SHARE = 0.2
+# Share of equal neighbours, above which a coarse logger explains them (chosen by judgement).
+MAX_EQUAL_SHARE = 0.4
 
 
 @dataclass(frozen=True)
@@ -102,7 +117,8 @@ class Segment:
 def split_segments(data: IOData) -> tuple[Segment, ...]:
     """Cut the runs where an input is missing.
 
-    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter.
+    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter. Short
+    gaps of an input that hardly changes over them are interpolated (:func:`bridge_gaps`).
 
     Parameters
     ----------
@@ -120,19 +136,92 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
     """
     segments = []
     for run_number, run in enumerate(data.runs):
-        has_input = np.asarray(np.isfinite(run.u).all(axis=1))
+        inputs = np.column_stack([bridge_gaps(u) for u in run.u.T])
+        has_input = np.asarray(np.isfinite(inputs).all(axis=1))
         edges = np.flatnonzero(np.diff(np.concatenate([[0], has_input.view(np.int8), [0]])))
         for start, end in edges.reshape(-1, 2):
             y = run.y[start:end, 0]
-            measured = np.isfinite(y)
+            measured = np.isfinite(y) & ~clipped_samples(y)
             if end - start < min(MIN_SEGMENT_SAMPLES, run.n) or not measured.any():
                 continue
             index = np.flatnonzero(has_input[:end])
             earlier = np.arange(index[0], start)
-            past = np.array([np.interp(earlier, index, u[index]) for u in run.u.T]).T
+            past = np.array([np.interp(earlier, index, u[index]) for u in inputs.T]).T
             start_s = run.start_s + start * data.dt_s
-            segments.append(Segment(run.u[start:end], y, measured, run_number, start_s, past))
+            segments.append(Segment(inputs[start:end], y, measured, run_number, start_s, past))
     return tuple(segments)
+
+
+def bridge_gaps(u: Array) -> Array:
+    """Return an input whose short gaps are interpolated linearly, where it hardly changes.
+
+    Parameters
+    ----------
+    u
+        One input (N,), NaN where it is missing.
+
+    Returns
+    -------
+    array
+        The input (N,). A gap of more than ``MAX_BRIDGED_SAMPLES``, or over which the input changes
+        by more than ``MAX_BRIDGED_CHANGE`` times its median change, stays: when the change happened
+        is then unknown. An input that is held must have the same value before and after.
+    """
+    index = np.flatnonzero(np.isfinite(u))
+    if len(index) == len(u) or len(index) < 2:
+        return u
+    values = u[index]
+    steps = np.diff(index)
+    typical = float(np.median(np.abs(np.diff(values))[steps == 1])) if (steps == 1).any() else 0.0
+    filled = np.asarray(np.interp(np.arange(len(u)), index, values))
+    filled[: index[0]] = np.nan
+    filled[index[-1] + 1 :] = np.nan
+    for before, after in pairwise(index.tolist()):
+        count = after - before
+        change = abs(u[after] - u[before])
+        is_short = count - 1 <= MAX_BRIDGED_SAMPLES
+        if not (is_short and change <= MAX_BRIDGED_CHANGE * typical * np.sqrt(count)):
+            filled[before + 1 : after] = np.nan
+    return filled
+
+
+def clipped_samples(y: Array) -> Flags:
+    """Return which samples of an output lie at a limit of its range, and so are clipped.
+
+    Parameters
+    ----------
+    y
+        The output (N,), NaN where it was not measured.
+
+    Returns
+    -------
+    flags
+        True at clipped samples (N,).
+
+    Notes
+    -----
+    Samples at the largest or smallest value that follow one another and that the output enters and
+    leaves by an ordinary change. An output at rest, and one of a coarse logger, is not clipped.
+    """
+    clipped = np.zeros(len(y), dtype=bool)
+    changes = np.abs(np.diff(y))
+    moving = changes[changes > 0]
+    if len(moving) < MIN_CLIPPED_SAMPLES:
+        return clipped
+    for limit in (np.nanmax(y), np.nanmin(y)):
+        at_limit = y == limit
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at_limit.view(np.int8), [0]])))
+        for start, end in edges.reshape(-1, 2):
+            if end - start < MIN_CLIPPED_RUN or start == 0 or end == len(y):
+                continue
+            smallest = MIN_ABRUPT_SHARE * float(np.median(moving))
+            if changes[start - 1] > smallest and changes[end - 1] > smallest:
+                clipped[start:end] = True
+    outside = changes[~(clipped[1:] | clipped[:-1])]
+    is_coarse = len(outside) > 0 and np.mean(outside == 0) > MAX_EQUAL_SHARE
+    if clipped.sum() < MIN_CLIPPED_SAMPLES or is_coarse:
+        clipped[:] = False
+    return clipped
 
 
 def input_noise_sd(segments: Sequence[Segment]) -> float:

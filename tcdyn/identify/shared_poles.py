@@ -192,10 +192,8 @@ def arx_regression(
         if n <= first:
             continue
         y = np.where(s.measured, s.y, np.nan)[: n * stride : stride]
-        if problem.hold == "zoh":
-            u = s.inputs[: n * stride].reshape(n, stride, -1).mean(axis=1)
-        else:
-            u = s.inputs[::stride][:n]
+        means = s.inputs[: n * stride].reshape(n, stride, -1).mean(axis=1)
+        u = np.where([hold == "zoh" for hold in problem.holds], means, s.inputs[::stride][:n])
         columns = [y[first - i : n - i] for i in range(1, order + 1)]
         for v in u.T:
             columns += [v[order - i : n - delay - i] for i in range(order + 1)]

@@ -334,7 +334,7 @@ def solve_linear_parameters(
         return float(rows[0] @ rows[0]), x
     has_prior = np.flatnonzero(problem.prior_precision)  # each prior is one more row
     prior_rows = np.diag(np.sqrt(problem.prior_precision))[has_prior]
-    residual = np.append(rows[0], np.zeros(len(has_prior)))
+    residual = np.append(rows[0], prior_rows @ (x - problem.prior_mean))
     jacobian = np.vstack([rows[1], prior_rows])[:, linear]
     step = np.linalg.lstsq(jacobian, -residual, rcond=1e-10)[0]
     x[linear] += step
@@ -423,7 +423,13 @@ def single_input_problem(
         replace(s.with_input(k), y=s.y - y) for s, (y, _) in zip(problem.segments, outputs)
     )
     model = replace(model, offset=problem.model.offset, delay_max_s=problem.model.delay_max_s)
-    return replace(problem, model=model, segments=segments, input_sds=(problem.input_sds[k],))
+    return replace(
+        problem,
+        model=model,
+        segments=segments,
+        holds=(problem.holds[k],),
+        input_sds=(problem.input_sds[k],),
+    )
 
 
 def one_lag_problem(

@@ -18,7 +18,7 @@ import pandas as pd
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
-from tcdyn.identify.iodata import Hold, IOData, check_hold
+from tcdyn.identify.iodata import Hold, Holds, IOData, check_hold
 from tcdyn.identify.segments import MIN_REPEATED_SHARE
 from tcdyn.io.cells import TextColumn
 from tcdyn.io.read import Table, open_table, read_all_rows
@@ -56,7 +56,7 @@ def from_frame(
     time_unit: str | None = None,
     run: str | None = None,
     dt_s: float | None = None,
-    hold: Hold | Literal["auto"] = "auto",
+    hold: Holds | Literal["auto"] = "auto",
     resample_s: float | None = None,
     name: str = "",
 ) -> IOData:
@@ -82,8 +82,9 @@ def from_frame(
     dt_s
         Sampling interval [s].
     hold
-        "zoh", "foh" or "auto": "zoh" where every input stays constant and jumps as if set by a
-        computer. Where the input alone cannot tell (:func:`is_setpoint`), there is a finding.
+        "zoh", "foh", one of them for each input, or "auto": "zoh" for each input that stays
+        constant and jumps as if set by a computer. Where the input alone cannot tell
+        (:func:`is_setpoint`), there is a finding.
     resample_s
         Sampling interval [s] of an even grid to which uneven times are interpolated linearly.
     name
@@ -167,13 +168,14 @@ def from_frame(
         for column, count in code_counts.items()
     ]
     if hold != "auto":
-        return replace(data, hold=check_hold(hold, where), findings=tuple(codes))
-    kind, findings = _select_hold(data)
-    return replace(data, hold=kind, findings=(*codes, *findings))
+        return replace(data, hold=check_hold(hold, len(inputs), where), findings=tuple(codes))
+    holds, findings = _select_holds(data)
+    selected = check_hold(holds, len(inputs), where)
+    return replace(data, hold=selected, findings=(*codes, *findings))
 
 
-def _select_hold(data: IOData) -> tuple[Hold, list[Finding]]:
-    """Select the hold of the inputs from their samples.
+def _select_holds(data: IOData) -> tuple[list[Hold], list[Finding]]:
+    """Select the hold of each input from its samples.
 
     Parameters
     ----------
@@ -182,23 +184,23 @@ def _select_hold(data: IOData) -> tuple[Hold, list[Finding]]:
 
     Returns
     -------
-    hold
-        "zoh" where every input was set by a computer, else "foh".
+    holds
+        "zoh" for each input that was set by a computer, else "foh".
     findings
         One for each input that does not determine it.
     """
-    setpoints = []
-    for k in range(len(data.input_names)):
-        setpoints.append(is_setpoint(np.concatenate([run.u[:, k] for run in data.runs])))
-    hold: Hold = "zoh" if all(is_set for is_set, _ in setpoints) else "foh"
+    holds: list[Hold] = []
     findings = []
-    for name, (is_set, step) in zip(data.input_names, setpoints):
+    for k, name in enumerate(data.input_names):
+        is_set, step = is_setpoint(np.concatenate([run.u[:, k] for run in data.runs]))
+        hold: Hold = "zoh" if is_set else "foh"
+        holds.append(hold)
         if step:
             finding = info if is_set else warning
             findings.append(
                 finding("record.hold", subject=name, step=step, hold=hold, half_s=data.dt_s / 2)
             )
-    return hold, findings
+    return holds, findings
 
 
 def _check_columns(

@@ -118,7 +118,7 @@ class Validation:
 
         Coarse readings and weak feedback count only where the residuals follow the input.
         """
-        codes = ["record.off_equilibrium", "record.drift"]
+        codes = ["record.off_equilibrium", "record.drift", "record.clipped"]
         if self.dynamics_missing:
             codes.append("record.coarse")
         feedback_p = [f.numbers["p"] for f in self.findings if f.code == "record.feedback"]
@@ -189,6 +189,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     n_spikes = _count_spikes(fit.residual if fit.noise.white else e)
     if n_spikes and cross.p >= ALARM_P and not is_rounding and not unsettled:
         findings.append(warning("residuals.spikes", count=n_spikes, robust=fit.loss != "linear"))
+    findings += clipped_output(problem)
     n_gaps = sum(s.after_gap for s in problem.segments)
     if n_gaps:
         findings.append(info("record.gaps", count=n_gaps))
@@ -246,26 +247,12 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     d'(C + C_0)^-1 d is chi-squared with one degree of freedom for each parameter. C is robust
     where residuals are coloured.
     """
-    old = fit.problem
-    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
-        raise InputError(
-            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
-            where=data.name or "confirm",
-        )
-    problem = replace(
-        make_problem(data, old.model, old.initial),
-        input_sds=old.input_sds,
-        time_scale_s=old.time_scale_s,
-        noise_sd=old.noise_sd,
-        trend=old.trend,
-    )
+    problem, x = fit_states(fit, data)
     k = problem.n_model
-    x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
     core = problem.least_squares_problem(fit.noise)
-    rows = core.evaluate(x)
-    assert rows is not None  # the model is stable, it was fitted
-    x[k:] -= np.linalg.lstsq(rows[1][:, k:], rows[0], rcond=None)[0]
-    e, j = core.evaluate(x) or rows
+    evaluated = core.evaluate(x)
+    assert evaluated is not None  # the model is stable, it was fitted
+    e, j = evaluated
     unweighted = problem.evaluate(x)
     assert unweighted is not None
     applied = replace(
@@ -291,8 +278,51 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     p = float(chdtrc(k, step @ inverse(total) @ step))
     if p >= ALARM_P:
         return validation
-    differs = warning("validation.moved", subject=old.model.name, p=p)
+    differs = warning("validation.moved", subject=problem.model.name, p=p)
     return replace(validation, findings=(*validation.findings, differs))
+
+
+def fit_states(fit: Fit, data: IOData) -> tuple[IdentificationProblem, Array]:
+    """Fit offsets, drifts and initial states to other data; the parameters stay.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    data
+        Other data.
+
+    Returns
+    -------
+    problem
+        The problem of these data.
+    x
+        Its vector (size,).
+
+    Raises
+    ------
+    InputError
+        For data that cannot be used, or whose sampling differs from that of a noise model.
+    """
+    old = fit.problem
+    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
+        raise InputError(
+            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
+            where=data.name or "identify",
+        )
+    problem = replace(
+        make_problem(data, old.model, old.initial),
+        input_sds=old.input_sds,
+        time_scale_s=old.time_scale_s,
+        noise_sd=old.noise_sd,
+        trend=old.trend,
+    )
+    k = problem.n_model
+    x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
+    rows = problem.least_squares_problem(fit.noise).evaluate(x)
+    assert rows is not None  # the model is stable, it was fitted
+    x[k:] -= np.linalg.lstsq(rows[1][:, k:], rows[0], rcond=None)[0]
+    return problem, x
 
 
 def _conclusion(
@@ -551,6 +581,12 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
     return (warning("record.off_equilibrium", off=largest, times_rms=largest / rms),)
 
 
+def clipped_output(problem: IdentificationProblem) -> tuple[Finding, ...]:
+    """Return a warning where samples of the output were left out because they are at a limit."""
+    n_clipped = sum(int(np.sum(np.isfinite(s.y) & ~s.measured)) for s in problem.segments)
+    return (warning("record.clipped", count=n_clipped),) if n_clipped else ()
+
+
 def drift(problem: IdentificationProblem, residual: Array) -> tuple[Finding, ...]:
     """Return a warning where the residuals contain a straight line in time.
 
@@ -610,6 +646,12 @@ def has_coloured_residuals(fit: Fit) -> bool:
 def has_clean_residuals(fit: Fit) -> bool:
     """Whether the residuals are white and do not follow the input."""
     return not has_coloured_residuals(fit) and fit.identified.statistics["p_input"] >= ALARM_P
+
+
+def is_adequate(fit: Fit) -> bool:
+    """Whether the tests of the residuals do not clearly reject the model, at ``DRIVEN_P``."""
+    statistics = fit.identified.statistics
+    return min(statistics["p_white"], statistics["p_input"]) >= DRIVEN_P
 
 
 def is_undriven(fit: Fit) -> bool:

@@ -91,10 +91,10 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     simulated = f"{model.model.name} simulated"
     ax.plot(t, fit.simulate_segments()[segment], color=TRUTH, linewidth=1.3, label=simulated)
 
-    style = _input_style(fit.problem.hold)
     input_axis = ax.twinx()
     widths = (0.8, 1.4, 0.5, 2.0)
     for k, u in enumerate(data.inputs.T):
+        style = _input_style(fit.problem.holds[k])
         input_axis.plot(t, u, color=FAST, **style, linewidth=widths[k % len(widths)])
     legend_label = f"{model.input_name}, right axis"
     ax.plot([], [], color=FAST, label=legend_label, **style, linewidth=widths[0])
@@ -138,10 +138,10 @@ def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
     """
     t = data.times_s(run)
     record = data.runs[run]
-    style = _input_style(data.hold)
     input_axis = ax.twinx()
     for k, (name, u) in enumerate(zip(data.input_names, record.u.T)):
         colour = INPUT_COLOURS[k % len(INPUT_COLOURS)]
+        style = _input_style(data.holds[k])
         input_axis.plot(t, u, color=colour, **style, linewidth=0.8)
         ax.plot([], [], color=colour, label=f"{name}, right axis", **style, linewidth=0.8)
     for k, (name, y) in enumerate(zip(data.output_names, record.y.T)):

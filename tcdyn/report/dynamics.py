@@ -164,10 +164,13 @@ def write_identify_report(
         for finding in comparison.validation.findings
         if finding.code == "residuals.follow_input"
     ]
-    hold = "straight" if model.hold == "foh" else "unchanged"
+    holds = []
+    for name, part in model.by_input.items():
+        course = "straight" if part.hold == "foh" else "unchanged"
+        holds.append(f"{name} runs {course} between its samples ({part.hold})")
     assumptions = [
-        f"the input runs {hold} between its samples ({model.hold}), "
-        f"{input_noise_text(best, record)}, and the system is linear and does not change in time"
+        f"{', '.join(holds)}, {input_noise_text(best, record)}, and the system is linear and "
+        "does not change in time"
     ]
     if filter_.poles:
         assumptions.append(f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known")

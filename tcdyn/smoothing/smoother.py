@@ -93,7 +93,8 @@ def smooth(
     dt_s
         Sampling interval [s].
     chains
-        One chain for all channels, or one per channel; a number is one lag [s].
+        One chain for all channels, or one per channel; a number is one lag [s], and a ``control``
+        system of static gain 1 is a chain too.
     noise_sd
         Standard deviation of the noise per channel [K]; estimated when left out.
     intensity

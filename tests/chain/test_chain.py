@@ -203,3 +203,46 @@ def test_smoother_accepts_one_lag_as_a_number_and_rejects_an_ambiguous_list() ->
     )
     with pytest.raises(InputError, match="for a sensor of several lags"):
         smooth(np.column_stack([y, y]), 0.05, [0.5, 0.1])  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize(
+    "chain", [Chain(0.5), Chain([0.6, 0.1], zero_s=-0.2), Chain((0.1,), pair=(0.3, 0.5))]
+)
+def test_chain_returns_from_its_control_system(chain):
+    import control
+
+    for system in (chain.transfer_function(), chain.state_space()):
+        back = Chain.from_control(system)
+        np.testing.assert_allclose(back.taus_s, chain.taus_s, rtol=1e-6)
+        f = np.geomspace(0.01, 10, 20)
+        np.testing.assert_allclose(back.frequency_response(f), chain.frequency_response(f), 1e-6)
+    double = Chain.from_control(control.tf([1.0], [1.0, 2.0, 1.0]), delay_s=0.3)
+    assert (double.lag_s, double.delay_s) == (pytest.approx(2.3, rel=1e-6), 0.3)
+
+
+def test_control_system_that_is_no_chain_is_refused():
+    import control
+
+    s = control.tf("s")
+    for system in (2 / (s + 1), 1 / (1 - s), (1 + s) ** 2 / (1 + 2 * s) ** 3, 1 / (s * s + 1) ** 2):
+        with pytest.raises(InputError):
+            Chain.from_control(system)
+    with pytest.raises(InputError):
+        Chain.from_control(control.tf([0.1], [1, -0.9], 0.1))
+
+
+def test_state_space_holds_a_dead_time_up_to_frequencies_of_its_pade_order():
+    chain = Chain([0.6, 0.1], delay_s=0.2)
+    f = np.array([0.01, 0.3, 1.0])
+    for order, tolerance in ((1, 5e-2), (4, 1e-6)):
+        response = chain.state_space(order)(2j * np.pi * f)
+        assert np.abs(response - chain.frequency_response(f)).max() < tolerance
+
+
+def test_smoother_takes_a_control_system():
+    chain = Chain([0.5, 0.1])
+    t = np.arange(0.0, 20.0, 0.05)
+    noise = np.random.default_rng(2).normal(0, 0.1, len(t))
+    y = chain.response(np.sin(t), 0.05) + noise
+    by_system = smooth(y, 0.05, chain.transfer_function())
+    np.testing.assert_allclose(by_system.temperature, smooth(y, 0.05, chain).temperature, atol=1e-6)

@@ -218,8 +218,9 @@ def test_record_is_sliced_by_time_and_the_held_out_part_is_its_end() -> None:
 
 
 def test_segments_keep_past_inputs_and_short_segments_are_skipped() -> None:
-    u = np.arange(60.0)
     y = np.arange(60.0)
+    # the input moves by 100 within each gap: when it moved is not known
+    u = y + 100.0 * np.searchsorted([20, 30, 38], y, side="right")
     u[[20, 21, 22, 30, 38]] = np.nan  # 0..19, 23..29 (seven samples), 31..37 (seven), 39..59
     segments = split_segments(IOData.from_arrays(u, y, 0.5, start_s=2.0))
     assert [(s.start_s, len(s.y), s.after_gap) for s in segments] == [
@@ -228,15 +229,22 @@ def test_segments_keep_past_inputs_and_short_segments_are_skipped() -> None:
     ]
     # gaps are interpolated linearly
     assert segments[1].last_inputs(3).tolist() == [
-        36.0,
-        37.0,
-        38.0,
+        236.0,
+        237.0,
+        288.0,
     ]
     assert segments[1].last_inputs(41)[:3].tolist() == [0.0, 0.0, 0.0]
     assert segments[0].last_inputs(2).tolist() == [0.0, 0.0]
-    u[[30, 38]] = (30.0, 38.0)
+    u[[30, 38]] = (230.0, 338.0)
     merged = split_segments(IOData.from_arrays(u, y, 0.5))
     assert [len(s.y) for s in merged] == [20, 37]
+    # a short gap over which the input does not move is interpolated; a long one is not
+    held = np.ones(60)
+    held[[20, 21]] = np.nan
+    held[40:50] = np.nan
+    bridged = split_segments(IOData.from_arrays(held, y, 0.5))
+    assert [len(s.y) for s in bridged] == [40, 10]
+    assert np.all(bridged[0].u == 1.0)
 
 
 @pytest.mark.parametrize(("sd", "detected"), [(0.01, True), (1e-4, False), (0.3, False)])

@@ -125,7 +125,9 @@ BAD = {
     ),
     "NaN in turns": (
         lambda: fit(
-            IOData.from_arrays(np.where(np.arange(50) % 2, 1.0, np.nan), np.arange(50.0), 0.1)
+            IOData.from_arrays(
+                np.where(np.arange(50) % 2, np.arange(50.0), np.nan), np.arange(50.0), 0.1
+            )
         ),
         "column u has no 8 samples in a row",
     ),

@@ -176,12 +176,16 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         f"({option('initial', 'estimated')})",
         "record.drift": f"fit with {option('baseline', 'trend')}",
         "record.coarse": "log the output in finer steps",
+        "record.clipped": "record again with the output below the limit of its range, for the "
+        "output is clipped and these samples were left out",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
         "this model responds to its input without delay, and with the opposite sign or without a "
         "static gain, like minus the inverse of a controller",
         "record.feedback": "check whether the input depends on the output (a closed loop)",
+        "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because another "
+        "one is more likely",
     }
     return [remedies[code] for code in troubles]
 
@@ -343,6 +347,28 @@ def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling,
     )
 
 
+def _other_hold(
+    subject: str,
+    hold: str,
+    holds: Sequence[str],
+    bic: float | None,
+    half_s: float,
+    option: Spelling,
+    **_: Any,
+) -> str:
+    """Message of ``record.other_hold``; the arguments are the fields of the finding."""
+    kinds = {"zoh": "held between its samples (zoh)", "foh": "a straight line (foh)"}
+    if bic is None:
+        evidence = "but it stays constant and jumps, as if a computer had set it"
+    else:
+        evidence = f"but the other hold fits decisively better (BIC lower by {bic:.0f})"
+    return (
+        f"Input {subject} is taken as {kinds[hold]}, {evidence}. A wrong hold shifts the dead time "
+        f"by half a sample, {half_s:.3g} s: check how the input was logged, or give "
+        f"{option('hold', ','.join(holds))}."
+    )
+
+
 def _gaps(count: int, **_: Any) -> str:
     """Message of ``record.gaps``; the arguments are the fields of the finding."""
     gaps = count_with_noun(count, "gap")
@@ -379,9 +405,14 @@ IDENTIFY: dict[str, Message] = {
     "models.why": _reason,
     "models.foresees": _better_prediction,
     "models.none": _no_model,
+    "models.unrelated": "The output is unrelated to the input: no model describes it better than a "
+    "constant output. Check that the right columns were taken, and that the input moves enough to "
+    "be seen above the noise of the output.",
     "models.undetermined": _undetermined,
     "models.provisional": _recommendation,
     "models.recommended": _recommendation,
+    "record.clipped": "{count} samples of the output are clipped (equal to its largest or smallest "
+    "value) and were left out",
     "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not determine it",
     "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may "
     "fit better",
@@ -410,6 +441,7 @@ IDENTIFY: dict[str, Message] = {
     "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as "
     "missing: check the wiring.",
     "record.hold": _hold,
+    "record.other_hold": _other_hold,
     "record.gaps": _gaps,
     "record.off_equilibrium": _off_equilibrium,
     "record.drift": _drift,
