@@ -324,7 +324,7 @@ def stage_progress(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str
 def count_progress(
     total: int | None, quiet: bool = False
 ) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function of (name, number done, total number); the total is 0 if it is not known.
+    """Yield a function of (name, number done, total number).
 
     A terminal shows a bar with the remaining time, anything else gets a line for each call.
 
@@ -340,13 +340,9 @@ def count_progress(
         return
     console = _terminal()
     if console is None:
-
-        def print_line(name: str, done: int, count: int) -> None:
-            """Print the name with its number."""
-            number = f"{done} of {count}: " if count else ""
-            print(f"... {number}{printable(name)}", file=sys.stderr)
-
-        yield print_line
+        yield lambda name, done, count: print(
+            f"... {done} of {count}: {printable(name)}", file=sys.stderr
+        )
         return
     from rich.progress import (
         BarColumn,
@@ -368,7 +364,7 @@ def count_progress(
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, done, count: bar.update(
-            task, completed=done, total=count or None, description=name
+            task, completed=done, total=count, description=name
         )
 
 

@@ -255,7 +255,7 @@ def compare(
         )
     if "start" in options:
         raise InputError(
-            "start is given, but each search begins where a simpler model ended",
+            "start is given, but each model begins at its own starting values",
             where="compare",
             remedy="pass fit(data, model, start=..) as a model: it is compared as it stands",
         )

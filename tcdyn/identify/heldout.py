@@ -116,15 +116,6 @@ class Task:
         """Check that the held-out share is possible."""
         split_held_out(self.data, self.held_out)  # raises InputError for an unusable share
 
-    def with_options(self, remark: str, **options: Any) -> Task:
-        """Return the task with other options; ``remark`` is added to the names in ``progress``."""
-
-        def progress(name: str, number: int, count: int) -> None:
-            """Report a model with the remark."""
-            self.progress(f"{name}, {remark}", number, count)
-
-        return replace(self, progress=progress, options={**self.options, **options})
-
     def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
         """Return the held-out statistics of a model, fitted to the training data if there are any.
 

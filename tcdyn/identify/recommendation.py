@@ -117,7 +117,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     pool = next(group for group in groups if len(group) and group["BIC"].min() <= limit)
     near = pool[pool["BIC"] < pool["BIC"].min() + TIE_BIC]
     lowest = near.iloc[0]
-    best = near.sort_values(["parameters", "BIC"], kind="stable").iloc[0]
+    best = near.sort_values("parameters", kind="stable").iloc[0]
     by = "BIC" if best["model"] == lowest["model"] else "parameters"
     other = lowest
     is_clean = best["p_white"] >= ALARM_P and best["p_input"] >= ALARM_P

@@ -9,6 +9,7 @@ choice.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -52,8 +53,9 @@ def best_common_pole_fit(
     Returns
     -------
     tuple or None
-        The fit, its error over that of ``current``, and its held-out statistics. None where no fit is 3 % better, or at
-        most 5 % worse with white residuals where those of ``current`` are coloured.
+        The fit, its error over that of ``current``, and its held-out statistics. None where no
+        fit is 3 % better, or at most 5 % worse with white residuals where those of ``current`` are
+        coloured.
 
     Notes
     -----
@@ -65,8 +67,9 @@ def best_common_pole_fit(
     best = None
     limit = 1.0
     current_blocks = block_held_out_rms(current)
-    options = {**task.options, **SCORING_OPTIONS}
-    equation_error = [False] if {"noise", "baseline"} & set(options) else [False, True]
+    equation_error = [False] if {"noise", "baseline"} & set(task.options) else [False, True]
+    options = {"noise": "white", "baseline": "none", **task.options, **SCORING_OPTIONS}
+    task = replace(task, options=options)
     for order, arx in product(range(1, MAX_POLES + 1), equation_error):
         for candidate in common_pole_fits(task.data, order, arx, options, like):
             block_ratio = block_held_out_rms(candidate) / current_blocks
@@ -127,7 +130,7 @@ def common_pole_fits(
     )
     delays = range(MAX_DELAY_SAMPLES)
     best_delay = min(delays, key=lambda k: arx_regression(problem, order, k)[1])
-    option_sets: list[Mapping[str, Any]] = [options]
+    option_sets: list[Mapping[str, Any]] = [{"initial": "equilibrium", **options}]
     if not arx and "initial" not in options:
         option_sets.append({**options, "initial": "estimated"})
     for delay in (0, best_delay) if best_delay else (0,):
