@@ -295,16 +295,11 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
     if p == 0 and q == 0:
         return NoiseModel()
     innovation = fit_ar(e, parts).whiten(e, parts)
-    rows = []
-    targets = []
     m = max(p, q)
-    for s in parts:
-        x = e[s]
-        w = innovation[s]
-        for t in range(m, len(x)):
-            rows.append([*(-x[t - i - 1] for i in range(p)), *(w[t - i - 1] for i in range(q))])
-            targets.append(x[t])
-    start = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0]
+    x = np.concatenate([e[s][m:] for s in parts])
+    columns = [np.concatenate([-e[s][m - i : -i] for s in parts]) for i in range(1, p + 1)]
+    columns += [np.concatenate([innovation[s][m - i : -i] for s in parts]) for i in range(1, q + 1)]
+    start = np.linalg.lstsq(np.column_stack(columns), x, rcond=None)[0]
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
         """Innovations (N,) and their Jacobian (N, p + q); None for a model that cannot be used."""

@@ -29,6 +29,7 @@ from tcdyn.identify.heldout import Progress, Task, split_held_out
 from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
+from tcdyn.identify.large_records import SearchRecord, block_means, fit_all_rows, search_record
 from tcdyn.identify.models import Model, as_model, process, several
 from tcdyn.identify.other_hold import check_holds
 from tcdyn.identify.recommendation import (
@@ -73,7 +74,8 @@ class Comparison(Result):
     table
         One row for each model, best BIC first. All have the same initial state and noise model.
     fits
-        Fits to all data, by name.
+        Fits by name. That of the recommended model is to all rows; so are the others, unless the
+        record is large (:mod:`tcdyn.identify.large_records`).
     recommended
         Name of the recommended model.
     reason
@@ -115,7 +117,8 @@ class Comparison(Result):
         Notes
         -----
         Weights exp(-BIC/2) (Raftery 1995), normalised over models without integrator; those below
-        ``MIN_WEIGHT`` are left out. The intervals include the choice of the structure.
+        ``MIN_WEIGHT`` are left out. The intervals include the choice of the structure; not so of a
+        large record, where only the recommended model is fitted to all rows.
         """
         return average_gain_and_lag(self.best, list(self.fits.values()))
 
@@ -269,27 +272,59 @@ def compare(
     template = like or process("P1")
     given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
     ladder = Ladder(replace(data, findings=()), template, given, progress)
-    task = Task(ladder.data, held_out, progress, {**given, "check": False})
-    fits: Mapping[str, Fit | InputError]
     given_models = [resolve_entry(m, data) for m in entries]
-    fits, setting = fit_given(ladder, given_models) if entries else select_structures(ladder)
-    result = score(task, fits, setting)
-    if setting.is_disturbed and not is_adequate(result.best):
-        white = ladder.with_white_noise(setting.initial)
-        fits, setting = fit_given(white, given_models) if entries else select_structures(white)
-        result = prefer_held_out(result, score(task, fits, setting))
-    if not entries and not is_adequate(result.best):
-        result = add_common_pole_model(task, result, template)
-    result = replace(result, are_given=bool(entries))
-    result = finish(ladder, data, result)
-    rows = [simulator_row(m, f"{type(m).__name__}, {k}", task) for k, m in enumerate(simulators, 1)]
+    record = search_record(ladder)
+    result = search_models(replace(ladder, data=record.data), record, held_out, given_models)
+    result = finish(ladder, data, result, record)
+    rows = [
+        simulator_row(m, f"{type(m).__name__}, {k}", data, held_out)
+        for k, m in enumerate(simulators, 1)
+    ]
     if not rows:
         return result
-    table = pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True)
-    return replace(result, table=table)
+    return replace(result, table=pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True))
 
 
-def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
+def search_models(
+    ladder: Ladder, record: SearchRecord, held_out: IOData | float, given_models: Sequence[Model]
+) -> Comparison:
+    """Compare the models on the record of the search.
+
+    Parameters
+    ----------
+    ladder
+        The record of the search and the options.
+    record
+        The same record, and how it was made.
+    held_out
+        As in :func:`compare`.
+    given_models
+        The models that the caller has named; none for the ladder.
+
+    Returns
+    -------
+    Comparison
+        Table, fits and recommendation.
+    """
+    if isinstance(held_out, IOData):
+        held_out = block_means(held_out, record.block)
+    task = Task(ladder.data, held_out, ladder.progress, {**ladder.options, "check": False})
+
+    def fit_models(ladder: Ladder) -> tuple[Mapping[str, Fit | InputError], Setting]:
+        """Return the fits of the given models, or of the ladder, and their setting."""
+        return fit_given(ladder, given_models) if given_models else select_structures(ladder)
+
+    fits, setting = fit_models(ladder)
+    result = score(task, fits, setting)
+    if setting.is_disturbed and not is_adequate(result.best):
+        fits, setting = fit_models(ladder.with_white_noise(setting.initial))
+        result = prefer_held_out(result, score(task, fits, setting))
+    if not given_models and not is_adequate(result.best):
+        result = add_common_pole_model(task, result, ladder.template)
+    return replace(result, are_given=bool(given_models))
+
+
+def simulator_row(model: Any, name: str, data: IOData, held_out: IOData | float) -> dict[str, Any]:
     """Return the row of a fitted model of sysidentpy, scored by free simulation.
 
     Parameters
@@ -298,8 +333,8 @@ def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
         The model, fitted to inputs and output in the units of the data.
     name
         Its name in the table.
-    task
-        The comparison.
+    data, held_out
+        As in :func:`compare`.
 
     Returns
     -------
@@ -311,17 +346,17 @@ def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
     Each run starts with its first ``max_lag`` measured outputs, which are not scored.
     """
     row = {"model": name, "remark": "as given, scored by free simulation", "determined": False}
-    _, test, from_s = split_held_out(task.data, task.held_out)
+    _, test, from_s = split_held_out(data, held_out)
     scores = []
-    for data, first_s in ((task.data, -np.inf), (test, from_s)):
-        if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in data.runs):
+    for record, first_s in ((data, -np.inf), (test, from_s)):
+        if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in record.runs):
             return {**row, "remark": "not scored: samples are missing"}
         errors = []
         departures = []
-        for k, run in enumerate(data.runs):
+        for k, run in enumerate(record.runs):
             lag = model.max_lag
             simulated = np.ravel(model.predict(X=run.u, y=run.y[:lag]))
-            is_scored = (data.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
+            is_scored = (record.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
             y = run.y[is_scored, 0]
             errors.append(y - simulated[is_scored])
             departures.append(y - y.mean())
@@ -578,8 +613,10 @@ def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Co
     return Comparison(table, {name: fit_of_poles, **result.fits}, name, reason)
 
 
-def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
+def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecord) -> Comparison:
     """Fit the recommended model once more, with profile intervals and the average over noise.
+
+    A large record is fitted to all rows (:func:`tcdyn.identify.large_records.fit_all_rows`).
 
     Parameters
     ----------
@@ -589,6 +626,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
         The record with its findings.
     result
         The comparison.
+    record
+        The record of the search.
 
     Returns
     -------
@@ -601,7 +640,11 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
     start = best.identified.theta
     model = best.problem.model
     final = best
-    if best.loss == "linear" and not model.arx and model.free:
+    is_part = record.data is not ladder.data
+    if is_part:
+        ladder.progress(f"{model.name}, all rows", 0, 0)
+        final = fit_all_rows(ladder, best, record)
+    elif best.loss == "linear" and not model.arx and model.free:
         own = {**best.disturbance, **options}
         final = fit(ladder.data, model, **own, start=start)
         is_selected = not {"noise", "baseline"} & set(ladder.options)
@@ -611,6 +654,11 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
             if not has_coloured_residuals(average) or has_coloured_residuals(final):
                 final = average
     numbers = dict(result.reason.numbers)
+    if is_part:
+        numbers |= {
+            "block": record.block,
+            "share": record.data.n_samples * record.block / data.n_samples,
+        }
     if initial == "estimated" and "initial" not in ladder.options:
         numbers["freed"] = True
     noise = final.noise
@@ -622,7 +670,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison) -> Comparison:
     elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
         numbers["order"] = list(noise.order)
         numbers["baseline"] = final.disturbance["baseline"]
-    final = add_findings(final, tuple(check_holds(ladder, best)))
+    final = add_findings(final, tuple(check_holds(ladder, final)))
     fits = {**result.fits, result.recommended: final}
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
     reason = replace(result.reason, numbers=numbers)
@@ -637,7 +685,7 @@ def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping
     best
         The recommended model.
     fits
-        Fits of all models.
+        Fits of all models; those of other rows are left out.
 
     Returns
     -------
@@ -646,7 +694,8 @@ def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping
     """
     if best.identified.model.integrators:
         return {}
-    usable = [f for f in fits if not f.identified.model.integrators]
+    n = best.problem.n_measured
+    usable = [f for f in fits if not f.identified.model.integrators and f.problem.n_measured == n]
     others = [f for f in usable if f is not best and f.problem.initial == best.problem.initial]
     # the final fit has another noise model; its BIC is that of the smallest model in the table
     least = min((bic(f) for f in others), default=0.0)

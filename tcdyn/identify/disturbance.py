@@ -41,6 +41,7 @@ ARMA_ORDERS = ((1, 1), (2, 1), (2, 2))  # orders (p, q) of ARMA noise that are t
 MAX_AR_ORDER = 8  # largest order of an autoregression
 # Partial correlation of noise that is a random walk: no offset can be distinguished from it.
 MAX_PARTIAL_CORRELATION = 0.999
+MAX_REML_ROWS = 100_000  # above, REML moves a coefficient by less than 0.01 of its uncertainty
 MAX_REML_COEFFICIENTS = 4  # coefficients that the restricted likelihood refines at most
 # BIC by which stationary noise must be better than a random walk, which claims less.
 WALK_BIC_MARGIN = 4.0
@@ -240,8 +241,8 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
     e, j
         Residuals (N,) and their Jacobian (N, P).
     noise
-        Where to start; it is returned where the criterion does not decrease, or where it has no
-        coefficients or more than ``MAX_REML_COEFFICIENTS``.
+        Where to start; it is returned where the criterion does not decrease, where it has no
+        coefficients or more than ``MAX_REML_COEFFICIENTS``, and for more than ``MAX_REML_ROWS``.
 
     Returns
     -------
@@ -256,7 +257,7 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
     tangents of the partial correlations: every such noise is stable and invertible.
     """
     n_coefficients = sum(noise.order)
-    if not 0 < n_coefficients <= MAX_REML_COEFFICIENTS:
+    if not 0 < n_coefficients <= MAX_REML_COEFFICIENTS or len(e) > MAX_REML_ROWS:
         return noise
     p = noise.order[0]
     ar = _without_walk(noise)

@@ -29,10 +29,10 @@ MIN_SEGMENT_SAMPLES = 8
 # Noise of the input over its range, below which it is negligible (chosen by judgement).
 MIN_INPUT_NOISE_SHARE = 1e-4
 
-# Longest gap of an input in samples that is interpolated, and the change over the gap, over the
-# median change in as many samples, up to which it is (chosen by judgement).
+# Longest gap of an input in samples that is interpolated, and the rms error of an interpolation of
+# measured samples over the input's standard deviation, up to which it is (chosen by judgement).
 MAX_BRIDGED_SAMPLES = 5
-MAX_BRIDGED_CHANGE = 3.0
+MAX_BRIDGED_ERROR = 0.02
 # Consecutive equal samples at a limit of the output, and all of them together, from which the
 # output is clipped (chosen by judgement).
 MIN_CLIPPED_RUN = 3
@@ -153,7 +153,7 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
 
 
 def bridge_gaps(u: Array) -> Array:
-    """Return an input whose short gaps are interpolated linearly, where it hardly changes.
+    """Return an input whose short gaps are interpolated linearly, where that is exact enough.
 
     Parameters
     ----------
@@ -163,26 +163,51 @@ def bridge_gaps(u: Array) -> Array:
     Returns
     -------
     array
-        The input (N,). A gap of more than ``MAX_BRIDGED_SAMPLES``, or over which the input changes
-        by more than ``MAX_BRIDGED_CHANGE`` times its median change, stays: when the change happened
-        is then unknown. An input that is held must have the same value before and after.
+        The input (N,). Gaps of more than ``MAX_BRIDGED_SAMPLES`` stay, and those for which
+        :func:`interpolation_error` is above ``MAX_BRIDGED_ERROR`` of the standard deviation: it is
+        not known when the input has changed within them.
     """
     index = np.flatnonzero(np.isfinite(u))
     if len(index) == len(u) or len(index) < 2:
         return u
-    values = u[index]
-    steps = np.diff(index)
-    typical = float(np.median(np.abs(np.diff(values))[steps == 1])) if (steps == 1).any() else 0.0
-    filled = np.asarray(np.interp(np.arange(len(u)), index, values))
-    filled[: index[0]] = np.nan
-    filled[index[-1] + 1 :] = np.nan
+    filled = u.copy()
+    rounding = 1e-12 * float(np.nanmax(np.abs(u)))
+    limit = MAX_BRIDGED_ERROR * float(np.nanstd(u)) + rounding
     for before, after in pairwise(index.tolist()):
         count = after - before
+        if not 1 < count <= MAX_BRIDGED_SAMPLES + 1:
+            continue
         change = abs(u[after] - u[before])
-        is_short = count - 1 <= MAX_BRIDGED_SAMPLES
-        if not (is_short and change <= MAX_BRIDGED_CHANGE * typical * np.sqrt(count)):
-            filled[before + 1 : after] = np.nan
+        if interpolation_error(u, count, change) <= limit:
+            filled[before:after] = np.linspace(u[before], u[after], count, endpoint=False)
     return filled
+
+
+def interpolation_error(u: Array, count: int, change: float) -> float:
+    """Rms error of a linear interpolation over ``count`` samples that have been measured.
+
+    Parameters
+    ----------
+    u
+        One input (N,), NaN where it is missing.
+    count
+        Samples from one end of the interpolation to the other.
+    change
+        Intervals are used whose ends differ by this much, or by down to half of it.
+
+    Returns
+    -------
+    float
+        Error in the middle of the intervals; infinite where there is none.
+    """
+    start = u[:-count]
+    end = u[count:]
+    middle = u[count // 2 : len(u) - count + count // 2]
+    weight = (count // 2) / count
+    error = middle - (1 - weight) * start - weight * end
+    size = np.abs(end - start)
+    is_used = np.isfinite(error) & (size <= change) & (size >= 0.5 * change)
+    return float(np.sqrt(np.mean(error[is_used] ** 2))) if is_used.any() else np.inf
 
 
 def clipped_samples(y: Array) -> Flags:

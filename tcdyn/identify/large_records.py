@@ -1,0 +1,235 @@
+"""The part of a large record on which structures are compared: block means, and a time window.
+
+``tcdyn.identify.comparison`` compares models on this record and fits the recommended one to all
+rows. ``tests/identify/test_identify_large.py`` compares it with the search on all rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.identify.fit import fit
+from tcdyn.identify.heldout import SCORING_OPTIONS
+from tcdyn.identify.iodata import IOData, Run, check_hold
+from tcdyn.identify.ladder import Ladder
+from tcdyn.identify.models import several
+from tcdyn.identify.search import Fit
+from tcdyn.identify.validate import has_coloured_residuals
+
+# Rows that are searched at most: 20 to 40 fits of 10^4 rows take 3 CPU s with white noise and 15
+# with coloured noise (tests/benchmarks/large_records.py).
+MAX_SEARCH_ROWS = 10_000
+# Lag over the length of a block. The input between two means is not a straight line; the error falls
+# with the square of this ratio. At 28 it made a zero significant in case A (swing 50 K, noise 0.5 K,
+# dBIC 40 of 10^4 blocks); at 100 it is 160 times smaller in variance.
+MIN_LAG_BLOCKS = 100.0
+# Orders (p, q) of the noise that are tried on all rows, by baseline.
+STATIONARY_ORDERS = ((1, 1), (2, 2))
+WALK_ORDERS = ((0, 1), (1, 1))
+
+
+@dataclass(frozen=True)
+class SearchRecord:
+    """A record for the comparison of models.
+
+    Parameters
+    ----------
+    data
+        The record.
+    block
+        Rows of the original record in each of its rows.
+    is_window
+        Whether it leaves out rows.
+    """
+
+    data: IOData
+    block: int = 1
+    is_window: bool = False
+
+
+def search_record(ladder: Ladder) -> SearchRecord:
+    """Return the record on which the structures are compared.
+
+    Parameters
+    ----------
+    ladder
+        The complete record and the options.
+
+    Returns
+    -------
+    SearchRecord
+        The record itself, up to ``MAX_SEARCH_ROWS`` rows. Else means over blocks as long as the lag
+        permits, and of these the windows in which the inputs move most.
+
+    Notes
+    -----
+    The mean over a block commutes with a linear system, so gain, lags and dead time stay. A robust
+    loss needs the rows themselves: outliers would spread over their blocks.
+    """
+    data = ladder.data
+    if data.n_samples <= MAX_SEARCH_ROWS:
+        return SearchRecord(data)
+    longest_block = -(-data.n_samples // MAX_SEARCH_ROWS)
+    block = 1
+    if ladder.options.get("loss", "linear") == "linear":
+        lag_blocks = coarse_lag_s(ladder, longest_block) / (MIN_LAG_BLOCKS * data.dt_s)
+        block = int(np.clip(lag_blocks, 1, longest_block))
+    means = block_means(data, block)
+    window = most_excited(means)
+    return SearchRecord(window, block, window.n_samples < means.n_samples)
+
+
+def coarse_lag_s(ladder: Ladder, block: int) -> float:
+    """Return the shortest lag [s] behind any input, of P1D models fitted to block means.
+
+    Parameters
+    ----------
+    ladder
+        The complete record and the options.
+    block
+        Rows of a block.
+
+    Returns
+    -------
+    float
+        The first moment; 0 where it cannot be fitted.
+    """
+    means = block_means(ladder.data, block)
+    names = means.input_names
+    model = ladder.model(["P1D"]) if len(names) == 1 else several(["P1D"] * len(names), names)
+    options = {"noise": "white", "baseline": "none", "initial": "equilibrium", "check": False}
+    ladder.progress("lag for the length of blocks", 0, 0)
+    try:
+        coarse = fit(means, model, **{**SCORING_OPTIONS, **options})
+    except InputError:
+        return 0.0
+    lags = [part.lag_s.value for part in coarse.identified.by_input.values() if part.gain]
+    return float(min(lags, default=0.0))
+
+
+def block_means(data: IOData, block: int) -> IOData:
+    """Return the means over blocks of rows, with a straight line between the inputs.
+
+    Parameters
+    ----------
+    data
+        The record.
+    block
+        Rows of a block.
+
+    Returns
+    -------
+    IOData
+        The record, with means at the time of the first row of each block. A block without a gap has
+        a value, any other is NaN.
+
+    Notes
+    -----
+    A held input has its mean in the middle between two rows, half a row later than its row. The
+    mean of a row and the one before is in the middle of the row itself.
+    """
+    if block == 1:
+        return data
+    is_held = np.array([hold == "zoh" for hold in data.holds])
+    runs = []
+    for run in data.runs:
+        n = run.n // block * block
+        if n == 0:
+            continue
+        before = np.concatenate([run.u[:1], run.u[:-1]])
+        u = np.where(is_held, 0.5 * (run.u + before), run.u)
+        runs.append(Run(_means(u[:n], block), _means(run.y[:n], block), run.start_s, run.name))
+    dt_s = block * data.dt_s
+    hold = check_hold("foh", len(data.input_names), "block_means")
+    return replace(data, runs=tuple(runs), dt_s=dt_s, hold=hold)
+
+
+def _means(table: Array, block: int) -> Array:
+    """Return the means (N/block, K) over blocks of rows of a table (N, K)."""
+    return np.asarray(table.reshape(-1, block, table.shape[1]).mean(axis=1))
+
+
+def most_excited(data: IOData) -> IOData:
+    """Return windows of the runs, those in which the inputs vary most, of enough rows together.
+
+    Parameters
+    ----------
+    data
+        The record.
+
+    Returns
+    -------
+    IOData
+        The record with at least ``MAX_SEARCH_ROWS`` rows where it has as many, in runs of at most
+        that length.
+    """
+    if data.n_samples <= MAX_SEARCH_ROWS:
+        return data
+    variance = np.nanvar(np.concatenate([run.u for run in data.runs]), axis=0)
+    windows = []
+    for run in data.runs:
+        for start in range(0, run.n, MAX_SEARCH_ROWS):
+            rows = slice(max(0, min(start, run.n - MAX_SEARCH_ROWS)), start + MAX_SEARCH_ROWS)
+            start_s = run.start_s + rows.start * data.dt_s
+            windows.append(Run(run.u[rows], run.y[rows], start_s, run.name))
+    scores = []
+    for window in windows:
+        share_measured = np.isfinite(window.y).mean()
+        changes = np.nanvar(window.u, axis=0) / np.where(variance > 0, variance, np.inf)
+        scores.append(float(share_measured * changes.sum()))
+    taken: list[Run] = []
+    for index in np.argsort(scores, kind="stable")[::-1]:
+        taken.append(windows[index])
+        if sum(window.n for window in taken) >= MAX_SEARCH_ROWS:
+            break
+    return replace(data, runs=tuple(taken))
+
+
+def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
+    """Fit the recommended model to all rows.
+
+    Parameters
+    ----------
+    ladder
+        The complete record and the options.
+    best
+        The fit of the model to the record of the search, where the fit starts.
+    record
+        The record of the search.
+
+    Returns
+    -------
+    Fit
+        The fit, with quadratic intervals.
+
+    Notes
+    -----
+    The noise of single rows is another one than that of block means, so it is selected anew: white,
+    or the first ARMA model that leaves white innovations. At such lengths a profile likelihood and
+    an average over noise models cost minutes and change the intervals little. A record of which the
+    search has seen windows only starts from a free state.
+    """
+    options = {
+        "initial": "estimated" if record.is_window else best.problem.initial,
+        "noise": "white",
+        "baseline": "trend" if best.problem.trend else "none",
+        **ladder.options,
+        **SCORING_OPTIONS,
+    }
+    model = best.problem.model
+    final = fit(ladder.data, model, **options, start=best.identified.theta)
+    is_given = bool({"noise", "baseline"} & set(ladder.options))
+    if is_given or model.arx or final.loss != "linear":
+        return final
+    baseline = best.disturbance["baseline"]
+    for order in WALK_ORDERS if baseline == "walk" else STATIONARY_ORDERS:
+        if not has_coloured_residuals(final):
+            break
+        ladder.progress(f"{model.name}, all rows, noise {order}", 0, 0)
+        options |= {"noise": order, "baseline": baseline}
+        final = fit(ladder.data, model, **options, start=final.identified.theta)
+    return final
