@@ -276,12 +276,13 @@ def compare(
     record = search_record(ladder)
     result = search_models(replace(ladder, data=record.data), record, held_out, given_models)
     result = finish(ladder, data, result, record)
-    task = Task(ladder.data, held_out, progress, given)
-    rows = [simulator_row(m, f"{type(m).__name__}, {k}", task) for k, m in enumerate(simulators, 1)]
+    rows = [
+        simulator_row(m, f"{type(m).__name__}, {k}", data, held_out)
+        for k, m in enumerate(simulators, 1)
+    ]
     if not rows:
         return result
-    table = pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True)
-    return replace(result, table=table)
+    return replace(result, table=pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True))
 
 
 def search_models(
@@ -323,7 +324,7 @@ def search_models(
     return replace(result, are_given=bool(given_models))
 
 
-def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
+def simulator_row(model: Any, name: str, data: IOData, held_out: IOData | float) -> dict[str, Any]:
     """Return the row of a fitted model of sysidentpy, scored by free simulation.
 
     Parameters
@@ -332,8 +333,8 @@ def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
         The model, fitted to inputs and output in the units of the data.
     name
         Its name in the table.
-    task
-        The comparison.
+    data, held_out
+        As in :func:`compare`.
 
     Returns
     -------
@@ -345,17 +346,17 @@ def simulator_row(model: Any, name: str, task: Task) -> dict[str, Any]:
     Each run starts with its first ``max_lag`` measured outputs, which are not scored.
     """
     row = {"model": name, "remark": "as given, scored by free simulation", "determined": False}
-    _, test, from_s = split_held_out(task.data, task.held_out)
+    _, test, from_s = split_held_out(data, held_out)
     scores = []
-    for data, first_s in ((task.data, -np.inf), (test, from_s)):
-        if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in data.runs):
+    for record, first_s in ((data, -np.inf), (test, from_s)):
+        if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in record.runs):
             return {**row, "remark": "not scored: samples are missing"}
         errors = []
         departures = []
-        for k, run in enumerate(data.runs):
+        for k, run in enumerate(record.runs):
             lag = model.max_lag
             simulated = np.ravel(model.predict(X=run.u, y=run.y[:lag]))
-            is_scored = (data.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
+            is_scored = (record.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
             y = run.y[is_scored, 0]
             errors.append(y - simulated[is_scored])
             departures.append(y - y.mean())

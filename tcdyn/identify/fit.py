@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tcdyn.core import Array, Flags
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
@@ -45,6 +45,12 @@ from tcdyn.identify.disturbance import (
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, parameter_covariance, replace_poor_intervals
 from tcdyn.identify.iodata import IOData
+from tcdyn.identify.knowledge import (
+    check_knowledge,
+    checked_weights,
+    measured_rows,
+    without_samples,
+)
 from tcdyn.identify.models import Model, as_model, base_name, input_suffix, same_input
 from tcdyn.identify.problem import IdentificationProblem, Initial
 from tcdyn.identify.search import (
@@ -174,9 +180,9 @@ def fit(
     """
     structure = as_model(model)
     where = data.name or "identify"
-    _check_knowledge(structure, bounds or {}, prior or {})
+    check_knowledge(structure, bounds or {}, prior or {})
     if weights is not None:
-        weights = _checked_weights(data, weights)
+        weights = checked_weights(data, weights)
         if loss != "linear" or structure.arx or baseline == "walk":
             raise InputError(
                 "weights are given",
@@ -303,76 +309,6 @@ def _fit_robust(problem: IdentificationProblem, optimum: Optimum, loss: Loss) ->
     """Return the optimum of a robust loss, from that of least squares."""
     robust = minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
     return sort_lags(problem, robust)
-
-
-def _check_knowledge(
-    model: Model,
-    bounds: Mapping[str, tuple[float, float]],
-    prior: Mapping[str, tuple[float, float]],
-) -> None:
-    """Raise InputError for bounds or priors of other parameters, or that are not possible.
-
-    Raises
-    ------
-    InputError
-        For a name that is no free parameter, a lower bound above the upper, an uncertainty that is
-        not above zero, or a mean of a positive parameter that is not.
-    """
-    expected = ", ".join(model.free)
-    for name in (*bounds, *prior):
-        if name not in model.free:
-            raise InputError(
-                f"bounds or prior of {name!r}", where=model.name, expected=f"one of {expected}"
-            )
-    for name, (low, high) in bounds.items():
-        if not low < high:
-            raise InputError(f"bounds of {name} are {low} and {high}", expected="low < high")
-    for name, (mean, u) in prior.items():
-        if not u > 0 or (model.positive(name) and not mean > 0):
-            raise InputError(
-                f"prior of {name} is {mean} +- {u}",
-                expected="an uncertainty above zero, and a mean above zero of a time constant",
-            )
-
-
-def _checked_weights(data: IOData, weights: ArrayLike) -> Array:
-    """Return the weights (N,) after a check of their number and sign.
-
-    Raises
-    ------
-    InputError
-        For another number of weights, or weights that are negative or not finite.
-    """
-    values = np.asarray(weights, dtype=float)
-    if values.shape != (data.n_samples,) or not (np.isfinite(values) & (values >= 0)).all():
-        raise InputError(
-            f"weights of shape {values.shape}",
-            where=data.name or "identify",
-            expected=f"({data.n_samples},), zero or more: one for each sample of all runs",
-        )
-    return values
-
-
-def without_samples(data: IOData, left_out: Flags) -> IOData:
-    """Return the data with NaN in place of the outputs (N,) that are left out."""
-    first = 0
-    runs = []
-    for run in data.runs:
-        flags = left_out[first : first + run.n, None]
-        runs.append(replace(run, y=np.where(flags, np.nan, run.y)))
-        first += run.n
-    return replace(data, runs=tuple(runs))
-
-
-def measured_rows(problem: IdentificationProblem, data: IOData, values: Array) -> Array:
-    """Return the values of the measured samples of all segments, from those of all samples (N,)."""
-    first_of_run = np.cumsum([0, *(run.n for run in data.runs)])
-    rows = []
-    for s in problem.segments:
-        since_s = s.start_s - data.runs[s.run].start_s
-        first = int(first_of_run[s.run]) + round(since_s / data.dt_s)
-        rows.append(values[first : first + len(s.y)][s.measured])
-    return np.concatenate(rows)
 
 
 def _fit_weighted(problem: IdentificationProblem, optimum: Optimum, weights: Array) -> Optimum:
