@@ -591,10 +591,9 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
                 final = average
     numbers = dict(result.reason.numbers)
     if is_part:
-        numbers |= {
-            "block": record.block,
-            "share": record.data.n_samples * record.block / data.n_samples,
-        }
+        n_measured = record.data.n_samples - record.data.missing
+        share = n_measured * record.block / max(data.n_samples - data.missing, 1)
+        numbers |= {"block": record.block, "share": min(share, 1.0)}
     if initial == "estimated" and "initial" not in ladder.options:
         numbers["freed"] = True
     noise = final.noise

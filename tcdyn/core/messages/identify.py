@@ -89,7 +89,7 @@ def _reason(
     text += "."
     if more.get("freed"):
         text += INITIAL_STATE_ESTIMATED
-    return text + _disturbance(**more)
+    return text + _disturbance(**more) + _part_of_record(**more)
 
 
 def _better_prediction(
@@ -104,7 +104,18 @@ def _better_prediction(
     text += "."
     if freed:
         text += INITIAL_STATE_ESTIMATED
-    return text + _disturbance(**more)
+    return text + _disturbance(**more) + _part_of_record(**more)
+
+
+def _part_of_record(block: int = 0, share: float = 1.0, **_: Any) -> str:
+    """Sentence on the rows of a large record that were compared; empty for all rows."""
+    if not block:
+        return ""
+    rows = "rows" if block == 1 else f"means of {block} rows"
+    return (
+        f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model above "
+        "is fitted to all rows."
+    )
 
 
 def _disturbance(
