@@ -186,9 +186,14 @@ def fit(
         optimum = _fit_robust(problem, optimum, loss)
     elif problem.input_sd and not structure.arx:
         problem, optimum, noise_model = alternate(problem, optimum, input_noise_model)
-    result = make_fit(data, problem, optimum, noise_model, loss, covariance)
     is_white = noise == "white" and baseline in ("none", "trend")
-    if not is_white and not structure.arx:
+    is_given = isinstance(noise, tuple) and baseline != "auto" and loss == "linear"
+    if is_given and not structure.arx:
+        # the fit with white noise need not be judged
+        estimator = noise_estimator(noise, baseline)
+        problem, optimum, noise_model = alternate(problem, optimum, estimator)
+    result = make_fit(data, problem, optimum, noise_model, loss, covariance)
+    if not is_white and not is_given and not structure.arx:
         result = fit_disturbance(data, result, optimum, noise, baseline, covariance)
     if intervals != "quadratic" and loss == "linear" and not result.noise.averaged:
         result = replace_poor_intervals(result, intervals == "profile")

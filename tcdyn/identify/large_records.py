@@ -218,15 +218,17 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
 
     Notes
     -----
-    The noise of single rows is another one than that of block means, so it is selected anew: white,
-    or the first ARMA model that leaves white innovations. At such lengths a profile likelihood and
+    The noise of single rows is another one than that of block means, for which it is selected anew:
+    white, or the first ARMA model that leaves white innovations. At such lengths a profile likelihood and
     an average over noise models cost minutes and change the intervals little. A record of which the
     search has seen windows only starts from a free state.
     """
+    first = best.disturbance
+    if record.block > 1:
+        first = {"noise": "white", "baseline": "trend" if best.problem.trend else "none"}
     options = {
         "initial": "estimated" if record.is_window else best.problem.initial,
-        "noise": "white",
-        "baseline": "trend" if best.problem.trend else "none",
+        **first,
         **ladder.options,
         **SCORING_OPTIONS,
     }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tcdyn.identify.large_records as large
-from tcdyn.identify import IOData, compare
+from tcdyn.identify import IOData, compare, fit
 from tests.identify.bare_cases import NOISE_K, fine_response, levels
 
 # from the simulator's step of 5 ms: a lag of 574 samples, so that blocks of a few rows are short
@@ -64,6 +64,15 @@ def test_a_large_record_is_fitted_to_all_rows(monkeypatch):
     assert result.reason.numbers["share"] == pytest.approx(1000 * block / 8000)
     lag_s = result.averaged["u"]["lag_s"]
     assert abs(lag_s.value - 2.87) < 3 * lag_s.u
+
+
+def test_a_fit_to_block_means_gives_the_parameters_of_the_fit_to_all_rows():
+    data = finely_sampled(20_000, 91)
+    options = {"noise": "white", "initial": "equilibrium", "intervals": "quadratic", "check": False}
+    rows = fit(data, "P2D", **options).estimates
+    means = fit(large.block_means(data, 5), "P2D", **options).estimates
+    for name, estimate in rows.items():
+        assert abs(means[name].value - estimate.value) < 0.3 * estimate.u
 
 
 @pytest.mark.study
