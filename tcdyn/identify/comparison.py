@@ -655,10 +655,15 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
                 final = average
     numbers = dict(result.reason.numbers)
     if is_part:
-        numbers |= {
-            "block": record.block,
-            "share": record.data.n_samples * record.block / data.n_samples,
-        }
+        n_measured = record.data.n_samples - record.data.missing
+        share = n_measured * record.block / max(data.n_samples - data.missing, 1)
+        numbers |= {"block": record.block, "share": min(share, 1.0)}
+        # the conclusion is about the fit to all rows
+        table = result.table.copy()
+        tests = ["p_white", "p_input"]
+        statistics = final.identified.statistics
+        table.loc[table["model"] == result.recommended, tests] = [statistics[t] for t in tests]
+        result = replace(result, table=table)
     if initial == "estimated" and "initial" not in ladder.options:
         numbers["freed"] = True
     noise = final.noise

@@ -53,6 +53,7 @@ from tcdyn.identify.knowledge import (
 )
 from tcdyn.identify.models import Model, as_model, base_name, input_suffix, same_input
 from tcdyn.identify.problem import IdentificationProblem, Initial
+from tcdyn.identify.responses import slowest_time_constant_s
 from tcdyn.identify.search import (
     Fit,
     active_bound,
@@ -82,6 +83,7 @@ Intervals = Literal["auto", "quadratic", "profile"]  # kind of the intervals
 MIN_FREE_STATE_GAIN = 10.0  # BIC that free initial states must gain (decisive, Raftery 1995)
 # Limits of the findings about parameters, chosen by judgement.
 MAX_RELATIVE_U = 0.5  # standard uncertainty over value, above which a parameter is undetermined
+MAX_SLOW_SHARE = 0.5  # slowest time constant over the record's length; above, gain is extrapolated
 MIN_LAG_DIFFERENCE = 1e-2  # relative difference of two lags, below which they are equal
 
 
@@ -218,9 +220,14 @@ def fit(
         optimum = _fit_robust(problem, optimum, loss)
     elif problem.input_sd and not structure.arx:
         problem, optimum, noise_model = alternate(problem, optimum, input_noise_model)
-    result = make_fit(data, problem, optimum, noise_model, loss, covariance, weights=row_weights)
     is_white = noise == "white" and baseline in ("none", "trend")
-    if not is_white and not structure.arx:
+    is_given = isinstance(noise, tuple) and baseline != "auto" and loss == "linear"
+    if is_given and not structure.arx:
+        # the fit with white noise need not be judged
+        estimator = noise_estimator(noise, baseline)
+        problem, optimum, noise_model = alternate(problem, optimum, estimator)
+    result = make_fit(data, problem, optimum, noise_model, loss, covariance, weights=row_weights)
+    if not is_white and not is_given and not structure.arx:
         result = fit_disturbance(data, result, optimum, noise, baseline, covariance)
     is_weighted = result.optimum.weights is not None
     if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
@@ -638,6 +645,7 @@ def make_fit(
     findings = (
         *parameter_findings(optimum, identified),
         *unbounded_lags(identified, problem.longest_segment_s),
+        *slow_poles(identified, problem.longest_segment_s),
     )
     identified = replace(
         identified, statistics=statistics, sentence=validation.sentence, findings=findings
@@ -706,6 +714,34 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
         findings.append(
             warning("fit.lag_unbounded", subject=subject, u=model.lag_s.u, longest_s=longest_s)
         )
+    return findings
+
+
+def slow_poles(identified: Identified, longest_s: float) -> list[Finding]:
+    """Return a warning for each input whose slowest time constant is near the record's length.
+
+    Parameters
+    ----------
+    identified
+        The identified model.
+    longest_s
+        Length of the longest segment [s].
+
+    Returns
+    -------
+    list of Finding
+        The warnings: the final value, and with it the gain, is an extrapolation. Diffusion, whose
+        response approaches its final value with the root of time, looks like such a pole.
+    """
+    if identified.model.integrators:
+        return []
+    findings = []
+    for name, model in identified.by_input.items():
+        slowest_s = slowest_time_constant_s(model.rational)
+        if model.gain and slowest_s > MAX_SLOW_SHARE * longest_s:
+            findings.append(
+                warning("fit.slow_pole", subject=name, slowest_s=slowest_s, longest_s=longest_s)
+            )
     return findings
 
 

@@ -27,6 +27,9 @@ MAX_SEARCH_ROWS = 10_000
 # with the square of this ratio. At 28 it made a zero significant in case A (swing 50 K, noise 0.5 K,
 # dBIC 40 of 10^4 blocks); at 100 it is 160 times smaller in variance.
 MIN_LAG_BLOCKS = 100.0
+# Rows before a window whose inputs are used and whose outputs are not: the response to what was
+# before them has decayed. Blocks are chosen such that this is about ten lags.
+LEAD_IN_ROWS = 1000
 # Orders (p, q) of the noise that are tried on all rows, by baseline.
 STATIONARY_ORDERS = ((1, 1), (2, 2))
 WALK_ORDERS = ((0, 1), (1, 1))
@@ -165,26 +168,33 @@ def most_excited(data: IOData) -> IOData:
     -------
     IOData
         The record with at least ``MAX_SEARCH_ROWS`` rows where it has as many, in runs of at most
-        that length.
+        that length. A window that starts within a run has up to ``LEAD_IN_ROWS`` rows before it, in
+        which the output is NaN.
     """
     if data.n_samples <= MAX_SEARCH_ROWS:
         return data
     variance = np.nanvar(np.concatenate([run.u for run in data.runs]), axis=0)
     windows = []
+    scores = []
     for run in data.runs:
         for start in range(0, run.n, MAX_SEARCH_ROWS):
-            rows = slice(max(0, min(start, run.n - MAX_SEARCH_ROWS)), start + MAX_SEARCH_ROWS)
-            start_s = run.start_s + rows.start * data.dt_s
-            windows.append(Run(run.u[rows], run.y[rows], start_s, run.name))
-    scores = []
-    for window in windows:
-        share_measured = np.isfinite(window.y).mean()
-        changes = np.nanvar(window.u, axis=0) / np.where(variance > 0, variance, np.inf)
-        scores.append(float(share_measured * changes.sum()))
-    taken: list[Run] = []
+            first = max(0, min(start, run.n - MAX_SEARCH_ROWS))
+            rows = slice(first, start + MAX_SEARCH_ROWS)
+            share_measured = np.isfinite(run.y[rows]).mean()
+            changes = np.nanvar(run.u[rows], axis=0) / np.where(variance > 0, variance, np.inf)
+            scores.append(float(share_measured * changes.sum()))
+            windows.append((run, rows))
+    taken = []
+    n_rows = 0
     for index in np.argsort(scores, kind="stable")[::-1]:
-        taken.append(windows[index])
-        if sum(window.n for window in taken) >= MAX_SEARCH_ROWS:
+        run, rows = windows[index]
+        lead_in = min(rows.start, LEAD_IN_ROWS)
+        wide = slice(rows.start - lead_in, rows.stop)
+        y = run.y[wide].copy()
+        y[:lead_in] = np.nan
+        taken.append(Run(run.u[wide], y, run.start_s + wide.start * data.dt_s, run.name))
+        n_rows += len(y) - lead_in
+        if n_rows >= MAX_SEARCH_ROWS:
             break
     return replace(data, runs=tuple(taken))
 
@@ -208,15 +218,17 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
 
     Notes
     -----
-    The noise of single rows is another one than that of block means, so it is selected anew: white,
-    or the first ARMA model that leaves white innovations. At such lengths a profile likelihood and
+    The noise of single rows is another one than that of block means, for which it is selected anew:
+    white, or the first ARMA model that leaves white innovations. At such lengths a profile likelihood and
     an average over noise models cost minutes and change the intervals little. A record of which the
     search has seen windows only starts from a free state.
     """
+    first = best.disturbance
+    if record.block > 1:
+        first = {"noise": "white", "baseline": "trend" if best.problem.trend else "none"}
     options = {
         "initial": "estimated" if record.is_window else best.problem.initial,
-        "noise": "white",
-        "baseline": "trend" if best.problem.trend else "none",
+        **first,
         **ladder.options,
         **SCORING_OPTIONS,
     }

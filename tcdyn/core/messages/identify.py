@@ -89,7 +89,7 @@ def _reason(
     text += "."
     if more.get("freed"):
         text += INITIAL_STATE_ESTIMATED
-    return text + _disturbance(**more)
+    return text + _disturbance(**more) + _part_of_record(**more)
 
 
 def _better_prediction(
@@ -104,7 +104,18 @@ def _better_prediction(
     text += "."
     if freed:
         text += INITIAL_STATE_ESTIMATED
-    return text + _disturbance(**more)
+    return text + _disturbance(**more) + _part_of_record(**more)
+
+
+def _part_of_record(block: int = 0, share: float = 1.0, **_: Any) -> str:
+    """Sentence on the rows of a large record that were compared; empty for all rows."""
+    if not block:
+        return ""
+    rows = "rows" if block == 1 else f"means of {block} rows"
+    return (
+        f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model above "
+        "is fitted to all rows."
+    )
 
 
 def _disturbance(
@@ -420,6 +431,8 @@ IDENTIFY: dict[str, Message] = {
     "{value:.2g})",
     "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the length "
     "of the record ({longest_s:.3g} s): the record does not determine it",
+    "fit.slow_pole": "the response to {subject} has a time constant of {slowest_s:.3g} s, in a record "
+    "of {longest_s:.3g} s: gain and lag are extrapolated; record longer constant levels of the input",
     "fit.indistinct": "the data cannot separate all parameters of {subject}: some intervals are "
     "meaningless",
     "fit.stalled": "the fit stopped after the allowed number of iterations; check the intervals "
