@@ -194,6 +194,9 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
         "this model responds to its input without delay, and with the opposite sign or without a "
         "static gain, like minus the inverse of a controller",
+        "model.general": "check its step response, because no process model describes the record: "
+        "gain and lag of a general transfer function depend on its order, which their intervals do "
+        "not include",
         "record.feedback": "check whether the input depends on the output (a closed loop)",
         "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because another "
         "one is more likely",
