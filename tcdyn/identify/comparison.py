@@ -241,9 +241,9 @@ def compare(
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
     :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
-    Where the residuals of the recommended model are clearly coloured or follow the input, these models
-    with white noise, and transfer functions with common poles, replace them if they simulate the
-    held-out data better. The recommended model is fitted once more, with the average over slow
+    Where the residuals of the recommended model are clearly coloured or follow the input, the
+    models with white noise, and transfer functions with common poles, replace them if they simulate
+    the held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identify.recommendation.recommend`.
     """
@@ -642,7 +642,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     final = best
     is_part = record.data is not ladder.data
     if is_part:
-        ladder.progress(f"{model.name}, all rows", 0, 0)
+        ladder.announce(f"{model.name}, all rows")
         final = fit_all_rows(ladder, best, record)
     elif best.loss == "linear" and not model.arx and model.free:
         own = {**best.disturbance, **options}

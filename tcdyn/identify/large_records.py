@@ -23,9 +23,9 @@ from tcdyn.identify.validate import has_coloured_residuals
 # Rows that are searched at most: 20 to 40 fits of 10^4 rows take 3 CPU s with white noise and 15
 # with coloured noise (tests/benchmarks/large_records.py).
 MAX_SEARCH_ROWS = 10_000
-# Lag over the length of a block. The input between two means is not a straight line; the error falls
-# with the square of this ratio. At 28 it made a zero significant in case A (swing 50 K, noise 0.5 K,
-# dBIC 40 of 10^4 blocks); at 100 it is 160 times smaller in variance.
+# Lag over the length of a block. The input between two means is not a straight line; the error
+# falls with the square of this ratio. At 28 it made a zero significant in case A (swing 50 K, noise
+# 0.5 K, 40 of BIC in 10^4 blocks); at 100 it is 160 times smaller in variance.
 MIN_LAG_BLOCKS = 100.0
 # Rows before a window whose inputs are used and whose outputs are not: the response to what was
 # before them has decayed. Blocks are chosen such that this is about ten lags.
@@ -105,7 +105,7 @@ def coarse_lag_s(ladder: Ladder, block: int) -> float:
     names = means.input_names
     model = ladder.model(["P1D"]) if len(names) == 1 else several(["P1D"] * len(names), names)
     options = {"noise": "white", "baseline": "none", "initial": "equilibrium", "check": False}
-    ladder.progress("lag for the length of blocks", 0, 0)
+    ladder.announce("lag for the length of blocks")
     try:
         coarse = fit(means, model, **{**SCORING_OPTIONS, **options})
     except InputError:
@@ -219,9 +219,9 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
     Notes
     -----
     The noise of single rows is another one than that of block means, for which it is selected anew:
-    white, or the first ARMA model that leaves white innovations. At such lengths a profile likelihood and
-    an average over noise models cost minutes and change the intervals little. A record of which the
-    search has seen windows only starts from a free state.
+    white, or the first ARMA model that leaves white innovations. At such lengths a profile
+    likelihood and an average over noise models cost minutes and change the intervals little. A
+    record of which the search has seen windows only starts from a free state.
     """
     first = best.disturbance
     if record.block > 1:
@@ -241,7 +241,7 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
     for order in WALK_ORDERS if baseline == "walk" else STATIONARY_ORDERS:
         if not has_coloured_residuals(final):
             break
-        ladder.progress(f"{model.name}, all rows, noise {order}", 0, 0)
+        ladder.announce(f"{model.name}, all rows, noise {order}")
         options |= {"noise": order, "baseline": baseline}
         final = fit(ladder.data, model, **options, start=final.identified.theta)
     return final

@@ -117,8 +117,8 @@ class Segment:
 def split_segments(data: IOData) -> tuple[Segment, ...]:
     """Cut the runs where an input is missing.
 
-    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter. Short
-    gaps of an input that hardly changes over them are interpolated (:func:`bridge_gaps`).
+    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter.
+    Short gaps of an input that hardly changes over them are interpolated (:func:`bridge_gaps`).
 
     Parameters
     ----------
