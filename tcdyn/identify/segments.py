@@ -225,27 +225,29 @@ def clipped_samples(y: Array) -> Flags:
 
     Notes
     -----
-    Samples at the largest or smallest value that follow one another and that the output enters and
-    leaves by an ordinary change. An output at rest, and one of a coarse logger, is not clipped.
+    Samples at the largest or smallest value, where the output enters and leaves that value by an
+    ordinary change and stays there in between. An output at rest, and one of a coarse logger, is
+    not clipped.
     """
     clipped = np.zeros(len(y), dtype=bool)
     changes = np.abs(np.diff(y))
     moving = changes[changes > 0]
     if len(moving) < MIN_CLIPPED_SAMPLES:
         return clipped
+    smallest = MIN_ABRUPT_SHARE * float(np.median(moving))
     for limit in (np.nanmax(y), np.nanmin(y)):
         at_limit = y == limit
         edges = np.flatnonzero(np.diff(np.concatenate([[0], at_limit.view(np.int8), [0]])))
+        n_abrupt = 0
         for start, end in edges.reshape(-1, 2):
-            if end - start < MIN_CLIPPED_RUN or start == 0 or end == len(y):
-                continue
-            smallest = MIN_ABRUPT_SHARE * float(np.median(moving))
-            if changes[start - 1] > smallest and changes[end - 1] > smallest:
-                clipped[start:end] = True
+            is_inside = start > 0 and end < len(y) and end - start >= MIN_CLIPPED_RUN
+            if is_inside and changes[start - 1] > smallest and changes[end - 1] > smallest:
+                n_abrupt += end - start
+        if n_abrupt >= MIN_CLIPPED_SAMPLES:
+            clipped |= at_limit
     outside = changes[~(clipped[1:] | clipped[:-1])]
-    is_coarse = len(outside) > 0 and np.mean(outside == 0) > MAX_EQUAL_SHARE
-    if clipped.sum() < MIN_CLIPPED_SAMPLES or is_coarse:
-        clipped[:] = False
+    if len(outside) == 0 or np.mean(outside == 0) > MAX_EQUAL_SHARE:
+        return np.zeros(len(y), dtype=bool)
     return clipped
 
 

@@ -124,6 +124,7 @@ def write_identify_report(
     best = comparison.best
     model = best.identified
     name = model.model.name
+    parts = model.by_input.values()
     plural = "s" if len(record.runs) > 1 else ""
     sections = [
         Section("Which model", TABLE_LEGEND, comparison_table(comparison.table, model.output_unit)),
@@ -141,7 +142,7 @@ def write_identify_report(
         ),
         Section(
             f"{name}: dynamics",
-            figure=dynamics_figure(model),
+            figure=dynamics_figure(model) if any(part.gain for part in parts) else None,
             caption="Step response, Bode diagram, poles (crosses) and zeros (rings) of the "
             "identified model with 95 % bands.",
         ),

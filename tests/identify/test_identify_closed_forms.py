@@ -13,6 +13,7 @@ from tcdyn.identify import (
     IOData,
     Response,
     bode_band,
+    fit,
     fit_response,
     process,
     roots_of,
@@ -25,7 +26,7 @@ from tcdyn.identify.iodata import check_wrap
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.responses import slowest_time_constant_s, step_band, step_times
 from tcdyn.identify.search import make_problem
-from tcdyn.identify.segments import input_noise_sd, split_segments
+from tcdyn.identify.segments import clipped_samples, input_noise_sd, split_segments
 
 F = np.geomspace(0.01, 1.0, 15)
 S = 2j * np.pi * F
@@ -297,3 +298,30 @@ def test_sum_of_models_has_order_bounds_and_scale_per_input() -> None:
     x = problem.vector(dict.fromkeys(model.names, 0.5))
     scale = dict(zip(model.free, problem.natural_scale(x)))
     assert (scale["Tp1.u1"], scale["Kp.u1"], scale["Td.u1"]) == pytest.approx((0.5, 1.0, 1.0))
+
+
+def test_clipped_samples_are_those_that_an_output_enters_and_leaves_abruptly() -> None:
+    t = np.arange(400) * 0.1
+    noise = np.random.default_rng(2).normal(0, 0.05, len(t))
+    wave = 10 * np.sin(0.5 * t) + noise
+    clipped = np.minimum(wave, 8.0)
+    assert np.array_equal(clipped_samples(clipped), wave >= 8.0)
+    assert not clipped_samples(wave).any()
+    resting = np.where(t < 10, 0.0, 5 * (1 - np.exp(-(t - 10))))  # at rest, then a step
+    assert not clipped_samples(resting).any()
+    coarse = np.round(10 * np.sin(0.5 * t))
+    assert not clipped_samples(coarse).any()
+    assert not clipped_samples(np.full(50, 3.0)).any()
+
+
+def test_clipped_samples_do_not_reduce_the_gain() -> None:
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.choice([0.0, 1.0], 40), 25)
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):  # one lag of 20 samples, gain 10
+        y[k] = y[k - 1] + (10 * u[k - 1] - y[k - 1]) * (1 - np.exp(-1 / 20))
+    y = np.minimum(y + rng.normal(0, 0.1, len(u)), 6.0)
+    result = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1")
+    assert result.estimates["Kp"].value == pytest.approx(10.0, abs=0.1)
+    assert result.estimates["Tp1"].value == pytest.approx(20.0, abs=0.5)
+    assert "clipped" in result.identified.sentence

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.identify import compare
+from tcdyn.identify import IOData, compare
 from tcdyn.report.compensate import _followed
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
@@ -60,3 +60,15 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
         # 1.95996
         assert (ends.min(), ends.max()) == pytest.approx((value - 0.98, value + 0.98), abs=1e-4)
     assert ax.get_ylim() == pytest.approx((15.0, 65.0))
+
+
+def test_page_of_an_unrelated_output_says_so_and_has_no_response(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.choice([0.0, 1.0], 20), 20)
+    data = IOData.from_arrays(u, rng.normal(size=len(u)), 0.1, hold="zoh")
+    comparison = compare(data)
+    assert comparison.recommended == "-"
+    assert comparison.conclusion.code == "models.unrelated"
+    path = tmp_path / "page.html"
+    write_identify_report(path, data, comparison, Conditioning(poles=0))
+    assert "unrelated to the input" in path.read_text(encoding="utf-8")
