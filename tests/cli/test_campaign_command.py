@@ -371,6 +371,7 @@ def test_trend_lines_are_those_of_the_data() -> None:
     assert len(COLUMNS) + 6 + sum(e for _, e in COLUMNS.values()) == len(table_columns())
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_two_loadings_in_one_log_are_two_tests(campaign: Campaign, tmp_path: Path) -> None:
     one = pd.read_csv(campaign.files.ehl["B3"])
@@ -391,6 +392,7 @@ def test_two_loadings_in_one_log_are_two_tests(campaign: Campaign, tmp_path: Pat
     assert tcdyn("beta", log, *records(campaign), "--stage", 3, "-q") == 2
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_table_is_the_same_whoever_works_on_it(campaign: Campaign, tmp_path: Path) -> None:
     distributed = pytest.importorskip("dask.distributed")

@@ -179,6 +179,7 @@ def test_drift_is_not_taken_for_a_lag() -> None:
         assert gain.value == pytest.approx(2.0, abs=4 * gain.u), seed
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_selected_structure_is_the_true_one_in_most_of_twenty_records() -> None:
     names = [compare(record(seed)).recommended for seed in range(20)]

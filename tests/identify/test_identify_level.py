@@ -62,6 +62,7 @@ def study(kind: str, seeds: range, high_s: float) -> dict[str, float]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("kind", ["plunge", pytest.param("square", marks=pytest.mark.study)])
 def test_rising_lag_is_detected_and_a_constant_lag_is_not(kind):

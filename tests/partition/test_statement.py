@@ -307,6 +307,7 @@ def test_steel_of_one_disk_has_the_effect_of_the_common_steel() -> None:
         np.testing.assert_allclose(own[f"{name} of one disk"], expected)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_disks_of_different_conductivity_are_within_the_interval_that_allows_for_it() -> None:
     """Conductivity of the fast disk 2 % higher, of the slow disk 2 % lower than rig.toml says."""
