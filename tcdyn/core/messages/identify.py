@@ -426,7 +426,7 @@ IDENTIFY: dict[str, Message] = {
     "models.provisional": _recommendation,
     "models.recommended": _recommendation,
     "record.clipped": "{count} samples of the output are clipped (equal to its largest or smallest "
-    "value) and were left out",
+    "value) and were left out.",
     "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not determine it",
     "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may "
     "fit better",
