@@ -163,6 +163,8 @@ class Comparison(Result):
             # feedback says the same as a closed loop
             if not (has_closed_loop and code == "record.feedback"):
                 troubles.append(code)
+        if self.reason.code == "models.foresees":
+            troubles.append("model.general")
         return conclude(self.table, self.recommended, self.reason, untried, troubles)
 
     def lag_removal_advice(self, conditioning: Conditioning = NO_CONDITIONING) -> str:

@@ -644,8 +644,7 @@ def make_fit(
     }
     findings = (
         *parameter_findings(optimum, identified),
-        *unbounded_lags(identified, problem.longest_segment_s),
-        *slow_poles(identified, problem.longest_segment_s),
+        *slow_responses(identified, problem.longest_segment_s),
     )
     identified = replace(
         identified, statistics=statistics, sentence=validation.sentence, findings=findings
@@ -689,8 +688,8 @@ def final_offset(
     return level
 
 
-def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
-    """Return a warning for each lag whose uncertainty is larger than the record is long.
+def slow_responses(identified: Identified, longest_s: float) -> list[Finding]:
+    """Return warnings for inputs whose response is slower than the record can show.
 
     Parameters
     ----------
@@ -702,42 +701,21 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
     Returns
     -------
     list of Finding
-        The warnings.
+        A warning for each lag whose uncertainty is larger than the record is long, and one for each
+        slowest time constant above ``MAX_SLOW_SHARE`` of the record: the final value, and with it
+        the gain, is then an extrapolation.
     """
     if identified.model.integrators:
         return []
     findings = []
     for name, model in identified.by_input.items():
-        if model.lag_s.u <= longest_s:
-            continue
-        subject = "the lag" if len(identified.by_input) == 1 else f"the lag behind {name}"
-        findings.append(
-            warning("fit.lag_unbounded", subject=subject, u=model.lag_s.u, longest_s=longest_s)
-        )
-    return findings
-
-
-def slow_poles(identified: Identified, longest_s: float) -> list[Finding]:
-    """Return a warning for each input whose slowest time constant is near the record's length.
-
-    Parameters
-    ----------
-    identified
-        The identified model.
-    longest_s
-        Length of the longest segment [s].
-
-    Returns
-    -------
-    list of Finding
-        The warnings: the final value, and with it the gain, is an extrapolation. Diffusion, whose
-        response approaches its final value with the root of time, looks like such a pole.
-    """
-    if identified.model.integrators:
-        return []
-    findings = []
-    for name, model in identified.by_input.items():
+        lag_u = model.lag_s.u
         slowest_s = slowest_time_constant_s(model.rational)
+        subject = "the lag" if len(identified.by_input) == 1 else f"the lag behind {name}"
+        if lag_u > longest_s:
+            findings.append(
+                warning("fit.lag_unbounded", subject=subject, u=lag_u, longest_s=longest_s)
+            )
         if model.gain and slowest_s > MAX_SLOW_SHARE * longest_s:
             findings.append(
                 warning("fit.slow_pole", subject=name, slowest_s=slowest_s, longest_s=longest_s)

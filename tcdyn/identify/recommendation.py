@@ -261,9 +261,9 @@ def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
 # Explanation of the columns of ``comparison_table``.
 TABLE_LEGEND = (
     "Models: P and the number of lags, D dead time, Z zero, U oscillating pair, I integrator, "
-    "H half-order element; TF(zeros, poles), ARX the same where disturbances come in before the poles; "
-    "- no effect. Fit and held out: 100 % is perfect, "
-    "0 % as bad as the mean; held out is simulation of data kept from the fit. BIC above best: "
+    "H half-order element; TF(zeros, poles), ARX the same where disturbances come in before the "
+    "poles; - no effect. Fit and held out: 100 % is perfect, 0 % as bad as the mean; held out is "
+    "simulation of data kept from the fit. BIC above best: "
     "below 2 is a tie, above 10 is decisive. White p, input p: chance of such residuals from a "
     f"true model, below {ALARM_P:g} is an alarm; input p shows missing dynamics."
 )

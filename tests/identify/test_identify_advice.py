@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from identify_cases import PLAIN
+from identify_cases import PLAIN, case_a
 
 import tcdyn
 from tcdyn.chain import NO_CONDITIONING, Chain
@@ -268,3 +268,16 @@ def test_prediction_finding_states_the_error_ratio() -> None:
     assert sentence == (
         "TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves white residuals."
     )
+
+
+def test_general_transfer_function_is_recommended_provisionally_only() -> None:
+    comparison = compare(case_a("PRBS", 3), "P2D", **PLAIN)
+    assert comparison.conclusion.code == "models.recommended"
+    reason = replace(
+        comparison.reason,
+        code="models.foresees",
+        numbers={"white": True, "other": "P2D", "ratio": 0.9},
+    )
+    general = replace(comparison, reason=reason)
+    assert general.conclusion.code == "models.provisional"
+    assert "depend on its order" in general.conclusion.sentence

@@ -325,3 +325,15 @@ def test_clipped_samples_do_not_reduce_the_gain() -> None:
     assert result.estimates["Kp"].value == pytest.approx(10.0, abs=0.1)
     assert result.estimates["Tp1"].value == pytest.approx(20.0, abs=0.5)
     assert "clipped" in result.identified.sentence
+
+
+def test_time_constant_of_the_length_of_the_record_is_reported() -> None:
+    t = np.arange(200) * 0.1
+    u = (t >= 1).astype(float)
+    noise = np.random.default_rng(1).normal(0, 1e-4, len(t))
+    for tau, is_slow in ((30.0, True), (3.0, False)):  # the record lasts 20 s
+        y = np.where(t >= 1, 1 - np.exp(-(t - 1) / tau), 0.0) + noise
+        result = fit(
+            IOData.from_arrays(u, y, 0.1, hold="zoh"), "P1", noise="white", baseline="none"
+        )
+        assert ("fit.slow_pole" in {f.code for f in result.findings}) is is_slow

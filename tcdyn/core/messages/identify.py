@@ -434,8 +434,9 @@ IDENTIFY: dict[str, Message] = {
     "{value:.2g})",
     "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the length "
     "of the record ({longest_s:.3g} s): the record does not determine it",
-    "fit.slow_pole": "the response to {subject} has a time constant of {slowest_s:.3g} s, in a record "
-    "of {longest_s:.3g} s: gain and lag are extrapolated; record longer constant levels of the input",
+    "fit.slow_pole": "the response to {subject} has a time constant of {slowest_s:.3g} s, in a "
+    "record of {longest_s:.3g} s: gain and lag are extrapolated; record longer constant levels of "
+    "the input",
     "fit.indistinct": "the data cannot separate all parameters of {subject}: some intervals are "
     "meaningless",
     "fit.stalled": "the fit stopped after the allowed number of iterations; check the intervals "
