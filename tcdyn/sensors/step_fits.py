@@ -25,9 +25,12 @@ PARAMETER_STEP = 1e-5  # step in differences, over a parameter's scale; chosen b
 QUANTITY_STEP = 1e-3  # the same for quantities of the parameters; chosen by judgement
 NOISE_ORDER = 3  # order of differences that the white noise is estimated from; by judgement
 MAX_AR_ORDER = 8  # of the autoregression of the residuals; chosen by judgement
+MAX_STEPS = 40  # of the search, at most; chosen by judgement
 MIN_NOISE_K = 1e-9  # least noise [K], so that data without noise can be fitted
 # Residual rms over the noise, beyond which a warning about a misfit is given; chosen by judgement.
 MISFIT_RATIO = 3.0
+# Relative standard uncertainty below which a parameter is distinguished from zero; by judgement.
+RESOLVED_REL = 0.4
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,42 @@ class CurveFit:
     def theta(self) -> dict[str, float]:
         """Parameters by name."""
         return dict(zip(self.optimum.problem.names, self.optimum.theta.tolist()))
+
+    def u(self, name: str) -> float:
+        """Standard uncertainty of a parameter."""
+        k = self.optimum.problem.names.index(name)
+        return float(np.sqrt(self.optimum.covariance[k, k]))
+
+    def resolved(self, names: Sequence[str]) -> bool:
+        """Whether the data distinguish all these parameters from zero."""
+        return all(self.u(name) <= RESOLVED_REL * self.theta[name] for name in names)
+
+    def score(self, direction: Array) -> tuple[float, float]:
+        """Return the multiple of a further column that the residuals ask for, and its gain.
+
+        Parameters
+        ----------
+        direction
+            Change of the curve with the further parameter (N,) at the rows of ``residual``.
+
+        Returns
+        -------
+        multiple
+            The parameter after one linear step from zero.
+        gain
+            Reduction of the sum of squares by this step: the score statistic (Rao 1948, Proc. Camb.
+            Phil. Soc. 44, 50).
+        """
+        full = [slice(0, len(direction))]
+        column = self.colour.whiten(direction, full) / self.noise_K
+        projected = self.optimum.jacobian.T @ column
+        slope = float(column @ self.optimum.residual)
+        own = float(column @ column)
+        if own == 0:
+            return 0.0, 0.0
+        shared = float(projected @ self.optimum.covariance @ projected)
+        curvature = max(own - shared, 1e-12 * own)
+        return -slope / curvature, slope**2 / curvature
 
     def propagate(self, quantity: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Return quantities of the parameters, and their covariance by first-order propagation.
@@ -162,7 +201,9 @@ def fit_curve(
     Notes
     -----
     ``PARAMETER_STEP`` is for one-sided differences: smaller steps lose digits, larger ones bias the
-    derivatives. The BIC compares fits with one noise only.
+    derivatives. The BIC compares fits with one noise only. A parameter with a normal prior adds
+    log(prior variance/posterior variance) instead of log N: its part of the Laplace approximation
+    (Kass and Raftery 1995, J. Am. Stat. Assoc. 90, 773).
     """
     finite = np.isfinite(y)
     n_parameters = len(names)
@@ -202,14 +243,18 @@ def fit_curve(
             lower=low,
             max_step=3 * scale,
         )
-        optimum = minimise(problem, theta, limit=80)
+        optimum = minimise(problem, theta, limit=MAX_STEPS)
         if optimum.status is Status.NOWHERE:
             raise InputError(f"{name} cannot be fitted: the model cannot be computed")
         theta = optimum.theta
         residual = (np.asarray(model(theta)) - y)[finite]
         if iteration < last:
             colour, noise_K = residual_noise(residual, n_parameters)
-    bic = optimum.cost + n_parameters * np.log(len(optimum.residual))
+    variance = np.diag(optimum.covariance)
+    has_prior = np.isfinite(prior_sd)
+    learned = np.log(prior_sd[has_prior] ** 2 / variance[has_prior])
+    free = int(np.sum(~has_prior))
+    bic = optimum.cost + free * np.log(int(finite.sum())) + float(learned.sum())
     return CurveFit(optimum, bic, noise_K, colour, residual, scale)
 
 

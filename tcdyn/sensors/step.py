@@ -1,0 +1,208 @@
+"""The step in a record of a sensor: where it begins, its size, and the rows to fit.
+
+``tcdyn.sensors.plunge`` uses it; ``tests/sensors/test_sensor_plunge.py`` checks it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.sensors.step_fits import white_noise_K
+
+MIN_STEP_NOISES = 20.0  # least step over the white noise; chosen by judgement
+MIN_SAMPLES = 30  # least number of samples; chosen by judgement
+MIN_RISES_AFTER = 2.5  # least record after the step, in times to 63.2 %; chosen by judgement
+# Least part of the record that is fitted, in times to 63.2 % after the entry, and the part before
+# it as a share of the part after; by judgement.
+RISES_AFTER = 12.0
+BEFORE_SHARE = 0.5
+# The reading has settled where it changes by less than this share of the step in half of the
+# fitted part; chosen by judgement.
+SETTLED_SHARE = 0.002
+# A later change of this share of the step is another event and ends the record; by judgement.
+NEXT_EVENT_SHARE = 0.15
+MAX_ROWS_IN_RISE = 300  # rows in the time to 63.2 %; more are averaged in blocks; by judgement
+
+
+@dataclass(frozen=True)
+class Step:
+    """The step in a record.
+
+    Attributes
+    ----------
+    first, last
+        Rows to fit.
+    entry_s
+        First guess of the entry, from the first row of the record [s].
+    size_K
+        First guess of the step.
+    rise_s
+        First guess of the time to 63.2 %.
+    before_degC
+        Reading before the step.
+    """
+
+    first: int
+    last: int
+    entry_s: float
+    size_K: float
+    rise_s: float
+    before_degC: float
+
+
+def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
+    """Find where the largest lasting change of ``y`` (N,) begins.
+
+    Parameters
+    ----------
+    y
+        Readings [degC], NaN where missing.
+    dt_s
+        Interval [s].
+    entry_s
+        Entry from the first row [s]; None: found.
+
+    Returns
+    -------
+    Step
+        The step and the rows to fit.
+
+    Raises
+    ------
+    InputError
+        Where there is no step, or where it is cut off.
+
+    Notes
+    -----
+    The fitted part ends where the reading has settled, or before the next event.
+    ``tests/sensors/test_sensor_plunge.py`` checks the start and the errors.
+    """
+    finite = np.isfinite(y)
+    if finite.sum() < MIN_SAMPLES:
+        raise InputError(f"only {int(finite.sum())} samples", expected=f"at least {MIN_SAMPLES}")
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(finite), y[finite])
+    noise = white_noise_K(filled)
+    edge = max(len(y) // 50, 3)
+    if entry_s is None:
+        start = _step_start(filled, noise, edge)
+    else:
+        start = int(np.clip(round(entry_s / dt_s), 0, len(y) - 2))
+    before = float(np.median(filled[max(start - 5 * edge, 0) : max(start, 1)]))
+    after = float(np.mean(filled[-edge:]))
+    size = after - before
+    if abs(size) < MIN_STEP_NOISES * noise:
+        raise InputError(
+            f"no step: the reading changes by {abs(size):.3g} K, its noise is {noise:.2g} K",
+            expected=f"at least {MIN_STEP_NOISES:g} times the noise",
+        )
+    share = (filled[start:] - before) / size
+    rise = max(int(np.argmax(share >= 0.632)), 2)
+    rows_after = len(y) - start
+    if rows_after < MIN_RISES_AFTER * rise:
+        raise InputError(
+            f"the record ends {rows_after * dt_s:.3g} s after the step, which is not over",
+            expected="five time constants after the step",
+        )
+    first = max(start - max(int(BEFORE_SHARE * RISES_AFTER * rise), 20), 0)
+    last = start + _settled_rows(filled[start:], rise, abs(size), noise)
+    return Step(first, last, start * dt_s, size, rise * dt_s, before)
+
+
+def _settled_rows(after: Array, rise: int, size: float, noise: float) -> int:
+    """Return the number of rows after the entry until the reading has settled.
+
+    Parameters
+    ----------
+    after
+        Readings from the entry on (N,) without gaps [degC].
+    rise
+        Rows to 63.2 %.
+    size
+        Size of the step [K].
+    noise
+        White noise [K].
+
+    Returns
+    -------
+    int
+        The rows; all of them where the reading does not settle.
+    """
+    count = max(int(RISES_AFTER * rise), 30)
+    if count >= len(after):
+        return len(after)
+    level = float(np.median(after[count // 2 : count]))
+    departs = np.abs(median_filter(after[count:], 3) - level) > NEXT_EVENT_SHARE * size
+    end = count + int(np.argmax(departs)) if departs.any() else len(after)
+    while count < end:
+        quarter = count // 4
+        earlier = after[count - 2 * quarter : count - quarter]
+        change = after[count - quarter : count].mean() - earlier.mean()
+        # three standard deviations of the difference of two means
+        limit = max(SETTLED_SHARE * size, 3 * noise * np.sqrt(2 / quarter))
+        if abs(change) < limit:
+            break
+        count = int(1.5 * count)
+    return min(count, end)
+
+
+def _step_start(filled: Array, noise: float, edge: int) -> int:
+    """Return the last row before the steepest change that is within the noise of the level.
+
+    Parameters
+    ----------
+    filled
+        Readings (N,) without gaps.
+    noise
+        White noise [K].
+    edge
+        Rows at the ends from which the levels are taken.
+
+    Returns
+    -------
+    int
+        The row; 0 where all rows before the change are outside the noise.
+
+    Notes
+    -----
+    Within the noise: below five standard deviations of a mean, or 2 % of the change if that is
+    more.
+    """
+    half = max(len(filled) // 400, 1)
+    window = 2 * half + 1
+    mean = np.convolve(filled, np.ones(window) / window, mode="valid")
+    steep = int(np.argmax(np.abs(mean[2 * half :] - mean[: -2 * half]))) + 2 * half
+    sign = np.sign(filled[min(steep + half, len(filled) - 1)] - filled[max(steep - half, 0)])
+    level = float(np.median(filled[: max(steep - 2 * half, edge)]))
+    rise = sign * (filled[: steep + 1] - level)
+    limit = max(5 * noise / np.sqrt(window), 0.02 * abs(filled[-edge:].mean() - level))
+    below = np.flatnonzero(rise < limit)
+    return int(below[-1]) if len(below) else 0
+
+
+def block_means(y: Array, rise_rows: int) -> tuple[Array, int]:
+    """Average readings in blocks where the response has many rows.
+
+    Parameters
+    ----------
+    y
+        Readings (N,), NaN where missing.
+    rise_rows
+        Rows in the time to 63.2 %.
+
+    Returns
+    -------
+    y
+        Means of the blocks, NaN where a block has no reading.
+    block
+        Rows in a block.
+    """
+    block = max(rise_rows // MAX_ROWS_IN_RISE, 1)
+    blocks = y[: len(y) // block * block].reshape(-1, block)
+    counts = np.isfinite(blocks).sum(axis=1)
+    sums = np.nansum(blocks, axis=1)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan), block

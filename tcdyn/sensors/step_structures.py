@@ -1,0 +1,555 @@
+"""Structures of a plunged sensor: lags, the tail of heat conduction, a slow path, a dead time.
+
+``tcdyn.sensors.plunge`` averages them. ``tests/sensors/test_sensor_plunge.py`` and
+``tests/sensors/layered_study.py`` check them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.estimation import NoiseModel
+from tcdyn.rig.disk import Conditioning
+from tcdyn.sensors.file import lag_and_times
+from tcdyn.sensors.step import Step
+from tcdyn.sensors.step_fits import CurveFit, bic_weights, fit_curve, residual_noise, white_noise_K
+
+# Grid of the second lag where it is not resolved, as shares of the largest; chosen by judgement.
+SECOND_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)
+# BIC above the best one beyond which no larger second lag is tried: a weight below 1e-4.
+GRID_END = 20.0
+# Second lag of a sheathed sensor without a gas gap over the square of its diameter [s/mm2], and the
+# standard deviation of its logarithm: core, powder of 1.5 to 5 W/mK and sheath, in water, oil or air.
+SECOND_LAG = (0.015, 0.35)
+GAP_FACTOR = 30.0  # largest ratio by which a gap of 10 to 60 um lengthens it
+# Shares of the lag with which the fits of one, two and three lags start; chosen by judgement.
+START_SHARES = ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08])
+# Sum of all shorter lags, which act as a dead time, over the last lag that is fitted, and its
+# standard deviation, for one or two lags and for three. A core, powder and sheath with or without a
+# gap, diameter 0.5 to 8 mm, in water, oil or air have 0.02 to 0.7 after two lags and 0.5 to 1.4
+# after three; lumped lags have 0.
+TAIL = ((0.33, 0.2), (0.33, 0.2), (0.6, 0.4))
+# Standard deviation of the drift in the fitted part over the step, before the data; by judgement.
+DRIFT_SHARE = 0.02
+# Time constants of a slow second heat path over the lag, of which the best is the start of its fit.
+SLOW_RATIOS = (3.0, 6.0, 12.0)
+SMALL_SHARE = 1e-4  # step of the linear estimate of a share, and of a dead time over the lag
+MIN_SLOW_RATIO = 2.0  # least time constant of that path over the lag; chosen by judgement
+MAX_SLOW_SHARE = 0.5  # largest share of that path: with more it is the main path
+# Gain in twice the log likelihood, in one linear step, from which such a path or a dead time is
+# fitted: the BIC of more than 30 samples asks for 3.4 a parameter.
+MIN_GAIN = 4.0
+MIN_WEIGHT = 1e-3  # probability below which a structure is not tried with the grid of second lags
+NOISE_ITERATIONS = 3  # rounds of noise and fit, at most; chosen by judgement
+
+
+def exact_u_s(dt_s: float) -> float:
+    """Return the standard uncertainty of a time specified as exact [s], for any interval."""
+    return min(1e-6, 1e-3 * dt_s)
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """Data of the fit.
+
+    Attributes
+    ----------
+    t
+        Times from the first row (N,) [s].
+    y
+        Readings (N,) [degC], NaN where missing.
+    dt_s
+        Interval [s].
+    step
+        The step.
+    entry_s
+        First guess of the entry, from the first row [s].
+    entry_prior_s
+        Prior of the entry, mean and standard deviation [s], or None.
+    medium_s
+        Medium's lag and its standard uncertainty [s].
+    conditioning
+        Filter after the sensor.
+    diameter_m
+        Diameter of the sheath [m], or None.
+    """
+
+    t: Array
+    y: Array
+    dt_s: float
+    step: Step
+    entry_s: float
+    entry_prior_s: tuple[float, float] | None
+    medium_s: tuple[float, float]
+    conditioning: Conditioning
+    diameter_m: float | None
+
+    @property
+    def sensor_lag_s(self) -> float:
+        """First guess of the sensor's lag without the filter."""
+        return max(self.step.rise_s - self.conditioning.lag_s, 2 * self.dt_s)
+
+    def start(self, shares: Sequence[float]) -> dict[str, float]:
+        """Return start values of the parameters by name.
+
+        Parameters
+        ----------
+        shares
+            Lags over their sum.
+
+        Returns
+        -------
+        dict
+            The start values.
+        """
+        lag_s = self.sensor_lag_s
+        return {
+            "level": self.step.before_degC,
+            "entry_s": self.entry_s,
+            "size": self.step.size_K,
+            "drift_K": 0.0,
+            "medium_s": max(self.medium_s[0], min(1e-4, 0.1 * self.dt_s)),
+            "tail": TAIL[0][0],
+            **{f"tau{k + 1}_s": share * lag_s for k, share in enumerate(shares)},
+        }
+
+    def prior(self, structure: StepStructure) -> float:
+        """Return the probability of a structure before the data, not normalised.
+
+        Parameters
+        ----------
+        structure
+            The structure.
+
+        Returns
+        -------
+        float
+            1 where all lags are fitted. The structures with one fitted lag share it: each has the
+            probability that the second lag is near its own. A second lag of zero stands for all
+            that are below the grid.
+        """
+        if structure.lags > 1:
+            return 1.0
+        shares = np.array(SECOND_SHARES)
+        edges = np.r_[0.5 * shares[0], np.sqrt(shares[1:] * shares[:-1]), np.inf]
+        k = int(np.searchsorted(shares, structure.second_share)) if structure.second_share else -1
+        if self.diameter_m is None:
+            return 0.5 if k < 0 else 0.5 / len(shares)
+        below = second_lag_probability(edges * self.sensor_lag_s, self.diameter_m)
+        return float(below[0] if k < 0 else below[k + 1] - below[k])
+
+    def curve(self, structure: StepStructure, values: Mapping[str, float]) -> Array | None:
+        """Return the readings (N,) of a structure; None where they cannot be computed.
+
+        Parameters
+        ----------
+        structure
+            The structure.
+        values
+            Its parameters by name.
+
+        Returns
+        -------
+        array or None
+            Readings [degC].
+        """
+        chain = structure.chain(values)
+        duration_s = float(self.t[-1])
+        longest_s = max(chain.taus_s, default=0.0)
+        if not 0 <= values["entry_s"] < duration_s or longest_s > 50 * duration_s:
+            return None
+        if structure.slow and not 0 <= values["slow_share"] <= MAX_SLOW_SHARE:
+            return None
+        after_medium = replace(
+            chain,
+            taus_s=(*chain.taus_s, max(values["medium_s"], 0.0)),
+            delay_s=chain.delay_s + values["entry_s"],
+        )
+        response = after_medium.response(np.ones_like(self.t), self.dt_s, "zoh", "zero")
+        drift_K = values["drift_K"] * (self.t / duration_s - 0.5)
+        return values["level"] + values["size"] * response + drift_K
+
+
+@dataclass(frozen=True)
+class StepStructure:
+    """A sensor's chain as a function of fitted parameters.
+
+    Attributes
+    ----------
+    lags
+        Number of fitted lags, one to three.
+    conditioning
+        Filter after the sensor.
+    second_share
+        A fixed second lag over the first; 0 for none. Only with one fitted lag.
+    slow
+        Whether there is a slow second heat path.
+    dead
+        Whether there is a dead time.
+    """
+
+    lags: int
+    conditioning: Conditioning
+    second_share: float = 0.0
+    slow: bool = False
+    dead: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the parameters (P); a parameter that may be unresolved has a default of 0."""
+        names = ["level", "entry_s", "size", "drift_K", "medium_s", "tau1_s"]
+        if self.lags > 1 or self.second_share:
+            names.append("tail")
+        return names + self.optional
+
+    @property
+    def optional(self) -> list[str]:
+        """Names of the parameters that the data must resolve."""
+        names = [f"tau{k}_s" for k in range(2, self.lags + 1)]
+        if self.slow:
+            names += ["slow_share", "slow_s"]
+        if self.dead:
+            names.append("dead_s")
+        return names
+
+    @property
+    def name(self) -> str:
+        """Name of the structure, such as P2D; the dead time is that of the tail, too."""
+        count = self.lags + (self.second_share > 0) + self.slow
+        return f"P{count}" + "Z" * self.slow + "D" * ("tail" in self.names or self.dead)
+
+    def chain(self, values: Mapping[str, float]) -> Chain:
+        """Return the sensor's chain at these parameters."""
+        taus = [values[f"tau{k}_s"] for k in range(1, self.lags + 1)]
+        if self.second_share:
+            taus.append(self.second_share * taus[0])
+        delay_s = values.get("tail", 0.0) * min(taus) + values.get("dead_s", 0.0)
+        zero_s = 0.0
+        if self.slow:
+            taus.append(values["slow_s"])
+            zero_s = (1 - values["slow_share"]) * values["slow_s"]
+        lags = sorted((tau for tau in taus if tau > 0), reverse=True)
+        return Chain(lags, zero_s, delay_s, conditioning=self.conditioning)
+
+    def times(self, theta: Array) -> Array:
+        """Return lag without the first time constant, lag, and times of the step (5,) [s]."""
+        values = dict(zip(self.names, theta.tolist()))
+        chain = replace(self.chain(values), conditioning=NO_CONDITIONING)
+        lag_s, *times = lag_and_times(chain)
+        return np.array([lag_s - values["tau1_s"], lag_s, *times])
+
+
+@dataclass(frozen=True)
+class FittedStructure:
+    """A fitted structure.
+
+    Attributes
+    ----------
+    structure
+        The structure.
+    fit
+        Its fit.
+    """
+
+    structure: StepStructure
+    fit: CurveFit
+
+
+def second_lag_probability(tau_s: Array, diameter_m: float) -> Array:
+    """Return the probability that the second lag of a sheathed sensor is below some values.
+
+    Parameters
+    ----------
+    tau_s
+        The values (K,) [s].
+    diameter_m
+        Diameter of the sheath [m].
+
+    Returns
+    -------
+    array
+        Probabilities (K,).
+
+    Notes
+    -----
+    The second lag of a solid sensor is proportional to the square of its diameter and depends
+    little on the medium (``SECOND_LAG``). With a gas gap between powder and sheath, assumed for
+    half of the sensors, it is up to ``GAP_FACTOR`` times as long.
+
+    Examples
+    --------
+    >>> second_lag_probability(np.array([0.001, 0.14, 10.0]), 3e-3).round(2).tolist()
+    [0.0, 0.28, 1.0]
+    """
+    log_median = np.log(SECOND_LAG[0] * (1e3 * diameter_m) ** 2)
+    position = np.log(tau_s) - log_median
+    solid = norm.cdf(position / SECOND_LAG[1])
+    gap = np.clip(position / np.log(GAP_FACTOR), 0.0, 1.0)
+    return np.asarray(0.5 * (solid + gap))
+
+
+def fit_structures(record: StepRecord) -> tuple[list[FittedStructure], Array]:
+    """Fit all structures with the noise of the best fit's residuals.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+
+    Returns
+    -------
+    fitted
+        The structures (K).
+    weights
+        Their probabilities (K,).
+    """
+    noise = (NoiseModel(), white_noise_K(record.y))
+    for _ in range(NOISE_ITERATIONS):
+        fitted, weights = _fit_with_noise(record, noise)
+        best = fitted[int(np.argmax(weights))].fit
+        colour, level_K = residual_noise(best.residual, len(best.optimum.theta))
+        both_white = colour.white and noise[0].white
+        if both_white and 0.8 < level_K / noise[1] < 1.25:
+            break
+        noise = (colour, level_K)
+    return fitted, weights
+
+
+def _fit_with_noise(
+    record: StepRecord, noise: tuple[NoiseModel, float]
+) -> tuple[list[FittedStructure], Array]:
+    """Fit all structures with one noise.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    noise
+        Autoregression and level [K] of the residuals.
+
+    Returns
+    -------
+    fitted, weights
+        As :func:`fit_structures` returns them.
+
+    Raises
+    ------
+    InputError
+        Where no structure can be fitted, because the response is within one row.
+
+    Notes
+    -----
+    A slow path and a dead time are added to the structures whose residuals ask for them. The grid
+    of second lags is tried for each kind that the data do not exclude (``MIN_WEIGHT``).
+    """
+    fitted = list[FittedStructure]()
+
+    def add(structure: StepStructure, start: Mapping[str, float]) -> CurveFit | None:
+        """Fit a structure, and keep and return the fit if the data resolve its parameters."""
+        fit = _fit(record, structure, start, noise)
+        if not fit.resolved(structure.optional) or not structure.chain(fit.theta).taus_s:
+            return None
+        fitted.append(FittedStructure(structure, fit))
+        return fit
+
+    for shares in START_SHARES:
+        if add(StepStructure(len(shares), record.conditioning), record.start(shares)) is None:
+            break
+    if not fitted:
+        raise InputError(
+            f"the reading follows the step within one row of {record.dt_s:.3g} s"
+            ": no lag can be determined",
+            expected="several rows in a lag",
+            remedy="log faster; or the medium's lag, which was specified, explains all of the "
+            "response",
+        )
+    for extension in (_dead_time, _slow_path):
+        best_bic = min(f.fit.bic for f in fitted)
+        for f in list(fitted):
+            structure, start, gain = extension(record, f)
+            if gain > MIN_GAIN and 2 * gain > f.fit.bic - best_bic:
+                add(structure, start)
+    weights = bic_weights(np.array([f.fit.bic for f in fitted]))
+    probability = dict[StepStructure, float]()
+    for f, weight in zip(fitted, weights):
+        simplest = replace(f.structure, lags=1)
+        probability[simplest] = probability.get(simplest, 0.0) + float(weight)
+    for simplest, weight in probability.items():
+        if weight > MIN_WEIGHT:
+            near = next(f for f in fitted if replace(f.structure, lags=1) == simplest)
+            start = record.start(START_SHARES[0]) | near.fit.theta
+            best_bic = min(f.fit.bic for f in fitted)
+            last_bic = np.inf
+            for share in SECOND_SHARES:
+                fit = add(replace(simplest, second_share=share), start)
+                if fit is None or fit.bic > max(last_bic, best_bic + GRID_END):
+                    break
+                last_bic = fit.bic
+                start |= fit.theta
+    prior = np.array([record.prior(f.structure) for f in fitted])
+    return fitted, bic_weights(np.array([f.fit.bic for f in fitted]), prior)
+
+
+def _slow_path(
+    record: StepRecord, fitted: FittedStructure
+) -> tuple[StepStructure, dict[str, float], float]:
+    """Return a structure with a slow path, its start values, and the gain that they promise.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    fitted
+        A structure without such a path.
+
+    Returns
+    -------
+    structure, start, gain
+        The structure, its start values by name, and the score statistic; 0 where the share of the
+        path would be negative.
+    """
+    structure = replace(fitted.structure, slow=True)
+    trials = []
+    for ratio in SLOW_RATIOS:
+        path = {"slow_share": SMALL_SHARE, "slow_s": ratio * record.sensor_lag_s}
+        share, gain = _score(record, fitted, structure, path, "slow_share")
+        path["slow_share"] = float(np.clip(share, SMALL_SHARE, MAX_SLOW_SHARE))
+        trials.append((gain if share > 0 else 0.0, path))
+    gain, path = max(trials, key=lambda trial: trial[0])
+    return structure, fitted.fit.theta | path, gain
+
+
+def _dead_time(
+    record: StepRecord, fitted: FittedStructure
+) -> tuple[StepStructure, dict[str, float], float]:
+    """Return a structure with a dead time, its start values, and the gain that they promise.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    fitted
+        A structure without a dead time.
+
+    Returns
+    -------
+    structure, start, gain
+        As ``_slow_path`` returns them; the gain is 0 where the entry is unknown.
+    """
+    structure = replace(fitted.structure, dead=True)
+    if record.entry_prior_s is None:
+        return structure, {}, 0.0
+    step_s = SMALL_SHARE * record.sensor_lag_s
+    dead_s, gain = _score(record, fitted, structure, {"dead_s": step_s}, "dead_s")
+    specified_s = record.entry_prior_s[0]
+    start = fitted.fit.theta | {"entry_s": specified_s, "dead_s": max(dead_s, step_s)}
+    is_possible = 0 < dead_s < record.t[-1] - specified_s
+    return structure, start, gain if is_possible else 0.0
+
+
+def _score(
+    record: StepRecord,
+    fitted: FittedStructure,
+    structure: StepStructure,
+    values: Mapping[str, float],
+    name: str,
+) -> tuple[float, float]:
+    """Return the estimate of one further parameter by a linear step, and its gain.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    fitted
+        The structure without the parameter.
+    structure
+        The structure with it.
+    values
+        Small values of the further parameters by name.
+    name
+        Name of the one parameter whose effect is proportional to it.
+
+    Returns
+    -------
+    value, gain
+        As :meth:`tcdyn.sensors.step_fits.CurveFit.score` returns them.
+    """
+    without = record.curve(fitted.structure, fitted.fit.theta)
+    curve = record.curve(structure, fitted.fit.theta | dict(values))
+    if without is None or curve is None:
+        return 0.0, 0.0
+    direction = (curve - without)[np.isfinite(record.y)] / values[name]
+    return fitted.fit.score(direction)
+
+
+def _fit(
+    record: StepRecord,
+    structure: StepStructure,
+    start: Mapping[str, float],
+    noise: tuple[NoiseModel, float],
+) -> CurveFit:
+    """Fit one structure.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    structure
+        The structure.
+    start
+        Start values by name; more than the structure has are allowed.
+    noise
+        Autoregression and level [K] of the residuals.
+
+    Returns
+    -------
+    CurveFit
+        The fit; theta in the order of ``structure.names``.
+    """
+    names = structure.names
+    size_K = abs(record.step.size_K)
+    lag_s = record.sensor_lag_s
+    medium_s, medium_u_s = record.medium_s
+
+    def model(theta: Array) -> Array | None:
+        """Return the readings (N,) at theta; None where they cannot be computed."""
+        return record.curve(structure, dict(zip(names, theta.tolist())))
+
+    seconds = dict.fromkeys((n for n in names if n.endswith("_s")), lag_s)
+    scales = {
+        "level": size_K,
+        "size": size_K,
+        "drift_K": size_K,
+        "tail": 1.0,
+        "slow_share": 1.0,
+        **seconds,
+        "medium_s": max(lag_s, medium_u_s),
+    }
+    prior = {
+        "medium_s": (medium_s, max(medium_u_s, exact_u_s(record.dt_s))),
+        "drift_K": (0.0, DRIFT_SHARE * size_K),
+        "tail": TAIL[structure.lags - 1],
+    }
+    if record.entry_prior_s is not None:
+        prior["entry_s"] = record.entry_prior_s
+    lower = {**dict.fromkeys(seconds, 0.0), "tail": 0.0, "slow_share": 0.0}
+    if structure.slow:
+        lower["slow_s"] = MIN_SLOW_RATIO * lag_s
+    return fit_curve(
+        f"P{structure.lags}",
+        model,
+        record.y,
+        names,
+        np.array([start[n] for n in names]),
+        np.array([scales[n] for n in names]),
+        prior=prior,
+        lower=lower,
+        noise=noise,
+    )
