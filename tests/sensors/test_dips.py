@@ -54,6 +54,22 @@ def test_coverage_for_each_number_of_dips(count: int) -> None:
     assert min(further, mean) > 0.92
 
 
+@pytest.mark.study
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_a_difference_of_heating_and_cooling_is_rarely_reported_where_there_is_none(
+    count: int,
+) -> None:
+    rng = np.random.default_rng(77 + count)
+    group = [0] * count + [1] * count
+    reported = 0
+    for _ in range(300):
+        spread = np.exp(rng.uniform(*np.log((0.01, 0.2))))
+        dips, _ = drawn(rng, 2 * count, spread, np.exp(rng.uniform(*np.log((0.004, 0.04)))))
+        reported += random_effects(dips, group).groups_differ()
+    print(f"{count} heated and {count} cooled: reported in {reported / 3:.1f} %")
+    assert reported / 300 < 0.1
+
+
 def test_many_dips_give_the_sample_s_spread_and_equal_dips_the_uncertainty_of_one() -> None:
     rng = np.random.default_rng(1)
     dips, _ = drawn(rng, 60, 0.1, 1e-4)
