@@ -6,6 +6,7 @@ file. Tests: ``tests/sensors``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -48,7 +49,10 @@ Columns = Annotated[
 class SensorOutput:
     """Options for the sensor file to write."""
 
-    out: Annotated[Path, typer.Option(help="*.sensor.json to write")]
+    out: Annotated[
+        Path | None,
+        typer.Option(help="*.sensor.json to write (default: the result is only printed)"),
+    ] = None
     name: Annotated[
         str | None, typer.Option(help="name of the sensor (default: name of the file)")
     ] = None
@@ -56,11 +60,12 @@ class SensorOutput:
     @property
     def sensor_name(self) -> str:
         """Name of the sensor, by default that of its file."""
-        file_name = self.out.name.removesuffix(".json").removesuffix(".sensor")
+        file_name = "" if self.out is None else self.out.name
+        file_name = file_name.removesuffix(".json").removesuffix(".sensor")
         return self.name or file_name or "sensor"
 
-    def write(self, sensor: SensorFile, reporter: Reporter, log: Path | None = None) -> None:
-        """Write the file and report its content; exit code 1 if there is a warning.
+    def write(self, sensor: SensorFile, reporter: Reporter, logs: Sequence[Path] = ()) -> None:
+        """Write the file if one is requested, and report its content; exit code 1 for a warning.
 
         Parameters
         ----------
@@ -68,8 +73,8 @@ class SensorOutput:
             Content of the file.
         reporter
             Output of the command.
-        log
-            Table that was read; it must not be the output.
+        logs
+            Tables that were read; they must not be the output.
 
         Notes
         -----
@@ -78,14 +83,16 @@ class SensorOutput:
         """
         from tcdyn.sensors import read_sensor, write_sensor
 
-        check_outputs([log], out=self.out)
-        write_sensor(sensor, self.out)
-        read_sensor(self.out)
+        if self.out is not None:
+            check_outputs(logs, out=self.out)
+            write_sensor(sensor, self.out)
+            read_sensor(self.out)
         reporter.json(sensor.to_dict)
         reporter.text(sensor.summary().split("\nwarning:")[0].split("\ninfo:")[0])
         reporter.findings(sensor.findings)
-        reporter.text(f"wrote {self.out}")
-        exit_status(str(self.out), sensor.findings)
+        if self.out is not None:
+            reporter.text(f"wrote {self.out}")
+        exit_status(str(self.out or sensor.sensor), sensor.findings)
 
 
 @dataclass(frozen=True)
@@ -177,14 +184,20 @@ def show(
 @app.command()
 @option_groups
 def plunge(
-    log: Log,
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="table with a time column: CSV, LVM, TDMS or Parquet; one for each dip",
+        ),
+    ],
     column: OneColumn,
     entry_s: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             "--entry-s",
             help="instant of entry on the clock of the table in seconds, with its standard "
-            "uncertainty: 12.3+-0.02",
+            "uncertainty: 12.3+-0.02; with several dips once for each, in their order",
         ),
     ] = None,
     medium_s: Annotated[
@@ -213,30 +226,45 @@ def plunge(
 ) -> None:
     """Measure the lag from one temperature step (a plunge): t50, t63.2, t90 and the chain.
 
-    The instant of entry is estimated too.
+    The instant of entry is estimated too. Several dips of one sensor, one table each, are combined:
+    the uncertainty then includes the spread between dips.
 
     Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water
     --diameter-mm 3
     """
+    from tcdyn.sensors.dips import pool_dips
     from tcdyn.sensors.plunge import plunge_sensor
     from tcdyn.sensors.surface_h import BoundaryLayer
 
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
     film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
-    t, values, findings, names = _read(log, [column], reading)
-    sensor = plunge_sensor(
-        t,
-        values[0],
-        names[0],
-        sensor=output.sensor_name,
-        conditioning=known_filter.conditioning(),
-        entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
-        medium_s=value_and_u(medium_s, "--medium-s"),
-        film=film,
-        inputs=[_input_file(log)],
-    )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
+    entries = entry_s or []
+    if entries and len(entries) != len(logs):
+        raise InputError(
+            f"--entry-s is given {len(entries)} times for {len(logs)} dips",
+            expected="once for each dip, or not at all",
+        )
+    dips = []
+    for number, log in enumerate(logs):
+        t, values, findings, names = _read(log, [column], reading)
+        try:
+            dip = plunge_sensor(
+                t,
+                values[0],
+                names[0],
+                sensor=output.sensor_name,
+                conditioning=known_filter.conditioning(),
+                entry_s=value_and_u(entries[number], "--entry-s") if entries else None,
+                medium_s=value_and_u(medium_s, "--medium-s"),
+                film=film,
+                inputs=[_input_file(log)],
+            )
+        except InputError as problem:
+            raise problem.at(str(log)) from None
+        dips.append(_with_findings(dip, findings, float(t[-1] - t[0])))
+    sensor = dips[0] if len(dips) == 1 else pool_dips(dips, output.sensor_name, film)
+    output.write(sensor, reporter, logs)
 
 
 @app.command()
@@ -293,7 +321,7 @@ def pair(
         exponent=value_and_u(exponent, "--exponent"),
         inputs=[_input_file(log)],
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])
 
 
 @app.command()
@@ -335,7 +363,7 @@ def current(
         off_only=off_only,
         inputs=[_input_file(log)],
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])
 
 
 @app.command()
@@ -360,7 +388,7 @@ def noise(
     sensor = noise_sensor(
         t, values[0], names[0], sensor=output.sensor_name, inputs=[_input_file(log)]
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])
 
 
 @app.command()

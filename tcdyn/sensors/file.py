@@ -55,6 +55,11 @@ MAX_U_DIFFERENCE_REL = 0.5
 # Deviation of the static gain from one, above which a warning is given: 3 u, and at least this;
 # chosen by judgement.
 MIN_GAIN_DEVIATION = 1e-3
+# What limits the lag, for methods whose ``fit`` does not say it.
+LIMITED_BY = {
+    "plunge": "noise and model of this dip; the spread between dips is not known: repeat it",
+    "current": "the conversion from heating inside to a plunge",
+}
 # Methods that give a lag; the words are in the files.
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
@@ -198,18 +203,36 @@ class SensorFile(Result, StrictModel):
         return np.array([c.split_u_s for c in self.chain.channels.values()])
 
     def summary(self) -> str:
-        """Method, lag, times of the step response, and findings."""
-        lines = [f"{self.sensor}: {self.method}, {self.chain.structure}"]
+        """Method, lag and what limits it, times of the step response, dips, and findings.
+
+        The lag is the recommended estimate: that of ``fit`` where the method has one. The chain of
+        the file may have another lag within its uncertainty, which is larger for this reason.
+        """
+        dips = self.fit.get("dips", [])
+        count = f" {len(dips)} dips," if dips else ""
+        lines = [f"{self.sensor}: {self.method},{count} {self.chain.structure}"]
+        limited_by = self.fit.get("limited_by") or LIMITED_BY.get(self.method)
         for name, chain in zip(self.columns, self.chains):
-            lag = self.chain.channels[name].lag_s.text("s")
-            lines.append(f"  {name}: lag {lag} ({chain.summary()})")
+            lag = self.chain.channels[name].lag_s
+            if "lag_s" in self.fit:
+                lag = Estimate(**self.fit["lag_s"])
+            use = " for one further dip or use" if dips else ""
+            times_of_chain = chain.summary().partition("; lag in all")[0]
+            lines.append(f"  {name}: lag {lag.text('s')}{use} ({times_of_chain})")
+            if limited_by:
+                lines.append(f"    limited by {limited_by}")
             times = [
                 f"{key.removesuffix('_s').replace('632', '63.2')} {estimate.text('s')}"
                 for key, estimate in self.times.get(name, {}).items()
             ]
             if times:
                 lines.append("    " + ", ".join(times))
+        for dip in dips:
+            lag_text = Estimate(**dip["lag_s"]).text("s")
+            lines.append(f"  {dip['file'] or 'dip'}: {dip['direction']}, lag {lag_text}")
         for key, value in self.fit.items():
+            if key == "lag_s":
+                continue
             if isinstance(value, dict) and set(value) == set(Estimate.model_fields):
                 lines.append(f"  {key}: {Estimate(**value)}")
             elif isinstance(value, float):

@@ -139,6 +139,9 @@ def noise_sensor(
         "fluctuation_K": float(np.exp(0.5 * best[0])),
         "logger_K": float(np.exp(0.5 * best[1])),
         "probability_P2": float(weights[1]),
+        "limited_by": "the length of the record"
+        if lag.u**2 > 2 * (MODEL_REL * lag.value) ** 2
+        else "the model of white fluctuations",
     }
     # the file holds the lags of the best structure, whose sum differs from the average
     lag_u = float(np.hypot(lag.u, lag.value - sum(taus)))

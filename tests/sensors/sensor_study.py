@@ -9,6 +9,7 @@ import numpy as np
 
 from tcdyn.core.estimate import Estimate
 from tcdyn.sensors.current import current_sensor
+from tcdyn.sensors.dips import pool_dips
 from tcdyn.sensors.noise import noise_sensor
 from tcdyn.sensors.pair import pair_sensor
 from tcdyn.sensors.plunge import plunge_sensor
@@ -26,6 +27,25 @@ def plunge(seed: int) -> list[tuple[Estimate, float]]:
     t, y, _ = plunged(taus, slow / rng.uniform(15, 50), 600, rng.uniform(0.05, 0.5), seed)
     made = plunge_sensor(t, y, "T")
     return list(zip([Estimate(**made.fit["lag_s"]), *made.times["T"].values()], truth(taus)))
+
+
+def dips(seed: int) -> list[tuple[Estimate, float]]:
+    """Lag, t50, t63.2, t90 of a further dip, then the mean lag: 2 to 8 dips, whose times differ by a drawn spread."""
+    rng = np.random.default_rng(seed)
+    slow = np.exp(rng.uniform(np.log(0.5), np.log(5.0)))
+    taus = (slow, slow * rng.uniform(0.1, 0.4))
+    spread = np.exp(rng.uniform(np.log(0.01), np.log(0.2)))
+    factors = np.exp(spread * rng.standard_normal(rng.integers(3, 10)))
+    noise_K = rng.uniform(0.05, 0.3)
+    made = []
+    for number, factor in enumerate(factors[:-1]):
+        scaled = tuple(factor * tau for tau in taus)
+        t, y, _ = plunged(scaled, slow / 20, 400, noise_K, 100 * seed + number)
+        made.append(plunge_sensor(t, y, "T"))
+    pooled = pool_dips(made)
+    further = truth(tuple(factors[-1] * tau for tau in taus))
+    got = [Estimate(**pooled.fit["lag_s"]), *pooled.times["T"].values()]
+    return [*zip(got, further), (Estimate(**pooled.fit["mean_lag_s"]), sum(taus))]
 
 
 def pair(seed: int, step: bool = False) -> list[tuple[Estimate, float]]:
@@ -86,6 +106,7 @@ def gap(seed: int) -> list[tuple[Estimate, float]]:
 
 DRAWS: dict[str, Draw] = {
     "plunge": plunge,
+    "dips": dips,
     "pair": pair,
     "flow": flow,
     "current": current,

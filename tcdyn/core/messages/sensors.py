@@ -116,6 +116,9 @@ SENSOR: dict[str, Message] = {
     "how fast the medium steps and specify it with --medium-s",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
     "for a lag of {lag_s:.3g} s: the final temperature is extrapolated",
+    "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and {cooling_s:.3g} s "
+    "when cooled: the difference is significant. The file is for both; for one direction give only "
+    "dips of that direction",
     "sensor.pair_difference": "{subject}: the traces determine the difference of the lags, "
     "{difference_s:.3g} +- {u_s:.2g} s, but hardly the lags themselves: the fluid changed too "
     "slowly for their ratio",
