@@ -26,6 +26,7 @@ SPREAD_SCALE = 0.05
 # Values of the relative spread over which the results are averaged: beyond each end lies 1 % of the
 # prior. Twice as many values change u by less than 1 %.
 SPREADS = np.geomspace(1e-3, 3.0, 40)
+MIN_WITHIN_U = 1e-6  # least relative standard uncertainty within a dip
 DIRECTIONS = ("cooling", "heating")
 
 
@@ -41,12 +42,15 @@ class RandomEffects:
         Probability of each value of ``spread`` (T,).
     mean, variance
         Mean logarithm of each group and its variance, at each value of ``spread`` (T, G).
+    common_u
+        Relative standard uncertainty that all dips share.
     """
 
     spread: Array
     weights: Array
     mean: Array
     variance: Array
+    common_u: float
 
     @property
     def median_spread(self) -> float:
@@ -56,11 +60,12 @@ class RandomEffects:
 
     def mean_estimate(self, group: int = 0) -> Estimate:
         """The mean of many dips of one group."""
-        return self._estimate(self.mean[:, group], self.variance[:, group])
+        return self._estimate(self.mean[:, group], self.variance[:, group] + self.common_u**2)
 
     def next_estimate(self) -> Estimate:
         """One further dip of the first group, which includes the spread between dips."""
-        return self._estimate(self.mean[:, 0], self.variance[:, 0] + self.spread**2)
+        variance = self.variance[:, 0] + self.spread**2 + self.common_u**2
+        return self._estimate(self.mean[:, 0], variance)
 
     def groups_differ(self) -> bool:
         """Whether the 95 % interval of the difference of the two groups excludes zero."""
@@ -84,7 +89,9 @@ class RandomEffects:
         return Estimate(value=value, u=(high - low) / (2 * Z95), low95=low, high95=high)
 
 
-def random_effects(dips: Sequence[Estimate], group: Sequence[int] | None = None) -> RandomEffects:
+def random_effects(
+    dips: Sequence[Estimate], group: Sequence[int] | None = None, common_u: float = 0.0
+) -> RandomEffects:
     """Combine estimates of a positive quantity from several dips.
 
     Parameters
@@ -93,6 +100,9 @@ def random_effects(dips: Sequence[Estimate], group: Sequence[int] | None = None)
         Estimate of each dip (K,).
     group
         Group of each dip, from 0 on (K,); None: all are one group.
+    common_u
+        Part of the relative standard uncertainties that all dips share, such as that of the shorter
+        lags of the sensor.
 
     Returns
     -------
@@ -109,7 +119,7 @@ def random_effects(dips: Sequence[Estimate], group: Sequence[int] | None = None)
     tau (Roever 2020, J. Stat. Softw. 93, 6). In contrast to the interval of Hartung, Knapp, Sidik
     and Jonkman, which needs no prior, two dips give a useful interval: its Student factor is 12.7.
 
-    Errors of model and medium are common to all dips: V_g is not below the smallest s_k^2.
+    The part ``common_u`` is left out of the s_k and added to the results.
 
     Examples
     --------
@@ -122,7 +132,7 @@ def random_effects(dips: Sequence[Estimate], group: Sequence[int] | None = None)
     if not np.all(value > 0):
         raise InputError(f"a lag of {value.min():.4g} s", expected="lags above zero")
     log_value = np.log(value)
-    within_variance = (u / value) ** 2
+    within_variance = np.maximum((u / value) ** 2 - common_u**2, MIN_WITHIN_U**2)
     index = np.zeros(len(value), dtype=int) if group is None else np.asarray(group)
     in_group = index == np.arange(index.max() + 1)[:, None]
     edges = np.concatenate([[0.0], np.sqrt(SPREADS[1:] * SPREADS[:-1]), [np.inf]])
@@ -134,8 +144,7 @@ def random_effects(dips: Sequence[Estimate], group: Sequence[int] | None = None)
     chi2 = np.sum(residual**2 / total, axis=1)
     log_likelihood = -0.5 * (np.log(total).sum(axis=1) + np.log(information).sum(axis=1) + chi2)
     weights = prior * np.exp(log_likelihood - log_likelihood.max())
-    variance = np.maximum(1 / information, within_variance.min())
-    return RandomEffects(SPREADS, weights / weights.sum(), mean, variance)
+    return RandomEffects(SPREADS, weights / weights.sum(), mean, 1 / information, common_u)
 
 
 def pool_dips(
@@ -173,7 +182,9 @@ def pool_dips(
     column = dips[0].columns[0]
     filter_lag_s = dips[0].conditioning.lag_s
     lags = [Estimate(**dip.fit["lag_s"]) for dip in dips]
-    pooled = random_effects(lags)
+    common_u_s = min(dip.fit.get("tail_u_s", 0.0) for dip in dips)
+    common_u = common_u_s / max(estimate.value for estimate in lags)
+    pooled = random_effects(lags, common_u=common_u)
     lag = pooled.next_estimate()
     relative_u = [estimate.u / estimate.value for estimate in lags]
     best = dips[int(np.argmin(relative_u))].chains[0]
@@ -182,11 +193,15 @@ def pool_dips(
     within_split_u_s = np.sqrt(np.mean([dip.split_u_s[0] ** 2 for dip in dips]))
     split_u_s = float(np.hypot(within_split_u_s, lag.value * np.std(largest_shares, ddof=1)))
     times = {
-        key: random_effects([dip.times[column][key] for dip in dips]).next_estimate()
-        for key in SHARES
+        key: _pooled_time([dip.times[column][key] for dip in dips], common_u_s) for key in SHARES
     }
-    within = float(np.sqrt(np.mean(np.square(relative_u))))
+    within = float(np.sqrt(max(np.mean(np.square(relative_u)) - common_u**2, 0.0)))
     between = pooled.median_spread
+    causes = {
+        "the spread between dips": between,
+        "noise and model of a dip": within,
+        "the short lags of the sensor, which a known instant of entry would determine": common_u,
+    }
     heating = [int(dip.fit["step_K"] > 0) for dip in dips]
     rows = [
         {
@@ -201,11 +216,11 @@ def pool_dips(
         "mean_lag_s": pooled.mean_estimate().model_dump(),
         "between_dips_s": between * lag.value,
         "within_dip_s": within * lag.value,
-        "limited_by": "the spread between dips" if between > within else "noise and model of a dip",
+        "limited_by": max(causes, key=lambda cause: causes[cause]),
         "dips": rows,
     }
     findings: list[Finding] = []
-    by_direction = random_effects(lags, heating) if len(set(heating)) == 2 else None
+    by_direction = random_effects(lags, heating, common_u) if len(set(heating)) == 2 else None
     if by_direction is not None and by_direction.groups_differ():
         cooling_lag = by_direction.mean_estimate(0)
         heating_lag = by_direction.mean_estimate(1)
@@ -235,6 +250,12 @@ def pool_dips(
         fit=fit,
         findings=findings,
     )
+
+
+def _pooled_time(dips: Sequence[Estimate], common_u_s: float) -> Estimate:
+    """Return a percent time of one further dip; ``common_u_s`` [s] is shared by the dips."""
+    common_u = common_u_s / max(estimate.value for estimate in dips)
+    return random_effects(dips, common_u=common_u).next_estimate()
 
 
 def _check_same_sensor(dips: Sequence[SensorFile]) -> None:

@@ -29,7 +29,7 @@ from tcdyn.sensors.surface_h import BoundaryLayer
 MEDIUM_S = (0.02, 0.02)
 # Largest standard uncertainty of the medium's lag over the lag: beyond it the response may be that of
 # the medium; chosen by judgement.
-MEDIUM_SHARE = 0.2
+MEDIUM_SHARE = 0.1
 # Probabilities of a slow path between which the data do not distinguish it from a drift.
 UNDECIDED = (0.05, 0.95)
 # Difference of specified and fitted entry, in standard uncertainties, beyond which a warning is
@@ -144,6 +144,8 @@ def plunge_sensor(
         "noise_K": best.fit.noise_K,
         "lag_s": lag.model_dump(),
     }
+    if "tail" in theta:
+        fit_values["tail_u_s"] = best.fit.u("tail") * min(chain.taus_s)
     if best.structure.slow:
         fit_values |= {"slow_share": theta["slow_share"], "slow_s": theta["slow_s"]}
     if film is not None:

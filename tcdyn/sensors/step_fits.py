@@ -74,6 +74,11 @@ class CurveFit:
         """Whether the data distinguish all these parameters from zero."""
         return all(self.u(name) <= RESOLVED_REL * self.theta[name] for name in names)
 
+    def is_near(self, other: CurveFit) -> bool:
+        """Whether another fit of the same structure has the same parameters within their u."""
+        shift = np.abs(self.optimum.theta - other.optimum.theta)
+        return bool(np.all(shift <= np.sqrt(np.diag(self.optimum.covariance))))
+
     def score(self, direction: Array) -> tuple[float, float]:
         """Return the multiple of a further column that the residuals ask for, and its gain.
 

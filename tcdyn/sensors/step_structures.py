@@ -23,6 +23,8 @@ from tcdyn.sensors.step_fits import CurveFit, bic_weights, fit_curve, residual_n
 
 # Grid of the second lag where it is not resolved, as shares of the largest; chosen by judgement.
 SECOND_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)
+# Probability, before the data, that the second lag is shorter than this grid; by judgement.
+NO_SECOND_LAG = 0.3
 # BIC above the best one beyond which no larger second lag is tried: a weight below 1e-4.
 GRID_END = 20.0
 # Second lag of a sheathed sensor without a gas gap over the square of its diameter [s/mm2], and the
@@ -46,6 +48,7 @@ MAX_SLOW_SHARE = 0.5  # largest share of that path: with more it is the main pat
 # Gain in twice the log likelihood, in one linear step, from which such a path or a dead time is
 # fitted: the BIC of more than 30 samples asks for 3.4 a parameter.
 MIN_GAIN = 4.0
+MEDIUM_LIMIT_U = 4.0  # largest lag of the medium, in standard uncertainties above its mean
 MIN_WEIGHT = 1e-3  # probability below which a structure is not tried with the grid of second lags
 NOISE_ITERATIONS = 3  # rounds of noise and fit, at most; chosen by judgement
 
@@ -141,9 +144,30 @@ class StepRecord:
         edges = np.r_[0.5 * shares[0], np.sqrt(shares[1:] * shares[:-1]), np.inf]
         k = int(np.searchsorted(shares, structure.second_share)) if structure.second_share else -1
         if self.diameter_m is None:
-            return 0.5 if k < 0 else 0.5 / len(shares)
+            return NO_SECOND_LAG if k < 0 else (1 - NO_SECOND_LAG) / len(shares)
         below = second_lag_probability(edges * self.sensor_lag_s, self.diameter_m)
         return float(below[0] if k < 0 else below[k + 1] - below[k])
+
+    def exchanged(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return start values with the medium's lag and one of the sensor's lags exchanged.
+
+        The response is symmetric in them, so that both are solutions; their priors decide. Lags
+        that the medium cannot have are left out.
+
+        Parameters
+        ----------
+        values
+            Fitted values by name.
+
+        Returns
+        -------
+        list of dict
+            The start values by name.
+        """
+        longest_s = self.medium_s[0] + MEDIUM_LIMIT_U * self.medium_s[1]
+        medium_s = values["medium_s"]
+        lags = [(n, v) for n, v in values.items() if n.startswith("tau") and v < longest_s]
+        return [{**values, "medium_s": lag_s, name: medium_s} for name, lag_s in lags]
 
     def curve(self, structure: StepStructure, values: Mapping[str, float]) -> Array | None:
         """Return the readings (N,) of a structure; None where they cannot be computed.
@@ -352,16 +376,22 @@ def _fit_with_noise(
     fitted = list[FittedStructure]()
 
     def add(structure: StepStructure, start: Mapping[str, float]) -> CurveFit | None:
-        """Fit a structure, and keep and return the fit if the data resolve its parameters."""
+        """Fit a structure; keep and return the fit if it is resolved and no earlier one equals it."""
         fit = _fit(record, structure, start, noise)
         if not fit.resolved(structure.optional) or not structure.chain(fit.theta).taus_s:
+            return None
+        if any(f.structure == structure and f.fit.is_near(fit) for f in fitted):
             return None
         fitted.append(FittedStructure(structure, fit))
         return fit
 
     for shares in START_SHARES:
-        if add(StepStructure(len(shares), record.conditioning), record.start(shares)) is None:
+        structure = StepStructure(len(shares), record.conditioning)
+        fit = add(structure, record.start(shares))
+        if fit is None:
             break
+        for exchanged in record.exchanged(fit.theta):
+            add(structure, exchanged)
     if not fitted:
         raise InputError(
             f"the reading follows the step within one row of {record.dt_s:.3g} s"

@@ -78,8 +78,10 @@ def test_many_dips_give_the_sample_s_spread_and_equal_dips_the_uncertainty_of_on
     assert np.log(pooled.mean_estimate().value) == pytest.approx(log_lag.mean(), abs=1e-3)
     assert pooled.median_spread == pytest.approx(log_lag.std(ddof=1), rel=0.05)
     assert pooled.next_estimate().u == pytest.approx(log_lag.std(ddof=1), rel=0.1)
-    equal = random_effects([Estimate.normal(2.0, 0.02)] * 8)
+    equal = random_effects([Estimate.normal(2.0, 0.02)] * 8, common_u=0.01)
     assert 0.02 <= equal.mean_estimate().u < 0.03  # errors that all dips share do not average out
+    alone = random_effects([Estimate.normal(2.0, 0.02)] * 8)
+    assert alone.mean_estimate().u < 0.012
 
 
 def plunge_file(lag_s: float, u_s: float, up: bool = True, column: str = "T") -> SensorFile:
