@@ -218,6 +218,10 @@ def plunge(
     speed_m_s: Annotated[
         float | None, typer.Option("--speed-m-s", help="with --medium: another speed of the stream")
     ] = None,
+    junction: Annotated[
+        str,
+        typer.Option(help="axis (insulated, in the axis of the sheath) or sheath (welded to it)"),
+    ] = "axis",
     *,
     output: SensorOutput,
     known_filter: FilterOptions,
@@ -234,8 +238,10 @@ def plunge(
     """
     from tcdyn.sensors.dips import pool_dips
     from tcdyn.sensors.plunge import plunge_sensor
+    from tcdyn.sensors.step_structures import JUNCTIONS
     from tcdyn.sensors.surface_h import BoundaryLayer
 
+    check_choice("--junction", junction, JUNCTIONS)
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
     film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
@@ -258,6 +264,7 @@ def plunge(
                 entry_s=value_and_u(entries[number], "--entry-s") if entries else None,
                 medium_s=value_and_u(medium_s, "--medium-s"),
                 film=film,
+                junction=junction,  # type: ignore[arg-type]
                 inputs=[_input_file(log)],
             )
         except InputError as problem:

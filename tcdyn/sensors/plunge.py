@@ -21,7 +21,13 @@ from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
 from tcdyn.sensors.step import block_means, find_step
 from tcdyn.sensors.step_fits import model_average, white_noise_K
-from tcdyn.sensors.step_structures import FittedStructure, StepRecord, exact_u_s, fit_structures
+from tcdyn.sensors.step_structures import (
+    FittedStructure,
+    Junction,
+    StepRecord,
+    exact_u_s,
+    fit_structures,
+)
 from tcdyn.sensors.surface_h import BoundaryLayer
 
 # Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at
@@ -41,6 +47,9 @@ SHORTEST_ROW_S = 1e-7
 # Least standard uncertainty of that difference over the specified u: below it the convergence of
 # the fit decides how far the entry moves.
 MIN_SHIFT_U = 0.05
+# Standard uncertainty of lag and times by the model, over the lag: rms error of junctions at the
+# sheath in `python -m tests.sensors.layered_study sheath`.
+MODEL_U = {"axis": 0.0, "sheath": 0.012}
 MISFIT_SHARE = 0.005  # of the step: rms of the residuals that is always acceptable; by judgement
 
 
@@ -55,6 +64,7 @@ def plunge_sensor(
     entry_s: tuple[float, float] | None = None,
     medium_s: tuple[float, float] = MEDIUM_S,
     film: BoundaryLayer | None = None,
+    junction: Junction = "axis",
     **more: Any,
 ) -> SensorFile:
     """The sensor's chain from one step of its surroundings.
@@ -76,6 +86,8 @@ def plunge_sensor(
     film
         The boundary layer; its h goes into the file, and its diameter narrows the second lag where
         the data do not resolve it.
+    junction
+        Place of the junction: in the ``axis``, insulated, or welded to the ``sheath``.
     more
         Other fields of the file.
 
@@ -128,11 +140,13 @@ def plunge_sensor(
         medium_s=medium_s,
         conditioning=conditioning,
         diameter_m=None if film is None else film.diameter_m,
+        junction=junction,
     )
     fitted, weights = fit_structures(record)
     estimates = [f.fit.propagate(f.structure.times) for f in fitted]
     values = np.transpose([value for value, _ in estimates])
-    us = np.sqrt([np.maximum(np.diag(covariance), 0.0) for _, covariance in estimates]).T
+    variances = np.transpose([np.maximum(np.diag(covariance), 0.0) for _, covariance in estimates])
+    us = np.hypot(np.sqrt(variances), MODEL_U[junction] * values[1])
     shorter_lags, lag, *times = (model_average(v, u, weights) for v, u in zip(values, us))
     best = fitted[int(np.argmax(weights))]
     theta = best.fit.theta

