@@ -28,7 +28,7 @@ from tcdyn.identify.fit import add_findings, fit
 from tcdyn.identify.heldout import Progress, Task, split_held_out
 from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
+from tcdyn.identify.ladder import Ladder, select_structures
 from tcdyn.identify.large_records import SearchRecord, block_means, fit_all_rows, search_record
 from tcdyn.identify.models import Model, as_model, process, several
 from tcdyn.identify.other_hold import check_holds
@@ -42,6 +42,7 @@ from tcdyn.identify.recommendation import (
     responds_at_once,
 )
 from tcdyn.identify.search import Fit
+from tcdyn.identify.setting import Setting, average_noise, bic
 from tcdyn.identify.shared_poles import best_common_pole_fit
 from tcdyn.identify.validate import (
     Validation,
@@ -242,7 +243,7 @@ def compare(
     Notes
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
-    :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
+    :func:`tcdyn.identify.setting.select_setting` selects, as far as ``options`` do not give them.
     Where the residuals of the recommended model are clearly coloured or follow the input, the
     models with white noise, and transfer functions with common poles, replace them if they simulate
     the held-out data better. The recommended model is fitted once more, with the average over slow
@@ -457,12 +458,12 @@ def fit_given(
                 results[model.name] = error
         return results
 
-    setting = ladder.first_setting
+    setting = Setting.first(ladder.options)
     fits = fit_all(setting)
     fitted = [f for f in fits.values() if isinstance(f, Fit)]
     if not fitted:
         raise next(f for f in fits.values() if isinstance(f, InputError))
-    selected, _ = select_setting(ladder, fitted, setting)
+    selected, _ = ladder.select_setting(fitted, setting)
     if selected != setting:
         fits = fit_all(selected)
     return fits, selected
@@ -558,11 +559,14 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
     """
     names = []
     for name, result in fits.items():
-        two_lags = fits.get(name.replace("U", ""))
-        if result.identified.theta.get("Zeta", 0.0) < 1 or two_lags is None:
-            continue
-        if result.findings or not two_lags.findings:
-            names.append(name)
+        structures = name.split(" + ")
+        for k, part in enumerate(result.identified.by_input.values()):
+            if part.theta.get("Zeta", 0.0) < 1:
+                continue
+            with_lags = [*structures[:k], structures[k].replace("U", ""), *structures[k + 1 :]]
+            two_lags = fits.get(" + ".join(with_lags))
+            if two_lags is not None and (result.findings or not two_lags.findings):
+                names.append(name)
     return names
 
 
@@ -644,17 +648,11 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     final = best
     is_part = record.data is not ladder.data
     if is_part:
-        ladder.announce(f"{model.name}, all rows")
         final = fit_all_rows(ladder, best, record)
     elif best.loss == "linear" and not model.arx and model.free:
         own = {**best.disturbance, **options}
         final = fit(ladder.data, model, **own, start=start)
-        is_selected = not {"noise", "baseline"} & set(ladder.options)
-        if is_selected and best.disturbance != {"noise": "white", "baseline": "none"}:
-            slow = {**options, "noise": "slow", "baseline": "auto"}
-            average = fit(ladder.data, model, **slow, start=final.identified.theta)
-            if not has_coloured_residuals(average) or has_coloured_residuals(final):
-                final = average
+        final = average_noise(final, ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
     if is_part:
         n_measured = record.data.n_samples - record.data.missing
@@ -673,7 +671,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         is_finite = noise.time_constant < len(final.residual)
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
-        numbers["p_walk"] = final.identified.statistics["p_walk"]
+        numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
     elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
         numbers["order"] = list(noise.order)
         numbers["baseline"] = final.disturbance["baseline"]

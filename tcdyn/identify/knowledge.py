@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -78,7 +79,9 @@ def without_samples(data: IOData, left_out: Flags) -> IOData:
     return replace(data, runs=tuple(runs))
 
 
-def measured_rows(problem: IdentificationProblem, data: IOData, values: Array) -> Array:
+def measured_rows(
+    problem: IdentificationProblem, data: IOData, values: NDArray[Any]
+) -> NDArray[Any]:
     """Return the values of the measured samples of all segments, from those of all samples (N,)."""
     first_of_run = np.cumsum([0, *(run.n for run in data.runs)])
     rows = []

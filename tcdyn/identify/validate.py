@@ -48,6 +48,8 @@ FEEDBACK_P = 1e-3
 ALARM_P = 0.01
 # Probability of one outlier in a record of normal noise at which a residual is a spike.
 SPIKE_P = 0.005
+# Residuals over the largest output, up to which they are numerical errors.
+NUMERICAL_ERROR = 1e-9
 # First residuals of a run over the rms residual, above which it does not start in equilibrium.
 MAX_START_RMS = 4.0
 
@@ -178,7 +180,9 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     lags_s = np.tile(problem.dt_s * delays, n_inputs).astype(float)
     cross = input_correlation(e_white, j_white, u, lags_s)
     # residuals within half a step may be rounding errors only
-    is_rounding = bool(np.max(np.abs(fit.residual)) <= 0.5 * problem.rounding_step)
+    largest_output = float(np.max(np.abs(problem.measured_output)))
+    rounding = max(0.5 * problem.rounding_step, NUMERICAL_ERROR * largest_output)
+    is_rounding = bool(np.max(np.abs(fit.residual)) <= rounding)
     if is_rounding:
         white = replace(white, p=1.0)
         cross = replace(cross, p=1.0)
