@@ -19,7 +19,7 @@ import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.errors import InputError, Spelling, as_argument
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
@@ -250,17 +250,11 @@ def compare(
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identify.recommendation.recommend`.
     """
-    if "weights" in options:
+    for name in {"weights", "start"} & set(options):
         raise InputError(
-            "weights are given, but the held-out part has none",
+            f"{name} is given, which is of one model and one record",
             where="compare",
-            remedy="pass fit(data, model, weights=..) as a model",
-        )
-    if "start" in options:
-        raise InputError(
-            "start is given, but each model begins at its own starting values",
-            where="compare",
-            remedy="pass fit(data, model, start=..) as a model: it is compared as it stands",
+            remedy=f"pass fit(data, model, {name}=..) as a model: it is compared as it stands",
         )
     entries: list[Entry] = []
     for m in models:
@@ -721,35 +715,10 @@ def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping
                 estimates.append(value)
                 used_weights.append(weight)
             if estimates:
-                quantities[quantity] = mixture(np.array(used_weights), estimates)
+                quantities[quantity] = mixture(estimates, used_weights)
         if quantities:
             averages[name] = quantities
     return averages
-
-
-def mixture(weights: np.ndarray, estimates: Sequence[Estimate]) -> Estimate:
-    """Return mean and standard uncertainty of a mixture of estimates.
-
-    Parameters
-    ----------
-    weights
-        Weights (K,), above zero.
-    estimates
-        The estimates (K,).
-
-    Returns
-    -------
-    Estimate
-        Mean of the mixture; its variance is the mean variance plus the variance of the means.
-    """
-    if len(estimates) == 1:
-        return estimates[0]
-    share = weights / weights.sum()
-    values = np.array([e.value for e in estimates])
-    u = np.array([e.u for e in estimates])
-    mean = float(share @ values)
-    variance = float(share @ (u**2 + (values - mean) ** 2))
-    return Estimate.normal(mean, float(np.sqrt(variance)))
 
 
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:

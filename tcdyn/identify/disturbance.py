@@ -197,11 +197,9 @@ def without_spikes(data: IOData, result: Fit) -> IOData:
     limit = SPIKE_SDS * MAD_TO_SD * np.median(np.abs(difference))
     is_spike = np.abs(difference) > limit
     samples = measured_rows(problem, data, np.arange(data.n_samples))
-    y = np.concatenate([run.y for run in data.runs])
+    y = data.outputs
     y[samples[is_spike], 0] -= difference[is_spike]
-    outputs = np.split(y, np.cumsum([run.n for run in data.runs])[:-1])
-    runs = tuple(replace(run, y=each) for run, each in zip(data.runs, outputs))
-    return replace(data, runs=runs)
+    return data.with_outputs(y)
 
 
 def fit_random_walk(e: Array, slices: list[slice], p: int, q: int) -> NoiseModel:

@@ -25,8 +25,6 @@ from tcdyn.estimation import (
     Loss,
     NoiseModel,
     Optimum,
-    Status,
-    is_full_rank,
     minimise,
 )
 from tcdyn.identify.causality import check_causality
@@ -55,13 +53,13 @@ from tcdyn.identify.problem import IdentificationProblem, Initial
 from tcdyn.identify.responses import slowest_time_constant_s
 from tcdyn.identify.search import (
     Fit,
-    active_bound,
     criteria,
     distinct_starts,
     first_moment,
     make_problem,
     residual_sd,
     search,
+    search_findings,
     sort_lags,
 )
 from tcdyn.identify.segments import MIN_SEGMENT_SAMPLES
@@ -585,23 +583,16 @@ def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Findin
     ``tcdyn.identify.recommendation.recommend``, so stricter limits recommend smaller models.
     ``tests/identify/test_identify_fit.py`` checks each warning.
     """
-    findings = []
-    model = identified.model
-    for i, (name, estimate) in enumerate(identified.estimates.items()):
-        bound = active_bound(optimum, i)
-        if bound:
-            findings.append(warning("fit.bound", subject=name, end=bound, value=estimate.value))
-        elif _has_equal_lag(name, identified):
-            findings.append(warning("fit.twin", subject=name))
-        elif _is_undetermined(name, estimate, identified):
-            findings.append(
-                warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
-            )
-    if not is_full_rank(optimum.information):
-        findings.append(warning("fit.indistinct", subject=model.name))
-    if optimum.status is Status.STALLED:
-        findings.append(warning("fit.stalled"))
-    return tuple(findings)
+
+    def judge(name: str, estimate: Estimate) -> Finding | None:
+        """Return a warning about equal lags or an undetermined parameter."""
+        if _has_equal_lag(name, identified):
+            return warning("fit.twin", subject=name)
+        if _is_undetermined(name, estimate, identified):
+            return warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
+        return None
+
+    return search_findings(optimum, identified.estimates, identified.model.name, judge)
 
 
 def _has_equal_lag(name: str, identified: Identified) -> bool:

@@ -7,7 +7,6 @@ compares their effect with closed forms.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -70,13 +69,7 @@ def checked_weights(data: IOData, weights: ArrayLike) -> Array:
 
 def without_samples(data: IOData, left_out: Flags) -> IOData:
     """Return the data with NaN in place of the outputs (N,) that are left out."""
-    first = 0
-    runs = []
-    for run in data.runs:
-        flags = left_out[first : first + run.n, None]
-        runs.append(replace(run, y=np.where(flags, np.nan, run.y)))
-        first += run.n
-    return replace(data, runs=tuple(runs))
+    return data.with_outputs(np.where(left_out[:, None], np.nan, data.outputs))
 
 
 def measured_rows(

@@ -12,9 +12,9 @@ import pytest
 from identify_cases import PLAIN
 from scipy.signal import lfilter
 
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.comparison import average_gain_and_lag, mixture, overdamped
+from tcdyn.identify.comparison import average_gain_and_lag, overdamped
 from tcdyn.identify.ladder import (
     TIE_BIC,
     Ladder,
@@ -223,11 +223,14 @@ def test_mixture_of_estimates_has_the_moments_of_its_samples() -> None:
     drawn = rng.choice(3, 200_000, p=weights / weights.sum())
     means = np.array([e.value for e in estimates])[drawn]
     samples = means + np.array([e.u for e in estimates])[drawn] * rng.normal(size=len(drawn))
-    average = mixture(weights, estimates)
+    average = mixture(estimates, weights.tolist())
     # tolerance: five standard errors of 200,000 samples
     assert average.value == pytest.approx(samples.mean(), abs=5 * samples.std() / 447)
     assert average.u == pytest.approx(samples.std(), rel=0.02)
-    assert mixture(weights[:1], estimates[:1]) is estimates[0]
+    # tolerance: three standard errors of a quantile, at a density of 0.03 and more
+    ends = np.quantile(samples, [0.025, 0.975])
+    assert [average.low95, average.high95] == pytest.approx(ends.tolist(), abs=0.035)
+    assert mixture(estimates[:1], [1.0]) is estimates[0]
 
 
 def test_average_over_models_weights_them_by_bic() -> None:
@@ -248,7 +251,7 @@ def test_average_over_models_weights_them_by_bic() -> None:
         ("gain", [f.estimates["Kp"] for f in (first, second)]),
         ("lag_s", [f.identified.lag_s for f in (first, second)]),
     ):
-        expected = mixture(weights, estimates)
+        expected = mixture(estimates, weights.tolist())
         assert averaged[quantity].value == pytest.approx(expected.value, rel=1e-9)
         assert averaged[quantity].u == pytest.approx(expected.u, rel=1e-6)
     # exp(-5) is below a hundredth

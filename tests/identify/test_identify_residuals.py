@@ -15,16 +15,18 @@ from tcdyn.identify import IOData, process
 from tcdyn.identify.causality import output_is_setpoint
 from tcdyn.identify.disturbance import fit_random_walk, input_noise_model, noise_bic, without_spikes
 from tcdyn.identify.level_lag import LevelLagProblem
-from tcdyn.identify.models import as_model
+from tcdyn.identify.models import as_model, several
 from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import make_problem, residual_sd, sort_lags
 from tcdyn.identify.validate import (
+    MAX_SAMPLING_SHARE,
     drift,
     fit_percent,
     input_correlation,
     off_equilibrium,
     shifted_inputs,
     shifts,
+    slow_sampling,
     whiteness,
 )
 
@@ -128,6 +130,19 @@ def test_drift_is_reported_above_a_quarter_of_the_variance(slope: float, flagged
     assert not flagged or findings[0].numbers["correlation"] == pytest.approx(
         slope / np.sqrt(1 + slope**2)
     )
+
+
+def test_sampling_that_is_slow_for_one_of_two_inputs_is_reported_with_the_interval_needed() -> None:
+    u = np.random.default_rng(1).normal(size=(N, 2)).cumsum(axis=0)
+    data = IOData.from_arrays(u, u[:, 0], DT, hold="foh", input_names=["heater", "fan"])
+    problem = make_problem(data, several(["P2", "P1D"], data.input_names), "equilibrium")
+    theta = {"Kp.heater": 1.0, "Tp1.heater": DT, "Tp2.heater": 0.4 * DT}
+    theta |= {"Kp.fan": 1.0, "Tp1.fan": 1.2 * DT, "Td.fan": 5.0}
+    (finding,) = slow_sampling(problem, problem.vector(theta))
+    assert (finding.code, finding.subject) == ("record.slow_sampling", "fan")
+    assert finding.numbers["needed_s"] == pytest.approx(MAX_SAMPLING_SHARE * 1.2 * DT)
+    theta["Tp1.fan"] = 1.1 * DT / MAX_SAMPLING_SHARE
+    assert slow_sampling(problem, problem.vector(theta)) == ()
 
 
 @pytest.mark.parametrize(("offset", "flagged"), [(-4.5, True), (3.7, False)])

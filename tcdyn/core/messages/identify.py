@@ -194,6 +194,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "record.coarse": "log the output in finer steps",
         "record.clipped": "record again with the output below the limit of its range, for the "
         "output is clipped and these samples were left out",
+        "record.slow_sampling": "log faster, because the samples do not show the response between "
+        "them, and the lag then depends on the assumed structure",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
@@ -464,6 +466,9 @@ IDENTIFY: dict[str, Message] = {
     "missing: check the wiring.",
     "record.hold": _hold,
     "record.other_hold": _other_hold,
+    "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the lag of "
+    "{lag_s:.3g} s behind {subject}: other structures fit the samples as well and have other lags, "
+    "which the intervals of lag and dead time do not include; log every {needed_s:.2g} s or faster.",
     "record.gaps": _gaps,
     "record.off_equilibrium": _off_equilibrium,
     "record.drift": _drift,
