@@ -106,7 +106,9 @@ def select_setting(
     Notes
     -----
     Each step changes one element: a free initial state, a linear drift, ARMA noise, a random walk.
-    It is taken where the least BIC over the models falls by more than ``MIN_SETTING_GAIN``.
+    It is taken where the least BIC over the models falls by more than ``MIN_SETTING_GAIN``. A
+    disturbance under which the residuals still follow the input is not accepted: it would replace
+    dynamics that the models lack.
     Structure and disturbance are judged together, because a drift of the output looks like a slow
     lag to a model without one. A drift is searched from the starting values of the model: from the
     optimum without it, a drift larger than the response is not found.
@@ -120,10 +122,11 @@ def select_setting(
         candidates = []
         for changed in changed_settings(setting, given, best):
             adds_drift = changed.baseline == "trend" != setting.baseline
+            is_same_disturbance = changed == replace(setting, initial=changed.initial)
             for reference in references:
                 start = [] if adds_drift else [reference.identified.theta]
                 result = fit_model(reference.problem.model, changed, start)
-                if result is not None:
+                if result is not None and (is_same_disturbance or is_undriven(result)):
                     candidates.append((segment_bic(result), changed, result))
         if not candidates:
             break
@@ -145,8 +148,8 @@ def changed_settings(setting: Setting, given: Mapping[str, Any], best: Fit) -> l
     given
         Options of the caller; what they hold is not changed.
     best
-        The best fit so far. Only coloured residuals may be a disturbance, and noise only where they
-        do not follow the input. Of a robust loss the disturbance stays.
+        The best fit so far. Only coloured residuals may be a disturbance. Of a robust loss the
+        disturbance stays.
 
     Returns
     -------
@@ -165,8 +168,6 @@ def changed_settings(setting: Setting, given: Mapping[str, Any], best: Fit) -> l
     may_change_baseline = "baseline" not in given
     if may_change_baseline and setting.baseline == "none":
         settings.append(replace(setting, baseline="trend"))
-    if not is_undriven(best):
-        return settings
     next_orders: dict[Any, tuple[int, int]] = {"white": (1, 1), (1, 1): (2, 2)}
     if not has_given_noise and noise in next_orders:
         settings.append(replace(setting, noise=next_orders[noise]))
@@ -199,7 +200,7 @@ def average_noise(best: Fit, given: Mapping[str, Any], fit_model: FitModel) -> F
         return best
     averaged = Setting(best.problem.initial, "slow", given.get("baseline", "auto"))
     average = fit_model(best.problem.model, averaged, [best.identified.theta])
-    if average is None:
+    if average is None or not is_undriven(average):
         return best
     if has_coloured_residuals(average) and not has_coloured_residuals(best):
         return best

@@ -136,7 +136,7 @@ def test_sampling_that_is_slow_for_one_of_two_inputs_is_reported_with_the_interv
     u = np.random.default_rng(1).normal(size=(N, 2)).cumsum(axis=0)
     data = IOData.from_arrays(u, u[:, 0], DT, hold="foh", input_names=["heater", "fan"])
     problem = make_problem(data, several(["P2", "P1D"], data.input_names), "equilibrium")
-    theta = {"Kp.heater": 1.0, "Tp1.heater": DT, "Tp2.heater": 0.4 * DT}
+    theta = {"Kp.heater": 1.0, "Tp1.heater": DT, "Tp2.heater": 0.8 * DT}
     theta |= {"Kp.fan": 1.0, "Tp1.fan": 1.2 * DT, "Td.fan": 5.0}
     (finding,) = slow_sampling(problem, problem.vector(theta))
     assert (finding.code, finding.subject) == ("record.slow_sampling", "fan")
