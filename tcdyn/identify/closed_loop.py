@@ -23,6 +23,7 @@ from tcdyn.estimation import orthonormal_basis
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.segments import Segment, split_segments, true_intervals
+from tcdyn.identify.starting_values import interpolate_gaps
 
 # The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of
 # open loop, in tests/identify/closed_loop_study.py. Each comment gives the figures between which
@@ -188,14 +189,12 @@ def rows_of(segment: Segment, k: int, count: int) -> Rows:
     Returns
     -------
     Rows
-        The rows; none where the output was not measured at all.
+        The rows.
     """
     u = segment.inputs[:count, k]
     measured = segment.measured[:count]
-    if not measured.any():
-        return Rows(u[:0], u[:0], measured[:0])
     times = np.arange(count)
-    y = np.interp(times, times[measured], segment.y[:count][measured])
+    y = interpolate_gaps(segment)[:count]
     n_missing = np.cumsum(np.append(0, ~measured))
     first = np.maximum(times - PAST_LAGS, 0)
     return Rows(u, y, n_missing[times + 1] == n_missing[first])

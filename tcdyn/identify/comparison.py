@@ -701,23 +701,20 @@ def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping
     own = min(bic(best), least) if best.noise.white else least
     scores = np.array([own, *(bic(f) for f in others)])
     weights = np.exp(-0.5 * (scores - scores.min()))
+    likely = [
+        (weight, f.identified.by_input)
+        for weight, f in zip(weights.tolist(), [best, *others])
+        if weight >= MIN_WEIGHT * weights.max()
+    ]
     averages: dict[str, dict[str, Estimate]] = {}
     for name in best.identified.by_input:
-        quantities: dict[str, Estimate] = {}
-        for quantity in ("gain", "lag_s"):
-            estimates = []
-            used_weights = []
-            for weight, f in zip(weights, [best, *others]):
-                model = f.identified.by_input.get(name)
-                if weight < MIN_WEIGHT * weights.max() or model is None or not model.gain:
-                    continue
-                value = model.static_gain if quantity == "gain" else model.lag_s
-                estimates.append(value)
-                used_weights.append(weight)
-            if estimates:
-                quantities[quantity] = mixture(estimates, used_weights)
-        if quantities:
-            averages[name] = quantities
+        used = [(weight, models[name]) for weight, models in likely if models[name].gain]
+        if used:
+            used_weights = [weight for weight, _ in used]
+            averages[name] = {
+                "gain": mixture([model.static_gain for _, model in used], used_weights),
+                "lag_s": mixture([model.lag_s for _, model in used], used_weights),
+            }
     return averages
 
 

@@ -16,7 +16,6 @@ from tcdyn.identify.fit import fit
 from tcdyn.identify.heldout import SCORING_OPTIONS
 from tcdyn.identify.iodata import IOData, Run, check_hold
 from tcdyn.identify.ladder import Ladder
-from tcdyn.identify.models import several
 from tcdyn.identify.search import Fit
 
 # Rows that are searched at most: 20 to 40 fits of 10^4 rows take 3 CPU s with white noise and 15
@@ -98,8 +97,7 @@ def coarse_lag_s(ladder: Ladder, block: int) -> float:
         The first moment; 0 where it cannot be fitted.
     """
     means = block_means(ladder.data, block)
-    names = means.input_names
-    model = ladder.model(["P1D"]) if len(names) == 1 else several(["P1D"] * len(names), names)
+    model = ladder.model(["P1D"] * len(means.input_names))
     options = {"noise": "white", "baseline": "none", "initial": "equilibrium", "check": False}
     ladder.announce("lag for the length of blocks")
     try:

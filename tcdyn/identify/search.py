@@ -104,11 +104,6 @@ class Fit(Result):
         return self.identified.findings
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings as text."""
-        return self.identified.warnings
-
-    @property
     def disturbance(self) -> dict[str, Any]:
         """The options ``noise`` and ``baseline`` of :func:`tcdyn.identify.fit` for this noise."""
         if self.noise.averaged:
