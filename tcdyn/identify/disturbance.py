@@ -40,8 +40,8 @@ BASELINE_OPTIONS = ("auto", "none", "trend", "walk")
 
 # The thresholds below are chosen by judgement.
 ARMA_ORDERS = [(1, 1), (2, 1), (2, 2)]  # orders (p, q) of ARMA noise that are tried
-# Orders (p, q) of the steps of a random walk, by the name of the noise.
-WALK_ORDERS = {"white": [(0, 1)], "ar": [(1, 1)], "arma": [(0, 1), (1, 1)]}
+# Orders (p, q) of the steps of a random walk, by the name of the noise; both for other names.
+WALK_ORDERS = {"white": [(0, 1)], "ar": [(1, 1)]}
 MAX_AR_ORDER = 8  # largest order of an autoregression
 # Partial correlation of noise that is a random walk: no offset can be distinguished from it.
 MAX_PARTIAL_CORRELATION = 0.999
@@ -349,7 +349,7 @@ def noise_estimator(noise: NoiseName | tuple[int, int], is_walk: bool) -> NoiseE
         if isinstance(noise, tuple):
             orders = [noise]
         elif is_walk:
-            orders = WALK_ORDERS[noise]
+            orders = WALK_ORDERS.get(noise, [(0, 1), (1, 1)])
         elif noise == "ar":
             max_order = max(1, min(MAX_AR_ORDER, len(fit_ar(e, slices).ar)))
             orders = [(p, 0) for p in range(1, max_order + 1)]

@@ -287,7 +287,7 @@ def fit_setting(
     noise = NoiseModel()
     if model.arx:
         noise = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
-    elif setting.noise == "slow":
+    elif setting.noise == "slow" and not is_walk:
         return _fit_average(data, problem, optimum, setting.baseline == "auto", covariance)
     elif setting.noise != "white" or is_walk:
         estimator = noise_estimator(setting.noise, is_walk)

@@ -108,10 +108,9 @@ def select_setting(
     Each step changes one element: a free initial state, a linear drift, ARMA noise, a random walk.
     It is taken where the least BIC over the models falls by more than ``MIN_SETTING_GAIN``. A
     disturbance under which the residuals still follow the input is not accepted: it would replace
-    dynamics that the models lack.
-    Structure and disturbance are judged together, because a drift of the output looks like a slow
-    lag to a model without one. A drift is searched from the starting values of the model: from the
-    optimum without it, a drift larger than the response is not found.
+    dynamics that the models lack. Structure and disturbance are judged together, because a drift of
+    the output looks like a slow lag to a model without one. A drift is searched from the starting
+    values of the model: from the optimum without it, a drift larger than the response is not found.
     """
     references = sorted(fits, key=bic)[:N_REFERENCES]
     best = references[0]
@@ -121,7 +120,7 @@ def select_setting(
             break
         candidates = []
         for changed in changed_settings(setting, given, best):
-            adds_drift = changed.baseline == "trend" != setting.baseline
+            adds_drift = changed.baseline == "trend" and setting.baseline != "trend"
             is_same_disturbance = changed == replace(setting, initial=changed.initial)
             for reference in references:
                 start = [] if adds_drift else [reference.identified.theta]

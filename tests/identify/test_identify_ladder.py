@@ -175,6 +175,28 @@ def test_selected_setting_is_that_of_the_record(kind: str) -> None:
         assert best.estimates[name].value == pytest.approx(value, abs=4 * u), name
 
 
+def test_probabilities_of_a_drift_and_of_a_random_walk_are_those_of_the_record() -> None:
+    options = {"noise": "slow", "initial": "equilibrium", "check": False, "input_noise": 0.0}
+    drift, walk = (
+        fit(record(11, DISTURBANCES[kind][0]), "P1D", **options).identified.statistics
+        for kind in ("drift", "random walk")
+    )
+    # the first is 1.5, 30 standard deviations of the noise; a walk also looks like a drift
+    assert drift["p_drift"] > 0.95
+    assert walk["p_walk"] > 0.5
+
+
+def test_dynamics_that_a_model_lacks_are_not_taken_for_a_disturbance() -> None:
+    """Two lags are fitted by one."""
+    rng = np.random.default_rng(2)
+    u = levels(rng, 15)
+    y = one_lag(one_lag(u, 2.0, 0.8, 3), 1.0, 0.5, 0) + 0.05 * rng.normal(size=N)
+    result = fit(IOData.from_arrays(u, y, DT_S, hold="zoh"), "P1", check=False)
+    assert result.noise.white
+    assert not result.problem.trend
+    assert result.identified.statistics["p_input"] < 1e-6
+
+
 @pytest.mark.study
 def test_drift_is_not_taken_for_a_lag() -> None:
     """The drift of 1.5 is three quarters of the gain."""
