@@ -188,17 +188,21 @@ def fit(
     given = {name: value for name, value in selectable.items() if value != "auto"}
     setting = Setting.first(given)
     start_sets = [start] if isinstance(start, Mapping) else start or []
+    is_walk = setting.baseline in ("walk", "auto")
+    first = setting
+    if loss != "linear":
+        first = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
+    result = fit_setting(data, structure, first, start_sets, check=check, **options)
     fitted = data
     if loss != "linear":
-        is_walk = setting.baseline in ("walk", "auto")
-        white = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
-        robust = fit_setting(data, structure, white, start_sets, check=check, **options)
-        is_selected = len({"noise", "baseline"} & set(given)) < 2 and setting.noise != "slow"
-        if is_walk or setting.noise == "slow" or (is_selected and has_coloured_residuals(robust)):
+        is_slow = is_walk or setting.noise == "slow"
+        is_selected = not {"noise", "baseline"} <= set(given)
+        if is_slow or (is_selected and has_coloured_residuals(result)):
             # a robust loss would treat the crests of slow noise as outliers
-            fitted = without_spikes(data, robust)
+            fitted = without_spikes(data, result)
             options["loss"] = "linear"
-            check = False
+    if fitted is not data or first != setting:
+        result = fit_setting(fitted, structure, setting, start_sets, **options)
 
     def fit_model(
         model: Model, changed: Setting, start_sets: Sequence[Mapping[str, float]]
@@ -209,7 +213,6 @@ def fit(
         except InputError:
             return None
 
-    result = fit_setting(fitted, structure, setting, start_sets, check=check, **options)
     given["loss"] = options["loss"]
     _, result = select_setting([result], setting, given, fit_model)
     result = average_noise(result, given, fit_model)
