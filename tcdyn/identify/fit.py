@@ -109,7 +109,7 @@ def fit(
         Model or its name.
     initial
         The record starts in "equilibrium" with its first input, from "zero", or from a state that
-        is "estimated"; "auto": estimated where that lowers BIC decisively, else equilibrium.
+        is "estimated"; "auto" selects it (:func:`tcdyn.identify.setting.select_setting`).
     noise
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
         minimised); "ar" or "arma", with the order from the data; "slow", an average over slow

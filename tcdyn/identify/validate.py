@@ -552,10 +552,8 @@ def fit_percent(problem: IdentificationProblem, residual: Array) -> float:
     float
         100 (1 - |residual|/|y - mean|), with the mean of each segment; 0 for a constant output.
     """
-    spread = 0.0
-    for s in problem.segments:
-        y = s.y[s.measured]
-        spread += float(np.sum((y - y.mean()) ** 2))
+    outputs = [s.y[s.measured] for s in problem.segments]
+    spread = float(sum(np.sum((y - y.mean()) ** 2) for y in outputs))
     if spread <= 0:
         return 0.0
     return 100.0 * (1.0 - float(np.sqrt(float(residual @ residual) / spread)))
