@@ -114,7 +114,7 @@ def fit(
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
         minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
         first-order noise; "auto", selected from the data where the residuals of white noise are
-        coloured and do not follow the input.
+        coloured.
     baseline
         "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto" as
         for ``noise``.
