@@ -260,6 +260,7 @@ def identify(
         comparisons[y] = comparison
         reporter.text(f"{comparison.summary(as_option)}\n{comparison.lag_removal_advice(filter_)}")
         content = comparison.best.identified.to_dict()
+        content["averaged"] = comparison.averaged
         level_dependence = ""
         if narx:
             from tcdyn.identify.narx import temperature_dependence

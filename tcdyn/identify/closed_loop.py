@@ -19,9 +19,11 @@ from scipy.signal import lfilter
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
+from tcdyn.estimation import orthonormal_basis
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.segments import Segment, split_segments
+from tcdyn.identify.segments import Segment, split_segments, true_intervals
+from tcdyn.identify.starting_values import interpolate_gaps
 
 # The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of
 # open loop, in tests/identify/closed_loop_study.py. Each comment gives the figures between which
@@ -73,6 +75,8 @@ MIN_PAST_SHARE = 0.6
 # sum of squared correlations of the output's innovations with the next ones of the input; open
 # loops at most 0.33
 MIN_PAST_CORRELATION = 0.4
+# squared singular value over the largest, below which a column is a combination of others
+ROUNDING = 1e-13
 # rows that are examined, of all segments together, so that long records cost no more
 MAX_ROWS = 20_000
 
@@ -185,14 +189,12 @@ def rows_of(segment: Segment, k: int, count: int) -> Rows:
     Returns
     -------
     Rows
-        The rows; none where the output was not measured at all.
+        The rows.
     """
     u = segment.inputs[:count, k]
     measured = segment.measured[:count]
-    if not measured.any():
-        return Rows(u[:0], u[:0], measured[:0])
     times = np.arange(count)
-    y = np.interp(times, times[measured], segment.y[:count][measured])
+    y = interpolate_gaps(segment)[:count]
     n_missing = np.cumsum(np.append(0, ~measured))
     first = np.maximum(times - PAST_LAGS, 0)
     return Rows(u, y, n_missing[times + 1] == n_missing[first])
@@ -268,7 +270,7 @@ def is_law(table: Array, innovation: Array, scale: float, dof: int) -> bool:
     leaky ones.
     """
     u = table[:, 0]
-    basis = orthonormal(table[:, 1 : 1 + PROPORTIONAL_TERMS])
+    basis = basis_of(table[:, 1 : 1 + PROPORTIONAL_TERMS])
     without_integral = project_out(basis, u)
     integrals = project_out(basis, table[:, 1 + PROPORTIONAL_TERMS :])
     power = np.maximum(np.sum(integrals**2, axis=0), 1e-300)
@@ -337,7 +339,7 @@ def input_innovations(
     if good.sum() < MIN_ROWS:
         return None
     innovation = np.zeros(len(good))
-    innovation[good] = project_out(orthonormal(np.vstack(tables)[good]), u[good])
+    innovation[good] = project_out(basis_of(np.vstack(tables)[good]), u[good])
     edges = np.cumsum([len(r.u) for r in segments])[:-1]
     return usable, np.split(innovation, edges)
 
@@ -375,9 +377,9 @@ def delayed_law(segments: Sequence[Rows]) -> bool:
     past_u = np.hstack([constant, u[:, 1:]])
     past_u_y = np.hstack([past_u, y[:, 1:]])
     past_y_all_u = np.hstack([constant, u, y[:, 1:]])
-    u_innovation = project_out(orthonormal(past_u), u[:, 0])
-    u_residual = project_out(orthonormal(past_u_y), u[:, 0])
-    y_innovation = project_out(orthonormal(past_y_all_u), y[:, 0])
+    u_innovation = project_out(basis_of(past_u), u[:, 0])
+    u_residual = project_out(basis_of(past_u_y), u[:, 0])
+    y_innovation = project_out(basis_of(past_y_all_u), y[:, 0])
     sse = float(u_innovation @ u_innovation)
     scale = MAD_TO_SD * float(np.median(np.abs(u_innovation)))
     if scale <= MIN_RANDOMNESS * float(np.std(u[:, 0])):
@@ -423,6 +425,11 @@ def law_terms(y: Array, longest: int) -> Array:
     return np.column_stack(columns)
 
 
+def basis_of(table: Array) -> Array:
+    """Return an orthonormal basis (N, K) of columns (N, M), up to rounding errors."""
+    return orthonormal_basis(table, ROUNDING)
+
+
 def delay(x: Array, count: int) -> Array:
     """Return ``x`` (N,) delayed by ``count`` samples, with its first value before."""
     return np.concatenate([np.full(count, x[0]), x[:-count]])
@@ -444,12 +451,11 @@ def law_intervals(good: NDArray[np.bool_], step: NDArray[np.bool_]) -> list[slic
         Intervals of at least ``MIN_INTERVAL_ROWS`` rows. After a step ``SETTLING_ROWS`` are left
         out.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.view(np.int8), [0]]))).reshape(-1, 2)
     cuts = np.flatnonzero(step)
     intervals = []
-    for first, end in edges:
-        inside = cuts[(cuts > first) & (cuts < end)]
-        borders = [int(first), *inside.tolist(), int(end)]
+    for rows in true_intervals(good):
+        inside = cuts[(cuts > rows.start) & (cuts < rows.stop)]
+        borders = [rows.start, *inside.tolist(), rows.stop]
         for a, b in pairwise(borders):
             start = a + SETTLING_ROWS if step[a] else a
             if b - start >= MIN_INTERVAL_ROWS:
@@ -461,32 +467,6 @@ def remove_polynomial(table: Array, degree: int) -> Array:
     """Return the columns of ``table`` (N, M) less their polynomials in time of that degree."""
     powers = np.vander(np.linspace(-1.0, 1.0, len(table)), degree + 1)
     return project_out(np.linalg.qr(powers)[0], table)
-
-
-def orthonormal(table: Array) -> Array:
-    """Return an orthonormal basis of the columns of a table, without dependent columns.
-
-    Parameters
-    ----------
-    table
-        Columns (N, M).
-
-    Returns
-    -------
-    array
-        Basis (N, K), K at most M.
-
-    Notes
-    -----
-    Directions of less than 1e-13 of the largest eigenvalue count as dependent; that is the rounding
-    error of the normal equations.
-    """
-    size = np.linalg.norm(table, axis=0)
-    scaled = table / np.where(size > 0, size, 1.0)
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    independent = values > 1e-13 * values[-1]
-    basis = scaled @ (vectors[:, independent] / np.sqrt(values[independent]))
-    return np.asarray(np.linalg.qr(basis)[0])
 
 
 def project_out(basis: Array, x: Array) -> Array:

@@ -19,7 +19,7 @@ import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.errors import InputError, Spelling, as_argument
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
@@ -28,7 +28,7 @@ from tcdyn.identify.fit import add_findings, fit
 from tcdyn.identify.heldout import Progress, Task, split_held_out
 from tcdyn.identify.identified import Identified, from_control
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.ladder import Ladder, Setting, bic, select_setting, select_structures
+from tcdyn.identify.ladder import Ladder, select_structures
 from tcdyn.identify.large_records import SearchRecord, block_means, fit_all_rows, search_record
 from tcdyn.identify.models import Model, as_model, process, several
 from tcdyn.identify.other_hold import check_holds
@@ -42,6 +42,7 @@ from tcdyn.identify.recommendation import (
     responds_at_once,
 )
 from tcdyn.identify.search import Fit
+from tcdyn.identify.setting import Setting, average_noise, bic
 from tcdyn.identify.shared_poles import best_common_pole_fit
 from tcdyn.identify.validate import (
     Validation,
@@ -242,24 +243,18 @@ def compare(
     Notes
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
-    :func:`tcdyn.identify.ladder.select_setting` selects, as far as ``options`` do not give them.
+    :func:`tcdyn.identify.setting.select_setting` selects, as far as ``options`` do not give them.
     Where the residuals of the recommended model are clearly coloured or follow the input, the
     models with white noise, and transfer functions with common poles, replace them if they simulate
     the held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identify.recommendation.recommend`.
     """
-    if "weights" in options:
+    for name in {"weights", "start"} & set(options):
         raise InputError(
-            "weights are given, but the held-out part has none",
+            f"{name} is given, which is of one model and one record",
             where="compare",
-            remedy="pass fit(data, model, weights=..) as a model",
-        )
-    if "start" in options:
-        raise InputError(
-            "start is given, but each model begins at its own starting values",
-            where="compare",
-            remedy="pass fit(data, model, start=..) as a model: it is compared as it stands",
+            remedy=f"pass fit(data, model, {name}=..) as a model: it is compared as it stands",
         )
     entries: list[Entry] = []
     for m in models:
@@ -457,12 +452,12 @@ def fit_given(
                 results[model.name] = error
         return results
 
-    setting = ladder.first_setting
+    setting = Setting.first(ladder.options)
     fits = fit_all(setting)
     fitted = [f for f in fits.values() if isinstance(f, Fit)]
     if not fitted:
         raise next(f for f in fits.values() if isinstance(f, InputError))
-    selected, _ = select_setting(ladder, fitted, setting)
+    selected, _ = ladder.select_setting(fitted, setting)
     if selected != setting:
         fits = fit_all(selected)
     return fits, selected
@@ -558,11 +553,14 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
     """
     names = []
     for name, result in fits.items():
-        two_lags = fits.get(name.replace("U", ""))
-        if result.identified.theta.get("Zeta", 0.0) < 1 or two_lags is None:
-            continue
-        if result.findings or not two_lags.findings:
-            names.append(name)
+        structures = name.split(" + ")
+        for k, part in enumerate(result.identified.by_input.values()):
+            if part.theta.get("Zeta", 0.0) < 1:
+                continue
+            with_lags = [*structures[:k], structures[k].replace("U", ""), *structures[k + 1 :]]
+            two_lags = fits.get(" + ".join(with_lags))
+            if two_lags is not None and (result.findings or not two_lags.findings):
+                names.append(name)
     return names
 
 
@@ -644,17 +642,11 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     final = best
     is_part = record.data is not ladder.data
     if is_part:
-        ladder.announce(f"{model.name}, all rows")
         final = fit_all_rows(ladder, best, record)
     elif best.loss == "linear" and not model.arx and model.free:
         own = {**best.disturbance, **options}
         final = fit(ladder.data, model, **own, start=start)
-        is_selected = not {"noise", "baseline"} & set(ladder.options)
-        if is_selected and best.disturbance != {"noise": "white", "baseline": "none"}:
-            slow = {**options, "noise": "slow", "baseline": "auto"}
-            average = fit(ladder.data, model, **slow, start=final.identified.theta)
-            if not has_coloured_residuals(average) or has_coloured_residuals(final):
-                final = average
+        final = average_noise(final, ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
     if is_part:
         n_measured = record.data.n_samples - record.data.missing
@@ -673,7 +665,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         is_finite = noise.time_constant < len(final.residual)
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
-        numbers["p_walk"] = final.identified.statistics["p_walk"]
+        numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
     elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
         numbers["order"] = list(noise.order)
         numbers["baseline"] = final.disturbance["baseline"]
@@ -709,49 +701,21 @@ def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping
     own = min(bic(best), least) if best.noise.white else least
     scores = np.array([own, *(bic(f) for f in others)])
     weights = np.exp(-0.5 * (scores - scores.min()))
+    likely = [
+        (weight, f.identified.by_input)
+        for weight, f in zip(weights.tolist(), [best, *others])
+        if weight >= MIN_WEIGHT * weights.max()
+    ]
     averages: dict[str, dict[str, Estimate]] = {}
     for name in best.identified.by_input:
-        quantities: dict[str, Estimate] = {}
-        for quantity in ("gain", "lag_s"):
-            estimates = []
-            used_weights = []
-            for weight, f in zip(weights, [best, *others]):
-                model = f.identified.by_input.get(name)
-                if weight < MIN_WEIGHT * weights.max() or model is None or not model.gain:
-                    continue
-                value = model.static_gain if quantity == "gain" else model.lag_s
-                estimates.append(value)
-                used_weights.append(weight)
-            if estimates:
-                quantities[quantity] = mixture(np.array(used_weights), estimates)
-        if quantities:
-            averages[name] = quantities
+        used = [(weight, models[name]) for weight, models in likely if models[name].gain]
+        if used:
+            used_weights = [weight for weight, _ in used]
+            averages[name] = {
+                "gain": mixture([model.static_gain for _, model in used], used_weights),
+                "lag_s": mixture([model.lag_s for _, model in used], used_weights),
+            }
     return averages
-
-
-def mixture(weights: np.ndarray, estimates: Sequence[Estimate]) -> Estimate:
-    """Return mean and standard uncertainty of a mixture of estimates.
-
-    Parameters
-    ----------
-    weights
-        Weights (K,), above zero.
-    estimates
-        The estimates (K,).
-
-    Returns
-    -------
-    Estimate
-        Mean of the mixture; its variance is the mean variance plus the variance of the means.
-    """
-    if len(estimates) == 1:
-        return estimates[0]
-    share = weights / weights.sum()
-    values = np.array([e.value for e in estimates])
-    u = np.array([e.u for e in estimates])
-    mean = float(share @ values)
-    variance = float(share @ (u**2 + (values - mean) ** 2))
-    return Estimate.normal(mean, float(np.sqrt(variance)))
 
 
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:

@@ -25,8 +25,10 @@ from tcdyn.estimation import NoiseModel, Optimum, fit_ar, fit_arma
 from tcdyn.estimation.arma import coefficients_from_partial, partial_correlations
 from tcdyn.estimation.noise_average import LinearisedProblem, NoiseGrid, full_box, mixture_moments
 from tcdyn.estimation.trace_noise import MAD_TO_SD
+from tcdyn.identify.iodata import IOData
+from tcdyn.identify.knowledge import measured_rows
 from tcdyn.identify.problem import IdentificationProblem
-from tcdyn.identify.search import residual_sd, search, sqrt_weights
+from tcdyn.identify.search import Fit, residual_sd, search, sqrt_weights
 
 # Names of the noise models that ``fit`` takes.
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
@@ -37,14 +39,14 @@ NOISE_OPTIONS = ("auto", "white", "slow", "ar", "arma")
 BASELINE_OPTIONS = ("auto", "none", "trend", "walk")
 
 # The thresholds below are chosen by judgement.
-ARMA_ORDERS = ((1, 1), (2, 1), (2, 2))  # orders (p, q) of ARMA noise that are tried
+ARMA_ORDERS = [(1, 1), (2, 1), (2, 2)]  # orders (p, q) of ARMA noise that are tried
+# Orders (p, q) of the steps of a random walk, by the name of the noise; both for other names.
+WALK_ORDERS = {"white": [(0, 1)], "ar": [(1, 1)]}
 MAX_AR_ORDER = 8  # largest order of an autoregression
 # Partial correlation of noise that is a random walk: no offset can be distinguished from it.
 MAX_PARTIAL_CORRELATION = 0.999
 MAX_REML_ROWS = 100_000  # above, REML moves a coefficient by less than 0.01 of its uncertainty
 MAX_REML_COEFFICIENTS = 4  # coefficients that the restricted likelihood refines at most
-# BIC by which stationary noise must be better than a random walk, which claims less.
-WALK_BIC_MARGIN = 4.0
 MAX_ALTERNATIONS = 6  # of dynamics given the noise and noise given the dynamics
 MAX_AVERAGE_ROUNDS = 3  # of the average over noise models and its linearisation
 AVERAGE_TOLERANCE = 0.05  # last step of the average, in standard uncertainties
@@ -164,47 +166,43 @@ def alternate(
     return problem, optimum, noise
 
 
-def remove_spikes(problem: IdentificationProblem, residual: Array) -> IdentificationProblem:
-    """Move outliers of the output to the running median of the residuals.
+def without_spikes(data: IOData, result: Fit) -> IOData:
+    """Return the data with outliers of the output moved to the running median of the residuals.
 
     Robust weights by the size of the residuals would treat the crests of slow noise as spikes.
 
     Parameters
     ----------
-    problem
-        The identification problem.
-    residual
-        Residuals, measured minus simulated (N,).
+    data
+        The record.
+    result
+        A fit to it.
 
     Returns
     -------
-    IdentificationProblem
-        The problem with the output changed at the outliers.
+    IOData
+        The record with the output changed at the outliers.
 
     Notes
     -----
     A wider ``MEDIAN_WINDOW`` takes crests of slow noise for spikes, a lower ``SPIKE_SDS`` takes
-    noise. ``tests/identify/test_identify_residuals.py``
-    checks spikes and slow noise.
+    noise. ``tests/identify/test_identify_residuals.py`` checks spikes and slow noise.
     """
+    problem = result.problem
     medians = [
-        median_filter(residual[s], MEDIAN_WINDOW, mode="nearest") for s in problem.residual_slices
+        median_filter(result.residual[s], MEDIAN_WINDOW, mode="nearest")
+        for s in problem.residual_slices
     ]
-    difference = residual - np.concatenate(medians)
+    difference = result.residual - np.concatenate(medians)
     limit = SPIKE_SDS * MAD_TO_SD * np.median(np.abs(difference))
-    spikes = np.where(np.abs(difference) > limit, difference, 0.0)
-    segments = []
-    start = 0
-    for s in problem.segments:
-        y = s.y.copy()
-        count = int(s.measured.sum())
-        y[s.measured] -= spikes[start : start + count]
-        segments.append(replace(s, y=y))
-        start += count
-    return replace(problem, segments=tuple(segments))
+    is_spike = np.abs(difference) > limit
+    samples = measured_rows(problem, data, np.arange(data.n_samples))
+    y = data.outputs
+    y[samples[is_spike], 0] -= difference[is_spike]
+    return data.with_outputs(y)
 
 
-def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> NoiseModel:
+def fit_random_walk(e: Array, slices: list[slice], p: int, q: int) -> NoiseModel:
     """Fit a random walk with ARMA(p, q) steps to residuals.
 
     Parameters
@@ -213,8 +211,8 @@ def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> No
         Residuals (N,).
     slices
         Consecutive samples in ``e``; a walk begins anew in each.
-    order
-        (p, q). MA(1) steps are a random walk plus white noise.
+    p, q
+        Order. MA(1) steps are a random walk plus white noise.
 
     Returns
     -------
@@ -222,8 +220,8 @@ def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> No
         The noise model of the residuals.
     """
     steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in slices])
-    noise = fit_arma(steps, slices, *order)
-    return NoiseModel(_integrated(noise.ar), noise.ma, True, sum(order))
+    noise = fit_arma(steps, slices, p, q)
+    return NoiseModel(_integrated(noise.ar), noise.ma, True, p + q)
 
 
 def _integrated(ar: Sequence[float]) -> tuple[float, ...]:
@@ -326,7 +324,7 @@ def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
     return float(deviance + noise.n_parameters * np.log(n))
 
 
-def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> NoiseEstimator:
+def noise_estimator(noise: NoiseName | tuple[int, int], is_walk: bool) -> NoiseEstimator:
     """Return a function that estimates the noise from residuals: the model of least BIC.
 
     Autoregressions go up to the order from the Yule-Walker equations, at most ``MAX_AR_ORDER``;
@@ -336,8 +334,8 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
     ----------
     noise
         Name of the noise, or its order (p, q).
-    baseline
-        "walk" for random walks only; else stationary models.
+    is_walk
+        Whether it is a random walk; else it is stationary.
 
     Returns
     -------
@@ -345,35 +343,20 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
         Function of the problem, x and the residuals (N,) that returns the noise model.
     """
 
-    def random_walks(e: Array, slices: list[slice]) -> list[NoiseModel]:
-        """Return the random walks that are tried."""
-        if isinstance(noise, tuple):
-            orders = [noise]
-        elif noise == "white":
-            orders = [(0, 1)]
-        elif noise == "ar":
-            orders = [(1, 1)]
-        else:
-            orders = [(0, 1), (1, 1)]
-        return [fit_random_walk(e, slices, order) for order in orders]
-
     def estimator(problem: IdentificationProblem, x: Array, e: Array) -> NoiseModel:
         """Return the noise model of least BIC for the residuals ``e`` (N,) at ``x``."""
         slices = problem.residual_slices
-        if baseline == "walk":
-            candidates = random_walks(e, slices)
-        elif isinstance(noise, tuple) and any(noise):
-            candidates = [fit_arma(e, slices, *noise)]
+        if isinstance(noise, tuple):
+            orders = [noise]
+        elif is_walk:
+            orders = WALK_ORDERS.get(noise, [(0, 1), (1, 1)])
+        elif noise == "ar":
+            max_order = max(1, min(MAX_AR_ORDER, len(fit_ar(e, slices).ar)))
+            orders = [(p, 0) for p in range(1, max_order + 1)]
         else:
-            orders: list[tuple[int, int]] = []
-            if noise in ("ar", "auto"):
-                max_order = max(1, min(MAX_AR_ORDER, len(fit_ar(e, slices).ar)))
-                orders += [(p, 0) for p in range(1, max_order + 1)]
-            if noise in ("arma", "auto"):
-                orders += ARMA_ORDERS
-            candidates = [fit_arma(e, slices, *order) for order in orders]
-            if noise not in ("ar", "arma"):
-                candidates.append(input_noise_model(problem, x, e))
+            orders = ARMA_ORDERS
+        fit_order = fit_random_walk if is_walk else fit_arma
+        candidates = [fit_order(e, slices, *order) for order in orders]
         return min(candidates, key=lambda candidate: noise_bic(e, slices, candidate))
 
     return estimator
@@ -399,6 +382,8 @@ class NoiseAverage:
         Logarithm of the likelihood, averaged over all noise models.
     p_walk
         Probability that the memory of the disturbance is longer than the record.
+    p_drift
+        Probability of a linear drift.
     """
 
     problem: IdentificationProblem
@@ -408,6 +393,7 @@ class NoiseAverage:
     covariance: Array
     evidence: float
     p_walk: float
+    p_drift: float
 
     def point_estimate(
         self, weights: Array | None
@@ -540,7 +526,8 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
         optimum = search(problem, core, optimum.theta)
         problem = replace(problem, noise_sd=residual_sd(optimum, problem))
         box = grid.box
-    return NoiseAverage(problem, optimum, noise, mean, covariance, evidence, p_walk)
+    p_drift = float(problem.trend)
+    return NoiseAverage(problem, optimum, noise, mean, covariance, evidence, p_walk, p_drift)
 
 
 def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
@@ -574,6 +561,13 @@ def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
     mean, covariance = mixture_moments(evidence[index], means, covariances)
     likeliest = averages[int(np.argmax(evidence))].noise
     probability = weight[index] / weight[index].sum()
-    p_walk = float(probability @ [a.p_walk for a in used])
-    total = float(logsumexp(evidence))
-    return NoiseAverage(last.problem, last.optimum, likeliest, mean, covariance, total, p_walk)
+    return NoiseAverage(
+        last.problem,
+        last.optimum,
+        likeliest,
+        mean,
+        covariance,
+        evidence=float(logsumexp(evidence)),
+        p_walk=float(probability @ [a.p_walk for a in used]),
+        p_drift=float(probability @ [a.p_drift for a in used]),
+    )

@@ -2,7 +2,8 @@
 
 The result has parameters with uncertainty, a noise model and validated residuals. ``fit`` is the
 public function; the other modules of the package use it too. The order of its stages: checks, white
-noise, robust loss or input noise, disturbance, intervals. ``tests/identify/test_identify_fit.py``
+noise, robust loss or input noise, selection of the setting (``tcdyn.identify.setting``), average
+over slow noise, intervals. ``tests/identify/test_identify_fit.py``
 and ``test_identify_studies.py`` in that folder check recovery and coverage.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,15 +25,11 @@ from tcdyn.estimation import (
     Loss,
     NoiseModel,
     Optimum,
-    Status,
-    correlation_length,
-    is_full_rank,
     minimise,
 )
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.closed_loop import check_closed_loop
 from tcdyn.identify.disturbance import (
-    WALK_BIC_MARGIN,
     Baseline,
     NoiseName,
     alternate,
@@ -40,7 +37,7 @@ from tcdyn.identify.disturbance import (
     input_noise_model,
     mix_averages,
     noise_estimator,
-    remove_spikes,
+    without_spikes,
 )
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, parameter_covariance, replace_poor_intervals
@@ -56,31 +53,26 @@ from tcdyn.identify.problem import IdentificationProblem, Initial
 from tcdyn.identify.responses import slowest_time_constant_s
 from tcdyn.identify.search import (
     Fit,
-    active_bound,
     criteria,
     distinct_starts,
     first_moment,
     make_problem,
     residual_sd,
     search,
+    search_findings,
     sort_lags,
 )
 from tcdyn.identify.segments import MIN_SEGMENT_SAMPLES
+from tcdyn.identify.setting import Setting, average_noise, select_setting
 from tcdyn.identify.starting_values import (
     single_input_problems,
     solve_linear_parameters,
     starts,
 )
-from tcdyn.identify.validate import (
-    has_coloured_residuals,
-    is_disturbed,
-    is_undriven,
-    validate,
-)
+from tcdyn.identify.validate import has_coloured_residuals, validate
 
 Intervals = Literal["auto", "quadratic", "profile"]  # kind of the intervals
 
-MIN_FREE_STATE_GAIN = 10.0  # BIC that free initial states must gain (decisive, Raftery 1995)
 # Limits of the findings about parameters, chosen by judgement.
 MAX_RELATIVE_U = 0.5  # standard uncertainty over value, above which a parameter is undetermined
 MAX_SLOW_SHARE = 0.5  # slowest time constant over the record's length; above, gain is extrapolated
@@ -117,12 +109,12 @@ def fit(
         Model or its name.
     initial
         The record starts in "equilibrium" with its first input, from "zero", or from a state that
-        is "estimated"; "auto": estimated where that lowers BIC decisively, else equilibrium.
+        is "estimated"; "auto" selects it (:func:`tcdyn.identify.setting.select_setting`).
     noise
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
         minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
         first-order noise; "auto", selected from the data where the residuals of white noise are
-        coloured and do not follow the input.
+        coloured.
     baseline
         "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto" as
         for ``noise``.
@@ -181,58 +173,131 @@ def fit(
     0.13
     """
     structure = as_model(model)
-    where = data.name or "identify"
     check_knowledge(structure, bounds or {}, prior or {})
+    options: dict[str, Any] = {
+        "loss": loss,
+        "covariance": covariance,
+        "input_noise": input_noise,
+        "bounds": bounds or {},
+        "prior": prior or {},
+    }
     if weights is not None:
-        weights = checked_weights(data, weights)
-        if loss != "linear" or structure.arx or baseline == "walk":
-            raise InputError(
-                "weights are given",
-                where=where,
-                expected="the linear loss, no random walk, and no ARX model",
-            )
-        data = without_samples(data, weights == 0)
-    problem = make_problem(
-        data, structure, "equilibrium" if initial == "auto" else initial, input_noise
-    )
-    problem = replace(problem, trend=baseline == "trend", limits=bounds or {}, priors=prior or {})
-    if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
-        raise InputError(
-            f"{structure.name} has the noise of its own poles",
-            remedy="leave noise and baseline out",
-        )
-    if check:
-        check_closed_loop(data, where)
-        for single in single_input_problems(problem):
-            check_causality(single, where)
+        options["weights"] = checked_weights(data, weights)
+        data = without_samples(data, options["weights"] == 0)
+    selectable = {"initial": initial, "noise": noise, "baseline": baseline}
+    given = {name: value for name, value in selectable.items() if value != "auto"}
+    setting = Setting.first(given)
     start_sets = [start] if isinstance(start, Mapping) else start or []
-    problem, optimum = _fit_white(problem, start_sets)
-    if initial == "auto":
-        problem, optimum = _free_initial_state(problem, optimum)
-    row_weights = None
-    if weights is not None:
-        row_weights = measured_rows(problem, data, weights)
-        optimum = _fit_weighted(problem, optimum, row_weights)
-    noise_model = NoiseModel()
-    if structure.arx:
-        noise_model = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
+    is_walk = setting.baseline in ("walk", "auto")
+    first = setting
     if loss != "linear":
-        optimum = _fit_robust(problem, optimum, loss)
-    elif problem.input_sd and not structure.arx:
-        problem, optimum, noise_model = alternate(problem, optimum, input_noise_model)
-    is_white = noise == "white" and baseline in ("none", "trend")
-    is_given = isinstance(noise, tuple) and baseline != "auto" and loss == "linear"
-    if is_given and not structure.arx:
-        # the fit with white noise need not be judged
-        estimator = noise_estimator(noise, baseline)
-        problem, optimum, noise_model = alternate(problem, optimum, estimator)
-    result = make_fit(data, problem, optimum, noise_model, loss, covariance, weights=row_weights)
-    if not is_white and not is_given and not structure.arx:
-        result = fit_disturbance(data, result, optimum, noise, baseline, covariance)
+        first = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
+    result = fit_setting(data, structure, first, start_sets, check=check, **options)
+    fitted = data
+    if loss != "linear":
+        is_slow = is_walk or setting.noise == "slow"
+        is_selected = not {"noise", "baseline"} <= set(given)
+        if is_slow or (is_selected and has_coloured_residuals(result)):
+            # a robust loss would treat the crests of slow noise as outliers
+            fitted = without_spikes(data, result)
+            options["loss"] = "linear"
+    if fitted is not data or first != setting:
+        result = fit_setting(fitted, structure, setting, start_sets, **options)
+
+    def fit_model(
+        model: Model, changed: Setting, start_sets: Sequence[Mapping[str, float]]
+    ) -> Fit | None:
+        """Return the fit under another setting, or None where there is none."""
+        try:
+            return fit_setting(fitted, model, changed, start_sets, **options)
+        except InputError:
+            return None
+
+    given["loss"] = options["loss"]
+    _, result = select_setting([result], setting, given, fit_model)
+    result = average_noise(result, given, fit_model)
+    result = replace(result, loss=loss)
     is_weighted = result.optimum.weights is not None
     if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
         result = replace_poor_intervals(result, intervals == "profile")
     return add_findings(result, data.findings)
+
+
+def fit_setting(
+    data: IOData,
+    model: Model,
+    setting: Setting,
+    start_sets: Sequence[Mapping[str, float]] = (),
+    *,
+    loss: Loss,
+    covariance: Covariance,
+    input_noise: float | Literal["auto"],
+    bounds: Mapping[str, tuple[float, float]],
+    prior: Mapping[str, tuple[float, float]],
+    weights: Array | None = None,
+    check: bool = False,
+) -> Fit:
+    """Return the fit under one setting, with quadratic intervals.
+
+    Parameters
+    ----------
+    data, model
+        Data and model.
+    setting
+        Initial state, noise and baseline.
+    start_sets
+        Sets of parameters to start from; none for the starting values of the package.
+    loss, covariance, input_noise, bounds, prior, weights, check
+        As in :func:`fit`.
+
+    Returns
+    -------
+    Fit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        For data from which the model cannot be identified.
+    """
+    where = data.name or "identify"
+    is_walk = setting.baseline == "walk"
+    if weights is not None and (loss != "linear" or model.arx or is_walk):
+        raise InputError(
+            "weights are given",
+            where=where,
+            expected="the linear loss, no random walk, and no ARX model",
+        )
+    if model.arx and setting.is_disturbed:
+        raise InputError(
+            f"{model.name} has the noise of its own poles",
+            remedy="leave noise and baseline out",
+        )
+    problem = make_problem(data, model, setting.initial, input_noise)
+    problem = replace(problem, trend=setting.baseline == "trend", limits=bounds, priors=prior)
+    if check:
+        check_closed_loop(data, where)
+        for single in single_input_problems(problem):
+            check_causality(single, where)
+    problem, optimum = _fit_white(problem, start_sets)
+    if weights is not None:
+        optimum = _fit_weighted(problem, optimum, measured_rows(problem, data, weights))
+    elif loss != "linear":
+        optimum = sort_lags(
+            problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
+        )
+    row_weights = optimum.weights
+    noise = NoiseModel()
+    if model.arx:
+        noise = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
+    elif setting.noise == "slow" and not is_walk:
+        return _fit_average(data, problem, optimum, setting.baseline == "auto", covariance)
+    elif setting.noise != "white" or is_walk:
+        estimator = noise_estimator(setting.noise, is_walk)
+        problem, optimum, noise = alternate(problem, optimum, estimator)
+    elif problem.input_sd and loss == "linear":
+        problem, optimum, noise = alternate(problem, optimum, input_noise_model)
+    return make_fit(data, problem, optimum, noise, loss, covariance, weights=row_weights)
 
 
 def _fit_white(
@@ -270,54 +335,6 @@ def _fit_white(
     return problem, optimum
 
 
-def _free_initial_state(
-    problem: IdentificationProblem, optimum: Optimum
-) -> tuple[IdentificationProblem, Optimum]:
-    """Estimate the initial states where that lowers BIC decisively.
-
-    Parameters
-    ----------
-    problem
-        The identification problem, with runs that start in equilibrium.
-    optimum
-        Its optimum.
-
-    Returns
-    -------
-    problem
-        The problem, with free states or unchanged.
-    optimum
-        Its optimum.
-
-    Notes
-    -----
-    BIC counts as many samples as there are independent residuals, N over the correlation length of
-    the residuals. The first residuals need not show a free state: an oscillating output may pass
-    through its equilibrium at the start. ``tests/identify/test_identify_choose.py`` checks it.
-    """
-    freed = replace(problem, initial="estimated")
-    if freed.n_measured < 2 * freed.size:
-        return problem, optimum
-    x = solve_linear_parameters(freed, problem.theta(optimum.theta))[1]
-    freed = replace(freed, time_scale_s=first_moment(freed, x))
-    x = solve_linear_parameters(freed, problem.theta(optimum.theta))[1]
-    freed_optimum = search(freed, start=x)
-    cost = float(optimum.residual @ optimum.residual)
-    freed_cost = float(freed_optimum.residual @ freed_optimum.residual)
-    n_independent = max(freed.n_measured / correlation_length(freed_optimum.residual), 2.0)
-    decrease = n_independent * np.log(cost / max(freed_cost, 1e-300))
-    n_added = freed.size - problem.size
-    if decrease - n_added * np.log(n_independent) > MIN_FREE_STATE_GAIN:
-        return freed, freed_optimum
-    return problem, optimum
-
-
-def _fit_robust(problem: IdentificationProblem, optimum: Optimum, loss: Loss) -> Optimum:
-    """Return the optimum of a robust loss, from that of least squares."""
-    robust = minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
-    return sort_lags(problem, robust)
-
-
 def _fit_weighted(problem: IdentificationProblem, optimum: Optimum, weights: Array) -> Optimum:
     """Return the optimum with weights (N,) of the residuals, from that without."""
     core = problem.least_squares_problem(root=np.sqrt(weights))
@@ -337,223 +354,48 @@ def add_findings(result: Fit, findings: tuple[Finding, ...]) -> Fit:
     return replace(result, identified=identified)
 
 
-def fit_disturbance(
-    data: IOData,
-    white: Fit,
-    optimum: Optimum,
-    noise: tuple[int, int] | NoiseName,
-    baseline: Baseline,
-    covariance: Covariance,
-) -> Fit:
-    """The fit with the requested disturbance, or with one selected from the residuals.
-
-    Parameters
-    ----------
-    data
-        The record.
-    white
-        The fit with white noise.
-    optimum
-        Its optimum.
-    noise, baseline, covariance
-        As in :func:`fit`.
-
-    Returns
-    -------
-    Fit
-        The fit; ``white`` itself where no disturbance model is needed or requested.
-
-    Notes
-    -----
-    First-order disturbances of any time constant are averaged
-    (:mod:`tcdyn.estimation.noise_average`). Higher orders are tried, by BIC, only where that
-    leaves coloured innovations. A disturbance that is requested by name is never left out. Where
-    noise may be slow, :func:`remove_spikes` replaces a robust loss.
-
-    ``tests/identify/test_identify_mixed.py`` covers the combinations of noise, baseline and loss;
-    ``tests/identify/test_identify_disturbance.py`` the coverage of the lag.
-    """
-    may_be_slow = (
-        baseline == "walk"
-        or noise == "slow"
-        or ("auto" in (noise, baseline) and has_coloured_residuals(white))
-    )
-    if white.loss != "linear" and may_be_slow:
-        problem = remove_spikes(white.problem, white.residual)
-        optimum = search(problem, start=optimum.theta)
-        linear = make_fit(data, problem, optimum, NoiseModel(), "linear", covariance)
-        result = fit_disturbance(data, linear, optimum, noise, baseline, covariance)
-        return replace(result, loss=white.loss)
-    auto = "auto" in (noise, baseline) and noise != "slow"
-    noise_is_given = noise not in ("auto", "slow")
-    least_baseline: Baseline = "none" if baseline == "auto" else baseline
-    fits = [(white.problem, optimum)]
-    if baseline == "auto" and (has_coloured_residuals(white) or not auto):
-        fits.append(fit_drift(white.problem, optimum, white.loss))
-    # without a drift term, a robust loss would treat the drift as outliers
-    weights = fits[-1][1].weights
-    weighted = [(fits[0][0], replace(optimum, weights=weights)), *fits[1:]]
-
-    def fit_given(kind: Baseline, name: tuple[int, int] | NoiseName) -> Fit:
-        """Return the fit with a baseline and a noise model that are given by name."""
-        if kind == "walk":
-            first = weighted[0]
-        else:
-            first = fits[-1] if kind == "trend" else fits[0]
-        problem, best, noise_model = alternate(*first, noise_estimator(name, kind))
-        return make_fit(
-            data, problem, best, noise_model, white.loss, covariance, weights=first[1].weights
-        )
-
-    if not noise_is_given and least_baseline == "none":
-        base = white
-    else:
-        base = fit_given(least_baseline, noise if noise_is_given else "white")
-    reference = white if noise_is_given else base
-    if noise_is_given and baseline != "auto":
-        return base
-    if auto and not has_coloured_residuals(reference):
-        return base
-    if auto and not is_disturbed(reference):
-        # residuals that follow the input are accepted only where a drift explains them
-        drifts = [make_fit(data, *each, NoiseModel(), white.loss, covariance) for each in fits[1:]]
-        if not any(is_undriven(drift) for drift in drifts):
-            return base
-    candidates = [base] if auto else []
-    if not noise_is_given and baseline != "walk":
-        average = _fit_average(data, weighted, white.loss, covariance, weights)
-        if noise == "slow" or not has_coloured_residuals(average):
-            return average
-        candidates.append(average)
-    kinds_left: list[Baseline] = ["none", "trend", "walk"] if baseline == "auto" else [baseline]
-    if noise_is_given:
-        kinds_left = kinds_left[1:]
-    for kind in kinds_left:
-        candidates.append(fit_given(kind, "auto" if noise == "slow" else noise))
-    return select_by_bic(candidates)
-
-
 def _fit_average(
     data: IOData,
-    fits: Sequence[tuple[IdentificationProblem, Optimum]],
-    loss: Loss,
+    problem: IdentificationProblem,
+    optimum: Optimum,
+    may_drift: bool,
     covariance: Covariance,
-    weights: Array | None,
 ) -> Fit:
-    """Fit by averaging over slow first-order noise models.
+    """Fit by averaging over slow first-order noise models (:mod:`tcdyn.estimation.noise_average`).
 
     Parameters
     ----------
     data
         The record.
-    fits
-        Problems and their optima, the smallest first: without and with a drift.
-    loss, covariance
+    problem, optimum
+        The identification problem and its optimum with white noise.
+    may_drift
+        Whether a linear drift of each run is averaged over too.
+    covariance
         As in :func:`fit`.
-    weights
-        Robust weights (N,), or None.
 
     Returns
     -------
     Fit
-        The fit. Its statistic ``p_walk`` is the probability of a random walk.
+        The fit. Its statistics ``p_walk`` and ``p_drift`` are the probabilities of a random walk
+        and of a linear drift.
     """
+    weights = optimum.weights
+    fits = [(problem, optimum)]
+    if may_drift:
+        with_trend = replace(problem, trend=True)
+        no_drift = np.append(optimum.theta, np.zeros(with_trend.size - problem.size))
+        candidates = [no_drift, *distinct_starts(with_trend, starts(with_trend))]
+        best = search(with_trend, start=candidates)
+        if weights is not None:
+            best = _fit_weighted(with_trend, best, weights)
+        fits.append((with_trend, best))
     average = mix_averages([average_over_noise(*each) for each in fits])
-    problem, best, noise_model, cov_x = average.point_estimate(weights)
-    result = make_fit(data, problem, best, noise_model, loss, covariance, cov_x, weights)
-    statistics = {**result.identified.statistics, "p_walk": average.p_walk}
+    problem, best, noise, cov_x = average.point_estimate(weights)
+    result = make_fit(data, problem, best, noise, "linear", covariance, cov_x, weights)
+    probabilities = {"p_walk": average.p_walk, "p_drift": average.p_drift}
+    statistics = {**result.identified.statistics, **probabilities}
     return replace(result, identified=replace(result.identified, statistics=statistics))
-
-
-def fit_drift(
-    problem: IdentificationProblem, optimum: Optimum, loss: Loss
-) -> tuple[IdentificationProblem, Optimum]:
-    """Fit with a linear drift of each run.
-
-    The search starts at the optimum without a drift and at the problem's own starting values.
-
-    Parameters
-    ----------
-    problem
-        The identification problem without a drift.
-    optimum
-        Its optimum.
-    loss
-        The loss function.
-
-    Returns
-    -------
-    problem
-        The problem with a drift of each run.
-    optimum
-        Its optimum.
-    """
-    with_trend = replace(problem, trend=True)
-    no_drift = np.append(optimum.theta, np.zeros(with_trend.size - problem.size))
-    candidates = [no_drift, *distinct_starts(with_trend, starts(with_trend))]
-    best = search(with_trend, start=candidates)
-    if loss != "linear":
-        best = _fit_robust(with_trend, best, loss)
-    elif optimum.weights is not None:
-        best = _fit_weighted(with_trend, best, optimum.weights)
-    return with_trend, best
-
-
-def select_by_bic(fits: Sequence[Fit]) -> Fit:
-    """The fit of least BIC within segments (:func:`segment_bic`).
-
-    A random walk is preferred unless another is better by ``WALK_BIC_MARGIN``, for it claims
-    less.
-
-    Parameters
-    ----------
-    fits
-        Fits of the same record.
-
-    Returns
-    -------
-    Fit
-        One of them.
-
-    Notes
-    -----
-    A larger ``WALK_BIC_MARGIN`` prefers random walks more often, which widens intervals.
-    """
-    scores = [segment_bic(f) for f in fits]
-    best = int(np.argmin(scores))
-    for candidate, score in zip(fits, scores):
-        if candidate.noise.is_random_walk and score < scores[best] + WALK_BIC_MARGIN:
-            return candidate
-    return fits[best]
-
-
-def segment_bic(result: Fit) -> float:
-    """BIC of the segments between gaps, free of the level of each segment after the first.
-
-    A random walk leaves these levels free.
-
-    Returns
-    -------
-    float
-        The criterion; it compares fits of one record with and without a random walk.
-
-    Notes
-    -----
-    (n - L) ln |w|^2 + sum ln |l|^2, with l the whitened level of each of the L segments and w the
-    innovations orthogonal to it.
-    """
-    noise = result.noise
-    slices = result.problem.residual_slices
-    e = result.innovation.copy()
-    volume = 0.0
-    for s in slices[1:]:
-        level = noise.whiten(result.sqrt_weights[s], [slice(0, s.stop - s.start)])
-        e[s] -= level * (level @ e[s]) / (level @ level)
-        volume += float(np.log(level @ level))
-    dof = len(e) - len(slices) + 1
-    deviance = dof * np.log(max(float(e @ e), 1e-300) / dof)
-    deviance += volume + noise.log_determinant(slices)
-    return float(deviance + result.identified.statistics["parameters"] * np.log(dof))
 
 
 def make_fit(
@@ -744,23 +586,16 @@ def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Findin
     ``tcdyn.identify.recommendation.recommend``, so stricter limits recommend smaller models.
     ``tests/identify/test_identify_fit.py`` checks each warning.
     """
-    findings = []
-    model = identified.model
-    for i, (name, estimate) in enumerate(identified.estimates.items()):
-        bound = active_bound(optimum, i)
-        if bound:
-            findings.append(warning("fit.bound", subject=name, end=bound, value=estimate.value))
-        elif _has_equal_lag(name, identified):
-            findings.append(warning("fit.twin", subject=name))
-        elif _is_undetermined(name, estimate, identified):
-            findings.append(
-                warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
-            )
-    if not is_full_rank(optimum.information):
-        findings.append(warning("fit.indistinct", subject=model.name))
-    if optimum.status is Status.STALLED:
-        findings.append(warning("fit.stalled"))
-    return tuple(findings)
+
+    def judge(name: str, estimate: Estimate) -> Finding | None:
+        """Return a warning about equal lags or an undetermined parameter."""
+        if _has_equal_lag(name, identified):
+            return warning("fit.twin", subject=name)
+        if _is_undetermined(name, estimate, identified):
+            return warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
+        return None
+
+    return search_findings(optimum, identified.estimates, identified.model.name, judge)
 
 
 def _has_equal_lag(name: str, identified: Identified) -> bool:

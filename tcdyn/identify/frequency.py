@@ -21,12 +21,13 @@ from scipy.special import chdtrc
 from tcdyn.chain.rational import Complex
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import Optimum, Problem, is_full_rank, lowest_cost, minimise
+from tcdyn.estimation import Optimum, Problem, lowest_cost, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.search import active_bound, criteria
+from tcdyn.identify.search import criteria, search_findings
 from tcdyn.identify.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
 from tcdyn.identify.tables import numbers, read_columns
 from tcdyn.identify.validate import ALARM_P
@@ -596,7 +597,7 @@ def make_identified(
     natural_scale = np.exp(np.where(model.is_logarithm, best.theta, 0.0))
     covariance = variance * best.covariance * np.outer(natural_scale, natural_scale)
     result = Identified.of(model, theta, covariance, dt_s=0.0)
-    findings += _parameter_findings(best, result)
+    findings += search_findings(best, result.estimates, model.name, _undetermined)
     model_response = model.rational(theta).frequency_response(data.frequency_Hz)
     error = np.abs(model_response - data.response)
     spread = np.linalg.norm(data.response - data.response.mean()) or 1.0
@@ -625,31 +626,9 @@ def make_identified(
     )
 
 
-def _parameter_findings(best: Optimum, result: Identified) -> list[Finding]:
-    """Return warnings about parameters: at a bound, undetermined, indistinct.
-
-    Parameters
-    ----------
-    best
-        The optimum.
-    result
-        The model with its estimates.
-
-    Returns
-    -------
-    list of Finding
-        The warnings.
-    """
-    findings = []
-    for i, (name, estimate) in enumerate(result.estimates.items()):
-        bound = active_bound(best, i)
-        may_be_zero = name in ("Tz", "Td") or name[0] in "ab"
-        if bound:
-            findings.append(warning("fit.bound", subject=name, end=bound, value=estimate.value))
-        elif estimate.u > abs(estimate.value) and not may_be_zero:
-            findings.append(
-                warning("fit.undetermined", subject=name, value=estimate.value, u=estimate.u)
-            )
-    if not is_full_rank(best.information):
-        findings.append(warning("fit.indistinct", subject=result.model.name))
-    return findings
+def _undetermined(name: str, estimate: Estimate) -> Finding | None:
+    """Return a warning about a parameter whose uncertainty is larger than its value, or None."""
+    may_be_zero = name in ("Tz", "Td") or name[0] in "ab"
+    if may_be_zero or estimate.u <= abs(estimate.value):
+        return None
+    return warning("fit.undetermined", subject=name, value=estimate.value, u=estimate.u)

@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.findings import Finding
 from tcdyn.core.result import Result
-from tcdyn.estimation import Optimum, Problem, Status, is_full_rank, minimise
+from tcdyn.estimation import Optimum, Problem, Status, minimise
 from tcdyn.identify.intervals import innovation_covariance
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.search import active_bound
+from tcdyn.identify.search import search_findings
+from tcdyn.identify.segments import row_slices
 
 # Outputs of all runs, from the parameters by name and the data.
 SimulationFunction = Callable[[dict[str, float], IOData], Sequence[ArrayLike]]
@@ -147,31 +148,20 @@ def fit_function(
         )
     # a gap between the runs, so that their residuals are not taken as consecutive
     with_gaps = np.concatenate([np.append(run.y[:, 0], np.nan) for run in data.runs])
-    index = np.flatnonzero(np.isfinite(with_gaps))
-    blocks = np.split(np.arange(len(index)), np.flatnonzero(np.diff(index) > 1) + 1)
-    slices = [slice(int(block[0]), int(block[-1]) + 1) for block in blocks]
+    measured = np.isfinite(with_gaps)
+    slices = row_slices(measured)
     innovation = -optimum.residual
     covariance, _ = innovation_covariance(
         innovation, optimum.jacobian, slices, data.dt_s, np.zeros(len(names))
     )
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     estimates = {n: Estimate.normal(float(v), float(s)) for n, v, s in zip(names, optimum.theta, u)}
-    findings = []
-    for k, name in enumerate(names):
-        end = active_bound(optimum, k)
-        if end:
-            findings.append(warning("fit.bound", subject=name, end=end, value=optimum.theta[k]))
-    if not is_full_rank(optimum.information):
-        findings.append(warning("fit.indistinct", subject="the model"))
-    if optimum.status is Status.STALLED:
-        findings.append(warning("fit.stalled"))
+    findings = search_findings(optimum, estimates, "the model")
     outputs = _outputs(optimum.theta, data, model, names)
-    spread = max(float(np.std(with_gaps[index])), 1e-300)
+    spread = max(float(np.std(with_gaps[measured])), 1e-300)
     rms = float(np.sqrt(np.mean(innovation**2)))
     percent = 100 * (1 - rms / spread)
-    return FunctionFit(
-        estimates, covariance, tuple(outputs), percent, rms, tuple(findings), optimum
-    )
+    return FunctionFit(estimates, covariance, tuple(outputs), percent, rms, findings, optimum)
 
 
 def _outputs(
@@ -199,7 +189,7 @@ def _residual(
 ) -> Array | None:
     """Return simulated minus measured output (N,) at x; None where it is not finite."""
     simulated = np.concatenate(_outputs(x, data, model, names))
-    measured = np.concatenate([run.y[:, 0] for run in data.runs])
+    measured = data.outputs[:, 0]
     residual = (simulated - measured)[np.isfinite(measured)]
     return residual if np.isfinite(residual).all() else None
 

@@ -127,11 +127,6 @@ class Identified(Dynamics, Result):
         estimates = {n: Estimate.normal(theta[n], u_n) for n, u_n in zip(model.free, u)}
         return cls(model, theta, covariance, estimates, **more)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings as text."""
-        return tuple(f.sentence for f in self.findings)
-
     @cached_property
     def by_input(self) -> Mapping[str, Identified]:
         """The model behind each input, by the input's name."""

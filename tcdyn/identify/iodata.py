@@ -419,6 +419,17 @@ class IOData(Result):
             findings=tuple(findings),
         )
 
+    @property
+    def outputs(self) -> Array:
+        """Outputs of all runs in a row (N, n_outputs)."""
+        return np.concatenate([run.y for run in self.runs])
+
+    def with_outputs(self, y: Array) -> IOData:
+        """Return the data with other outputs (N, n_outputs), those of all runs in a row."""
+        parts = np.split(y, np.cumsum([run.n for run in self.runs])[:-1])
+        runs = [replace(run, y=part) for run, part in zip(self.runs, parts)]
+        return replace(self, runs=tuple(runs))
+
     def times_s(self, index: int = 0) -> Array:
         """Return the times (N,) [s] of the samples of one run."""
         run = self.runs[index]

@@ -7,10 +7,10 @@ compares their effect with closed forms.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -69,16 +69,12 @@ def checked_weights(data: IOData, weights: ArrayLike) -> Array:
 
 def without_samples(data: IOData, left_out: Flags) -> IOData:
     """Return the data with NaN in place of the outputs (N,) that are left out."""
-    first = 0
-    runs = []
-    for run in data.runs:
-        flags = left_out[first : first + run.n, None]
-        runs.append(replace(run, y=np.where(flags, np.nan, run.y)))
-        first += run.n
-    return replace(data, runs=tuple(runs))
+    return data.with_outputs(np.where(left_out[:, None], np.nan, data.outputs))
 
 
-def measured_rows(problem: IdentificationProblem, data: IOData, values: Array) -> Array:
+def measured_rows(
+    problem: IdentificationProblem, data: IOData, values: NDArray[Any]
+) -> NDArray[Any]:
     """Return the values of the measured samples of all segments, from those of all samples (N,)."""
     first_of_run = np.cumsum([0, *(run.n for run in data.runs)])
     rows = []

@@ -3,8 +3,9 @@
 The structures are the process models P1 to P3 with or without dead time (D), zero (Z) and complex
 pair (U), the integrator (I) and the half-order element (H). All are compared by BIC of the
 innovations under one setting: the initial state, the noise and the baseline, which are selected
-first. ``tcdyn.identify.comparison.compare`` uses it. ``tests/identify/bare_study.py`` measures the
-coverage of the complete search; ``tests/identify/test_identify_ladder.py`` checks the steps.
+first (``tcdyn.identify.setting``). ``tcdyn.identify.comparison.compare`` uses it.
+``tests/identify/bare_study.py`` measures the coverage of the complete search;
+``tests/identify/test_identify_ladder.py`` checks the steps.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ from itertools import count
 from typing import Any
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify.disturbance import Baseline, NoiseName
-from tcdyn.identify.fit import fit, segment_bic
+from tcdyn.identify.fit import fit
 from tcdyn.identify.heldout import SCORING_OPTIONS, Progress
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import NO_MODEL, Model, as_model, as_template, several
 from tcdyn.identify.problem import Initial
 from tcdyn.identify.search import Fit
+from tcdyn.identify.setting import Setting, bic, select_setting
 from tcdyn.identify.starting_values import single_input_problem, starts
-from tcdyn.identify.validate import has_clean_residuals, has_coloured_residuals
+from tcdyn.identify.validate import has_clean_residuals
 
 # Structures of one input that are always fitted: the others are their neighbours.
 FIRST_STRUCTURES = ("P1D", "P2D", "P2DZ", "P2DU", "P3D")
@@ -34,40 +35,8 @@ MAX_LAGS = 3  # of a process model
 
 # Thresholds, chosen by judgement.
 TIE_BIC = 2.0  # difference of BIC within which the smaller model is preferred
-MIN_SETTING_GAIN = 6.0  # BIC that a change of the setting must gain
-MAX_SETTING_STEPS = 4  # changes of the setting
-N_REFERENCES = 3  # structures by which the setting is selected
 MAX_SWEEPS = 6  # rounds over the inputs
 N_STARTS = 2  # starting values of a changed branch of several inputs
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What all compared models share besides the structure.
-
-    Parameters
-    ----------
-    initial
-        State in which the runs start.
-    noise
-        Noise of the output: "white", or the order (p, q) of an ARMA model.
-    baseline
-        Baseline of the output.
-    """
-
-    initial: Initial = "equilibrium"
-    noise: NoiseName | tuple[int, int] = "white"
-    baseline: Baseline = "none"
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The setting as options of :func:`tcdyn.identify.fit`."""
-        return {"initial": self.initial, "noise": self.noise, "baseline": self.baseline}
-
-    @property
-    def is_disturbed(self) -> bool:
-        """Whether it has coloured noise or a baseline."""
-        return self.noise != "white" or self.baseline != "none"
 
 
 @dataclass(frozen=True)
@@ -98,12 +67,6 @@ class Ladder:
         """Report a fit, with its number; how many follow is not known."""
         number = next(self.counter)
         self.progress(name, number, number)
-
-    @property
-    def first_setting(self) -> Setting:
-        """The setting from which the selection starts: that of the caller, or white noise."""
-        fields = ("initial", "noise", "baseline")
-        return Setting(**{name: self.options[name] for name in fields if name in self.options})
 
     def with_white_noise(self, initial: Initial) -> Ladder:
         """Return the ladder with white noise, and this initial state unless the caller gave one."""
@@ -142,10 +105,15 @@ class Ladder:
         self, model: Model, setting: Setting, start: Sequence[Mapping[str, float]] = ()
     ) -> Fit | None:
         """Return :meth:`checked_fit`, or None where the model cannot be fitted."""
+        self.announce(model.name)
         try:
             return self.checked_fit(model, setting, start)
         except InputError:
             return None
+
+    def select_setting(self, fits: Sequence[Fit], setting: Setting) -> tuple[Setting, Fit]:
+        """Return :func:`tcdyn.identify.setting.select_setting` for fits under a setting."""
+        return select_setting(fits, setting, self.options, self.fit_model)
 
     def model(self, names: Sequence[str]) -> Model:
         """Return the model with these structures behind the inputs."""
@@ -154,11 +122,6 @@ class Ladder:
         else:
             joined = several(names, self.data.input_names, known=self.template.known)
         return as_template(joined, self.template)
-
-
-def bic(result: Fit) -> float:
-    """Return BIC of the innovations; it compares structures under one setting."""
-    return float(result.identified.statistics["bic"])
 
 
 def best_fit(fits: Sequence[Fit]) -> Fit:
@@ -177,89 +140,6 @@ def best_fit(fits: Sequence[Fit]) -> Fit:
     least = min(bic(f) for f in fits)
     near = [f for f in fits if bic(f) <= least + TIE_BIC]
     return min(near, key=lambda f: (f.problem.size, bic(f)))
-
-
-def select_setting(ladder: Ladder, fits: Sequence[Fit], setting: Setting) -> tuple[Setting, Fit]:
-    """Select initial state, noise and baseline, for the best few structures together.
-
-    Parameters
-    ----------
-    ladder
-        The record and the options.
-    fits
-        Fits of several structures under ``setting``.
-    setting
-        Where the selection starts.
-
-    Returns
-    -------
-    setting
-        The setting.
-    best
-        The best fit under it.
-
-    Notes
-    -----
-    Each step changes one element: a free initial state, a linear drift, a random walk, ARMA noise.
-    It is taken where the least BIC over the structures falls by more than ``MIN_SETTING_GAIN``.
-    Structure and disturbance are judged together, because a drift of the output looks like a slow
-    lag to a model without one.
-    """
-    references = sorted(fits, key=bic)[:N_REFERENCES]
-    best = references[0]
-    for _ in range(MAX_SETTING_STEPS):
-        if has_clean_residuals(best):
-            break
-        candidates = []
-        for changed in changed_settings(setting, ladder.options, has_coloured_residuals(best)):
-            for reference in references:
-                ladder.announce(reference.problem.model.name)
-                theta = reference.identified.theta
-                result = ladder.fit_model(reference.problem.model, changed, [theta])
-                if result is not None:
-                    candidates.append((segment_bic(result), changed, result))
-        if not candidates:
-            break
-        least, changed, result = min(candidates, key=lambda candidate: candidate[0])
-        if least > segment_bic(best) - MIN_SETTING_GAIN:
-            break
-        setting = changed
-        best = result
-    return setting, best
-
-
-def changed_settings(
-    setting: Setting, given: Mapping[str, Any], is_coloured: bool
-) -> list[Setting]:
-    """Return the settings that differ in one element.
-
-    Parameters
-    ----------
-    setting
-        The setting.
-    given
-        Options of the caller; what they hold is not changed.
-    is_coloured
-        Whether the residuals are coloured, so that a disturbance may explain them.
-
-    Returns
-    -------
-    list of Setting
-        The settings.
-    """
-    settings = []
-    if setting.initial == "equilibrium" and "initial" not in given:
-        settings.append(replace(setting, initial="estimated"))
-    is_linear = given.get("loss", "linear") == "linear"
-    may_change_noise = is_coloured and is_linear and not {"noise", "baseline"} & set(given)
-    if may_change_noise and setting.baseline == "none":
-        settings.append(replace(setting, baseline="trend"))
-    if may_change_noise and setting.noise == "white":
-        settings.append(replace(setting, noise=(1, 1)))
-        settings.append(replace(setting, noise=(0, 1), baseline="walk"))
-    elif may_change_noise and setting.noise == (1, 1):
-        settings.append(replace(setting, noise=(2, 2)))
-    return settings
 
 
 def neighbours(name: str) -> list[str]:
@@ -320,7 +200,6 @@ def fit_structures(ladder: Ladder, names: Sequence[str], setting: Setting) -> di
     """Return the fits of structures of one input, without those that cannot be fitted."""
     fits = {}
     for name in names:
-        ladder.announce(name)
         result = ladder.fit_model(ladder.model([name]), setting)
         if result is not None:
             fits[name] = result
@@ -347,10 +226,10 @@ def select_one_input(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     InputError
         Where no structure can be fitted.
     """
-    first = ladder.first_setting
+    first = Setting.first(ladder.options)
     fits = {"P1D": ladder.checked_fit(ladder.model(["P1D"]), first)}
     fits |= fit_structures(ladder, (*FIRST_STRUCTURES[1:], NO_MODEL), first)
-    setting, best = select_setting(ladder, list(fits.values()), first)
+    setting, _ = ladder.select_setting(list(fits.values()), first)
     if setting != first:
         fits = fit_structures(ladder, (*FIRST_STRUCTURES, NO_MODEL), setting)
     fits = climb(ladder, fits, setting)
@@ -384,11 +263,11 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     """
     n_inputs = len(ladder.data.input_names)
     names = ["P1D"] * n_inputs
-    setting = ladder.first_setting
+    setting = Setting.first(ladder.options)
     first = ladder.checked_fit(ladder.model(names), setting)
     second = ladder.fit_model(ladder.model(["P2D"] * n_inputs), setting)
     references = [first] if second is None else [first, second]
-    setting, best = select_setting(ladder, references, setting)
+    setting, best = ladder.select_setting(references, setting)
     if len(best.problem.model.names) > len(first.problem.model.names):
         names = ["P2D"] * n_inputs
     fits = {best.problem.model.name: best}
@@ -403,7 +282,6 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
                 model = ladder.model(changed)
                 if model.name in fits:
                     continue
-                ladder.announce(model.name)
                 start = branch_starts(best, model, k)
                 result = ladder.fit_model(model, setting, start)
                 if result is not None:

@@ -16,9 +16,7 @@ from tcdyn.identify.fit import fit
 from tcdyn.identify.heldout import SCORING_OPTIONS
 from tcdyn.identify.iodata import IOData, Run, check_hold
 from tcdyn.identify.ladder import Ladder
-from tcdyn.identify.models import several
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import has_coloured_residuals
 
 # Rows that are searched at most: 20 to 40 fits of 10^4 rows take 3 CPU s with white noise and 15
 # with coloured noise (tests/benchmarks/large_records.py).
@@ -30,9 +28,6 @@ MIN_LAG_BLOCKS = 100.0
 # Rows before a window whose inputs are used and whose outputs are not: the response to what was
 # before them has decayed. Blocks are chosen such that this is about ten lags.
 LEAD_IN_ROWS = 1000
-# Orders (p, q) of the noise that are tried on all rows, by baseline.
-STATIONARY_ORDERS = ((1, 1), (2, 2))
-WALK_ORDERS = ((0, 1), (1, 1))
 
 
 @dataclass(frozen=True)
@@ -102,8 +97,7 @@ def coarse_lag_s(ladder: Ladder, block: int) -> float:
         The first moment; 0 where it cannot be fitted.
     """
     means = block_means(ladder.data, block)
-    names = means.input_names
-    model = ladder.model(["P1D"]) if len(names) == 1 else several(["P1D"] * len(names), names)
+    model = ladder.model(["P1D"] * len(means.input_names))
     options = {"noise": "white", "baseline": "none", "initial": "equilibrium", "check": False}
     ladder.announce("lag for the length of blocks")
     try:
@@ -218,30 +212,16 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
 
     Notes
     -----
-    The noise of single rows is another one than that of block means, for which it is selected anew:
-    white, or the first ARMA model that leaves white innovations. At such lengths a profile
-    likelihood and an average over noise models cost minutes and change the intervals little. A
+    The noise of single rows is another one than that of block means, for which :func:`fit` selects
+    it anew. At such lengths a profile likelihood costs minutes and changes the intervals little. A
     record of which the search has seen windows only starts from a free state.
     """
-    first = best.disturbance
-    if record.block > 1:
-        first = {"noise": "white", "baseline": "trend" if best.problem.trend else "none"}
+    model = best.problem.model
+    ladder.announce(f"{model.name}, all rows")
     options = {
         "initial": "estimated" if record.is_window else best.problem.initial,
-        **first,
+        "baseline": best.disturbance["baseline"],
         **ladder.options,
         **SCORING_OPTIONS,
     }
-    model = best.problem.model
-    final = fit(ladder.data, model, **options, start=best.identified.theta)
-    is_given = bool({"noise", "baseline"} & set(ladder.options))
-    if is_given or model.arx or final.loss != "linear":
-        return final
-    baseline = best.disturbance["baseline"]
-    for order in WALK_ORDERS if baseline == "walk" else STATIONARY_ORDERS:
-        if not has_coloured_residuals(final):
-            break
-        ladder.announce(f"{model.name}, all rows, noise {order}")
-        options |= {"noise": order, "baseline": baseline}
-        final = fit(ladder.data, model, **options, start=final.identified.theta)
-    return final
+    return fit(ladder.data, model, **options, start=best.identified.theta)

@@ -17,7 +17,12 @@ from tcdyn.estimation import is_full_rank
 from tcdyn.identify.frequency import Response
 from tcdyn.identify.intervals import innovation_covariance
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.segments import MIN_SEGMENT_SAMPLES, split_segments
+from tcdyn.identify.segments import (
+    MIN_SEGMENT_SAMPLES,
+    row_slices,
+    split_segments,
+    true_intervals,
+)
 
 N_WINDOWS = 8  # default windows without overlap; chosen by judgement
 # Largest frequency over the sampling rate: above, the images of a held input change the response
@@ -64,20 +69,18 @@ def impulse_response(data: IOData, n: int) -> pd.DataFrame:
     tables = []
     outputs = []
     run_numbers = []
-    slices = []
-    count = 0
+    flags = []
     for segment in split_segments(data):
         if len(segment.y) < n:
             continue
         windows = sliding_window_view(segment.inputs, n, axis=0)[:, :, ::-1]
-        index = np.flatnonzero(segment.measured[n - 1 :])
-        tables.append(windows.reshape(len(windows), -1)[index])
-        outputs.append(segment.y[n - 1 :][index])
-        run_numbers += [segment.run] * len(index)
-        for block in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-            slices.append(slice(count, count + len(block)))
-            count += len(block)
+        measured = segment.measured[n - 1 :]
+        tables.append(windows.reshape(len(windows), -1)[measured])
+        outputs.append(segment.y[n - 1 :][measured])
+        run_numbers += [segment.run] * int(measured.sum())
+        flags.append(np.append(measured, False))
     runs = np.array(run_numbers)
+    count = len(runs)
     n_unknown = n * len(data.input_names) + len(set(run_numbers))
     where = data.name or "impulse_response"
     if count < n_unknown + MIN_SEGMENT_SAMPLES:
@@ -99,6 +102,7 @@ def impulse_response(data: IOData, n: int) -> pd.DataFrame:
     values = np.linalg.lstsq(table, output)[0]
     residual = output - table @ values
     no_prior = np.zeros(n_unknown)
+    slices = row_slices(np.concatenate(flags))
     covariance, _ = innovation_covariance(residual, table, slices, data.dt_s, no_prior)
     n_values = n * len(data.input_names)
     value = values[:n_values]
@@ -167,9 +171,8 @@ def spectral_estimate(data: IOData, window_s: float | None = None) -> Response:
     length = max(int(length_s / data.dt_s), MIN_SEGMENT_SAMPLES)
     blocks = []
     for segment in split_segments(data):
-        index = np.flatnonzero(segment.measured)
-        for block in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-            if len(block) >= length:
+        for block in true_intervals(segment.measured):
+            if block.stop - block.start >= length:
                 blocks.append((segment.u[block], segment.y[block]))
     step = length - length // 2
     counts = [(len(u) - length) // step + 1 for u, _ in blocks]

@@ -12,9 +12,10 @@ import numpy as np
 
 from tcdyn.core.findings import Finding, warning
 from tcdyn.identify.iodata import Hold, check_hold
-from tcdyn.identify.ladder import Ladder, Setting, bic
+from tcdyn.identify.ladder import Ladder
 from tcdyn.identify.recommendation import DECISIVE_BIC
 from tcdyn.identify.search import Fit
+from tcdyn.identify.setting import Setting, bic
 from tcdyn.identify.tables import is_setpoint
 from tcdyn.identify.validate import is_undriven
 

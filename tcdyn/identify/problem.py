@@ -31,7 +31,7 @@ from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.identify.iodata import Hold
 from tcdyn.identify.models import MIN_POSITIVE, Model, base_name
-from tcdyn.identify.segments import Segment
+from tcdyn.identify.segments import Segment, row_slices
 
 Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
 
@@ -344,14 +344,7 @@ class IdentificationProblem:
     @cached_property
     def residual_slices(self) -> list[slice]:
         """Slices of the residual vector in which the samples are consecutive, without a gap."""
-        slices = []
-        start = 0
-        for segment in self.segments:
-            index = np.flatnonzero(segment.measured)
-            for block in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-                slices.append(slice(start, start + len(block)))
-                start += len(block)
-        return slices
+        return row_slices(np.concatenate([np.append(s.measured, False) for s in self.segments]))
 
     @cached_property
     def slice_has_free_state(self) -> list[bool]:

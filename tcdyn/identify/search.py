@@ -8,7 +8,7 @@ convergence. ``tcdyn.identify.fit`` and ``tcdyn.identify.disturbance`` use it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -18,9 +18,18 @@ import pandas as pd
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
-from tcdyn.estimation import Loss, NoiseModel, Optimum, Problem, lowest_cost, minimise
+from tcdyn.estimation import (
+    Loss,
+    NoiseModel,
+    Optimum,
+    Problem,
+    Status,
+    is_full_rank,
+    lowest_cost,
+    minimise,
+)
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import Model, base_name, input_suffix, same_input
@@ -93,11 +102,6 @@ class Fit(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the record and the model."""
         return self.identified.findings
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings as text."""
-        return self.identified.warnings
 
     @property
     def disturbance(self) -> dict[str, Any]:
@@ -422,6 +426,45 @@ def active_bound(optimum: Optimum, k: int) -> str:
         if np.isclose(x, getattr(optimum.problem, end)[k], rtol=1e-9, atol=1e-12):
             return end
     return ""
+
+
+def search_findings(
+    optimum: Optimum,
+    estimates: Mapping[str, Estimate],
+    subject: str,
+    judge: Callable[[str, Estimate], Finding | None] = lambda name, estimate: None,
+) -> tuple[Finding, ...]:
+    """Return warnings about an optimum: parameters at a bound, indistinct ones, a stalled search.
+
+    Parameters
+    ----------
+    optimum
+        The optimum.
+    estimates
+        Its first parameters by name.
+    subject
+        Name of the model.
+    judge
+        Finding about a parameter that is at no bound, from its name and estimate, or None.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one warning for each parameter, and those of the complete model.
+    """
+    findings = []
+    for k, (name, estimate) in enumerate(estimates.items()):
+        bound = active_bound(optimum, k)
+        finding = judge(name, estimate)
+        if bound:
+            finding = warning("fit.bound", subject=name, end=bound, value=estimate.value)
+        if finding is not None:
+            findings.append(finding)
+    if not is_full_rank(optimum.information):
+        findings.append(warning("fit.indistinct", subject=subject))
+    if optimum.status is Status.STALLED:
+        findings.append(warning("fit.stalled"))
+    return tuple(findings)
 
 
 def criteria(deviance: float, count: int, n: int) -> dict[str, float]:

@@ -114,6 +114,26 @@ class Segment:
         return padded[len(padded) - count :]
 
 
+def true_intervals(flags: Flags) -> list[slice]:
+    """Return the intervals in which flags (N,) are true.
+
+    >>> true_intervals(np.array([True, True, False, True]))
+    [slice(0, 2, None), slice(3, 4, None)]
+    """
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return [slice(start, end) for start, end in edges.reshape(-1, 2).tolist()]
+
+
+def row_slices(used: Flags) -> list[slice]:
+    """Return the slices of consecutive samples among the used ones of flags (N,).
+
+    >>> row_slices(np.array([True, True, False, True]))
+    [slice(0, 2, None), slice(2, 3, None)]
+    """
+    rows = np.cumsum(np.append(0, used)).tolist()
+    return [slice(rows[s.start], rows[s.stop]) for s in true_intervals(used)]
+
+
 def split_segments(data: IOData) -> tuple[Segment, ...]:
     """Cut the runs where an input is missing.
 
@@ -138,8 +158,9 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
     for run_number, run in enumerate(data.runs):
         inputs = np.column_stack([bridge_gaps(u) for u in run.u.T])
         has_input = np.asarray(np.isfinite(inputs).all(axis=1))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], has_input.view(np.int8), [0]])))
-        for start, end in edges.reshape(-1, 2):
+        for rows in true_intervals(has_input):
+            start = rows.start
+            end = rows.stop
             y = run.y[start:end, 0]
             measured = np.isfinite(y) & ~clipped_samples(y)
             if end - start < min(MIN_SEGMENT_SAMPLES, run.n) or not measured.any():
@@ -237,9 +258,10 @@ def clipped_samples(y: Array) -> Flags:
     smallest = MIN_ABRUPT_SHARE * float(np.median(moving))
     for limit in (np.nanmax(y), np.nanmin(y)):
         at_limit = y == limit
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at_limit.view(np.int8), [0]])))
         n_abrupt = 0
-        for start, end in edges.reshape(-1, 2):
+        for rows in true_intervals(at_limit):
+            start = rows.start
+            end = rows.stop
             is_inside = start > 0 and end < len(y) and end - start >= MIN_CLIPPED_RUN
             if is_inside and changes[start - 1] > smallest and changes[end - 1] > smallest:
                 n_abrupt += end - start

@@ -7,7 +7,7 @@ with them. ``tests/identify/test_identify_data.py`` checks tables and errors,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -117,13 +117,10 @@ def from_frame(
     _check_columns(frame, inputs, outputs, time, run, where)
     clock = None
     if time is not None or dt_s is None:
-        clock = _time_column(frame, time, time_unit, where)
+        names = list(map(str, frame.columns))
+        clock = _time_column(names, where, requested=time, unit=time_unit)
         time = clock.name
-    for column in filter(None, (*inputs, *outputs, time)):
-        if list(frame.columns).count(column) > 1:
-            raise InputError(
-                f"column {column!r} stands twice", where=where, remedy="rename one of them"
-            )
+    _check_once(list(frame.columns), [*inputs, *outputs, time], where)
     groups = [("", frame)]
     if run is not None:
         groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
@@ -252,21 +249,17 @@ def _check_columns(
             raise missing_column_error(f"{role} column", name, [*map(str, frame)], where)
 
 
-def _time_column(
-    frame: pd.DataFrame, time: str | None, time_unit: str | None, where: str
-) -> TimeColumn:
+def _time_column(names: Sequence[str], where: str, **options: Any) -> TimeColumn:
     """Return the time column of a table.
 
     Parameters
     ----------
-    frame
-        The table.
-    time
-        Name of the column; None to find it.
-    time_unit
-        Unit of the time; None to find it.
+    names
+        Names of the columns.
     where
         Table that errors name.
+    options
+        As for :func:`tcdyn.io.times.find_time_column`.
 
     Returns
     -------
@@ -278,10 +271,24 @@ def _time_column(
     InputError
         Without a time column; it names both ways to give the time.
     """
-    names = list(map(str, frame.columns))
-    if time is None and not any(map(is_time_name, names)):
-        raise _no_time_column(where)
-    return find_time_column(names, where, requested=time, unit=time_unit)
+    is_named = options["requested"] is not None or options.get("clock_columns")
+    if not is_named and not any(map(is_time_name, names)):
+        raise InputError(
+            "no time column found",
+            where=where,
+            remedy="name it ({time}) or give the sampling interval ({dt_s})",
+            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
+        )
+    return find_time_column(names, where, **options)
+
+
+def _check_once(names: Sequence[Any], requested: Collection[str | None], where: str) -> None:
+    """Raise InputError where a requested column stands twice."""
+    for name in requested:
+        if name is not None and names.count(name) > 1:
+            raise InputError(
+                f"column {name!r} stands twice", where=where, remedy="rename one of them"
+            )
 
 
 def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
@@ -426,7 +433,14 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     table = open_table(path, (*TIME_COLUMN_NAMES, *requested))
     clock = None
     if options.get("time") is not None or options.get("dt_s") is None:
-        clock = _clock_of_table(table, path.name, options)
+        clock = _time_column(
+            table.names,
+            path.name,
+            requested=options.get("time"),
+            unit=options.get("time_unit"),
+            unit_row=table.units,
+            clock_columns=table.clock_columns,
+        )
         requested.add(clock.name)
     raw = read_requested(table, requested)
     frame = _frame(table, raw)
@@ -447,31 +461,6 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     return replace(data, findings=(*lost, *data.findings))
 
 
-def _clock_of_table(table: Table, where: str, options: Mapping[str, Any]) -> TimeColumn:
-    """Return the time column of a file; the InputError names both ways to give the time."""
-    time = options.get("time")
-    if time is None and not table.clock_columns and not any(map(is_time_name, table.names)):
-        raise _no_time_column(where)
-    return find_time_column(
-        table.names,
-        where,
-        requested=time,
-        unit=options.get("time_unit"),
-        unit_row=table.units,
-        clock_columns=table.clock_columns,
-    )
-
-
-def _no_time_column(where: str) -> InputError:
-    """Error for a table without a time column."""
-    return InputError(
-        "no time column found",
-        where=where,
-        remedy="name it ({time}) or give the sampling interval ({dt_s})",
-        parameters={"time": "COLUMN", "dt_s": "SECONDS"},
-    )
-
-
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
     """Return a table's columns; those that are not requested stay empty."""
     return _frame(table, read_requested(table, requested))
@@ -485,11 +474,7 @@ def read_requested(table: Table, requested: Collection[str]) -> Columns:
     InputError
         For a requested column that stands twice.
     """
-    for name in requested:
-        if list(table.names).count(name) > 1:
-            raise InputError(
-                f"column {name!r} stands twice", where=table.where, remedy="rename one of them"
-            )
+    _check_once(list(table.names), requested, table.where)
     return read_all_rows(table, [name for name in table.names if name in requested])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate, mixture_interval95
+from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import NoiseModel, Optimum, Problem, Status, fit_ar, minimise
 from tcdyn.estimation.trace_noise import white_noise_sd
@@ -343,8 +343,4 @@ def model_average(values: Sequence[float], us: Sequence[float], weights: Array) 
     u = np.asarray(us, dtype=float)
     if not (np.all(np.isfinite(v)) and np.all(np.isfinite(u))):
         raise undetermined()
-    mean = float(weights @ v)
-    sd = float(np.sqrt(weights @ (u**2 + (v - mean) ** 2)))
-    components = [Estimate.normal(value, max(sd_, 1e-12)) for value, sd_ in zip(v, u)]
-    low, high = mixture_interval95(components, weights.tolist())
-    return Estimate(value=mean, u=sd, low95=low, high95=high)
+    return mixture([Estimate.normal(*pair) for pair in zip(v, u)], weights.tolist())

@@ -12,21 +12,19 @@ import pytest
 from identify_cases import PLAIN
 from scipy.signal import lfilter
 
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.comparison import average_gain_and_lag, mixture
+from tcdyn.identify.comparison import average_gain_and_lag, overdamped
 from tcdyn.identify.ladder import (
     TIE_BIC,
     Ladder,
-    Setting,
     best_fit,
-    changed_settings,
     neighbours,
-    select_setting,
     select_structures,
 )
 from tcdyn.identify.models import as_model, process
 from tcdyn.identify.search import Fit
+from tcdyn.identify.setting import Setting, changed_settings
 
 N = 300
 DT_S = 0.1
@@ -93,25 +91,33 @@ def test_neighbour_of_no_effect_is_one_lag_with_a_dead_time() -> None:
 def test_setting_changes_one_element_and_nothing_that_the_caller_gave() -> None:
     first = Setting()
     freed = Setting(initial="estimated")
-    disturbed = [
-        Setting(baseline="trend"),
-        Setting(noise=(1, 1)),
-        Setting(noise=(0, 1), baseline="walk"),
-    ]
-    assert changed_settings(first, {}, False) == [freed]
-    assert changed_settings(first, {}, True) == [freed, *disturbed]
-    assert changed_settings(first, {"initial": "equilibrium"}, True) == disturbed
-    for given in ({"noise": "white"}, {"baseline": "none"}, {"loss": "huber"}):
-        assert changed_settings(first, given, True) == [freed]
-    assert changed_settings(replace(freed, baseline="trend"), {}, True) == [
+    disturbed = [Setting(baseline="trend"), Setting(noise=(1, 1)), Setting(baseline="walk")]
+    white = fake_residuals(p_white=0.5, p_input=0.5)
+    coloured = fake_residuals(p_white=1e-9, p_input=0.5)
+    assert changed_settings(first, {}, white) == [freed]
+    assert changed_settings(first, {}, coloured) == [freed, *disturbed]
+    assert changed_settings(first, {"initial": "equilibrium"}, coloured) == disturbed
+    assert changed_settings(first, {"loss": "huber"}, coloured) == [freed]
+    given = {"initial": "equilibrium", "noise": "white"}
+    assert changed_settings(first, given, coloured) == [disturbed[0], disturbed[2]]
+    given = {"initial": "equilibrium", "baseline": "none"}
+    assert changed_settings(first, given, coloured) == [disturbed[1]]
+    slow = replace(freed, noise="slow", baseline="auto")
+    assert not changed_settings(slow, {"noise": "slow"}, coloured)
+    assert changed_settings(replace(freed, baseline="trend"), {}, coloured) == [
         replace(freed, noise=(1, 1), baseline="trend"),
-        replace(freed, noise=(0, 1), baseline="walk"),
+        replace(freed, baseline="walk"),
     ]
-    assert changed_settings(replace(freed, noise=(1, 1)), {}, True) == [
+    assert changed_settings(replace(freed, noise=(1, 1)), {}, coloured) == [
         replace(freed, noise=(1, 1), baseline="trend"),
         replace(freed, noise=(2, 2)),
     ]
-    assert not changed_settings(replace(freed, noise=(2, 2), baseline="trend"), {}, True)
+    assert not changed_settings(replace(freed, noise=(2, 2), baseline="trend"), {}, coloured)
+
+
+def fake_residuals(**statistics: float) -> Fit:
+    """A fit whose residual tests have these p values."""
+    return cast(Fit, SimpleNamespace(identified=SimpleNamespace(statistics=statistics)))
 
 
 def fake_fit(bic: float, size: int) -> Fit:
@@ -138,7 +144,7 @@ DISTURBANCES: dict[str, tuple[Disturbance, Setting]] = {
     ),
     "random walk": (
         lambda rng: np.cumsum(0.05 * rng.normal(size=N)),
-        Setting(noise=(0, 1), baseline="walk"),
+        Setting(baseline="walk"),
     ),
     "first-order noise": (
         lambda rng: lfilter([0.1], [1.0, -0.9], rng.normal(size=N)),
@@ -161,12 +167,34 @@ def test_selected_setting_is_that_of_the_record(kind: str) -> None:
     disturbance, expected = DISTURBANCES[kind]
     selection = ladder(record(11, disturbance))
     first = selection.checked_fit(selection.model(["P1D"]), Setting())
-    setting, best = select_setting(selection, [first], Setting())
+    setting, best = selection.select_setting([first], Setting())
     assert setting == expected
     for name, value in TRUTH.items():
         # 4 standard uncertainties: 1 in 16 000
         u = best.estimates[name].u
         assert best.estimates[name].value == pytest.approx(value, abs=4 * u), name
+
+
+def test_probabilities_of_a_drift_and_of_a_random_walk_are_those_of_the_record() -> None:
+    options = {"noise": "slow", "initial": "equilibrium", "check": False, "input_noise": 0.0}
+    drift, walk = (
+        fit(record(11, DISTURBANCES[kind][0]), "P1D", **options).identified.statistics
+        for kind in ("drift", "random walk")
+    )
+    # the first is 1.5, 30 standard deviations of the noise; a walk also looks like a drift
+    assert drift["p_drift"] > 0.95
+    assert walk["p_walk"] > 0.5
+
+
+def test_dynamics_that_a_model_lacks_are_not_taken_for_a_disturbance() -> None:
+    """Two lags are fitted by one."""
+    rng = np.random.default_rng(2)
+    u = levels(rng, 15)
+    y = one_lag(one_lag(u, 2.0, 0.8, 3), 1.0, 0.5, 0) + 0.05 * rng.normal(size=N)
+    result = fit(IOData.from_arrays(u, y, DT_S, hold="zoh"), "P1", check=False)
+    assert result.noise.white
+    assert not result.problem.trend
+    assert result.identified.statistics["p_input"] < 1e-6
 
 
 @pytest.mark.study
@@ -214,11 +242,14 @@ def test_mixture_of_estimates_has_the_moments_of_its_samples() -> None:
     drawn = rng.choice(3, 200_000, p=weights / weights.sum())
     means = np.array([e.value for e in estimates])[drawn]
     samples = means + np.array([e.u for e in estimates])[drawn] * rng.normal(size=len(drawn))
-    average = mixture(weights, estimates)
+    average = mixture(estimates, weights.tolist())
     # tolerance: five standard errors of 200,000 samples
     assert average.value == pytest.approx(samples.mean(), abs=5 * samples.std() / 447)
     assert average.u == pytest.approx(samples.std(), rel=0.02)
-    assert mixture(weights[:1], estimates[:1]) is estimates[0]
+    # tolerance: three standard errors of a quantile, at a density of 0.03 and more
+    ends = np.quantile(samples, [0.025, 0.975])
+    assert [average.low95, average.high95] == pytest.approx(ends.tolist(), abs=0.035)
+    assert mixture(estimates[:1], [1.0]) is estimates[0]
 
 
 def test_average_over_models_weights_them_by_bic() -> None:
@@ -239,7 +270,7 @@ def test_average_over_models_weights_them_by_bic() -> None:
         ("gain", [f.estimates["Kp"] for f in (first, second)]),
         ("lag_s", [f.identified.lag_s for f in (first, second)]),
     ):
-        expected = mixture(weights, estimates)
+        expected = mixture(estimates, weights.tolist())
         assert averaged[quantity].value == pytest.approx(expected.value, rel=1e-9)
         assert averaged[quantity].u == pytest.approx(expected.u, rel=1e-6)
     # exp(-5) is below a hundredth
@@ -247,6 +278,23 @@ def test_average_over_models_weights_them_by_bic() -> None:
     assert alone["lag_s"].value == first.identified.lag_s.value
     assert alone["gain"].u == pytest.approx(first.estimates["Kp"].u, rel=1e-6)
     assert average_gain_and_lag(integrator, fits) == {}
+
+
+def test_real_pair_of_poles_behind_any_input_is_left_out_where_two_lags_fit() -> None:
+    def fake(*damping: float, findings: tuple[str, ...] = ()) -> Fit:
+        """A fit with the damping behind each input; 0 for lags."""
+        parts = {f"u{k}": SimpleNamespace(theta={"Zeta": z}) for k, z in enumerate(damping)}
+        identified = SimpleNamespace(by_input=parts)
+        return cast(Fit, SimpleNamespace(identified=identified, findings=findings))
+
+    fits = {
+        "P1D + P2U": fake(0.0, 1.3),
+        "P1D + P2": fake(0.0, 0.0),
+        "P2DU + P2U": fake(0.4, 1.3),  # nothing with two lags behind the second input
+        "P2U": fake(1.1),
+        "P2": fake(0.0, findings=("undetermined",)),
+    }
+    assert overdamped(fits) == ["P1D + P2U"]
 
 
 def test_models_of_a_comparison_share_one_setting_and_the_summary_gives_the_average() -> None:

@@ -101,9 +101,10 @@ def test_options_requested_by_name_are_used_even_for_white_residuals():
     ).problem.trend
     result = fit(record(1), "P1D", noise="ar", baseline="auto", initial="equilibrium")
     assert result.noise.order == (1, 0)
-    assert fit(
-        record(1), "P1D", noise="auto", baseline="walk", initial="equilibrium"
-    ).noise.is_random_walk
+    for noise in ("auto", "slow"):
+        assert fit(
+            record(1), "P1D", noise=noise, baseline="walk", initial="equilibrium"
+        ).noise.is_random_walk
 
 
 @pytest.mark.study

@@ -13,18 +13,20 @@ from scipy import stats
 from tcdyn.estimation import NoiseModel, Optimum, Status
 from tcdyn.identify import IOData, process
 from tcdyn.identify.causality import output_is_setpoint
-from tcdyn.identify.disturbance import fit_random_walk, input_noise_model, noise_bic, remove_spikes
+from tcdyn.identify.disturbance import fit_random_walk, input_noise_model, noise_bic, without_spikes
 from tcdyn.identify.level_lag import LevelLagProblem
-from tcdyn.identify.models import as_model
+from tcdyn.identify.models import as_model, several
 from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import make_problem, residual_sd, sort_lags
 from tcdyn.identify.validate import (
+    MAX_SAMPLING_SHARE,
     drift,
     fit_percent,
     input_correlation,
     off_equilibrium,
     shifted_inputs,
     shifts,
+    slow_sampling,
     whiteness,
 )
 
@@ -32,18 +34,21 @@ DT = 0.05
 N = 240
 
 
-def random_walk_problem(
-    name: str = "P1D", gap: slice | None = None, **options: Any
-) -> IdentificationProblem:
-    """The identification problem of a random-walk record. The output is missing in ``gap``."""
+def random_walk_record(gap: slice | None = None) -> IOData:
+    """A record of random walks. The output is missing in ``gap``."""
     rng = np.random.default_rng(4)
     u = rng.normal(size=N).cumsum()
     y = rng.normal(size=N).cumsum()
     if gap:
         y[gap] = np.nan
-    return make_problem(
-        IOData.from_arrays(u, y, DT, hold="foh"), process(name, **options), "equilibrium"
-    )
+    return IOData.from_arrays(u, y, DT, hold="foh")
+
+
+def random_walk_problem(
+    name: str = "P1D", gap: slice | None = None, **options: Any
+) -> IdentificationProblem:
+    """The identification problem of a random-walk record."""
+    return make_problem(random_walk_record(gap), process(name, **options), "equilibrium")
 
 
 def test_whiteness_is_the_ljung_box_statistic_corrected_for_fitted_parameters() -> None:
@@ -127,6 +132,19 @@ def test_drift_is_reported_above_a_quarter_of_the_variance(slope: float, flagged
     )
 
 
+def test_sampling_that_is_slow_for_one_of_two_inputs_is_reported_with_the_interval_needed() -> None:
+    u = np.random.default_rng(1).normal(size=(N, 2)).cumsum(axis=0)
+    data = IOData.from_arrays(u, u[:, 0], DT, hold="foh", input_names=["heater", "fan"])
+    problem = make_problem(data, several(["P2", "P1D"], data.input_names), "equilibrium")
+    theta = {"Kp.heater": 1.0, "Tp1.heater": DT, "Tp2.heater": 0.8 * DT}
+    theta |= {"Kp.fan": 1.0, "Tp1.fan": 1.2 * DT, "Td.fan": 5.0}
+    (finding,) = slow_sampling(problem, problem.vector(theta))
+    assert (finding.code, finding.subject) == ("record.slow_sampling", "fan")
+    assert finding.numbers["needed_s"] == pytest.approx(MAX_SAMPLING_SHARE * 1.2 * DT)
+    theta["Tp1.fan"] = 1.1 * DT / MAX_SAMPLING_SHARE
+    assert slow_sampling(problem, problem.vector(theta)) == ()
+
+
 @pytest.mark.parametrize(("offset", "flagged"), [(-4.5, True), (3.7, False)])
 def test_start_off_equilibrium_is_reported_above_four_rms(offset: float, flagged: bool) -> None:
     problem = random_walk_problem()
@@ -178,13 +196,15 @@ def test_noise_of_a_measured_input_has_the_sum_of_both_spectra() -> None:
     assert input_noise_model(replace(problem, input_sds=(1e-6,)), x, np.full(N, output_sd)).white
 
 
-def test_remove_spikes_moves_spikes_to_the_running_median_and_keeps_slow_noise() -> None:
-    problem = random_walk_problem(gap=slice(100, 104))
+def test_spikes_are_moved_to_the_running_median_and_slow_noise_stays() -> None:
+    data = random_walk_record(slice(100, 104))
+    problem = make_problem(data, process("P1D"), "equilibrium")
     slow = np.sin(np.arange(N) / 60)  # changes by a sixth of the noise from sample to sample
     residual = (slow + 0.1 * np.random.default_rng(3).normal(size=N))[problem.segments[0].measured]
     residual[[40, 150]] += [3.0, -3.0]
     measured = problem.segments[0].measured
-    shift = (problem.segments[0].y - remove_spikes(problem, residual).segments[0].y)[measured]
+    result = cast(Any, SimpleNamespace(problem=problem, residual=residual))
+    shift = (data.runs[0].y - without_spikes(data, result).runs[0].y)[measured, 0]
     assert np.flatnonzero(np.abs(shift) > 1.0).tolist() == [40, 150]
     # tolerance: 4 standard deviations of the noise
     assert shift[[40, 150]] == pytest.approx([3.0, -3.0], abs=0.4)
@@ -198,7 +218,7 @@ def test_random_walk_plus_white_noise_has_moving_average_steps() -> None:
     q = 0.25
     r = 1.0
     e = np.sqrt(q) * rng.normal(size=6000).cumsum() + np.sqrt(r) * rng.normal(size=6000)
-    walk = fit_random_walk(e, [slice(0, 6000)], (0, 1))
+    walk = fit_random_walk(e, [slice(0, 6000)], 0, 1)
     rho = -r / (q + 2 * r)
     c = (1 - np.sqrt(1 - 4 * rho**2)) / (2 * rho)
     assert walk.ar == (-1.0,)

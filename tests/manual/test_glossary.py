@@ -9,8 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
+from scipy.signal import lfilter
+from typer.testing import CliRunner
 
+from tcdyn.cli.app import app
 from tcdyn.rig.columns import KNOWN_COLUMNS
 from tcdyn.rig.disk import CHANNELS, DISKS
 from tcdyn.rig.rigfile import load_rig, rig_toml
@@ -96,6 +101,29 @@ def test_every_key_of_a_sensor_file_is_documented_with_its_unit() -> None:
     for key, value in keys({k: v for k, v in data.items() if k != "fit"}):
         if is_number(value) and key not in ESTIMATE:
             assert has_unit("*.sensor.json", key), key
+
+
+@pytest.mark.e2e
+def test_every_key_of_an_identified_model_is_documented_with_its_unit(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    table = tmp_path / "data.csv"
+    u = np.repeat(np.arange(20) % 2, 10).astype(float)
+    decay = np.exp(-0.125)
+    y = lfilter([0.0, 1 - decay], [1.0, -decay], u) + 0.02 * rng.normal(size=len(u))
+    columns = {"time_s": 0.1 * np.arange(len(u)), "u": u, "y": y}
+    pd.DataFrame(columns).round(4).to_csv(table, index=False)
+    command = ["identify", str(table), "--input", "u", "--output", "y", "--models", "P1"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    data = json.loads(table.with_suffix(".identified.json").read_text(encoding="utf-8"))
+    assert set(data["averaged"]["u"]) == {"gain", "lag_s"}
+    assert data["averaged"]["u"]["lag_s"]["value"] == pytest.approx(0.8, abs=0.05)
+    columns_and_parameters = {"u", "Kp", "Tp1"}
+    keys_in_file = dict(keys(data))
+    documented = documented_names("*.identified.json")
+    assert set(keys_in_file) - documented - ESTIMATE - columns_and_parameters == set()
+    for key, value in keys(data):
+        if is_number(value) and key not in ESTIMATE | columns_and_parameters:
+            assert has_unit("*.identified.json", key), key
 
 
 def test_every_number_of_the_rig_file_ends_with_its_unit() -> None:

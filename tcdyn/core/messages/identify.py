@@ -107,6 +107,11 @@ def _better_prediction(
     return text + _disturbance(**more) + _part_of_record(**more)
 
 
+# Probability of one of two disturbances, below which the data exclude it.
+MIN_DOUBT = 0.05
+EVEN_ODDS = 0.5
+
+
 def _part_of_record(block: int = 0, share: float = 1.0, **_: Any) -> str:
     """Sentence on the rows of a large record that were compared; empty for all rows."""
     if not block:
@@ -114,7 +119,7 @@ def _part_of_record(block: int = 0, share: float = 1.0, **_: Any) -> str:
     rows = "rows" if block == 1 else f"means of {block} rows"
     return (
         f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model above "
-        "is fitted to all rows."
+        "is fitted to all rows, and the intervals do not include the choice of the structure."
     )
 
 
@@ -123,6 +128,7 @@ def _disturbance(
     baseline: str = "none",
     memory_s: float | None = None,
     p_walk: float | None = None,
+    p_drift: float = 0.0,
     **_: Any,
 ) -> str:
     """Sentence on the model of the disturbance, with a space in front; empty for white noise.
@@ -134,26 +140,25 @@ def _disturbance(
     baseline
         Model of the baseline: "none", "trend" or "walk".
     memory_s
-        Time constant of the most probable disturbance [s], None for a random walk; only with
-        ``p_walk``.
-    p_walk
-        Probability of a random walk where the result is averaged over noise models; otherwise None.
+        Time constant of the most probable disturbance [s]; None for a random walk, 0 for none.
+    p_walk, p_drift
+        Probabilities of a random walk and of a linear drift where the result is averaged over noise
+        models; otherwise ``p_walk`` is None.
     **_
         Other numbers of the finding, which are not used.
     """
     if p_walk is not None:
-        if memory_s is None:
-            most_probable = "a random walk"
-        elif memory_s:
-            most_probable = f"one of {memory_s:.2g} s"
-        else:
-            most_probable = "none"
-        return (
-            " The result is averaged over what may disturb the output besides white noise: a "
-            "first-order disturbance of any time constant up to a random walk, with a linear drift "
-            f"or without (most probable: {most_probable}; with probability {p_walk:.2g} its time "
-            "constant exceeds the length of the record, and the intervals include this)."
+        text = (
+            " The result is averaged over what may disturb the output besides white noise: a linear "
+            f"drift (probability {p_drift:.2g}), and a first-order disturbance, whose time constant "
+            f"exceeds the length of the record with probability {p_walk:.2g}"
         )
+        if memory_s and p_walk < EVEN_ODDS:
+            text += f" and is most probably {memory_s:.2g} s"
+        text += "."
+        if p_walk > MIN_DOUBT and MIN_DOUBT < p_drift < 1 - MIN_DOUBT:
+            text += " These data do not distinguish a drift from a random walk."
+        return text
     is_white = not any(order)
     noise = f"ARMA({order[0]}, {order[1]}) noise"
     parts: list[str] = []
@@ -189,6 +194,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "record.coarse": "log the output in finer steps",
         "record.clipped": "record again with the output below the limit of its range, for the "
         "output is clipped and these samples were left out",
+        "record.slow_sampling": "log faster, because the samples do not show the response between "
+        "them, and the lag then depends on the assumed structure",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
@@ -443,8 +450,8 @@ IDENTIFY: dict[str, Message] = {
     "before using it",
     "fit.open_interval": "the interval of {subject} is open: it reaches the search bound "
     "({low95:.3g}..{high95:.3g})",
-    "residuals.rounding": "{subject} reproduces every reading to within half a step of the "
-    "output's rounding: no residual test is possible.",
+    "residuals.rounding": "{subject} reproduces every reading to within the rounding of the "
+    "output: no residual test is possible.",
     "residuals.follow_input": _residuals_follow_input,
     "residuals.coloured": _coloured_residuals,
     "residuals.white": _white_residuals,
@@ -459,6 +466,9 @@ IDENTIFY: dict[str, Message] = {
     "missing: check the wiring.",
     "record.hold": _hold,
     "record.other_hold": _other_hold,
+    "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the lag of "
+    "{lag_s:.3g} s behind {subject}: other structures fit the samples as well and have other lags, "
+    "which the intervals of lag and dead time do not include; log every {needed_s:.2g} s or faster.",
     "record.gaps": _gaps,
     "record.off_equilibrium": _off_equilibrium,
     "record.drift": _drift,
