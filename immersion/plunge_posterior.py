@@ -417,20 +417,17 @@ def marginal(at: Optimum) -> float:
 
 @dataclass(frozen=True)
 class ModelForm:
-    """Refits with other correlations: common lags, costs, covariance of the lags (C, C) [s2].
+    """Refits with other correlations: common lags, covariance of the lags (C, C) [s2].
 
     Attributes
     ----------
     common_lag_s
         Common lag by name of the correlation, with the conditioning filter [s].
-    cost
-        Least chi-square by name of the correlation.
     covariance
         Sample covariance of the lag vectors (C, C) [s2].
     """
 
     common_lag_s: dict[str, float]
-    cost: dict[str, float]
     covariance: Array
 
     @property
