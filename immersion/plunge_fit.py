@@ -22,6 +22,7 @@ from immersion.plunge_data import PlungeRun, RunNoise, make_blocks, without_spik
 from immersion.plunge_model import RunModel, build_run_models, junction_degC
 from immersion.plunge_parameters import FIXED_SD, PlungeParameters, PlungePriors
 from immersion.plunge_posterior import (
+    FAR_SEARCH,
     LagScan,
     ModelForm,
     PlungeOptimum,
@@ -357,7 +358,7 @@ def _search(
     """
     burst = problem.layout.mask("ln_burst")
     weak = np.where(burst, problem.mean - WEAK_BURST_SDS * problem.sd, problem.start)
-    optima = [problem.optimise(start) for start in (problem.start, weak)]
+    optima = [problem.optimise(start, **FAR_SEARCH) for start in (problem.start, weak)]
     best, other = sorted(optima, key=lambda o: o.cost)
     best = _refined(best, build)
     if other.is_near(best):
