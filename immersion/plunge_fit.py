@@ -23,10 +23,12 @@ from immersion.plunge_model import RunModel, build_run_models, junction_degC
 from immersion.plunge_parameters import FIXED_SD, PlungeParameters, PlungePriors
 from immersion.plunge_posterior import (
     FAR_SEARCH,
+    SEARCH,
     LagScan,
     ModelForm,
     PlungeOptimum,
     PlungeProblem,
+    marginal,
     scan_common_lag,
 )
 from immersion.plunge_result import PlungeFit
@@ -36,6 +38,7 @@ from tcdyn.chain.logger_noise import TYPICAL_LAG_S, LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
+from tcdyn.estimation import minimise_constrained
 from tcdyn.estimation.trace_noise import SPIKES, white_noise_sd
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.static_line import smallest_uncertainty
@@ -48,10 +51,7 @@ WEAK_BURST_SDS = 2.0
 CLEARLY_BETTER_CHI_SQUARE = (
     6.0  # difference of cost that decides between two solutions; by judgement
 )
-# Changes from which conduction is linearised again; chosen by judgement.
-RELINEARISE_LN_K = 2e-3
-# Change of a depth [m].
-RELINEARISE_DEPTH_M = 2e-5
+REFITS = 2  # with the noise of the residuals and conduction linearised again; by judgement
 # Share of the initial difference above which the ratio of h of two correlations is averaged; by
 # judgement.
 REFIT_DIFFERENCE_SHARE = 0.3
@@ -372,7 +372,7 @@ def _search(
     return short, (warning("plunge.rival", lag_s=long_lag_s, chi_square=excess),)
 
 
-def _refined(best: PlungeOptimum, build: BuildModels, passes: int = 2) -> PlungeOptimum:
+def _refined(best: PlungeOptimum, build: BuildModels) -> PlungeOptimum:
     """The optimum with the noise of the residuals, and with conduction linearised about it.
 
     Parameters
@@ -381,23 +381,10 @@ def _refined(best: PlungeOptimum, build: BuildModels, passes: int = 2) -> Plunge
         Optimum with the noise of the samples.
     build
         Builds the linearised models about given parameters.
-    passes
-        Number of refits.
-
-    Notes
-    -----
-    ``RELINEARISE_LN_K`` and ``RELINEARISE_DEPTH_M`` are steps within which conduction is linear;
-    smaller ones cost time.
     """
-    layout = best.problem.layout
-    for _ in range(passes):
-        problem = replace(best.problem, noise=best.residual_noise())
-        disk = problem.models[0].influence
-        ln_k_change = best.theta[layout.at("ln_conductivity")] - disk.ln_k
-        depth_change_m = best.theta[layout.at("depth")] - disk.depth_shift_m
-        ln_k_changed = np.any(np.abs(ln_k_change) > RELINEARISE_LN_K)
-        if ln_k_changed or np.any(np.abs(depth_change_m) > RELINEARISE_DEPTH_M):
-            problem = replace(problem, models=build(best.theta))
+    for _ in range(REFITS):
+        models = build(best.theta)
+        problem = replace(best.problem, models=models, noise=best.residual_noise())
         best = problem.optimise(best.theta)
     return best
 
@@ -431,31 +418,33 @@ def compare_correlations(
 
     Notes
     -----
-    The base correlation is refitted in the same way as the others, so that skewness cancels. The
-    sample covariance of the lag vectors is what the choice of correlation adds.
+    Each refit is made at three common lags about the result; the shift of the maximum of the
+    posterior is taken. The base correlation is treated in the same way, so that skewness cancels.
+    The sample covariance of the lag vectors is what the choice of correlation adds.
 
     The shift is limited to two standard deviations of the common lag. ``ModelForm.covariance`` is
     added to that of the lags in :class:`immersion.plunge_result.PlungeFit`. Test:
     ``tests/immersion/test_plunge_fit.py``.
     """
-    base_s = _lags_with(final, chosen)
+    width = scan.sd_s
+    base_shift = _maximum_shift(final, width)
     lags = {chosen.name: final.lag_s}
     for other in others:
         if other.name == chosen.name:
             continue
-        difference = _lags_with(final, other) - base_s
-        common = difference.mean()
-        limited = np.clip(common, -2 * scan.sd_s, 2 * scan.sd_s)
-        lags[other.name] = final.lag_s + difference - common + limited
-    covariance = np.zeros((len(base_s), len(base_s)))
+        at = _refit_with(final, other)
+        shift = _maximum_shift(at, width) - base_shift
+        shift = float(np.clip(shift, -2 * width, 2 * width))
+        lags[other.name] = at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift
+    covariance = np.zeros((len(final.lag_s), len(final.lag_s)))
     if len(lags) > 1:
         covariance = np.atleast_2d(np.cov(np.transpose([*lags.values()])))
-    common_s = {name: float(row.mean() + filter_lag_s) for name, row in lags.items()}
-    return ModelForm(common_s, covariance)
+    common = {name: float(row.mean() + filter_lag_s) for name, row in lags.items()}
+    return ModelForm(common, covariance)
 
 
-def _lags_with(final: PlungeOptimum, other: Correlation) -> Array:
-    """Lags (C,) [s] of the optimum with another correlation.
+def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
+    """The optimum at the same common lag with another correlation.
 
     Parameters
     ----------
@@ -464,9 +453,10 @@ def _lags_with(final: PlungeOptimum, other: Correlation) -> Array:
     other
         Another correlation.
 
-    Notes
-    -----
-    The search starts with a scale of h that makes h the same on average.
+    Returns
+    -------
+    optimum
+        With the scale of h started so that h is the same on average.
     """
     problem = final.problem
     theta = final.theta.copy()
@@ -477,4 +467,31 @@ def _lags_with(final: PlungeOptimum, other: Correlation) -> Array:
         large = np.abs(bath - T) > REFIT_DIFFERENCE_SHARE * old.step_K
         ratio = old.bath.h_W_m2K(T[large], bath[large]) / new.bath.h_W_m2K(T[large], bath[large])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
-    return replace(problem, models=models).optimise(theta, limit=12).lag_s
+    fixed = problem.layout.common_lag[None]
+    return replace(problem, models=models).optimise(theta, fixed=fixed, limit=12)
+
+
+def _maximum_shift(at: PlungeOptimum, width: float) -> float:
+    """Shift [s] of the maximum of the log marginal: parabola through three values about ``at``.
+
+    Parameters
+    ----------
+    at
+        Optimum; its common lag is the middle of the three.
+    width
+        Distance of the outer two [s].
+
+    Returns
+    -------
+    shift
+        [s]; zero where the parabola has no maximum.
+    """
+    weights = at.problem.layout.common_lag
+    lag = float(at.lag_s.mean())
+    low = -0.5 * marginal(minimise_constrained(at.solution, weights, lag - width, **SEARCH))
+    middle = -0.5 * marginal(at.solution)
+    high = -0.5 * marginal(minimise_constrained(at.solution, weights, lag + width, **SEARCH))
+    curvature = high - 2 * middle + low
+    if curvature >= 0:
+        return 0.0
+    return float(-width * (high - low) / (2 * curvature))
