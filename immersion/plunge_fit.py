@@ -22,6 +22,7 @@ from immersion.plunge_data import PlungeRun, RunNoise, make_blocks, without_spik
 from immersion.plunge_model import RunModel, build_run_models, junction_degC
 from immersion.plunge_parameters import FIXED_SD, PlungeParameters, PlungePriors
 from immersion.plunge_posterior import (
+    FAR_SEARCH,
     SEARCH,
     LagScan,
     ModelForm,
@@ -44,15 +45,13 @@ from tcdyn.rig.static_line import smallest_uncertainty
 
 # Linearised models of all runs about given parameters (P,).
 BuildModels = Callable[[Array], tuple[RunModel, ...]]
-# Search for a second solution (a long lag with a strong entry burst, a short lag with a mild one);
-# by judgement.
-LONG_LAG_S = 1.5  # mean lag [s] from which a second search starts with all parameters free
-CLEARLY_BETTER_CHI_SQUARE = 6.0  # difference of cost from which one solution replaces the other
-SAME_LAG_S = 0.3  # difference of mean lags [s] below which the solutions are the same
-# Changes from which conduction is linearised again; chosen by judgement.
-RELINEARISE_LN_K = 2e-3
-# Change of a depth [m].
-RELINEARISE_DEPTH_M = 2e-5
+# Weak burst from which a second search starts, in prior standard deviations of ln A below its
+# median; chosen by judgement.
+WEAK_BURST_SDS = 2.0
+CLEARLY_BETTER_CHI_SQUARE = (
+    6.0  # difference of cost that decides between two solutions; by judgement
+)
+REFITS = 2  # with the noise of the residuals and conduction linearised again; by judgement
 # Share of the initial difference above which the ratio of h of two correlations is averaged; by
 # judgement.
 REFIT_DIFFERENCE_SHARE = 0.3
@@ -135,7 +134,7 @@ def identify_plunges(
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
     problem = replace(problem, models=build(problem.start))
-    best, rival = _best_of_two(problem, build, filtered.lag_s)
+    best, rival = _search(problem, build, filtered.lag_s)
     scan, best, _ = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
     form = compare_correlations(best, scan, base, others, setup.conditioning.lag_s)
@@ -328,14 +327,10 @@ def published_degC(
     return tables
 
 
-def _best_of_two(
+def _search(
     problem: PlungeProblem, build: BuildModels, filter_lag_s: float
 ) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
     """The optimum, and a warning where a long and a short lag fit equally well.
-
-    A second search, with all parameters free from the first step, is made when the first did not
-    converge or ended beyond 1.5 s. Of two solutions whose cost differs by less than 6, the one with
-    the shorter lag is taken, and the warning gives the other.
 
     Parameters
     ----------
@@ -355,68 +350,42 @@ def _best_of_two(
 
     Notes
     -----
-    ``CLEARLY_BETTER_CHI_SQUARE`` decides between "better" and "equally well". The preference for
-    the shorter lag is a choice; the warning tells the user about the other. Test:
-    ``tests/immersion/test_plunge_fit.py``.
+    A long lag with a strong entry burst and a short lag with a weak one can both be optima. The
+    search starts from the median of the burst and from a weak burst; all parameters are free from
+    the first step. The costs of two solutions are compared with the same noise. Of two whose costs
+    differ by less than ``CLEARLY_BETTER_CHI_SQUARE``, the one with the shorter lag is taken, and
+    the warning gives the other. Test: ``tests/immersion/test_plunge_fit.py``.
     """
-    best = fit_map(problem, build)
-    best_lag_s = float(np.mean(best.lag_s))
-    if best.solution.converged and best_lag_s < LONG_LAG_S:
+    burst = problem.layout.mask("ln_burst")
+    weak = np.where(burst, problem.mean - WEAK_BURST_SDS * problem.sd, problem.start)
+    optima = [problem.optimise(start, **FAR_SEARCH) for start in (problem.start, weak)]
+    best, other = sorted(optima, key=lambda o: o.cost)
+    best = _refined(best, build)
+    if other.is_near(best):
         return best, ()
-    other = fit_map(problem, build, staged=False)
-    other_lag_s = float(np.mean(other.lag_s))
-    excess = other.cost - best.cost
-    if excess > CLEARLY_BETTER_CHI_SQUARE or (other_lag_s > best_lag_s and excess > 0):
-        return best, ()
-    if excess < -CLEARLY_BETTER_CHI_SQUARE or abs(best_lag_s - other_lag_s) < SAME_LAG_S:
-        return other, ()
-    rival = warning("plunge.rival", lag_s=best_lag_s + filter_lag_s, chi_square=abs(excess))
-    return other, (rival,)
+    other = best.problem.optimise(other.theta)
+    short, long = sorted((best, other), key=lambda o: float(o.lag_s.mean()))
+    excess = abs(other.cost - best.cost)
+    if other.is_near(best) or excess > CLEARLY_BETTER_CHI_SQUARE:
+        return min((best, other), key=lambda o: o.cost), ()
+    long_lag_s = float(long.lag_s.mean()) + filter_lag_s
+    return short, (warning("plunge.rival", lag_s=long_lag_s, chi_square=excess),)
 
 
-def fit_map(
-    problem: PlungeProblem, build: BuildModels, *, staged: bool = True, passes: int = 2
-) -> PlungeOptimum:
-    """Fit, estimate the noise from the residuals, relinearise conduction, and fit again.
+def _refined(best: PlungeOptimum, build: BuildModels) -> PlungeOptimum:
+    """The optimum with the noise of the residuals, and with conduction linearised about it.
 
     Parameters
     ----------
-    problem
-        Its models are those that ``build`` gives at :attr:`PlungeProblem.start`.
+    best
+        Optimum with the noise of the samples.
     build
         Builds the linearised models about given parameters.
-    staged
-        Fit h and the initial temperature first, then lags and static offsets with them, then all
-        parameters.
-    passes
-        Number of refits.
-
-    Returns
-    -------
-    optimum
-        The most probable parameters, with the noise of the residuals of the last pass.
-
-    Notes
-    -----
-    With ``staged``, the first search cannot trade the lag against the burst. ``RELINEARISE_LN_K``
-    and ``RELINEARISE_DEPTH_M`` are steps within which conduction is linear; smaller ones cost time.
     """
-    layout = problem.layout
-    about = problem.start
-    theta = about
-    if staged:
-        first = ("ln_h", "initial")
-        for kinds in (first, (*first, "lag", "offset")):
-            fixed = np.eye(layout.size)[~layout.mask(*kinds)]
-            theta = problem.optimise(theta, fixed, limit=6).theta
-    best = problem.optimise(theta)
-    for _ in range(passes):
-        change = np.abs(best.theta - about)
-        ln_k_changed = np.any(change[layout.at("ln_conductivity")] > RELINEARISE_LN_K)
-        if ln_k_changed or np.any(change[layout.at("depth")] > RELINEARISE_DEPTH_M):
-            about = best.theta
-            problem = replace(problem, models=build(about))
-        best = replace(problem, noise=best.residual_noise()).optimise(best.theta)
+    for _ in range(REFITS):
+        models = build(best.theta)
+        problem = replace(best.problem, models=models, noise=best.residual_noise())
+        best = problem.optimise(best.theta)
     return best
 
 
@@ -445,7 +414,7 @@ def compare_correlations(
     Returns
     -------
     form
-        Common lags and costs by correlation, and the covariance that the choice adds.
+        Common lags by correlation, and the covariance that the choice adds.
 
     Notes
     -----
@@ -459,21 +428,19 @@ def compare_correlations(
     """
     width = scan.sd_s
     base_shift = _maximum_shift(final, width)
-    lags = [final.lag_s]
-    cost = {chosen.name: final.cost}
+    lags = {chosen.name: final.lag_s}
     for other in others:
         if other.name == chosen.name:
             continue
         at = _refit_with(final, other)
         shift = _maximum_shift(at, width) - base_shift
         shift = float(np.clip(shift, -2 * width, 2 * width))
-        lags.append(at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift)
-        cost[other.name] = at.cost
+        lags[other.name] = at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift
     covariance = np.zeros((len(final.lag_s), len(final.lag_s)))
     if len(lags) > 1:
-        covariance = np.atleast_2d(np.cov(np.transpose(lags)))
-    common = {name: float(row.mean() + filter_lag_s) for name, row in zip(cost, lags)}
-    return ModelForm(common, cost, covariance)
+        covariance = np.atleast_2d(np.cov(np.transpose([*lags.values()])))
+    common = {name: float(row.mean() + filter_lag_s) for name, row in lags.items()}
+    return ModelForm(common, covariance)
 
 
 def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
@@ -501,7 +468,7 @@ def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
         ratio = old.bath.h_W_m2K(T[large], bath[large]) / new.bath.h_W_m2K(T[large], bath[large])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
     fixed = problem.layout.common_lag[None]
-    return replace(problem, models=models).optimise(theta, fixed, limit=12)
+    return replace(problem, models=models).optimise(theta, fixed=fixed, limit=12)
 
 
 def _maximum_shift(at: PlungeOptimum, width: float) -> float:

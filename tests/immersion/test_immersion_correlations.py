@@ -1,11 +1,16 @@
 """Correlations against published numbers, the package ht, and their own limits."""
 
+from collections.abc import Callable
+
 import ht
 import numpy as np
 import pytest
+from forms_study import BATHS, DIAMETER, FORMS
+from plunge_simulator import WIDTH
 
 from immersion.correlations import CORRELATIONS, Bath, check_validity, correlation
 from immersion.fluids import fluid
+from immersion.plunge_parameters import PlungePriors
 from tcdyn.core.errors import InputError
 
 
@@ -110,3 +115,26 @@ def test_names_and_equation_numbers_select_the_same_correlation() -> None:
     assert correlation("(5.3)") is CORRELATIONS["similarity"]
     with pytest.raises(InputError, match="unknown correlation"):
         correlation("5.9")
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.__name__)
+@pytest.mark.parametrize("case", BATHS)
+def test_published_forms_of_h_lie_within_the_priors(case: str, form: Callable) -> None:
+    """ln(h / h of 5.4) is linear in ln|dT| and in ln nu, with slopes that the priors cover."""
+    law, name, start_degC, baths_degC, _ = BATHS[case]
+    substance = fluid(name)
+    base = Bath(substance, correlation("5.4"), WIDTH, DIAMETER)
+    priors = PlungePriors()
+    for bath_degC in baths_degC:
+        log_share = np.linspace(0, np.log(0.05), 60)  # equal steps of time, about
+        wall = bath_degC + (start_degC - bath_degC) * np.exp(log_share)
+        bulk = np.full_like(wall, bath_degC)
+        log_viscosity = np.log(substance.nu(wall) / substance.nu(bulk))
+        ratio = np.log(form(law, wall, bulk) / base.h_W_m2K(wall, bulk))
+        columns = np.column_stack([np.ones_like(wall), log_share, log_viscosity])
+        slopes = np.linalg.lstsq(columns, ratio)[0]
+        _, exponent, viscosity = slopes
+        residual = ratio - columns @ slopes
+        assert np.std(residual) < 0.008  # Morgan's power changes within a run
+        assert abs(exponent) < 2 * priors.h_exponent
+        assert abs(viscosity) < 2 * priors.h_viscosity

@@ -10,6 +10,7 @@ from functools import cache
 import control
 import numpy as np
 import pytest
+from forms_study import mcadams, water
 from plunge_simulator import draw_pairs, same_pairs, simulate
 from plunge_study import OWN_LAG_S, describe, make_runs, study
 
@@ -107,6 +108,23 @@ def test_plunge_that_cannot_separate_lag_and_burst_is_reported() -> None:
     fit = identify_plunges(runs, SETUP, priors=wide, alternatives=())
     assert "cannot separate the lag from the burst" in fit.sentence
     assert fit.common_lag_s.u > 2 * fitted().common_lag_s.u
+
+
+@pytest.mark.study
+def test_weak_entry_bursts_are_not_taken_for_a_long_lag() -> None:
+    """A search from strong bursts alone ends at a second solution, with a longer lag."""
+    rng = np.random.default_rng(1)
+    true_lag_s = 0.67
+    d = same_pairs(1, true_lag_s, baths=(15.0, 30.0))
+    d.initial = d.initial + 59.0
+    d.burst = np.array([0.43, 0.25])
+    d.burst_time = np.array([1.4, 1.8])
+    d.burst_shape = np.array([0.6, 1.0])
+    times, readings = simulate(d, 60.0, rng, h_of=lambda wall, bulk: mcadams(water, wall, bulk))
+    runs = make_runs(d, times, readings, rng, fluid_name="water")
+    fit = identify_plunges(runs, SETUP, alternatives=())
+    assert fit.common_lag_s.contains(true_lag_s + OWN_LAG_S)
+    assert "plunge.rival" not in [f.code for f in fit.findings]
 
 
 def test_derivatives_equal_central_differences_of_the_model() -> None:
