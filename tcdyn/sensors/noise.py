@@ -22,12 +22,15 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.sensors.conduction import inner_lags
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensors.step_fits import bic_weights, model_average
 
-# Relative standard uncertainty of the lag, besides the statistics, since that the fluctuations are
-# white can only be tested to a limit; chosen by judgement.
+# Standard uncertainty besides the statistics: relative to the lag, since that the fluctuations are
+# white can only be tested to a limit (chosen by judgement); and relative to all lags but the first,
+# since the further ones are only nearly so (`python -m tests.sensors.layered_study noise`).
 MODEL_REL = 0.03
+FURTHER_REL = 0.25
 MIN_LAG_SHARE = 1e-6  # second lag over the first, below which there is none; chosen by judgement
 MIN_ROWS = 512  # of the record; chosen by judgement
 MIN_FINITE_SHARE = 0.99  # share of rows with a reading; chosen by judgement
@@ -77,18 +80,19 @@ def noise_sensor(
 
     Notes
     -----
-    The spectrum is that of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 -
-    tau2) + B, s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the
-    fluid after one or two lags, and white noise of the logger. An autoregression (with that noise,
-    an ARMA) fits the same spectrum. The fit is by Whittle's likelihood on overlapping segments; one
-    lag and two are weighted by BIC.
+    The spectrum is that of a sampled sum of exponentials, A sum_n c_n s(tau_n) + B, s(tau) = (1 -
+    p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau), c_n proportional to tau_n^(2M - 3) / prod_m (tau_n^2
+    - tau_m^2), sum one: white fluctuations of the fluid after M lags, and white noise of the logger.
+    An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by Whittle's
+    likelihood on overlapping segments; one lag, and two with the further ones of conduction
+    (``inner_lags``), are weighted by BIC.
 
     The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid
     that fluctuates more slowly adds its own time constant to the result, and the trace cannot
     separate the two. What the trace can show is tested: that it is stationary, long enough, above
     the logger's noise, and of this spectrum.
 
-    ``MODEL_REL`` is the least relative uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
+    ``MODEL_REL`` and ``FURTHER_REL`` are the least uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
     the spectrum: shorter segments bias the lag, longer ones are fewer.
     ``tests/sensors/test_sensor_in_place.py`` fails where the interval no longer holds the lag.
     """
@@ -122,7 +126,9 @@ def noise_sensor(
         if not variance[0] > 0:
             raise undetermined(column)
         values.append(quantities)
-        us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * quantities) ** 2))
+        inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:])[1:])
+        model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2
+        us.append(np.sqrt(np.maximum(variance, 0.0) + model_variance))
     if us[1][0] > values[1][0]:  # two lags are not determined
         weights = np.array([1.0, 0.0])
     estimates = [
@@ -130,9 +136,9 @@ def noise_sensor(
     ]
     lag, *times = estimates
     best = fits[np.argmax(weights)]
-    taus = _lags(best[2:])
+    chain = Chain(_all_lags(best[2:]))
     _check_record(len(y), dt, lag, best)
-    findings = _conditions(y, periodogram, best, column, len(taus))
+    findings = _conditions(y, periodogram, best, column, len(_lags(best[2:])))
     fit = {
         "lag_s": lag.model_dump(),
         "lags_in_record": len(y) * dt / lag.value,
@@ -141,10 +147,10 @@ def noise_sensor(
         "probability_P2": float(weights[1]),
     }
     # the file holds the lags of the best structure, whose sum differs from the average
-    lag_u = float(np.hypot(lag.u, lag.value - sum(taus)))
+    lag_u = float(np.hypot(lag.u, lag.value - chain.lag_s))
     return sensor_file(
         sensor,
-        {column: Chain(taus)},
+        {column: chain},
         "noise",
         np.array([[lag_u**2]]),
         [min(0.5 * lag.u, lag.value)],
@@ -216,7 +222,7 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
     Parameters
     ----------
     theta
-        Log A, log B, logarithms of one or two lags [s].
+        Log A, log B, logarithms of the first lag, and of the second if there is one [s].
     periodogram
         The frequencies and the interval.
 
@@ -226,17 +232,14 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
         Power (K,).
     """
 
-    def exponential(tau: float) -> Array:
-        """Return the periodogram (K,) of a sampled first-order lag, of mean one."""
-        p = np.exp(-periodogram.dt_s / tau)
-        return (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
-
-    taus = np.exp(np.clip(theta[2:], -30, 30))
-    longer = float(max(taus))
-    shape = exponential(longer)
-    if len(taus) == 2:
-        shorter = min(float(min(taus)), longer * (1 - 1e-4))
-        shape = (longer * shape - shorter * exponential(shorter)) / (longer - shorter)
+    taus = np.array(_all_lags(np.clip(theta[2:], -30, 30)))
+    taus *= 1 - 1e-4 * np.arange(len(taus))  # no two are equal
+    p = np.exp(-periodogram.dt_s / taus)[:, None]
+    exponentials = (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
+    squares = (taus / taus[0]) ** 2
+    differences = squares[:, None] - squares + np.eye(len(taus))
+    amplitudes = (taus / taus[0]) ** (2 * len(taus) - 3) / np.prod(differences, axis=1)
+    shape = amplitudes @ exponentials / amplitudes.sum()
     return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
@@ -301,13 +304,19 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
 
 def _quantities(logs: Array) -> Array:
     """Return lag and times of the step response (4,) [s], from the logarithms of the lags."""
-    return lag_and_times(Chain(_lags(logs)))
+    return lag_and_times(Chain(_all_lags(logs)))
 
 
 def _lags(logs: Array) -> list[float]:
     """Return the lags from their logarithms, largest first [s]; a negligible one is left out."""
     taus = np.exp(logs)
     return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
+
+
+def _all_lags(logs: Array) -> list[float]:
+    """Return the lags from their logarithms, largest first [s], with those after the second."""
+    first, *second = _lags(logs)
+    return [first, *(tau for value in second for tau in inner_lags(value))]
 
 
 def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
@@ -331,10 +340,16 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
     """
     lags = n * dt / lag.value
     if lags < MIN_RECORD_LAGS:
+        slowest = f"{lag.value:.3g} s"
+        if lags < MIN_SEGMENTS:  # slower than the longest segment: the fit has no upper limit
+            lags = MIN_SEGMENTS
+            slowest = f"more than {n * dt / MIN_SEGMENTS:.3g} s"
         raise InputError(
-            f"the record is {lags:.3g} lags long",
-            expected=f"at least {MIN_RECORD_LAGS:g}",
-            remedy="log for longer",
+            f"the fluctuations of the reading have a time constant of {slowest}: the record of "
+            f"{n * dt:.3g} s is at most {lags:.3g} lags long",
+            expected=f"at least {MIN_RECORD_LAGS:g}, if the time constant is the sensor's",
+            remedy="log for longer; or, if the sensor is faster, the fluid is too slow for this "
+            "method: use a plunge, a current or a second sensor",
         )
     if lag.value < 2 * dt:
         raise InputError(
