@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tcdyn.chain import Chain
 from tcdyn.core import Array
 
 # Ratio of each further lag to the one before, and number of further lags: in a homogeneous cylinder
@@ -16,6 +17,13 @@ FURTHER_RATIO = 0.33
 FURTHER_LAGS = 3
 # Sum of the second lag and all further ones over the second.
 SECOND_TO_ALL = (1 - FURTHER_RATIO ** (FURTHER_LAGS + 1)) / (1 - FURTHER_RATIO)
+
+
+def conduction_chain(first_s: float, second_s: float) -> Chain:
+    """Return the chain of the first lag, the second, and the sum of all further ones."""
+    further_s = (SECOND_TO_ALL - 1) * second_s
+    taus = [tau for tau in (first_s, second_s, further_s) if tau > 0]
+    return Chain(sorted(taus, reverse=True))
 
 
 def inner_lags(second_s: float) -> Array:

@@ -22,7 +22,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.sensors.conduction import inner_lags
+from tcdyn.sensors.conduction import conduction_chain, inner_lags
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensors.step_fits import bic_weights, model_average
 
@@ -136,7 +136,8 @@ def noise_sensor(
     ]
     lag, *times = estimates
     best = fits[np.argmax(weights)]
-    chain = Chain(_all_lags(best[2:]))
+    first_s, second_s = [*_lags(best[2:]), 0.0][:2]
+    chain = conduction_chain(first_s, second_s)
     _check_record(len(y), dt, lag, best)
     findings = _conditions(y, periodogram, best, column, len(_lags(best[2:])))
     fit = {

@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky_banded, solve_banded
 from scipy.optimize import least_squares
 
-from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.sensors.conduction import SECOND_TO_ALL, inner_lags
+from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
@@ -133,7 +132,7 @@ def pair_sensor(
     exponent: tuple[float, float] = EXPONENT,
     **more: Any,
 ) -> SensorFile:
-    """Lags of two sensors in one fluid, each of first order, from their readings.
+    """Lags of two sensors in one fluid from their readings.
 
     Parameters
     ----------
@@ -168,7 +167,9 @@ def pair_sensor(
 
     Notes
     -----
-    The lags are constant; or tau = tau_0 (speed/its median)^-n with n free and ``exponent`` as its
+    Each sensor has one lag; or, where the data require it (``_requires_second``), a second one, which
+    does not depend on the flow, and further ones of conduction inside it (``inner_lags``). First
+    lags are constant; or tau = tau_0 (speed/its median)^-n with n free and ``exponent`` as its
     prior; or constant between ``changes_s``. Then the file holds the lags of the last segment, and
     ``fit`` those of all. Both columns of a row are taken as sampled at one instant: a scanner that
     reads the second one later biases both lags by more than that time. A column that is repeated or
@@ -270,8 +271,7 @@ def pair_sensor(
     chains = {}
     split_u_s: list[float] = []
     for column, lag, second in zip(columns, taus[last], best.second_s):
-        inner_s = inner_lags(float(second)).tolist() if second > 0 else []
-        chains[column] = Chain(sorted([float(lag) - sum(inner_s), *inner_s], reverse=True))
+        chains[column] = conduction_chain(float(lag - SECOND_TO_ALL * second), float(second))
         split_u_s.append(float(second))
     return sensor_file(
         sensor,
