@@ -11,11 +11,13 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.sensors import read_sensor
+from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.current import CORE_HEAT, MODES, current_sensor, cylinder_modes
 from tcdyn.sensors.noise import _lags, noise_sensor
 from tcdyn.sensors.pair import pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
-from tests.sensors.layered_world import AIR_K, layered
+from tests.sensors.layered_study import KINDS
+from tests.sensors.layered_world import AIR_K, MEDIA, layered
 from tests.sensors.sensor_study import DRAWS, noise
 from tests.sensors.sensor_world import (
     FINE,
@@ -150,6 +152,39 @@ def test_noise_tells_when_its_conditions_do_not_hold() -> None:
         noise_sensor(t[:1000], y[:1000], "T")
     with pytest.raises(InputError, match="512"):
         noise_sensor(t[:100], y[:100], "T")
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("kind", "silent"), [("current", 1), ("noise", 1), ("pair", 2)])
+def test_layered_sensors_lie_in_their_intervals_or_there_is_a_warning(
+    kind: str, silent: int
+) -> None:
+    """Six draws each; more are in `python -m tests.sensors.layered_study KIND`."""
+    misses = 0
+    for k in range(6):
+        case = KINDS[kind](np.random.default_rng(400 + k), list(MEDIA)[k % 3], False)
+        held = all(estimate.contains(true) for estimate, true in case.pairs.values())
+        warned = any(f.severity.value == "warning" for f in case.made.findings)
+        misses += not held and not warned
+    assert misses <= silent
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("medium", list(MEDIA))
+def test_noise_of_a_slow_fluid_is_refused_with_the_reason(medium: str) -> None:
+    with pytest.raises(InputError, match="too slow for this method") as refused:
+        KINDS["slow"](np.random.default_rng(5000), medium, False)
+    assert "time constant of" in str(refused.value)
+
+
+@pytest.mark.parametrize(("h", "gap_m"), [(300.0, 0.0), (3000.0, 0.0), (3000.0, 20e-6)])
+def test_inner_lags_add_to_nearly_those_of_layered_sensors(h: float, gap_m: float) -> None:
+    """Within a quarter, which is the standard uncertainty that the methods give them."""
+    taus = layered(3e-3, 0.2, 0.12, 3.0, h, gap_m).taus_s
+    assert np.sum(inner_lags(taus[1])) == pytest.approx(np.sum(taus[1:]), rel=0.25)
+    chain = conduction_chain(taus[0], taus[1])
+    assert chain.lag_s == pytest.approx(taus[0] + SECOND_TO_ALL * taus[1])
+    assert conduction_chain(2.0, 0.0).taus_s == (2.0,)
 
 
 @pytest.mark.e2e
