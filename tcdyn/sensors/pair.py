@@ -64,6 +64,9 @@ FURTHER_REL = 0.2
 # Quantile of the normal distribution from which the data require second lags: 5 %, one-sided.
 SECOND_QUANTILE = 1.64
 SINGULAR_RESIDUAL = 1e3  # whitened residual of parameters that cannot be computed
+# Standard uncertainty of the lags where the data do not require second lags but do not exclude them
+# either, over the change of the lags by second lags (`python -m tests.sensors.layered_study pair`).
+UNSHOWN_REL = 0.25
 N_STARTS = 3  # starts of the fit; chosen by judgement
 SECOND_STARTS = (0.05, 0.2)  # second lag over the first at the start of the fit; by judgement
 MISFIT_RATIO = 1.5  # mean square of the residuals beyond which a warning is given; by judgement
@@ -235,15 +238,20 @@ def pair_sensor(
             remedy="log both columns faster, at one rate",
         )
     best = _fit(averaged, theta)
+    unshown_s = np.zeros(n_lags)
     if averaged.intervals is None:
         two = replace(averaged, second_lags=True)
         two_lags = _fit(two, _minimise(two, _starts(two, exponents)))
         if _requires_second(best, two_lags):
             best = two_lags
+        else:
+            difference_s = _total_lags(two_lags, n_lags)[0] - np.exp(theta[:n_lags])
+            unshown_s = UNSHOWN_REL * difference_s
     covariance = best.covariance
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined(", ".join(columns))
     taus, lag_covariance = _total_lags(best, n_lags)
+    lag_covariance += np.outer(unshown_s, unshown_s)
     findings += _lag_findings(averaged, taus, lag_covariance, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
     log_covariance = (lag_covariance / np.outer(taus, taus))[last, last]
