@@ -54,7 +54,7 @@ STARTS = [
 # slowest mode does not carry; that part is taken as at least a tenth of the lag, since modes with a
 # small share in the heated response cannot be excluded. From sensors with and without a metal core,
 # read there or on the axis (`python -m tests.sensors.layered_study current`).
-FAST_PART_REL = 0.45
+FAST_PART_REL = 0.55
 MIN_FAST_SHARE = 0.1
 # Half-width of the 95 % interval in percent, beyond which a warning says that the response to the
 # current does not determine the response to a plunge; chosen by judgement.

@@ -49,7 +49,7 @@ def test_noise_on_both_does_not_bias_the_pair_where_plain_regression_is_wrong() 
     taus, lags, plain = (0.15, 0.5), [], []
     for seed in range(16):
         t, a, b, _ = two_in_a_gas(seed, taus, 0.02, 1500, (1.0, 1.0))
-        lags.append(pair_sensor(t, a, b, ("A", "B")).chain.channels["A"].lag_s)
+        lags.append(pair_sensor(t, a, b, ("A", "B"), bare=True).chain.channels["A"].lag_s)
         da, db = np.gradient(a, t), np.gradient(b, t)  # b - a = tau1 a' - tau2 b'
         plain.append(np.linalg.lstsq(np.column_stack([da, -db]), b - a, rcond=None)[0][0])
     value, u = np.array([e.value for e in lags]), np.array([e.u for e in lags])
@@ -59,7 +59,7 @@ def test_noise_on_both_does_not_bias_the_pair_where_plain_regression_is_wrong() 
 
 def test_a_slow_fluid_tells_the_difference_of_the_lags_only_and_that_is_said() -> None:
     t, a, b, _ = two_in_a_gas(3, (0.15, 0.5), 0.02, 1500, (1.0, 1.0), slow_s=(60.0, 200.0))
-    made = pair_sensor(t, a, b, ("A", "B"))
+    made = pair_sensor(t, a, b, ("A", "B"), bare=True)
     (found,) = [f for f in made.findings if f.code == "sensor.pair_difference"]
     assert abs(found.numbers["difference_s"] + 0.35) < 4 * found.numbers["u_s"] < 1.0
 
@@ -67,7 +67,9 @@ def test_a_slow_fluid_tells_the_difference_of_the_lags_only_and_that_is_said() -
 def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:
     t, a, _, _ = two_in_a_gas(4, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))
     _, _, b, _ = two_in_a_gas(5, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))
-    assert {"sensor.pair_misfit"} <= {f.code for f in pair_sensor(t, a, b, ("A", "B")).findings}
+    assert {"sensor.pair_misfit"} <= {
+        f.code for f in pair_sensor(t, a, b, ("A", "B"), bare=True).findings
+    }
     with pytest.raises(InputError, match="the same within noise"):
         pair_sensor(t, a, a.copy(), ("A", "B"))
     with pytest.raises(InputError, match="not above zero"):
