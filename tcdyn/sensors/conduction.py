@@ -19,9 +19,9 @@ FURTHER_LAGS = 3
 SECOND_TO_ALL = (1 - FURTHER_RATIO ** (FURTHER_LAGS + 1)) / (1 - FURTHER_RATIO)
 
 
-def conduction_chain(first_s: float, second_s: float) -> Chain:
-    """Return the chain of the first lag, the second, and the sum of all further ones."""
-    further_s = (SECOND_TO_ALL - 1) * second_s
+def conduction_chain(first_s: float, second_s: float, conduction: bool = True) -> Chain:
+    """Return the chain of the first lag, the second, and the sum of all further ones if any."""
+    further_s = (SECOND_TO_ALL - 1) * second_s * conduction
     taus = [tau for tau in (first_s, second_s, further_s) if tau > 0]
     return Chain(sorted(taus, reverse=True))
 

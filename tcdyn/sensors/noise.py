@@ -7,7 +7,7 @@ checks that the interval holds the lag and that the conditions are reported.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -84,8 +84,8 @@ def noise_sensor(
     p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau), c_n proportional to tau_n^(2M - 3) / prod_m (tau_n^2
     - tau_m^2), sum one: white fluctuations of the fluid after M lags, and white noise of the logger.
     An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by Whittle's
-    likelihood on overlapping segments; one lag, and two with the further ones of conduction
-    (``inner_lags``), are weighted by BIC.
+    likelihood on overlapping segments; one lag, two, and two with the further ones of
+    conduction (``inner_lags``) are weighted by BIC.
 
     The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid
     that fluctuates more slowly adds its own time constant to the result, and the trace cannot
@@ -111,41 +111,47 @@ def noise_sensor(
         theta = _fit(segments(y, length, dt), 1)
         length = int(np.clip(SEGMENT_LAGS * np.exp(theta[2]) / dt, MIN_SEGMENT_ROWS, longest))
     periodogram = segments(y, length, dt)
-    fits = [_fit(periodogram, 1), _fit(periodogram, 2)]
-    costs = np.array([_cost(theta, periodogram) * periodogram.weight for theta in fits])
-    n_parameters = np.array([3, 4])
+    conductive = replace(periodogram, conduction=True)
+    structures = [periodogram, periodogram, conductive]
+    fits = [_fit(data, count) for data, count in zip(structures, (1, 2, 2))]
+    costs = np.array([_cost(theta, data) for theta, data in zip(fits, structures)])
+    costs *= periodogram.weight
+    n_parameters = np.array([3, 4, 4])
     log_size = np.log(periodogram.weight * len(periodogram.w))
     weights = bic_weights(2 * costs + n_parameters * log_size)
     values = []
     us = []
-    for theta in fits:
-        covariance = _covariance(theta, periodogram)
-        quantities = _quantities(theta[2:])
-        slopes = approx_fprime(theta[2:], _quantities, 1e-4)
+    for theta, data in zip(fits, structures):
+        covariance = _covariance(theta, data)
+        quantities = _quantities(theta[2:], data.conduction)
+        slopes = approx_fprime(theta[2:], _quantities, 1e-4, data.conduction)
         variance = np.einsum("ik,kl,il->i", slopes, covariance[2:, 2:], slopes)
         if not variance[0] > 0:
             raise undetermined(column)
         values.append(quantities)
-        inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:])[1:])
+        inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:], True)[1:]) * data.conduction
         model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2
         us.append(np.sqrt(np.maximum(variance, 0.0) + model_variance))
-    if us[1][0] > values[1][0]:  # two lags are not determined
-        weights = np.array([1.0, 0.0])
+    determined = np.array([u[0] <= value[0] for u, value in zip(us, values)])
+    determined[0] = True  # one lag is the least
+    weights = weights * determined / np.sum(weights * determined)
     estimates = [
         model_average(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))
     ]
     lag, *times = estimates
-    best = fits[np.argmax(weights)]
+    top = int(np.argmax(weights))
+    best = fits[top]
+    data = structures[top]
     first_s, second_s = [*_lags(best[2:]), 0.0][:2]
-    chain = conduction_chain(first_s, second_s)
+    chain = conduction_chain(first_s, second_s, data.conduction)
     _check_record(len(y), dt, lag, best)
-    findings = _conditions(y, periodogram, best, column, len(_lags(best[2:])))
+    findings = _conditions(y, data, best, column, len(_lags(best[2:])))
     fit = {
         "lag_s": lag.model_dump(),
         "lags_in_record": len(y) * dt / lag.value,
         "fluctuation_K": float(np.exp(0.5 * best[0])),
         "logger_K": float(np.exp(0.5 * best[1])),
-        "probability_P2": float(weights[1]),
+        "probability_P2": float(weights[1:].sum()),
     }
     # the file holds the lags of the best structure, whose sum differs from the average
     lag_u = float(np.hypot(lag.u, lag.value - chain.lag_s))
@@ -176,12 +182,15 @@ class Periodogram:
         Interval [s].
     weight
         Number of independent values that one bin counts for.
+    conduction
+        The model has the further lags of conduction after the second one.
     """
 
     power: Array
     w: Array
     dt_s: float
     weight: float
+    conduction: bool = False
 
 
 def segments(y: Array, length: int, dt_s: float) -> Periodogram:
@@ -233,7 +242,7 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
         Power (K,).
     """
 
-    taus = np.array(_all_lags(np.clip(theta[2:], -30, 30)))
+    taus = np.array(_all_lags(np.clip(theta[2:], -30, 30), periodogram.conduction))
     taus *= 1 - 1e-4 * np.arange(len(taus))  # no two are equal
     p = np.exp(-periodogram.dt_s / taus)[:, None]
     exponentials = (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
@@ -303,9 +312,9 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
     return np.asarray(np.linalg.pinv(information), dtype=np.float64)
 
 
-def _quantities(logs: Array) -> Array:
+def _quantities(logs: Array, conduction: bool) -> Array:
     """Return lag and times of the step response (4,) [s], from the logarithms of the lags."""
-    return lag_and_times(Chain(_all_lags(logs)))
+    return lag_and_times(Chain(_all_lags(logs, conduction)))
 
 
 def _lags(logs: Array) -> list[float]:
@@ -314,9 +323,11 @@ def _lags(logs: Array) -> list[float]:
     return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
 
 
-def _all_lags(logs: Array) -> list[float]:
-    """Return the lags from their logarithms, largest first [s], with those after the second."""
+def _all_lags(logs: Array, conduction: bool) -> list[float]:
+    """Return the lags from their logarithms, largest first [s], with those of conduction."""
     first, *second = _lags(logs)
+    if not conduction:
+        return [first, *second]
     return [first, *(tau for value in second for tau in inner_lags(value))]
 
 
