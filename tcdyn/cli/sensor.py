@@ -299,6 +299,9 @@ def pair(
             "several",
         ),
     ] = None,
+    bare: Annotated[
+        bool, typer.Option("--bare", help="both are bare wires, which have one lag each")
+    ] = False,
     *,
     output: SensorOutput,
     reading: TableReading,
@@ -326,6 +329,7 @@ def pair(
         speed=values[2] if speed else None,
         changes_s=change_s or (),
         exponent=value_and_u(exponent, "--exponent"),
+        bare=bare,
         inputs=[_input_file(log)],
     )
     output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])

@@ -7,7 +7,7 @@ checks that the interval holds the lag and that the conditions are reported.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -22,12 +22,15 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.sensors.conduction import conduction_chain, inner_lags
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensors.step_fits import bic_weights, model_average
 
-# Relative standard uncertainty of the lag, besides the statistics, since that the fluctuations are
-# white can only be tested to a limit; chosen by judgement.
+# Standard uncertainty besides the statistics: relative to the lag, since that the fluctuations are
+# white can only be tested to a limit (chosen by judgement); and relative to all lags but the first,
+# since the further ones are only nearly so (`python -m tests.sensors.layered_study noise`).
 MODEL_REL = 0.03
+FURTHER_REL = 0.25
 MIN_LAG_SHARE = 1e-6  # second lag over the first, below which there is none; chosen by judgement
 MIN_ROWS = 512  # of the record; chosen by judgement
 MIN_FINITE_SHARE = 0.99  # share of rows with a reading; chosen by judgement
@@ -77,18 +80,19 @@ def noise_sensor(
 
     Notes
     -----
-    The spectrum is that of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 -
-    tau2) + B, s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the
-    fluid after one or two lags, and white noise of the logger. An autoregression (with that noise,
-    an ARMA) fits the same spectrum. The fit is by Whittle's likelihood on overlapping segments; one
-    lag and two are weighted by BIC.
+    The spectrum is that of a sampled sum of exponentials, A sum_n c_n s(tau_n) + B, s(tau) = (1 -
+    p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau), c_n proportional to tau_n^(2M - 3) / prod_m (tau_n^2
+    - tau_m^2), sum one: white fluctuations of the fluid after M lags, and white noise of the logger.
+    An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by Whittle's
+    likelihood on overlapping segments; one lag, two, and two with the further ones of
+    conduction (``inner_lags``) are weighted by BIC.
 
     The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid
     that fluctuates more slowly adds its own time constant to the result, and the trace cannot
     separate the two. What the trace can show is tested: that it is stationary, long enough, above
     the logger's noise, and of this spectrum.
 
-    ``MODEL_REL`` is the least relative uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
+    ``MODEL_REL`` and ``FURTHER_REL`` are the least uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
     the spectrum: shorter segments bias the lag, longer ones are fewer.
     ``tests/sensors/test_sensor_in_place.py`` fails where the interval no longer holds the lag.
     """
@@ -107,47 +111,56 @@ def noise_sensor(
         theta = _fit(segments(y, length, dt), 1)
         length = int(np.clip(SEGMENT_LAGS * np.exp(theta[2]) / dt, MIN_SEGMENT_ROWS, longest))
     periodogram = segments(y, length, dt)
-    fits = [_fit(periodogram, 1), _fit(periodogram, 2)]
-    costs = np.array([_cost(theta, periodogram) * periodogram.weight for theta in fits])
-    n_parameters = np.array([3, 4])
+    conductive = replace(periodogram, conduction=True)
+    structures = [periodogram, periodogram, conductive]
+    fits = [_fit(data, count) for data, count in zip(structures, (1, 2, 2))]
+    costs = np.array([_cost(theta, data) for theta, data in zip(fits, structures)])
+    costs *= periodogram.weight
+    n_parameters = np.array([3, 4, 4])
     log_size = np.log(periodogram.weight * len(periodogram.w))
     weights = bic_weights(2 * costs + n_parameters * log_size)
     values = []
     us = []
-    for theta in fits:
-        covariance = _covariance(theta, periodogram)
-        quantities = _quantities(theta[2:])
-        slopes = approx_fprime(theta[2:], _quantities, 1e-4)
+    for theta, data in zip(fits, structures):
+        covariance = _covariance(theta, data)
+        quantities = _quantities(theta[2:], data.conduction)
+        slopes = approx_fprime(theta[2:], _quantities, 1e-4, data.conduction)
         variance = np.einsum("ik,kl,il->i", slopes, covariance[2:, 2:], slopes)
         if not variance[0] > 0:
             raise undetermined(column)
         values.append(quantities)
-        us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * quantities) ** 2))
-    if us[1][0] > values[1][0]:  # two lags are not determined
-        weights = np.array([1.0, 0.0])
+        inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:], True)[1:]) * data.conduction
+        model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2
+        us.append(np.sqrt(np.maximum(variance, 0.0) + model_variance))
+    determined = np.array([u[0] <= value[0] for u, value in zip(us, values)])
+    determined[0] = True  # one lag is the least
+    weights = weights * determined / np.sum(weights * determined)
     estimates = [
         model_average(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))
     ]
     lag, *times = estimates
-    best = fits[np.argmax(weights)]
-    taus = _lags(best[2:])
+    top = int(np.argmax(weights))
+    best = fits[top]
+    data = structures[top]
+    first_s, second_s = [*_lags(best[2:]), 0.0][:2]
+    chain = conduction_chain(first_s, second_s, data.conduction)
     _check_record(len(y), dt, lag, best)
-    findings = _conditions(y, periodogram, best, column, len(taus))
+    findings = _conditions(y, data, best, column, len(_lags(best[2:])))
     fit = {
         "lag_s": lag.model_dump(),
         "lags_in_record": len(y) * dt / lag.value,
         "fluctuation_K": float(np.exp(0.5 * best[0])),
         "logger_K": float(np.exp(0.5 * best[1])),
-        "probability_P2": float(weights[1]),
+        "probability_P2": float(weights[1:].sum()),
         "limited_by": "the length of the record"
         if lag.u**2 > 2 * (MODEL_REL * lag.value) ** 2
         else "the model of white fluctuations",
     }
     # the file holds the lags of the best structure, whose sum differs from the average
-    lag_u = float(np.hypot(lag.u, lag.value - sum(taus)))
+    lag_u = float(np.hypot(lag.u, lag.value - chain.lag_s))
     return sensor_file(
         sensor,
-        {column: Chain(taus)},
+        {column: chain},
         "noise",
         np.array([[lag_u**2]]),
         [min(0.5 * lag.u, lag.value)],
@@ -172,12 +185,15 @@ class Periodogram:
         Interval [s].
     weight
         Number of independent values that one bin counts for.
+    conduction
+        The model has the further lags of conduction after the second one.
     """
 
     power: Array
     w: Array
     dt_s: float
     weight: float
+    conduction: bool = False
 
 
 def segments(y: Array, length: int, dt_s: float) -> Periodogram:
@@ -219,7 +235,7 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
     Parameters
     ----------
     theta
-        Log A, log B, logarithms of one or two lags [s].
+        Log A, log B, logarithms of the first lag, and of the second if there is one [s].
     periodogram
         The frequencies and the interval.
 
@@ -229,17 +245,14 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
         Power (K,).
     """
 
-    def exponential(tau: float) -> Array:
-        """Return the periodogram (K,) of a sampled first-order lag, of mean one."""
-        p = np.exp(-periodogram.dt_s / tau)
-        return (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
-
-    taus = np.exp(np.clip(theta[2:], -30, 30))
-    longer = float(max(taus))
-    shape = exponential(longer)
-    if len(taus) == 2:
-        shorter = min(float(min(taus)), longer * (1 - 1e-4))
-        shape = (longer * shape - shorter * exponential(shorter)) / (longer - shorter)
+    taus = np.array(_all_lags(np.clip(theta[2:], -30, 30), periodogram.conduction))
+    taus *= 1 - 1e-4 * np.arange(len(taus))  # no two are equal
+    p = np.exp(-periodogram.dt_s / taus)[:, None]
+    exponentials = (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
+    squares = (taus / taus[0]) ** 2
+    differences = squares[:, None] - squares + np.eye(len(taus))
+    amplitudes = (taus / taus[0]) ** (2 * len(taus) - 3) / np.prod(differences, axis=1)
+    shape = amplitudes @ exponentials / amplitudes.sum()
     return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
@@ -302,15 +315,23 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
     return np.asarray(np.linalg.pinv(information), dtype=np.float64)
 
 
-def _quantities(logs: Array) -> Array:
+def _quantities(logs: Array, conduction: bool) -> Array:
     """Return lag and times of the step response (4,) [s], from the logarithms of the lags."""
-    return lag_and_times(Chain(_lags(logs)))
+    return lag_and_times(Chain(_all_lags(logs, conduction)))
 
 
 def _lags(logs: Array) -> list[float]:
     """Return the lags from their logarithms, largest first [s]; a negligible one is left out."""
     taus = np.exp(logs)
     return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
+
+
+def _all_lags(logs: Array, conduction: bool) -> list[float]:
+    """Return the lags from their logarithms, largest first [s], with those of conduction."""
+    first, *second = _lags(logs)
+    if not conduction:
+        return [first, *second]
+    return [first, *(tau for value in second for tau in inner_lags(value))]
 
 
 def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
@@ -334,10 +355,16 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
     """
     lags = n * dt / lag.value
     if lags < MIN_RECORD_LAGS:
+        slowest = f"{lag.value:.3g} s"
+        if lags < MIN_SEGMENTS:  # slower than the longest segment: the fit has no upper limit
+            lags = MIN_SEGMENTS
+            slowest = f"more than {n * dt / MIN_SEGMENTS:.3g} s"
         raise InputError(
-            f"the record is {lags:.3g} lags long",
-            expected=f"at least {MIN_RECORD_LAGS:g}",
-            remedy="log for longer",
+            f"the fluctuations of the reading have a time constant of {slowest}: the record of "
+            f"{n * dt:.3g} s is at most {lags:.3g} lags long",
+            expected=f"at least {MIN_RECORD_LAGS:g}, if the time constant is the sensor's",
+            remedy="log for longer; or, if the sensor is faster, the fluid is too slow for this "
+            "method: use a plunge, a current or a second sensor",
         )
     if lag.value < 2 * dt:
         raise InputError(

@@ -4,6 +4,7 @@ For any fluid temperature x, y1 + tau1 y1' = x = y2 + tau2 y2' without noise. Th
 two sides is a sum of noises whose covariance is known for each (tau1, tau2). Generalised least
 squares with that covariance is the maximum likelihood of both traces with x free at every sample.
 Ordinary least squares of one trace on the other would be biased by the noise of the regressor.
+Where the data require it, each side gets the shorter lags of conduction inside the sensor too.
 
 ``tcdyn sensor`` uses it. ``tests/sensors/test_sensor_in_place.py`` checks bias and coverage,
 ``tests/sensors/test_pair_updates.py`` channels that are updated more slowly than the rows.
@@ -18,15 +19,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded, solve_banded
-from scipy.optimize import minimize
+from scipy.linalg import LinAlgError, cholesky_banded, solve_banded
+from scipy.optimize import least_squares
 
-from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
@@ -54,6 +55,20 @@ MIN_USABLE_SHARE = 0.5
 COMPLETE_SHARE = 0.98
 # Rows in the shorter lag: with fewer, the straight lines between rows bias it; chosen by judgement.
 ROWS_PER_LAG = 3.0
+# Natural logarithm of the second lag over the first: mean and standard deviation of its prior. The
+# ratio is 0.19 in a cylinder of constant surface temperature and goes to zero with h.
+LOG_SECOND_RATIO = (np.log(0.05), 1.5)
+# Standard uncertainty of both lags, since the further lags are only nearly so, over the sum of the
+# second and all further lags of both sensors (`python -m tests.sensors.layered_study pair`).
+FURTHER_REL = 0.3
+# Quantile of the normal distribution from which the data require second lags: 5 %, one-sided.
+SECOND_QUANTILE = 1.64
+SINGULAR_RESIDUAL = 1e3  # whitened residual of parameters that cannot be computed
+# Standard uncertainty of the lags where the data do not require second lags but do not exclude them
+# either, over the change of the lags by second lags (`python -m tests.sensors.layered_study pair`).
+UNSHOWN_REL = 0.5
+N_STARTS = 3  # starts of the fit; chosen by judgement
+SECOND_STARTS = (0.05, 0.2)  # second lag over the first at the start of the fit; by judgement
 MISFIT_RATIO = 1.5  # mean square of the residuals beyond which a warning is given; by judgement
 
 
@@ -80,6 +95,8 @@ class PairData:
     intervals
         Intervals between rows with a new value of both channels, where one channel has new values
         in some rows only; None where each row has both.
+    second_lags
+        Each sensor has a second lag and further ones; otherwise one lag.
     """
 
     first: Array
@@ -91,6 +108,18 @@ class PairData:
     segments: int
     exponent: tuple[float, float]
     intervals: Intervals | None = None
+    second_lags: bool = False
+
+    def prior_residuals(self, theta: Array) -> Array:
+        """Return the residuals of the priors of exponent and second lags (P - 2 segments,)."""
+        mean, sd = self.exponent
+        n_second = 2 * self.second_lags
+        after_exponent = len(theta) - n_second
+        exponents = theta[2 * self.segments : after_exponent]
+        first = theta[2 * self.segments - 2 : 2 * self.segments][:n_second]
+        log_ratio = theta[after_exponent:] - first
+        mean_ratio, sd_ratio = LOG_SECOND_RATIO
+        return np.r_[(exponents - mean) / sd, (log_ratio - mean_ratio) / sd_ratio]
 
 
 @one_blas_thread
@@ -104,9 +133,10 @@ def pair_sensor(
     speed: Array | None = None,
     changes_s: Sequence[float] = (),
     exponent: tuple[float, float] = EXPONENT,
+    bare: bool = False,
     **more: Any,
 ) -> SensorFile:
-    """Lags of two sensors in one fluid, each of first order, from their readings.
+    """Lags of two sensors in one fluid from their readings.
 
     Parameters
     ----------
@@ -124,6 +154,8 @@ def pair_sensor(
         Times of steps of the flow, on the clock of ``time_s`` [s].
     exponent
         Prior of n, mean and standard deviation.
+    bare
+        Both are bare wires, which have one lag each: second lags are not considered.
     more
         Other fields of the file.
 
@@ -141,11 +173,14 @@ def pair_sensor(
 
     Notes
     -----
-    The lags are constant; or tau = tau_0 (speed/its median)^-n with n free and ``exponent`` as its
-    prior; or constant between ``changes_s``. Then the file holds the lags of the last segment, and
-    ``fit`` those of all. Both columns of a row are taken as sampled at one instant: a scanner that
-    reads the second one later biases both lags by more than that time. A column that is repeated or
-    blank between new values is used at the rows of its new values.
+    Each sensor has one lag; or, unless it is ``bare`` and where the data require it
+    (``_requires_second``), a second one, which does not depend on the flow, and further ones of
+    conduction inside it (``inner_lags``). First lags are constant; or tau = tau_0 (speed/its
+    median)^-n with n free and ``exponent`` as its prior; or constant between
+    ``changes_s``. Then the file holds the lags of the last segment, and ``fit`` those of all. Both
+    columns of a row are taken as sampled at one instant: a scanner that reads the second one later
+    biases both lags by more than that time. A column that is repeated or blank between new values
+    is used at the rows of its new values.
 
     The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``, ``MIN_USABLE_SHARE`` and
     ``COMPLETE_SHARE``, which decide what data the likelihood gets.
@@ -181,9 +216,10 @@ def pair_sensor(
             expected="two sensors of different size",
         )
     n_lags = 2 * data.segments
-    theta = np.append(_start(data), [] if speed is None else exponent[0])
+    exponents = [] if speed is None else [exponent[0]]
+    starts = _starts(data, exponents)
     for _ in range(2):
-        size = max(int(np.exp(theta[:n_lags].min()) / ROWS_IN_SHORTER_LAG / data.dt_s), 1)
+        size = max(int(np.exp(starts[0][:n_lags].min()) / ROWS_IN_SHORTER_LAG / data.dt_s), 1)
         averaged = averaged_rows(data, size)
         if usable_rows(averaged) < MIN_ROWS:
             averaged = data
@@ -191,11 +227,12 @@ def pair_sensor(
         if usable < MIN_ROWS:
             what = f"a segment of {usable} rows with new values of {columns[0]} and {columns[1]}"
             raise InputError(what, expected=f"at least {MIN_ROWS} between changes of flow")
-        theta = _minimise(averaged, theta)
+        theta = _minimise(averaged, starts)
         if averaged.intervals is not None:
             data = _with_fitted_noise(averaged, theta)
             averaged = data
-            theta = _minimise(averaged, theta)
+            theta = _minimise(averaged, [theta])
+        starts = [theta]
     shorter_s = float(np.exp(theta[:n_lags].min()))
     if data.dt_s > row_dt_s and data.dt_s > shorter_s / ROWS_PER_LAG:
         raise InputError(
@@ -204,17 +241,28 @@ def pair_sensor(
             expected=f"a new value at least every {shorter_s / ROWS_PER_LAG:.2g} s",
             remedy="log both columns faster, at one rate",
         )
-    covariance, mean_square = _covariance(averaged, theta)
+    best = _fit(averaged, theta)
+    unshown_s = np.zeros(n_lags)
+    if averaged.intervals is None and not bare:
+        two = replace(averaged, second_lags=True)
+        two_lags = _fit(two, _minimise(two, _starts(two, exponents)))
+        if _requires_second(best, two_lags):
+            best = two_lags
+        else:
+            difference_s = _total_lags(two_lags, n_lags)[0] - np.exp(theta[:n_lags])
+            unshown_s = UNSHOWN_REL * difference_s
+    covariance = best.covariance
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined(", ".join(columns))
-    taus = np.exp(theta[:n_lags])
-    lag_covariance = np.outer(taus, taus) * covariance[:n_lags, :n_lags]
-    findings += _lag_findings(averaged, taus, lag_covariance, mean_square, columns)
+    taus, lag_covariance = _total_lags(best, n_lags)
+    lag_covariance += np.outer(unshown_s, unshown_s)
+    findings += _lag_findings(averaged, taus, lag_covariance, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
+    log_covariance = (lag_covariance / np.outer(taus, taus))[last, last]
     ratio = float(taus[n_lags - 2] / taus[n_lags - 1])
-    ratio_u = ratio * _difference_u(covariance[last, last])
+    ratio_u = ratio * _difference_u(log_covariance)
     fit: dict[str, Any] = {
-        "chi2": mean_square,
+        "chi2": best.mean_square,
         "noise_K": list(averaged.noise_K),
         "ratio": Estimate.normal(ratio, ratio_u).model_dump(),
     }
@@ -222,7 +270,7 @@ def pair_sensor(
     if speed is not None:
         exponent_u = np.sqrt(covariance[n_lags, n_lags])
         median = float(np.nanmedian(speed))
-        fit["exponent"] = Estimate.normal(theta[n_lags], exponent_u).model_dump()
+        fit["exponent"] = Estimate.normal(best.theta[n_lags], exponent_u).model_dump()
         fit["speed_median"] = median
         findings.append(warning("sensor.pair_flow", subject=subject, what=f"speed {median:.4g}"))
     if changes_s:
@@ -232,13 +280,17 @@ def pair_sensor(
         fit["stretches"] = [dict(zip(columns, lags[k : k + 2])) for k in range(0, n_lags, 2)]
         what = f"the segment after {max(changes_s):.6g} s"
         findings.append(warning("sensor.pair_flow", subject=subject, what=what))
-    chains = {column: Chain(tau) for column, tau in zip(columns, taus[last])}
+    chains = {}
+    split_u_s: list[float] = []
+    for column, lag, second in zip(columns, taus[last], best.second_s):
+        chains[column] = conduction_chain(float(lag - SECOND_TO_ALL * second), float(second))
+        split_u_s.append(float(second))
     return sensor_file(
         sensor,
         chains,
         "pair",
         lag_covariance[last, last],
-        [0.0, 0.0],
+        split_u_s,
         fit=fit,
         findings=findings,
         **more,
@@ -457,46 +509,51 @@ def whitened(data: PairData, theta: Array) -> Array:
     data
         The traces.
     theta
-        (log tau1, log tau2) of each segment, then n if it is free.
+        (log tau1, log tau2) of each segment, then n if it is free, then the logarithms of the
+        second lags if there are some.
 
     Returns
     -------
     array
-        Residuals (N - 1,), or one for each interval.
+        Residuals (N - 1,), two fewer with second lags; or one for each interval.
 
     Notes
     -----
     Rows next to a missing value or a change of flow are left out (residual zero). The covariance V
-    of the differences is tridiagonal; V = L L', and forward substitution with L whitens the
+    of the differences is banded; V = L L', and forward substitution with L whitens the
     residuals.
 
     ``tcdyn.sensors.sparse_rows.interval_residuals`` has the same weights for channels with missing
     values; ``tests/sensors/test_pair_updates.py`` compares it with full least squares.
     """
-    power = theta[2 * data.segments :].sum()
-    lags = np.stack([_lag_in_rows(data, theta, k, power) for k in (0, 1)])
-    before = 0.5 - lags
-    after = 0.5 + lags
-    traces = np.stack([data.first, data.second])
     if data.intervals is not None:
-        return interval_residuals(before, after, traces, data.noise_K, data.intervals)
-    sides = before * traces[:, :-1] + after * traces[:, 1:]
-    residual = sides[0] - sides[1]
-    used = np.isfinite(residual) & (data.segment[1:] == data.segment[:-1])
-    squares = np.square(data.noise_K)
-    variance = squares[0] * (before[0] ** 2 + after[0] ** 2)
-    variance += squares[1] * (before[1] ** 2 + after[1] ** 2)
-    next_covariance = squares[0] * after[0, :-1] * before[0, 1:]
-    next_covariance += squares[1] * after[1, :-1] * before[1, 1:]
-    band = np.zeros((2, len(residual)))
-    band[0] = np.where(used, variance, 1.0)
-    band[1, :-1] = np.where(used[1:] & used[:-1], next_covariance, 0.0)
-    factor = cholesky_banded(band, lower=True)
-    return solve_banded((1, 0), factor, np.where(used, residual, 0.0))
+        lags = np.stack([_lag_in_rows(data, theta, k) for k in (0, 1)])
+        traces = np.stack([data.first, data.second])
+        return interval_residuals(0.5 - lags, 0.5 + lags, traces, data.noise_K, data.intervals)
+    sides = [_side_weights(data, theta, k) for k in (0, 1)]
+    size, n = sides[0].shape
+    residual = np.zeros(n)
+    for j in range(size):
+        residual += sides[0][j] * data.first[j : n + j] - sides[1][j] * data.second[j : n + j]
+    used = np.isfinite(residual) & (data.segment[size - 1 :] == data.segment[:n])
+    band = np.zeros((size, n))
+    for weights, noise_K in zip(sides, data.noise_K):
+        for d in range(size):
+            band[d, : n - d] += noise_K**2 * np.sum(
+                weights[d:, : n - d] * weights[: size - d, d:], axis=0
+            )
+    band[0] = np.where(used, band[0], 1.0)
+    for d in range(1, size):
+        band[d, : n - d] *= used[d:] & used[: n - d]
+    try:
+        factor = cholesky_banded(band, lower=True)
+    except LinAlgError:  # lags so long that the covariance is singular in floating point
+        return np.full(n, SINGULAR_RESIDUAL)
+    return solve_banded((size - 1, 0), factor, np.where(used, residual, 0.0))
 
 
-def _lag_in_rows(data: PairData, theta: Array, channel: int, power: float) -> Array:
-    """Return the lag of a channel at the middle between rows, in rows.
+def _side_weights(data: PairData, theta: Array, channel: int) -> Array:
+    """Return the weights of neighbouring rows in the fluid's temperature of one channel.
 
     Parameters
     ----------
@@ -506,74 +563,161 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int, power: float) -> Ar
         Parameters as in :func:`whitened`.
     channel
         0 or 1.
-    power
-        Exponent of the speed; 0 without one.
+
+    Returns
+    -------
+    array
+        Weights (L, N - L + 1): row j is for the reading j rows later, L is the number of lags + 1.
+
+    Notes
+    -----
+    Each lag is a factor 1 + tau d/dt, at the middle between rows: (1/2 - tau/dt) y_k + (1/2 +
+    tau/dt) y_{k+1}.
+    """
+    factors = [_lag_in_rows(data, theta, channel)]
+    if data.second_lags:
+        second = np.full_like(factors[0], np.exp(theta[len(theta) - 2 + channel]) / data.dt_s)
+        factors += [ratio * second for ratio in inner_lags(1.0)]
+    weights = np.ones((1, len(data.first)))
+    for lag in factors:
+        lag = lag[: weights.shape[1] - 1]
+        earlier = np.vstack([(0.5 - lag) * weights[:, :-1], np.zeros_like(lag)])
+        later = np.vstack([np.zeros_like(lag), (0.5 + lag) * weights[:, 1:]])
+        weights = earlier + later
+    return weights
+
+
+def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
+    """Return the first lag of a channel at the middle between rows, in rows.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    theta
+        Parameters as in :func:`whitened`.
+    channel
+        0 or 1.
 
     Returns
     -------
     array
         Lag over the interval (N - 1,).
     """
-    log_tau = theta[channel : 2 * data.segments : 2][data.segment] - power * data.log_speed
+    n_lags = 2 * data.segments
+    power = theta[n_lags : len(theta) - 2 * data.second_lags].sum()
+    log_tau = theta[channel:n_lags:2][data.segment] - power * data.log_speed
     return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
 
 def _cost(data: PairData, theta: Array) -> float:
-    """Return the sum of squares of the whitened residuals, with the prior of the exponent."""
+    """Return the sum of squares of the whitened residuals, with those of the priors."""
     w = whitened(data, theta)
-    mean, sd = data.exponent
-    return float(w @ w + np.sum(((theta[2 * data.segments :] - mean) / sd) ** 2))
+    return float(w @ w + np.sum(data.prior_residuals(theta) ** 2))
 
 
-def _start(data: PairData) -> Array:
-    """Return the start of the logs of the lags: the best of a coarse grid.
+def _starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
+    """Return starts of the parameters: the best of a coarse grid of lags.
 
     Parameters
     ----------
     data
         The traces.
+    exponents
+        Start of the exponent, if it is free.
 
     Returns
     -------
-    array
-        Logarithms of the lags (2 segments,), equal in all segments.
+    list of array
+        Parameters (P,) as in :func:`whitened`; the lags are equal in all segments.
     """
     duration_s = len(data.first) * data.dt_s
     grid = np.geomspace(2 * data.dt_s, duration_s / 8, 12)
     averaged = averaged_rows(data, max(len(data.first) // 3000, 1))
-    candidates = [np.tile(pair, data.segments) for pair in permutations(np.log(grid), 2)]
-    return min(candidates, key=lambda theta: _cost(averaged, theta))
+    candidates = [
+        np.r_[np.tile(pair, data.segments), exponents, np.add(pair, np.log(ratio))]
+        for pair, ratio in product(permutations(np.log(grid), 2), SECOND_STARTS)
+    ]
+    if not data.second_lags:
+        candidates = [theta[:-2] for theta in candidates[:: len(SECOND_STARTS)]]
+    return sorted(candidates, key=lambda theta: _cost(averaged, theta))[:N_STARTS]
 
 
-def _minimise(data: PairData, start: Array) -> Array:
-    """Return the parameters of least cost (Nelder-Mead).
+def _minimise(data: PairData, starts: Sequence[Array]) -> Array:
+    """Return the parameters of least cost.
 
     Parameters
     ----------
     data
         The traces.
-    start
+    starts
         Where to start (P,).
 
     Returns
     -------
     array
-        Parameters (P,). Lags below a tenth of a row or above the record are clipped in the cost.
+        Parameters (P,). Lags are between a tenth of a row and the length of the record.
     """
     n_lags = 2 * data.segments
-    low = np.log(data.dt_s / 10)
-    high = np.log(len(data.first) * data.dt_s)
+    is_lag = np.full(len(starts[0]), False)
+    is_lag[:n_lags] = True
+    is_lag[len(is_lag) - 2 * data.second_lags :] = True
+    lower = np.where(is_lag, np.log(data.dt_s / 10), -np.inf)
+    upper = np.where(is_lag, np.log(len(data.first) * data.dt_s), np.inf)
 
-    def cost(theta: Array) -> float:
-        """Return the cost with the lags inside their bounds."""
-        return _cost(data, np.r_[np.clip(theta[:n_lags], low, high), theta[n_lags:]])
+    def residuals(theta: Array) -> Array:
+        """Return the whitened residuals and those of the priors."""
+        return np.r_[whitened(data, theta), data.prior_residuals(theta)]
 
-    options = {"xatol": 1e-4, "fatol": 1e-3, "maxiter": 400 * len(start)}
-    return minimize(cost, start, method="Nelder-Mead", options=options).x
+    def jacobian(theta: Array) -> Array:
+        """Return central differences; long lags lose digits, so that the step is not small."""
+        slopes = [
+            residuals(theta + step) - residuals(theta - step)
+            for step in LOG_STEP * np.eye(len(theta))
+        ]
+        return np.transpose(slopes) / (2 * LOG_STEP)
+
+    fits = [
+        least_squares(residuals, np.clip(start, lower, upper), jacobian, bounds=(lower, upper))
+        for start in starts
+    ]
+    return np.asarray(min(fits, key=lambda fit: fit.cost).x, dtype=np.float64)
 
 
-def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
-    """Return the covariance of theta, and the mean square of the residuals.
+@dataclass(frozen=True)
+class _Fit:
+    """Parameters with their covariance.
+
+    Attributes
+    ----------
+    theta
+        Parameters (P,) as in :func:`whitened`.
+    covariance
+        Sandwich covariance H^-1 C H^-1 (P, P).
+    squares
+        Squares of the whitened residuals (N,), zero where rows are left out.
+    second_lags
+        The last two parameters are those of the second lags.
+    """
+
+    theta: Array
+    covariance: Array
+    squares: Array
+    second_lags: bool
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of the residuals; one where noise and lags are right."""
+        return float(np.mean(self.squares[self.squares != 0]))
+
+    @property
+    def second_s(self) -> Array:
+        """Second lags (2,) [s], zero without them."""
+        return np.exp(self.theta[-2:]) if self.second_lags else np.zeros(2)
+
+
+def _fit(data: PairData, theta: Array) -> _Fit:
+    """Return parameters with their covariance and residuals.
 
     H is half the Hessian of the cost, to which the noise contributes nothing on average. C is the
     covariance of the scores from sums over blocks of the record; it accounts for the noise of a
@@ -589,10 +733,8 @@ def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
 
     Returns
     -------
-    covariance
-        Sandwich covariance H^-1 C H^-1 (P, P).
-    mean_square
-        Mean square of the residuals; one where noise and lags are right.
+    _Fit
+        The fit.
     """
     p = len(theta)
     w = whitened(data, theta)
@@ -614,15 +756,70 @@ def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
     n_blocks = sums.shape[1]
     centred = sums - sums.mean(axis=1, keepdims=True)
     score_covariance = centred @ centred.T * (n_blocks / max(n_blocks - 1, 1))
-    free = 2 * data.segments
-    score_covariance[free:, free:] += data.exponent[1] ** -2
+    slopes = [data.prior_residuals(theta + step) - data.prior_residuals(theta) for step in steps]
+    prior_jacobian = np.array(slopes) / LOG_STEP
+    score_covariance += prior_jacobian @ prior_jacobian.T
     values, vectors = np.linalg.eigh(hessian)
-    inverse = vectors / np.maximum(values, 1e-3) @ vectors.T
+    # with second lags, the Hessian is not less than that of their prior
+    least = LOG_SECOND_RATIO[1] ** -2 if data.second_lags else 1e-3
+    inverse = vectors / np.maximum(values, least) @ vectors.T
     robust = inverse @ score_covariance @ inverse
     variance = np.diag(robust)
     white_variance = np.diag(inverse) * max(float(np.mean(w**2)), 1.0)
     widening = np.sqrt(np.maximum(variance, white_variance) / np.maximum(variance, 1e-300))
-    return robust * np.outer(widening, widening), float(np.mean(w[w != 0] ** 2))
+    covariance = robust * np.outer(widening, widening)
+    return _Fit(theta, covariance, w**2, data.second_lags)
+
+
+def _requires_second(one: _Fit, two: _Fit) -> bool:
+    """Return whether the data require second lags.
+
+    Parameters
+    ----------
+    one, two
+        The fits without and with second lags.
+
+    Returns
+    -------
+    bool
+        Whether the fit is better by more than the BIC of two parameters and chance.
+
+    Notes
+    -----
+    The variance of the residuals depends on the lags. The difference of two fits therefore has a
+    variance of its own, estimated from blocks of the record (Vuong 1989, Econometrica 57, 307).
+    """
+    n = len(two.squares)
+    difference = one.squares[:n] - two.squares
+    blocks = [block.sum() for block in np.array_split(difference, SCORE_BLOCKS)]
+    chance = SECOND_QUANTILE * np.std(blocks, ddof=1) * np.sqrt(SCORE_BLOCKS)
+    return bool(difference.sum() > 2 * np.log(n) + chance)
+
+
+def _total_lags(fit: _Fit, n_lags: int) -> tuple[Array, Array]:
+    """Return the sum of all lags of each sensor.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    n_lags
+        Number of first lags, two in each segment.
+
+    Returns
+    -------
+    lags_s
+        Lags of both sensors in each segment (n_lags,).
+    covariance
+        Their covariance [s2]; what ``FURTHER_REL`` adds is common to all.
+    """
+    values = np.exp(fit.theta)
+    inner_s = SECOND_TO_ALL * fit.second_s
+    jacobian = np.eye(n_lags, len(values)) * values
+    if fit.second_lags:
+        jacobian[:, -2:] = np.tile(np.diag(inner_s), (n_lags // 2, 1))
+    covariance = jacobian @ fit.covariance @ jacobian.T + (FURTHER_REL * inner_s.sum()) ** 2
+    return values[:n_lags] + np.tile(inner_s, n_lags // 2), covariance
 
 
 def _lag_findings(

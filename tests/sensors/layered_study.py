@@ -196,7 +196,7 @@ def main(kind: str, count: int, first: int) -> None:
         try:
             case = KINDS[kind](np.random.default_rng(first + k), medium, k // 3 % 2 == 1)
         except InputError as problem:
-            refused[f"{medium}: {re.sub(r'[0-9.]+(e-?[0-9]+)?', '#', str(problem))}"] += 1
+            refused[f"{medium}: {re.sub(r'[0-9.]+(e[+-]?[0-9]+)?', '#', str(problem))}"] += 1
             continue
         groups[case.group].append(case)
         groups["all"].append(case)

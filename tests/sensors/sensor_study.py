@@ -58,11 +58,11 @@ def pair(seed: int, step: bool = False) -> list[tuple[Estimate, float]]:
         seed, taus, 0.01, 3000, (noise, noise * rng.uniform(0.5, 2)), 3.0 if step else 1.0
     )
     if not step:
-        found = pair_sensor(*made[:3], ("A", "B"))
+        found = pair_sensor(*made[:3], ("A", "B"), bare=True)
         return [(found.chain.channels[c].lag_s, tau) for c, tau in zip("AB", taus)]
-    by_speed = pair_sensor(*made[:3], ("A", "B"), speed=made[3])
+    by_speed = pair_sensor(*made[:3], ("A", "B"), speed=made[3], bare=True)
     at = float(by_speed.fit["speed_median"]) ** -0.5
-    pieces = pair_sensor(*made[:3], ("A", "B"), changes_s=[15.0])
+    pieces = pair_sensor(*made[:3], ("A", "B"), changes_s=[15.0], bare=True)
     return [
         *((by_speed.chain.channels[c].lag_s, tau * at) for c, tau in zip("AB", taus)),
         *((pieces.chain.channels[c].lag_s, tau * 3.0**-0.5) for c, tau in zip("AB", taus)),

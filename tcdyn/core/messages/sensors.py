@@ -126,7 +126,7 @@ SENSOR: dict[str, Message] = {
     "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
     "used, as sampled at the time of their row",
     "sensor.pair_misfit": "{subject}: the two sensors do not measure one fluid through one lag "
-    "each: the residuals are {ratio:.2g} times the noise",
+    "or two each: the residuals are {ratio:.2g} times the noise",
     "sensor.pair_flow": "{subject}: the lags change with the flow; the file contains those of "
     "{what}",
     "sensor.conversion_wide": "{subject}: the response to the current does not determine the "
@@ -134,7 +134,7 @@ SENSOR: dict[str, Message] = {
     "heated wires give the same response; a plunge would determine it",
     "sensor.conversion": "{subject}: the plunge's lag is converted from heating inside, to "
     "{percent:.2g} % (95 %): it holds for a round sensor that is heated about its axis and read "
-    "there",
+    "there, with or without a gap below its sheath",
     "sensor.noise_driving": _noise_driving,
     "sensor.noise_unsteady": "{subject}: the fluctuations are {ratio:.2g} times as large in one "
     "quarter of the record as in another: the process is not steady",
