@@ -121,6 +121,7 @@ def noise_sensor(
     weights = bic_weights(2 * costs + n_parameters * log_size)
     values = []
     us = []
+    model_us = []
     for theta, data in zip(fits, structures):
         covariance = _covariance(theta, data)
         quantities = _quantities(theta[2:], data.conduction)
@@ -132,6 +133,7 @@ def noise_sensor(
         inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:], True)[1:]) * data.conduction
         model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2
         us.append(np.sqrt(np.maximum(variance, 0.0) + model_variance))
+        model_us.append(float(np.sqrt(model_variance[0])))
     determined = np.array([u[0] <= value[0] for u, value in zip(us, values)])
     determined[0] = True  # one lag is the least
     weights = weights * determined / np.sum(weights * determined)
@@ -153,8 +155,8 @@ def noise_sensor(
         "logger_K": float(np.exp(0.5 * best[1])),
         "probability_P2": float(weights[1:].sum()),
         "limited_by": "the length of the record"
-        if lag.u**2 > 2 * (MODEL_REL * lag.value) ** 2
-        else "the model of white fluctuations",
+        if lag.u**2 > 2 * model_us[top] ** 2
+        else "the model of white fluctuations and of the sensor",
     }
     # the file holds the lags of the best structure, whose sum differs from the average
     lag_u = float(np.hypot(lag.u, lag.value - chain.lag_s))
