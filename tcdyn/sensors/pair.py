@@ -255,6 +255,9 @@ def pair_sensor(
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined(", ".join(columns))
     taus, lag_covariance = _total_lags(best, n_lags)
+    limited_by = "noise and fluctuations of the fluid"
+    if np.any(unshown_s**2 > np.diag(lag_covariance)):
+        limited_by = "second lags, which the data do not exclude; bare wires have none (--bare)"
     lag_covariance += np.outer(unshown_s, unshown_s)
     findings += _lag_findings(averaged, taus, lag_covariance, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
@@ -264,6 +267,7 @@ def pair_sensor(
     fit: dict[str, Any] = {
         "chi2": best.mean_square,
         "noise_K": list(averaged.noise_K),
+        "limited_by": limited_by,
         "ratio": Estimate.normal(ratio, ratio_u).model_dump(),
     }
     subject = ", ".join(columns)
