@@ -33,8 +33,8 @@ from tcdyn.sensors.surface_h import BoundaryLayer
 # Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at
 # 0.5 m/s in this time.
 MEDIUM_S = (0.02, 0.02)
-# Largest standard uncertainty of the medium's lag over the lag: beyond it the response may be that of
-# the medium; chosen by judgement.
+# Largest standard uncertainty of the medium's lag over the lag: beyond it the response may be that
+# of the medium; chosen by judgement.
 MEDIUM_SHARE = 0.1
 # Probabilities of a slow path between which the data do not distinguish it from a drift.
 UNDECIDED = (0.05, 0.95)
@@ -110,8 +110,8 @@ def plunge_sensor(
 
     Heat that is conducted to the axis of a cylinder passes through infinitely many first-order
     lags (Carslaw and Jaeger 1959, section 7.7). One to three of them are fitted. The sum of the
-    others, which acts as a dead time, is ``tail`` times the last one that is fitted, with the normal
-    prior ``TAIL``. Where the
+    others, which acts as a dead time, is ``tail`` times the last one that is fitted, with the
+    normal prior ``TAIL``. Where the
     data do not resolve a second lag, it takes values on a grid. If t_e is unknown, the data do not
     determine the tail: to first order it is a later entry. The prior then gives its uncertainty.
 

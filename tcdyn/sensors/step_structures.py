@@ -32,7 +32,8 @@ NO_SECOND_LAG = 0.3
 # BIC above the best one beyond which no larger second lag is tried: a weight below 1e-4.
 GRID_END = 20.0
 # Second lag of a sheathed sensor without a gas gap over the square of its diameter [s/mm2], and the
-# standard deviation of its logarithm: core, powder of 1.5 to 5 W/mK and sheath, in water, oil or air.
+# standard deviation of its logarithm: core, powder of 1.5 to 5 W/mK and sheath, in water, oil or
+# air.
 SECOND_LAG = (0.015, 0.35)
 GAP_FACTOR = 30.0  # largest ratio by which a gap of 10 to 60 um lengthens it
 # Shares of the lag with which the fits of one, two and three lags start; chosen by judgement.

@@ -103,8 +103,8 @@ SENSOR: dict[str, Message] = {
     "standard uncertainties): the specified instant is wrong, or there is a dead time, which the "
     "model does not have; the lag holds for the fitted entry",
     "sensor.dead_time": "{subject}: the response begins {dead_s:.3g} s after the specified entry, "
-    "at {specified_s:.5g} s. It is taken as a dead time, which the times from the entry include. If "
-    "the specified instant is wrong, the lag and these times are too long by {dead_s:.3g} s",
+    "at {specified_s:.5g} s. It is taken as a dead time, which the times from the entry include. "
+    "If the specified instant is wrong, the lag and these times are too long by {dead_s:.3g} s",
     "sensor.slow_path": "{subject}: {percent:.2g} % of the step arrives with a time constant of "
     "{slow_s:.3g} s, through a second heat path such as stem, sheath or fitting: lag and t90 "
     "include it",
@@ -112,8 +112,8 @@ SENSOR: dict[str, Message] = {
     "({percent:.2g} % of the step with {slow_s:.3g} s) from a drift of the medium: the intervals "
     "include both; log longer before and after the step",
     "sensor.medium": "{subject}: the lag of {lag_s:.2g} s is not long compared with that of the "
-    "medium's own step, {medium_s:.2g} +- {medium_u_s:.2g} s: much of it may be the medium's; measure "
-    "how fast the medium steps and specify it with --medium-s",
+    "medium's own step, {medium_s:.2g} +- {medium_u_s:.2g} s: much of it may be the medium's; "
+    "measure how fast the medium steps and specify it with --medium-s",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
     "for a lag of {lag_s:.3g} s: the final temperature is extrapolated",
     "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and {cooling_s:.3g} s "
