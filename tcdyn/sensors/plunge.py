@@ -111,9 +111,11 @@ def plunge_sensor(
     Heat that is conducted to the axis of a cylinder passes through infinitely many first-order
     lags (Carslaw and Jaeger 1959, section 7.7). One to three of them are fitted. The sum of the
     others, which acts as a dead time, is ``tail`` times the last one that is fitted, with the
-    normal prior ``TAIL``. Where the
-    data do not resolve a second lag, it takes values on a grid. If t_e is unknown, the data do not
-    determine the tail: to first order it is a later entry. The prior then gives its uncertainty.
+    normal prior ``TAIL``. Where the data do not resolve a second lag, it takes values on a grid. If
+    t_e is unknown, the data do not determine the tail: to first order it is a later entry. The
+    prior then gives its uncertainty. A junction at the sheath leads instead: the tail is negative.
+    The response is symmetric in the medium's lag and those of the sensor, so that both assignments
+    are fitted where the medium can be so slow.
 
     A slow second heat path (stem, fitting) divides the step: ``share`` of it arrives after a
     further lag, a factor (1 + (1 - share) slow s)/(1 + slow s). It competes with the drift, which
