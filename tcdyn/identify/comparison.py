@@ -46,6 +46,7 @@ from tcdyn.identify.setting import Setting, average_noise, bic
 from tcdyn.identify.shared_poles import best_common_pole_fit
 from tcdyn.identify.validate import (
     Validation,
+    explains_little,
     has_coloured_residuals,
     is_adequate,
     validate,
@@ -313,8 +314,9 @@ def search_models(
 
     fits, setting = fit_models(ladder)
     result = score(task, fits, setting)
-    if setting.is_disturbed and not is_adequate(result.best):
-        fits, setting = fit_models(ladder.with_white_noise(setting.initial))
+    is_doubtful = not is_adequate(result.best) or explains_little(result.best)
+    if setting.is_disturbed and is_doubtful:
+        fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(task, fits, setting))
     if not given_models and not is_adequate(result.best):
         result = add_common_pole_model(task, result, ladder.template)

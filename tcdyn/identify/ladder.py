@@ -21,7 +21,6 @@ from tcdyn.identify.fit import fit
 from tcdyn.identify.heldout import SCORING_OPTIONS, Progress
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import NO_MODEL, Model, as_model, as_template, several
-from tcdyn.identify.problem import Initial
 from tcdyn.identify.search import Fit
 from tcdyn.identify.setting import Setting, bic, select_setting
 from tcdyn.identify.starting_values import single_input_problem, starts
@@ -68,10 +67,9 @@ class Ladder:
         number = next(self.counter)
         self.progress(name, number, number)
 
-    def with_white_noise(self, initial: Initial) -> Ladder:
-        """Return the ladder with white noise, and this initial state unless the caller gave one."""
-        options = {"initial": initial, "noise": "white", "baseline": "none"}
-        return replace(self, options={**options, **self.options})
+    def with_white_noise(self) -> Ladder:
+        """Return the ladder with white noise and no baseline."""
+        return replace(self, options={"noise": "white", "baseline": "none", **self.options})
 
     def checked_fit(
         self, model: Model, setting: Setting, start: Sequence[Mapping[str, float]] = ()

@@ -42,6 +42,8 @@ from tcdyn.identify.segments import Segment
 MIN_DRIFT_CORRELATION = 0.5
 # p of the input test below which dynamics are missing, and no disturbance model is fitted.
 DRIVEN_P = 1e-3
+# Fit of the output without the disturbance [%] below which the disturbance may replace dynamics.
+LITTLE_FIT_PERCENT = 25.0
 # p of the test with future inputs below which no model is recommended.
 FEEDBACK_P = 1e-3
 # p below which there is a finding; the pointwise bounds are at 5 %.
@@ -51,8 +53,9 @@ SPIKE_P = 0.005
 # Residuals over the largest output, up to which they are numerical errors.
 NUMERICAL_ERROR = 1e-9
 # Sampling interval over the sum of the lags, above which several structures fit the samples equally
-# well, with other lags. Of the 95 % intervals of the lag 1 of 70 missed the truth below 0.6, 1 of 30
-# between 0.6 and 0.75, and 11 of 42 at 0.75 to 1 (case A and four other systems of one to three lags).
+# well, with other lags. Of the 95 % intervals of the lag 1 of 70 missed the truth below 0.6, 1 of
+# 30 between 0.6 and 0.75, and 11 of 42 at 0.75 to 1 (case A and four other systems of one to three
+# lags).
 MAX_SAMPLING_SHARE = 0.6
 # First residuals of a run over the rms residual, above which it does not start in equilibrium.
 MAX_START_RMS = 4.0
@@ -697,6 +700,15 @@ def is_adequate(fit: Fit) -> bool:
     """Whether the tests of the residuals do not clearly reject the model, at ``DRIVEN_P``."""
     statistics = fit.identified.statistics
     return min(statistics["p_white"], statistics["p_input"]) >= DRIVEN_P
+
+
+def explains_little(fit: Fit) -> bool:
+    """Whether the output without the disturbance is hardly reproduced.
+
+    A disturbance as flexible as ARMA noise with a random walk can replace dynamics that the model
+    lacks, and its residuals are white all the same.
+    """
+    return fit.identified.statistics["fit_percent"] < LITTLE_FIT_PERCENT
 
 
 def is_undriven(fit: Fit) -> bool:
