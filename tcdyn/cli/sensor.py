@@ -244,7 +244,11 @@ def plunge(
     check_choice("--junction", junction, JUNCTIONS)
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
-    film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
+    if medium is None and speed_m_s is not None:
+        raise InputError("--speed-m-s is given without --medium", remedy="give both, or none")
+    film = None
+    if medium is not None and diameter_mm is not None:
+        film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
     entries = entry_s or []
     if entries and len(entries) != len(logs):
         raise InputError(

@@ -29,6 +29,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import NoiseModel
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
+from tcdyn.sensors.step import block_means
 from tcdyn.sensors.step_fits import CurveFit, fit_curve, residual_noise, white_noise_K
 
 RINGS = 40  # rings of the insulation; lag and modes are then within 0.1 %
@@ -129,7 +130,14 @@ def current_sensor(
     too short for other sensors. ``tests/sensors/test_sensor_in_place.py`` checks that the lag lies
     in its interval.
     """
-    power = np.nan_to_num(current) ** 2
+    if not np.all(np.isfinite(current)):
+        row = int(np.argmin(np.isfinite(current)))
+        raise InputError(
+            f"the current is missing in row {row + 1}",
+            expected="a current in each row",
+            remedy="fill the gaps of the current's column",
+        )
+    power = current**2
     largest = float(power.max())
     if largest <= 0 or np.ptp(power) < 0.3 * largest:
         raise InputError(
@@ -292,11 +300,11 @@ class _HeatedRecord:
         Returns
         -------
         _HeatedRecord
-            The means; NaN where one of the rows is missing.
+            The means of the rows that are not missing.
         """
         size = -(-len(y) // MAX_ROWS)
         n = len(y) // size * size
-        mean = y[:n].reshape(-1, size).mean(axis=1)
+        mean = block_means(y, size)
         heating = power[:n].reshape(-1, size).mean(axis=1)
         noise_K = white_noise_K(mean)
         return cls(dt_s * size, mean, heating, np.linspace(0, 1, len(mean)), noise_K)

@@ -18,6 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, warning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
+from tcdyn.sensors.plunge import TAIL_LIMIT
 from tcdyn.sensors.surface_h import BoundaryLayer
 
 # Scale of the half-Cauchy prior of the relative spread between dips: its median. Public dips of one
@@ -200,7 +201,7 @@ def pool_dips(
     causes = {
         "the spread between dips": between,
         "noise and model of a dip": within,
-        "the short lags of the sensor, which a known instant of entry would determine": common_u,
+        TAIL_LIMIT: common_u,
     }
     heating = [int(dip.fit["step_K"] > 0) for dip in dips]
     rows = [

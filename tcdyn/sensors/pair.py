@@ -327,6 +327,8 @@ def _log_speed(time_s: Array, speed: Array) -> Array:
             expected="the speed of the flow, in any unit",
         )
     finite = np.isfinite(speed)
+    if not finite.any():
+        raise InputError("the speed is missing in all rows", expected="the speed of the flow")
     filled = np.interp(time_s, time_s[finite], speed[finite])
     return np.log(filled / np.median(filled))
 
@@ -519,7 +521,7 @@ def whitened(data: PairData, theta: Array) -> Array:
     Returns
     -------
     array
-        Residuals (N - 1,), two fewer with second lags; or one for each interval.
+        Residuals (N - 1,), four fewer with second lags; or one for each interval.
 
     Notes
     -----
@@ -871,7 +873,7 @@ def _lag_findings(
         column = columns[np.argmin(taus[:2])]
         findings.append(warning("sensor.slow", subject=column, dt_s=data.dt_s, lag_s=shortest_s))
     if mean_square > MISFIT_RATIO:
-        findings.append(warning("sensor.pair_misfit", subject=subject, ratio=mean_square))
+        findings.append(warning("sensor.pair_misfit", subject=subject, ratio=mean_square**0.5))
     return findings
 
 

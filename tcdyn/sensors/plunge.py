@@ -19,14 +19,16 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
-from tcdyn.sensors.step import block_means, find_step
+from tcdyn.sensors.step import MAX_ROWS_IN_RISE, block_means, find_step
 from tcdyn.sensors.step_fits import model_average, white_noise_K
 from tcdyn.sensors.step_structures import (
+    MAX_SLOW_SHARE,
     FittedStructure,
     Junction,
     StepRecord,
     exact_u_s,
     fit_structures,
+    later_response,
 )
 from tcdyn.sensors.surface_h import BoundaryLayer
 
@@ -44,12 +46,10 @@ CONFLICT_U = 3.0
 # Shortest interval [s]: a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in
 # another unit.
 SHORTEST_ROW_S = 1e-7
-# Least standard uncertainty of that difference over the specified u: below it the convergence of
-# the fit decides how far the entry moves.
-MIN_SHIFT_U = 0.05
 # Standard uncertainty of lag and times by the model, over the lag: rms error of junctions at the
 # sheath in `python -m tests.sensors.layered_study sheath`.
 MODEL_U = {"axis": 0.0, "sheath": 0.012}
+TAIL_LIMIT = "the short lags of the sensor, which a known instant of entry would determine"
 MISFIT_SHARE = 0.005  # of the step: rms of the residuals that is always acceptable; by judgement
 
 
@@ -128,7 +128,8 @@ def plunge_sensor(
     dt = float(time_s[1] - time_s[0])
     _check_times(time_s, entry_s, medium_s)
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
-    y, block = block_means(y_degC[step.first : step.last], round(step.rise_s / dt))
+    block = max(round(step.rise_s / dt) // MAX_ROWS_IN_RISE, 1)
+    y = block_means(y_degC[step.first : step.last], block)
     start_s = float(time_s[step.first]) + 0.5 * (block - 1) * dt
     if entry_s is not None:
         entry_s = (entry_s[0], max(entry_s[1], exact_u_s(dt)))
@@ -162,6 +163,8 @@ def plunge_sensor(
     }
     if "tail" in theta:
         fit_values["tail_u_s"] = best.fit.u("tail") * min(chain.taus_s)
+        if fit_values["tail_u_s"] ** 2 > 0.5 * lag.u**2:
+            fit_values["limited_by"] = TAIL_LIMIT
     if best.structure.slow:
         fit_values |= {"slow_share": theta["slow_share"], "slow_s": theta["slow_s"]}
     if film is not None:
@@ -170,8 +173,9 @@ def plunge_sensor(
     findings = best.fit.residual_findings(column, white_noise_K(y), limit_K)
     findings += _structure_findings(column, record, fitted, weights)
     if entry_s is not None:
-        entry_fitted = (fit_values["entry_s"], fit_values["entry_u_s"])
-        findings += _entry_findings(column, entry_s, entry_fitted, theta.get("dead_s", 0.0))
+        findings += _entry_findings(column, record, best, entry_s)
+    elif step.first == 0 and theta["entry_s"] < 2 * max(record.dt_s, best.fit.u("entry_s")):
+        findings.append(warning("sensor.no_rows_before", subject=column))
     if dt > lag.value:
         findings.append(warning("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
 
@@ -258,6 +262,7 @@ def _structure_findings(
         Findings; empty for a record that is long enough for all of the response.
     """
     findings = list[Finding]()
+    limit = MAX_SLOW_SHARE[record.junction]
     best = fitted[int(np.argmax(weights))]
     longest_s = max(best.structure.chain(best.fit.theta).taus_s)
     slow = [k for k, f in enumerate(fitted) if f.structure.slow]
@@ -274,6 +279,8 @@ def _structure_findings(
                 "sensor.slow_or_drift", subject=column, percent=percent, slow_s=slow_s
             )
         findings.append(finding)
+    if best.fit.theta.get("slow_share", 0.0) > 0.99 * limit:
+        findings.append(warning("sensor.structure_bound", subject=column, percent=100 * limit))
     after_s = float(record.t[-1]) - record.entry_s
     if after_s < 4 * longest_s:
         findings.append(warning("sensor.cut_off", subject=column, after_s=after_s, lag_s=longest_s))
@@ -281,10 +288,7 @@ def _structure_findings(
 
 
 def _entry_findings(
-    column: str,
-    specified_s: tuple[float, float],
-    fitted_s: tuple[float, float],
-    dead_s: float,
+    column: str, record: StepRecord, fitted: FittedStructure, specified_s: tuple[float, float]
 ) -> list[Finding]:
     """Return a warning if the data contradict a specified entry instant, or show a dead time.
 
@@ -292,12 +296,12 @@ def _entry_findings(
     ----------
     column
         The sensor's column.
+    record
+        Data of the fit.
+    fitted
+        The most probable structure.
     specified_s
-        Entry instant and its standard uncertainty, before the fit [s].
-    fitted_s
-        The same after the fit [s].
-    dead_s
-        Fitted dead time [s]; 0 if the structure has none.
+        Entry instant and its standard uncertainty [s].
 
     Returns
     -------
@@ -306,27 +310,25 @@ def _entry_findings(
 
     Notes
     -----
-    For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 -
-    u_fitted^2) equals the difference of what the data alone give and the prior, over the standard
-    uncertainty of that difference (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive check).
-
-    ``tests/sensors/test_sensor_plunge.py`` checks an entry that is right and one that is wrong.
+    The shift is what a linear step asks for if the specified instant holds; the root of its gain is
+    the shift over its standard uncertainty (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive
+    check). ``tests/sensors/test_sensor_plunge.py`` checks an entry that is right and one that is
+    wrong.
     """
-    if dead_s > 0:
+    if fitted.structure.dead:
+        dead_s = fitted.fit.theta["dead_s"]
         return [
             warning("sensor.dead_time", subject=column, dead_s=dead_s, specified_s=specified_s[0])
         ]
-    shift_s = fitted_s[0] - specified_s[0]
-    least_u_s = MIN_SHIFT_U * specified_s[1]
-    shift_u_s = float(np.sqrt(max(specified_s[1] ** 2 - fitted_s[1] ** 2, least_u_s**2)))
-    if abs(shift_s) <= CONFLICT_U * shift_u_s:
+    shift_s, gain = later_response(record, fitted)
+    if gain <= CONFLICT_U**2:
         return []
     conflict = warning(
         "sensor.entry_conflict",
         subject=column,
         specified_s=specified_s[0],
         specified_u_s=specified_s[1],
-        fitted_s=fitted_s[0],
-        ratio=abs(shift_s) / shift_u_s,
+        fitted_s=specified_s[0] + shift_s,
+        ratio=float(np.sqrt(gain)),
     )
     return [conflict]

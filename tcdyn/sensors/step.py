@@ -17,13 +17,11 @@ from tcdyn.sensors.step_fits import white_noise_K
 MIN_STEP_NOISES = 20.0  # least step over the white noise; chosen by judgement
 MIN_SAMPLES = 30  # least number of samples; chosen by judgement
 MIN_RISES_AFTER = 2.5  # least record after the step, in times to 63.2 %; chosen by judgement
-# Least part of the record that is fitted, in times to 63.2 % after the entry, and the part before
-# it as a share of the part after; by judgement.
+# Part of the record in which no other event is searched, in times to 63.2 % after the entry, the
+# part before the entry as a share of it, and the longest part that is fitted; by judgement.
 RISES_AFTER = 12.0
 BEFORE_SHARE = 0.5
-# The reading has settled where it changes by less than this share of the step in half of the
-# fitted part; chosen by judgement.
-SETTLED_SHARE = 0.002
+MOST_RISES_AFTER = 60
 # A later change of this share of the step is another event and ends the record; by judgement.
 NEXT_EVENT_SHARE = 0.15
 MAX_ROWS_IN_RISE = 300  # rows in the time to 63.2 %; more are averaged in blocks; by judgement
@@ -79,7 +77,7 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
 
     Notes
     -----
-    The fitted part ends where the reading has settled, or before the next event.
+    The fitted part ends before the next event.
     ``tests/sensors/test_sensor_plunge.py`` checks the start and the errors.
     """
     finite = np.isfinite(y)
@@ -109,12 +107,12 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
             expected="five time constants after the step",
         )
     first = max(start - max(int(BEFORE_SHARE * RISES_AFTER * rise), 20), 0)
-    last = start + _settled_rows(filled[start:], rise, abs(size), noise)
+    last = start + _rows_to_fit(filled[start:], rise, abs(size))
     return Step(first, last, start * dt_s, size, rise * dt_s, before)
 
 
-def _settled_rows(after: Array, rise: int, size: float, noise: float) -> int:
-    """Return the number of rows after the entry until the reading has settled.
+def _rows_to_fit(after: Array, rise: int, size: float) -> int:
+    """Return the number of rows after the entry that are fitted.
 
     Parameters
     ----------
@@ -124,30 +122,19 @@ def _settled_rows(after: Array, rise: int, size: float, noise: float) -> int:
         Rows to 63.2 %.
     size
         Size of the step [K].
-    noise
-        White noise [K].
 
     Returns
     -------
     int
-        The rows; all of them where the reading does not settle.
+        The rows until the next event, at most those of ``MOST_RISES_AFTER``.
     """
     count = max(int(RISES_AFTER * rise), 30)
+    after = after[: MOST_RISES_AFTER * rise + count]
     if count >= len(after):
         return len(after)
     level = float(np.median(after[count // 2 : count]))
     departs = np.abs(median_filter(after[count:], 3) - level) > NEXT_EVENT_SHARE * size
-    end = count + int(np.argmax(departs)) if departs.any() else len(after)
-    while count < end:
-        quarter = count // 4
-        earlier = after[count - 2 * quarter : count - quarter]
-        change = after[count - quarter : count].mean() - earlier.mean()
-        # three standard deviations of the difference of two means
-        limit = max(SETTLED_SHARE * size, 3 * noise * np.sqrt(2 / quarter))
-        if abs(change) < limit:
-            break
-        count = int(1.5 * count)
-    return min(count, end)
+    return count + int(np.argmax(departs)) if departs.any() else len(after)
 
 
 def _step_start(filled: Array, noise: float, edge: int) -> int:
@@ -184,25 +171,22 @@ def _step_start(filled: Array, noise: float, edge: int) -> int:
     return int(below[-1]) if len(below) else 0
 
 
-def block_means(y: Array, rise_rows: int) -> tuple[Array, int]:
-    """Average readings in blocks where the response has many rows.
+def block_means(y: Array, block: int) -> Array:
+    """Return the means of blocks of rows, NaN where a block has no reading.
 
     Parameters
     ----------
     y
         Readings (N,), NaN where missing.
-    rise_rows
-        Rows in the time to 63.2 %.
+    block
+        Rows in a block.
 
     Returns
     -------
-    y
-        Means of the blocks, NaN where a block has no reading.
-    block
-        Rows in a block.
+    array
+        Means (N // block,).
     """
-    block = max(rise_rows // MAX_ROWS_IN_RISE, 1)
     blocks = y[: len(y) // block * block].reshape(-1, block)
     counts = np.isfinite(blocks).sum(axis=1)
     sums = np.nansum(blocks, axis=1)
-    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan), block
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)

@@ -41,10 +41,10 @@ START_SHARES = ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08])
 # Sum of all shorter lags, which act as a dead time, over the last lag that is fitted, and its
 # standard deviation, for one or two lags and for three, by the place of the junction. Sensors with
 # core, powder, sheath, and in half of them a gap, diameter 0.5 to 8 mm, in water, oil or air have
-# 0.02 to 0.7 after two lags and 0.5 to 1.4 after three in the axis; lumped lags have 0. At the
-# sheath they have -1.5 to 0 after two.
+# 0.02 to 0.7 after two lags and 0.5 to 1.4 after three in the axis; a homogeneous cylinder has 0.8
+# to 1.3 and 1.8 to 2.3, lumped lags have 0. At the sheath they have -1.5 to 0 after two.
 TAIL = {
-    "axis": ((0.33, 0.2), (0.33, 0.2), (0.6, 0.4)),
+    "axis": ((0.45, 0.28), (0.45, 0.28), (0.9, 0.5)),
     "sheath": ((-0.7, 0.5), (-0.7, 0.5), (-0.5, 0.6)),
 }
 MIN_TAIL = {"axis": 0.0, "sheath": -1.5}  # lower bounds
@@ -493,11 +493,31 @@ def _dead_time(
     if record.entry_prior_s is None:
         return structure, {}, 0.0
     step_s = SMALL_SHARE * record.sensor_lag_s
-    dead_s, gain = _score(record, fitted, structure, {"dead_s": step_s}, "dead_s")
+    dead_s, gain = later_response(record, fitted)
     specified_s = record.entry_prior_s[0]
     start = fitted.fit.theta | {"entry_s": specified_s, "dead_s": max(dead_s, step_s)}
     is_possible = 0 < dead_s < record.t[-1] - specified_s
     return structure, start, gain if is_possible else 0.0
+
+
+def later_response(record: StepRecord, fitted: FittedStructure) -> tuple[float, float]:
+    """Return how much later than modelled the response begins, by a linear step, and its gain.
+
+    Parameters
+    ----------
+    record
+        Data of the fit, with a specified entry.
+    fitted
+        A structure without a dead time.
+
+    Returns
+    -------
+    shift_s, gain
+        As :func:`_score` returns them; the shift is negative if the response begins earlier [s].
+    """
+    structure = replace(fitted.structure, dead=True)
+    step_s = SMALL_SHARE * record.sensor_lag_s
+    return _score(record, fitted, structure, {"dead_s": step_s}, "dead_s")
 
 
 def _score(

@@ -196,11 +196,37 @@ def test_a_specified_entry_that_is_right_is_no_warning(specified_u_s: float) -> 
         assert "sensor.entry_conflict" not in {f.code for f in made.findings}
 
 
-@pytest.mark.parametrize(("dt_s", "slow"), [(0.05, False), (4.0, True)])
+@pytest.mark.parametrize(("dt_s", "slow"), [(0.05, False), (1.7, True)])
 def test_rows_slower_than_the_lag_are_a_warning(dt_s: float, slow: bool) -> None:
     t, y, _ = plunged((1.5,), dt_s, 500, 0.05, 4)
     made = plunge_sensor(t, y, "T1")
     assert ("sensor.slow" in {f.code for f in made.findings}) == slow
+
+
+def test_rows_much_slower_than_the_lag_are_refused() -> None:
+    t, y, _ = plunged((1.5,), 4.0, 500, 0.05, 4)
+    with pytest.raises(InputError, match="no lag can be determined"):
+        plunge_sensor(t, y, "T1")
+
+
+def test_a_record_that_begins_after_the_entry_is_a_warning() -> None:
+    t, y, entry = plunged((1.5,), 0.05, 500, 0.05, 4)
+    late = int((entry + 0.3) / 0.05)
+    made = plunge_sensor(t[late:], y[late:], "T1")
+    assert "sensor.no_rows_before" in {f.code for f in made.findings}
+
+
+def test_an_exact_entry_that_is_too_late_is_a_warning() -> None:
+    t, y, entry = plunged((1.5, 0.2), 0.05, 500, 0.05, 4)
+    made = plunge_sensor(t, y, "T1", entry_s=(entry + 0.15, 0.0))
+    assert "sensor.entry_conflict" in {f.code for f in made.findings}
+
+
+def test_a_slow_path_that_has_not_settled_is_a_warning() -> None:
+    """3 % of the step with 100 s in a record of 60 s."""
+    t, y = two_paths(0.03, 100.0, 0.0, 3, 60.0)
+    made = plunge_sensor(t, y, "T1")
+    assert {f.code for f in made.findings} & {"sensor.slow_or_drift", "sensor.cut_off"}
 
 
 def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:

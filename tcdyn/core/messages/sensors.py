@@ -111,6 +111,11 @@ SENSOR: dict[str, Message] = {
     "sensor.slow_or_drift": "{subject}: the record does not distinguish a slow second heat path "
     "({percent:.2g} % of the step with {slow_s:.3g} s) from a drift of the medium: the intervals "
     "include both; log longer before and after the step",
+    "sensor.no_rows_before": "{subject}: the response begins at the first row or before it: the "
+    "level before the step is not known, and the lag may be too short; begin the record earlier",
+    "sensor.structure_bound": "{subject}: the share of a second heat path is at its bound, "
+    "{percent:.3g} %: the structure does not describe the response; check the filter after the "
+    "sensor, and that the record holds one step",
     "sensor.medium": "{subject}: the lag of {lag_s:.2g} s is not long compared with that of the "
     "medium's own step, {medium_s:.2g} +- {medium_u_s:.2g} s: much of it may be the medium's; "
     "measure how fast the medium steps and specify it with --medium-s",
