@@ -513,7 +513,7 @@ def later_response(record: StepRecord, fitted: FittedStructure) -> tuple[float, 
     Returns
     -------
     shift_s, gain
-        As :func:`_score` returns them; the shift is negative if the response begins earlier [s].
+        As ``_score`` returns them; the shift is negative if the response begins earlier [s].
     """
     structure = replace(fitted.structure, dead=True)
     step_s = SMALL_SHARE * record.sensor_lag_s
