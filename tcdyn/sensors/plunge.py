@@ -43,6 +43,9 @@ UNDECIDED = (0.05, 0.95)
 # Difference of specified and fitted entry, in standard uncertainties, beyond which a warning is
 # given: by chance in 0.3 % of records.
 CONFLICT_U = 3.0
+# Least standard uncertainty of that difference over the specified u: below it the convergence of
+# the fit decides how far the entry moves.
+MIN_SHIFT_U = 0.5
 # Shortest interval [s]: a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in
 # another unit.
 SHORTEST_ROW_S = 1e-7
@@ -310,9 +313,13 @@ def _entry_findings(
 
     Notes
     -----
-    The shift is what a linear step asks for if the specified instant holds; the root of its gain is
-    the shift over its standard uncertainty (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive
-    check). ``tests/sensors/test_sensor_plunge.py`` checks an entry that is right and one that is
+    For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 -
+    u_fitted^2) equals the difference of what the data alone give and the prior, over the standard
+    uncertainty of that difference (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive check).
+    An exact instant cannot move in the fit: there the shift is what a linear step asks for, and the
+    root of its gain its ratio to the standard uncertainty.
+
+    ``tests/sensors/test_sensor_plunge.py`` checks an entry that is right and one that is
     wrong.
     """
     if fitted.structure.dead:
@@ -320,8 +327,15 @@ def _entry_findings(
         return [
             warning("sensor.dead_time", subject=column, dead_s=dead_s, specified_s=specified_s[0])
         ]
-    shift_s, gain = later_response(record, fitted)
-    if gain <= CONFLICT_U**2:
+    if specified_s[1] <= exact_u_s(record.dt_s):
+        shift_s, gain = later_response(record, fitted)
+        ratio = float(np.sqrt(gain))
+    else:
+        shift_s = fitted.fit.theta["entry_s"] - (record.entry_prior_s or specified_s)[0]
+        least_u_s = MIN_SHIFT_U * specified_s[1]
+        learned = specified_s[1] ** 2 - fitted.fit.u("entry_s") ** 2
+        ratio = abs(shift_s) / float(np.sqrt(max(learned, least_u_s**2)))
+    if ratio <= CONFLICT_U:
         return []
     conflict = warning(
         "sensor.entry_conflict",
@@ -329,6 +343,6 @@ def _entry_findings(
         specified_s=specified_s[0],
         specified_u_s=specified_s[1],
         fitted_s=specified_s[0] + shift_s,
-        ratio=float(np.sqrt(gain)),
+        ratio=ratio,
     )
     return [conflict]
