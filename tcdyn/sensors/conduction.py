@@ -12,7 +12,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 
 # Ratio of each further lag to the one before, and number of further lags: in a homogeneous cylinder
-# the ratio is 0.3 to 0.5, and a metal core makes it less.
+# the ratio is 0.3 to 0.54, and a metal core makes it less.
 FURTHER_RATIO = 0.33
 FURTHER_LAGS = 3
 # Sum of the second lag and all further ones over the second.

@@ -121,8 +121,8 @@ def current_sensor(
     -----
     y = level + drift t + direct P + size sum_n a_n (P after a lag tau_n), with P = current^2 over
     its largest value, and a_n, tau_n those of ``cylinder_modes``. Lag, Biot number, wall, heated
-    radius and gap are sampled from their posterior, so that the interval is as wide, and as skew, as the
-    response to the current leaves them undetermined.
+    radius and gap are sampled from their posterior, so that the interval is as wide, and as skew,
+    as the response to the current leaves them undetermined.
 
     ``PRIORS`` decide the conversion from the heated response to a plunge where the data do not;
     ``FAST_PART_REL`` adds the error of the cylinder model. Narrower priors

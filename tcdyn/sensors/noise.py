@@ -69,8 +69,8 @@ def noise_sensor(
     Returns
     -------
     SensorFile
-        The file with the chain of the more probable structure; lag and times are averages over
-        both.
+        The file with the chain of the most probable structure; lag and times are averages over
+        all.
 
     Raises
     ------
@@ -92,8 +92,9 @@ def noise_sensor(
     separate the two. What the trace can show is tested: that it is stationary, long enough, above
     the logger's noise, and of this spectrum.
 
-    ``MODEL_REL`` and ``FURTHER_REL`` are the least uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
-    the spectrum: shorter segments bias the lag, longer ones are fewer.
+    ``MODEL_REL`` and ``FURTHER_REL`` are the least uncertainty of the result.
+    ``SEGMENT_LAGS`` sets the resolution of the spectrum: shorter segments bias the lag, longer ones
+    are fewer.
     ``tests/sensors/test_sensor_in_place.py`` fails where the interval no longer holds the lag.
     """
     dt = float(time_s[1] - time_s[0])
@@ -348,7 +349,7 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
     lag
         The lag [s].
     theta
-        Parameters of the better fit.
+        Parameters of the most probable fit.
 
     Raises
     ------
@@ -391,7 +392,7 @@ def _conditions(
     periodogram
         Their periodogram.
     theta
-        Parameters of the better fit.
+        Parameters of the most probable fit.
     column
         The sensor's column.
     lags

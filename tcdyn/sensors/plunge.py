@@ -156,7 +156,7 @@ def plunge_sensor(
     shorter_lags, lag, *times = (model_average(v, u, weights) for v, u in zip(values, us))
     best = fitted[int(np.argmax(weights))]
     theta = best.fit.theta
-    chain = best.structure.chain(best.fit.theta)
+    chain = best.structure.chain(theta)
     fit_values: dict[str, Any] = {
         "entry_s": theta["entry_s"] + start_s,
         "entry_u_s": best.fit.u("entry_s"),
@@ -181,7 +181,6 @@ def plunge_sensor(
         findings.append(warning("sensor.no_rows_before", subject=column))
     if dt > lag.value:
         findings.append(warning("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
-
     if medium_s[1] > MEDIUM_SHARE * lag.value:
         findings.append(
             warning(

@@ -165,10 +165,10 @@ def fit_curve(
     start: Array,
     scale: Array,
     *,
+    noise: tuple[NoiseModel, float],
     prior: Mapping[str, tuple[float, float]] | None = None,
     lower: Mapping[str, float] | None = None,
     upper: Mapping[str, float] | None = None,
-    noise: tuple[NoiseModel, float] | None = None,
 ) -> CurveFit:
     """Fit a curve by least squares, with the residuals whitened by an autoregression.
 
@@ -186,13 +186,12 @@ def fit_curve(
         Start (P,).
     scale
         Scale of each parameter (P,), for differences and steps.
+    noise
+        Autoregression and level [K] of the residuals (:func:`residual_noise`).
     prior
         Mean and standard deviation of normal priors, by name.
     lower, upper
         Bounds, by name.
-    noise
-        Autoregression and level [K] of the residuals, if another fit has estimated them; None:
-        estimated here, in three fits.
 
     Returns
     -------
@@ -212,14 +211,13 @@ def fit_curve(
     (Kass and Raftery 1995, J. Am. Stat. Assoc. 90, 773).
     """
     finite = np.isfinite(y)
-    n_parameters = len(names)
     priors = prior or {}
     prior_mean = np.array([priors.get(n, (0.0, np.inf))[0] for n in names])
     prior_sd = np.array([priors.get(n, (0.0, np.inf))[1] for n in names])
     low = np.array([(lower or {}).get(n, -np.inf) for n in names])
     high = np.array([(upper or {}).get(n, np.inf) for n in names])
     full = [slice(0, int(finite.sum()))]
-    colour, noise_K = noise or (NoiseModel(), 1.0)
+    colour, noise_K = noise
 
     def evaluate(theta: Array) -> tuple[Array, Array] | None:
         """Return whitened residuals and Jacobian at theta; None where there is no curve."""
@@ -238,25 +236,19 @@ def fit_curve(
         jacobian = np.stack(slopes, axis=1)
         return colour.whiten(residual, full) / noise_K, colour.whiten(jacobian, full) / noise_K
 
-    theta = start
-    last = 0 if noise else 2
-    for iteration in range(last + 1):
-        problem = Problem(
-            tuple(names),
-            evaluate,
-            prior_mean=prior_mean,
-            prior_sd=prior_sd,
-            lower=low,
-            upper=high,
-            max_step=3 * scale,
-        )
-        optimum = minimise(problem, theta, limit=MAX_STEPS)
-        if optimum.status is Status.NOWHERE:
-            raise InputError(f"{name} cannot be fitted: the model cannot be computed")
-        theta = optimum.theta
-        residual = (np.asarray(model(theta)) - y)[finite]
-        if iteration < last:
-            colour, noise_K = residual_noise(residual, n_parameters)
+    problem = Problem(
+        tuple(names),
+        evaluate,
+        prior_mean=prior_mean,
+        prior_sd=prior_sd,
+        lower=low,
+        upper=high,
+        max_step=3 * scale,
+    )
+    optimum = minimise(problem, start, limit=MAX_STEPS)
+    if optimum.status is Status.NOWHERE:
+        raise InputError(f"{name} cannot be fitted: the model cannot be computed")
+    residual = (np.asarray(model(optimum.theta)) - y)[finite]
     variance = np.diag(optimum.covariance)
     has_prior = np.isfinite(prior_sd)
     learned = np.log(prior_sd[has_prior] ** 2 / variance[has_prior])
