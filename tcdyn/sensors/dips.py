@@ -183,8 +183,9 @@ def pool_dips(
     column = dips[0].columns[0]
     filter_lag_s = dips[0].conditioning.lag_s
     lags = [Estimate(**dip.fit["lag_s"]) for dip in dips]
-    common_u_s = min(dip.fit.get("tail_u_s", 0.0) for dip in dips)
-    common_u = common_u_s / max(estimate.value for estimate in lags)
+    # a dip whose best structure has no short lags does not show that there are none
+    common_u_s = max(dip.fit.get("tail_u_s", 0.0) for dip in dips)
+    common_u = common_u_s / float(np.mean([estimate.value for estimate in lags]))
     pooled = random_effects(lags, common_u=common_u)
     lag = pooled.next_estimate()
     relative_u = [estimate.u / estimate.value for estimate in lags]
@@ -255,7 +256,7 @@ def pool_dips(
 
 def _pooled_time(dips: Sequence[Estimate], common_u_s: float) -> Estimate:
     """Return a percent time of one further dip; ``common_u_s`` [s] is shared by the dips."""
-    common_u = common_u_s / max(estimate.value for estimate in dips)
+    common_u = common_u_s / float(np.mean([estimate.value for estimate in dips]))
     return random_effects(dips, common_u=common_u).next_estimate()
 
 
