@@ -1,6 +1,6 @@
 """Compare two records of one disk: which quantities drifted significantly (Holm's correction).
 
-:func:`compare_records` is ``tcdyn record diff``, :func:`check_record` is ``tcdyn record check``
+:func:`compare_records` is ``tcdyn rig record diff``, :func:`check_record` is ``tcdyn rig record check``
 (``tcdyn.cli.record``); both are used by the certificate, too. ``SIGNIFICANCE`` decides which
 changes are significant; the other thresholds decide warnings only. They are chosen by judgement
 where no other reason is given. Tests: ``tests/rig/test_record.py`` and
@@ -30,7 +30,7 @@ from tcdyn.rig.static_line import (
 )
 
 # Level of the family of tests: decides ``RecordComparison.significant``, the sentence and what
-# ``tcdyn record diff`` lists.
+# ``tcdyn rig record diff`` lists.
 SIGNIFICANCE = 0.05
 # Tables of rig.toml that describe logs and people, not the disk.
 LOG_TABLES = {"columns", "logger", "traceability", "constants", "ambient"}

@@ -1,6 +1,6 @@
 """Hole and cement comparison (section 5.4): extra lag of cemented over clamped sensors.
 
-Used by the command ``tcdyn hole`` (``tcdyn.cli.calibrate``) and drawn by
+Used by the command ``tcdyn rig holes`` (``tcdyn.cli.calibrate``) and drawn by
 ``tcdyn.plots.draw_holes``. All junctions have the same depth, so the difference of their lags does
 not depend on the bath, h or the entry. Thresholds are chosen by judgement. Tests:
 ``tests/immersion/test_plunge_hole.py``.

@@ -1,6 +1,6 @@
 """Grey-box identification of the chains of a disk from its plunges: joint MAP fit.
 
-:func:`identify_plunges` is the entry point, used by ``tcdyn calibrate``. The order: whiten the
+:func:`identify_plunges` is the entry point, used by ``tcdyn rig calibrate``. The order: whiten the
 noise, average in blocks, set the priors, find the MAP, scan the common lag, refit with other
 correlations. :func:`with_structure_uncertainty` adds the comparison of structures. Thresholds are
 chosen by judgement. Tests: ``tests/immersion/test_plunge_fit.py`` and

@@ -1,6 +1,6 @@
 """Result of a plunge fit: lags with covariance, common and differential lag, budget, warnings.
 
-Returned by :func:`immersion.plunge_fit.identify_plunges`; read by ``tcdyn calibrate``, the
+Returned by :func:`immersion.plunge_fit.identify_plunges`; read by ``tcdyn rig calibrate``, the
 certificate and the figures. It computes from the optimum and the scan and fits nothing. The
 thresholds decide messages only; they are chosen by judgement. Tests:
 ``tests/immersion/test_plunge_fit.py`` and ``tests/immersion/test_plunge_structures.py``.

@@ -13,7 +13,7 @@ pd.DataFrame({"time_s": np.round(t, 4), "fine_degC": fine, "coarse_degC": coarse
     table, index=False
 )
 
-tcdyn("sensor", "pair", table, "--columns", "fine,coarse", "--out", sensor)
+tcdyn("sensor", "pair", table, "--column", "fine", "--column", "coarse", "--out", sensor)
 tcdyn("compensate", table, "--sensor", sensor, "--out", done)
 picture = traces(table, done, "coarse_degC", gas)
 picture.axes[0].set_xlim(2, 4)

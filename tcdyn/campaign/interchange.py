@@ -2,7 +2,7 @@
 
 Section 6.4.2.4 of the thesis: the slip rings of two thermocouples are exchanged and the test is
 repeated. If their difference stays, it belongs to the disk or the thermocouples, if it changes, to
-the channels. ``tcdyn campaign --interchanged`` uses it. Guarded by
+the channels. ``tcdyn rig campaign --interchanged`` uses it. Guarded by
 ``tests/campaign/test_interchange.py``.
 """
 

@@ -4,7 +4,7 @@ Each planned test is the response of the rim model to the planned conditions, wi
 is linear there, and its sufficient statistics are solved as a campaign. The whole disk is not
 simulated: the temperature of the disk, its cooling and the noise are specified.
 
-``tcdyn design`` calls it. The shape of the cooling and the constants below are approximations; only
+``tcdyn rig design`` calls it. The shape of the cooling and the constants below are approximations; only
 expected uncertainties depend on them. Guarded by ``tests/campaign/test_planned.py``.
 """
 

@@ -23,7 +23,7 @@ from tcdyn.rig.rigfile import Rig
 # Schema of the block "kept" of ``beta.json``; change it with the content.
 SCHEMA = "tcdyn.kept/1"
 # Remedy of every error about such a block.
-ANALYSE_AGAIN = "analyse its log again: tcdyn beta LOG --out FILE"
+ANALYSE_AGAIN = "analyse its log again: tcdyn rig beta LOG --out FILE"
 # Parameters of every test, first in ``SufficientStatistics.names``; the lags in s.
 QUANTITIES = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
 

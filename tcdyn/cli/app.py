@@ -11,14 +11,14 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from functools import wraps
 from typing import Any
 
 import typer
 
-from tcdyn.cli import record, sensor, simulate
-from tcdyn.cli import round as circumferential
+from tcdyn.cli import circumference, record, sensor, simulate
 from tcdyn.cli.beta import beta, campaign
-from tcdyn.cli.calibrate import calibrate, hole
+from tcdyn.cli.calibrate import calibrate, holes
 from tcdyn.cli.common import as_option
 from tcdyn.cli.compensate import compensate
 from tcdyn.cli.design import design
@@ -35,12 +35,12 @@ DESCRIPTION = (
 )
 EPILOG = (
     "A first run: tcdyn demo\n\n"
-    "Exit codes: 0 done; 1 done, with a warning (for example a log that failed, or a published "
-    "number that differs); 2 bad input, with a message that says what to do; 70 an internal error, "
+    "Exit codes: 0 done, also with warnings; 1 no result to be trusted (for example the recommended "
+    "estimate is not reported, a log of a campaign failed, or a published number differs), and with "
+    "--strict any warning; 2 bad input, with a message that says what to do; 70 an internal error, "
     "please report it; 130 stopped with Ctrl-C.\n\n"
     "Results go to standard output, progress and findings (info, warning, error) to standard "
-    "error; "
-    "--json prints the result for scripts. Terminals get colour; NO_COLOR=1 switches it off."
+    "error; --json prints the result for scripts. Terminals get colour; NO_COLOR=1 switches it off."
 )
 
 
@@ -54,26 +54,88 @@ app = typer.Typer(
     no_args_is_help=True,
     help=DESCRIPTION,
     epilog=EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,  # run() reports exceptions
 )
-app.command("demo")(simulate.demo)
-app.add_typer(simulate.app, name="simulate")
-app.add_typer(circumferential.app, name="round")
-app.command("rig")(record.rig)
-app.command("transducer")(record.transducer)
-app.command("spot")(record.spot)
-app.command("calibrate")(calibrate)
-app.add_typer(record.app, name="record")
-app.command("identify")(identify)
-app.command("response")(response)
-app.add_typer(sensor.app, name="sensor")
-app.command("compensate")(compensate)
-app.command("follow")(follow)
-app.command("beta")(beta)
-app.command("campaign")(campaign)
-app.command("design")(design)
-app.command("hole")(hole)
-app.command("verify")(verify)
+# Groups of commands in the help, in this order.
+ANY_THERMOCOUPLE = "Any thermocouple"
+IDENTIFICATION = "Identification"
+TWO_DISK_RIG = "Two-disk rig"
+TOOLS = "Tools"
+
+rig = typer.Typer(
+    no_args_is_help=True,
+    help="Calibrate the disks of a two-disk rig and estimate the heat partition beta.",
+)
+RIG_COMMANDS = {
+    "check": record.check_rig,
+    "transducer": record.transducer,
+    "line": record.line,
+    "calibrate": calibrate,
+    "beta": beta,
+    "campaign": campaign,
+    "design": design,
+    "holes": holes,
+}
+for name, function in RIG_COMMANDS.items():
+    rig.command(name)(function)
+rig.add_typer(record.app, name="record")
+rig.add_typer(circumference.app, name="circumference")
+
+app.add_typer(sensor.app, name="sensor", rich_help_panel=ANY_THERMOCOUPLE)
+app.command("compensate", rich_help_panel=ANY_THERMOCOUPLE)(compensate)
+app.command("follow", rich_help_panel=ANY_THERMOCOUPLE)(follow)
+app.command("identify", rich_help_panel=IDENTIFICATION)(identify)
+app.command("response", rich_help_panel=IDENTIFICATION)(response)
+app.add_typer(rig, name="rig", rich_help_panel=TWO_DISK_RIG)
+app.command("demo", rich_help_panel=TOOLS)(simulate.demo)
+app.add_typer(simulate.app, name="simulate", rich_help_panel=TOOLS)
+app.command("verify", rich_help_panel=TOOLS)(verify)
+
+# Names of version 0.2, which work in version 0.3 with a message: new name in the group rig.
+OLD_NAMES = {
+    "transducer": "transducer",
+    "spot": "line",
+    "calibrate": "calibrate",
+    "beta": "beta",
+    "campaign": "campaign",
+    "design": "design",
+    "hole": "holes",
+}
+
+
+def _renamed(old: str, new: str) -> Callable[..., None]:
+    """The command ``tcdyn rig NEW`` under its old name ``tcdyn OLD``, with a message."""
+    function = RIG_COMMANDS[new]
+
+    @wraps(function)  # also gives its signature, from which the options are made
+    def call_with_message(*arguments: Any, **options: Any) -> None:
+        """Print the message and call the command."""
+        _print_new_name(old, new)
+        function(*arguments, **options)
+
+    return call_with_message
+
+
+def _print_new_name(old: str, new: str) -> None:
+    """Print on standard error that a command has a new name."""
+    print(f"tcdyn {old} is now tcdyn rig {new}; version 0.4 has only that name", file=sys.stderr)
+
+
+for old, new in OLD_NAMES.items():
+    app.command(old, hidden=True)(_renamed(old, new))
+app.add_typer(
+    record.app,
+    name="record",
+    hidden=True,
+    callback=lambda: _print_new_name("record", "record"),
+)
+app.add_typer(
+    circumference.app,
+    name="round",
+    hidden=True,
+    callback=lambda: _print_new_name("round", "circumference"),
+)
 
 
 def _version(show: bool) -> None:
@@ -86,7 +148,7 @@ def _version(show: bool) -> None:
 @app.callback(help=DESCRIPTION)
 def _root(
     version: bool = typer.Option(
-        False, "--version", callback=_version, is_eager=True, help="Print the version."
+        False, "--version", "-V", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
     """Options of ``tcdyn`` itself."""

@@ -1,4 +1,4 @@
-"""Commands ``tcdyn beta`` and ``tcdyn campaign``: heat partition from EHL logs and records.
+"""Commands ``tcdyn rig beta`` and ``tcdyn rig campaign``: heat partition from EHL logs and records.
 
 The estimates come from :mod:`tcdyn.workflows.beta` and :mod:`tcdyn.workflows.campaign`. Tests:
 ``tests/cli/test_options.py``, ``tests/cli/test_campaign_command.py``.
@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from tcdyn.cli.common import (
+    NOT_TRUSTED,
     RecordFiles,
     Reporter,
     RigFileOrRecords,
@@ -24,11 +25,9 @@ from tcdyn.cli.common import (
     dump,
     number_option,
     option_groups,
-    print_first_warning,
     stage_progress,
 )
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import warnings_and_errors
 
 Bearing = Annotated[
     Path | None,
@@ -93,7 +92,7 @@ def beta(
     A log of one disk needs the record of that disk only. Beta is then estimated by the joint fit
     and the cooling fit of this disk. The log must contain both speeds.
 
-    Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out
+    Example: tcdyn rig beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out
     beta.json --report beta.html
     """
     from tcdyn.io.read import display_path
@@ -146,16 +145,21 @@ def beta(
     for run in runs:
         if len(runs) > 1:
             reporter.text(f"{run.log.path.stem}:")
-        reporter.findings(run.partition.analysis_findings)
         reporter.text(run.summary())
     for file in files:
         reporter.files(numbers=file)
     reporter.files(report=report)
-    with_warnings = [run for run in runs if run.partition.status != "sound"]
-    for run in with_warnings:
-        print_first_warning(run.log.path.name, run.partition.findings)
-    if with_warnings:
-        raise typer.Exit(1)
+    is_trusted = True
+    for run in runs:
+        partition = run.partition
+        conclusions = (partition.crosscheck.finding, partition.recommendation)
+        if not reporter.is_silent:  # the summary contains the conclusions
+            reporter.findings(run.log.path.name, partition.analysis_findings)
+        else:
+            reporter.findings(run.log.path.name, [*partition.analysis_findings, *conclusions])
+        is_trusted &= reporter.is_trusted([*partition.analysis_findings, *conclusions])
+    if not is_trusted:
+        raise typer.Exit(NOT_TRUSTED)
 
 
 def _output_files(out: Path, count: int) -> list[Path]:
@@ -195,7 +199,7 @@ def campaign(
     ] = None,
     bearing: Bearing = None,
     without: Without = None,
-    model: Annotated[
+    curve: Annotated[
         list[Path] | None,
         typer.Option(
             help="CSV of a model curve to compare with beta: one of delta_T_us_K_m_s, load_N, "
@@ -210,10 +214,11 @@ def campaign(
         ),
     ] = None,
     interchanged: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help="of two logs of one test: junctions whose channels were interchanged between "
-            "them, such as slow_a,slow_c; compares the temperature maps (section 6.4.2.4)"
+            help="of two logs of one test: a junction whose channel was interchanged with that of "
+            "another one between them, such as slow_a; give it twice; compares the temperature "
+            "maps (section 6.4.2.4)"
         ),
     ] = None,
     window_s: WindowS = 5.0,
@@ -235,8 +240,8 @@ def campaign(
     exit code is 1. If none can be analysed, the exit code is 2, and table and page of an earlier
     run are not changed.
 
-    Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json
-    --out results
+    Example: tcdyn rig campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record
+    slow.disk.json --out results
     """
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
@@ -255,15 +260,16 @@ def campaign(
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
     for name in OUTPUTS:
-        check_outputs([*logs, rig, bearing, compare, *record, *(model or ())], out=out / name)
+        check_outputs([*logs, rig, bearing, compare, *record, *(curve or ())], out=out / name)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None
     channels_left_out(without or (), rig_settings.setups)
-    pair = tuple(name.strip() for name in interchanged.split(",")) if interchanged else ()
-    if interchanged and len(pair) != 2:
+    pair = tuple(interchanged or ())
+    if len(pair) not in (0, 2):
         raise InputError(
-            f"--interchanged is {interchanged!r}", expected="two junctions: slow_a,slow_c"
+            f"--interchanged is given {len(pair)} times",
+            expected="two junctions: --interchanged slow_a --interchanged slow_c",
         )
     settings = CampaignSettings(
         rig_settings, records, window_s, seed, rolling, tuple(without or ())
@@ -278,7 +284,7 @@ def campaign(
             out,
             workers=n_workers,
             dask=dask,
-            models=model or (),
+            models=curve or (),
             compare=compare,
             interchanged=(pair[0], pair[1]) if pair else None,
             progress=progress,
@@ -291,9 +297,10 @@ def campaign(
     for outcome in run.failed:
         print(f"tcdyn: {outcome.error}", file=sys.stderr)
     reporter.json(run.card)
-    reporter.findings(run.findings)
     reporter.text(run.summary())
     reporter.files(**files)
-    print_first_warning("campaign", run.findings)
-    if run.failed or warnings_and_errors(run.findings):
-        raise typer.Exit(2 if all_failed else 1)
+    if all_failed:
+        raise typer.Exit(2)
+    reporter.findings("campaign", run.findings)
+    if run.failed or not reporter.is_trusted(run.findings):
+        raise typer.Exit(NOT_TRUSTED)

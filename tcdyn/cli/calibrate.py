@@ -1,4 +1,4 @@
-"""Commands ``tcdyn calibrate`` (disk record) and ``tcdyn hole`` (lag of cemented junctions).
+"""Commands ``tcdyn rig calibrate`` (disk record) and ``tcdyn rig holes`` (cemented junctions).
 
 The calibration is :mod:`tcdyn.workflows.calibrate`, the comparison of holes :mod:`immersion.hole`.
 Tests: ``tests/cli/test_calibrate_command.py`` and ``tests/cli/test_hole_command.py``.
@@ -18,11 +18,11 @@ from tcdyn.cli.common import (
     Verbose,
     check_outputs,
     dump,
-    exit_status,
     number_option,
     option_groups,
     stage_progress,
 )
+from tcdyn.cli.tables import value_and_u
 from tcdyn.core.errors import InputError
 
 
@@ -31,10 +31,10 @@ def calibrate(
     disk: Disk,
     immersion: Annotated[list[Path], typer.Option(help="plunge log; repeat for each plunge")],
     oven: Annotated[Path | None, typer.Option(help="oven log: one row per steady minute")] = None,
-    line_u_k: Annotated[
+    reading_u_k: Annotated[
         float | None,
         number_option(
-            "--line-u-K",
+            "--reading-u-K",
             "without an oven log: standard uncertainty of a logged reading [K], such as 0.9 for a "
             "tolerance of 1.5 K",
             0,
@@ -73,7 +73,7 @@ def calibrate(
 ) -> None:
     """Calibrate a disk: static lines from its oven log, dynamics from its plunge logs.
 
-    Example: tcdyn calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv
+    Example: tcdyn rig calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv
     --immersion P2.csv --fluid mobil-jet-ii --out fast.disk.json --report fast.html
     """
     from tcdyn.rig.record import read_record, write_record
@@ -99,7 +99,7 @@ def calibrate(
             fluids,
             structure=structure,
             correlation=correlation,
-            line_u_K=line_u_k,
+            reading_u_K=reading_u_k,
             progress=progress,
         )
     write_record(run.record, target)
@@ -108,14 +108,13 @@ def calibrate(
 
         write_certificate(report, run, earlier_records)
     reporter.json(run.record.to_dict)
-    reporter.findings(run.findings)
     reporter.text(run.summary())
     reporter.files(record=target, certificate=report)
-    exit_status(f"the {disk} disk", run.findings)
+    reporter.finish(f"{disk} disk", run.findings)
 
 
 @option_groups
-def hole(
+def holes(
     log: Annotated[
         Path,
         typer.Argument(
@@ -132,11 +131,11 @@ def hole(
         number_option("--limit-s", "extra lag in seconds above which a hole is too slow", 0, 100),
     ] = 0.20,
     depth_mm: Annotated[
-        float, number_option("--depth-mm", "depth of all junctions in mm", 0, 100, ends=False)
-    ] = 3.0,
-    depth_u_mm: Annotated[
-        float, number_option("--depth-u-mm", "standard uncertainty of the depth in mm", 0, 100)
-    ] = 0.05,
+        str,
+        typer.Option(
+            "--depth-mm", help="depth of all junctions in mm with its standard uncertainty"
+        ),
+    ] = "3+-0.05",
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     *,
@@ -144,7 +143,7 @@ def hole(
 ) -> None:
     """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones.
 
-    Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
+    Example: tcdyn simulate hole --out hole.csv && tcdyn rig holes hole.csv --report hole.html
     """
     from immersion.hole import compare_holes
     from immersion.plunge_data import with_filled_bath
@@ -155,14 +154,17 @@ def hole(
     from tcdyn.workflows.calibrate import log_findings
 
     check_outputs([log, rig], out=out, report=report)
+    depth, depth_u = value_and_u(depth_mm, "--depth-mm")
+    if not (0 < depth < 100 and depth_u < 100):
+        raise InputError(f"--depth-mm is {depth_mm}", expected="above 0 and below 100 mm")
     setup = load_rig(rig)
     table = read_log(log, "hole", setup)
     comparison = compare_holes(
         with_filled_bath(table),
         ideal=ideal,
         limit_s=limit_s,
-        depth_m=depth_mm * 1e-3,
-        depth_u_m=depth_u_mm * 1e-3,
+        depth_m=depth * 1e-3,
+        depth_u_m=depth_u * 1e-3,
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
@@ -196,12 +198,9 @@ def hole(
             verdict=comparison.summary().replace("\n", "\n\n"),
             findings=findings,
             sources=made_of([log_row(table)]),
-            assumptions=[
-                f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep, at one temperature"
-            ],
+            assumptions=[f"all junctions lie {depth:g} +- {depth_u:g} mm deep, at one temperature"],
         )
     reporter.json(lambda: content)
-    reporter.findings(findings)
     reporter.text(comparison.summary())
     reporter.files(numbers=out, report=report)
-    exit_status(log.name, findings)
+    reporter.finish(log.name, findings)

@@ -18,23 +18,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tcdyn.core.errors import InputError, printable
-from tcdyn.core.findings import Finding, unique, warnings_and_errors
+from tcdyn.core.errors import InputError, Value, printable
+from tcdyn.core.findings import Finding, Severity, unique
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+NOT_TRUSTED = 1  # exit code without a result to be trusted
 OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "records": "--record",
     "sensors": "--sensor",
     "taus_s": "--tau-s",
-    "dt_s": "--dt",
-    "resample_s": "--resample",
     "start_s": "--covariance-from-s",
+    "models": "--model",
 }
 # Endings of pictures that matplotlib writes and the commands allow, and their option.
 PICTURES = (".png", ".svg", ".pdf")
-Picture = typer.Option(help="picture to write: .png, .svg or .pdf")
+_PICTURE = typer.Option("--picture", help="picture to write: .png, .svg or .pdf")
+Picture = Annotated[Path, _PICTURE]
+OptionalPicture = Annotated[Path | None, _PICTURE]
 RigFile = Annotated[
     Path | None, typer.Option("--rig", help="rig.toml; without it the defaults are used")
 ]
@@ -42,18 +44,19 @@ RigFileOrRecords = Annotated[
     Path | None,
     typer.Option("--rig", help="rig.toml; without it the rig stored in the records is used"),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print errors only")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print warnings and errors only")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="print a line for each stage, with the elapsed time")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
+Strict = Annotated[bool, typer.Option("--strict", help="exit with code 1 if there is a warning")]
 # The option of disk records, required or not.
 RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
 OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
 
 
-def as_option(name: str, value: str | bool | None = None) -> str:
+def as_option(name: str, value: Value = None) -> str:
     """A parameter of a message as the option of a command.
 
     Parameters
@@ -61,7 +64,7 @@ def as_option(name: str, value: str | bool | None = None) -> str:
     name
         Name of a parameter in a message.
     value
-        Its value; None: the option without a value.
+        Its value, or several for a repeated option; None: the option without a value.
 
     Notes
     -----
@@ -82,6 +85,8 @@ def as_option(name: str, value: str | bool | None = None) -> str:
         return option.replace("--", "--no-", 1)
     if value is None or value is True:
         return option
+    if isinstance(value, list):
+        return " ".join(f"{option} {each}" for each in value)
     return f"{option} {value}"
 
 
@@ -129,18 +134,21 @@ def option_groups(command: Callable[..., None]) -> Callable[..., None]:
 
 @dataclass(frozen=True)
 class Reporter:
-    """Output of a command: text, JSON, or nothing but errors.
+    """Output of a command: text, JSON, or nothing but warnings and errors; and its exit code.
 
     Attributes
     ----------
     json_
         Print the result as JSON.
     quiet
-        Print errors only.
+        Print warnings and errors only.
+    strict
+        Exit with code 1 if there is a warning.
     """
 
     json_: Json = False
     quiet: Quiet = False
+    strict: Strict = False
 
     @property
     def is_silent(self) -> bool:
@@ -169,13 +177,47 @@ class Reporter:
         if self.json_:
             print(dump(data()), end="")
 
-    def findings(self, findings: Iterable[Finding]) -> None:
-        """Print each finding on standard error, its severity in front, unless silent."""
-        if self.is_silent:
-            return
+    def findings(self, name: str, findings: Iterable[Finding]) -> None:
+        """Print each finding on standard error; silent output leaves out the infos.
+
+        Parameters
+        ----------
+        name
+            Log, record or disk that the findings are about.
+        findings
+            Findings of the command.
+        """
         for finding in unique(findings):
-            message = printable(finding.message(as_option))
-            print(f"{finding.severity.value}: {message}", file=sys.stderr)
+            if finding.severity is Severity.INFO and self.is_silent:
+                continue
+            message = finding.message(as_option)
+            subject = "" if name in message else f"{name}: "
+            print(f"{finding.severity.value}: {printable(subject + message)}", file=sys.stderr)
+
+    def is_trusted(self, findings: Iterable[Finding]) -> bool:
+        """Whether there is no error among the findings, and with ``--strict`` no warning."""
+        severities = {finding.severity for finding in findings}
+        if self.strict and Severity.WARNING in severities:
+            return False
+        return Severity.ERROR not in severities
+
+    def finish(self, name: str, findings: Iterable[Finding]) -> None:
+        """Print the findings; exit with code 1 if the result is not to be trusted.
+
+        Parameters
+        ----------
+        name, findings
+            As of :meth:`findings`.
+
+        Raises
+        ------
+        typer.Exit
+            With code 1.
+        """
+        found = unique(findings)
+        self.findings(name, found)
+        if not self.is_trusted(found):
+            raise typer.Exit(NOT_TRUSTED)
 
     def files(self, **written: Path | None) -> None:
         """Print the paths of the files that were written, each after what it contains."""
@@ -401,44 +443,6 @@ def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -
         uses[file] = f"which is --{option}"
 
 
-def print_first_warning(name: str, findings: Iterable[Finding]) -> bool:
-    """Print the first warning or error on standard error, also under --quiet and --json.
-
-    Parameters
-    ----------
-    name
-        Name of the log or record, in front of the message.
-    findings
-        Findings of the command.
-
-    Returns
-    -------
-    bool
-        Whether there is a finding more serious than an info.
-    """
-    serious = warnings_and_errors(unique(findings))
-    if not serious:
-        return False
-    message = printable(serious[0].message(as_option))
-    others = f" (and {len(serious) - 1} more)" if len(serious) > 1 else ""
-    print(f"tcdyn: {name}: warning: {message}{others}", file=sys.stderr)
-    return True
-
-
-def exit_status(name: str, findings: Iterable[Finding]) -> None:
-    """Exit with code 1 if there is a warning or an error; the first one is printed.
-
-    Parameters
-    ----------
-    name
-        Name of the log or record, in front of the message.
-    findings
-        Findings of the command.
-    """
-    if print_first_warning(name, findings):
-        raise typer.Exit(1)
-
-
 def dump(data: Any) -> str:
     """Text of a JSON file, as for all files and ``--json``; NaN is null."""
     from tcdyn.core.result import json_text
@@ -446,21 +450,23 @@ def dump(data: Any) -> str:
     return json_text(data)
 
 
-def check_picture(out: Path | None, inputs: Iterable[Path | None]) -> None:
+def check_picture(picture: Path | None, inputs: Iterable[Path | None]) -> None:
     """Raise InputError for a picture of another format, or one that is an input.
 
     Parameters
     ----------
-    out
+    picture
         Picture to write; None: none.
     inputs
         Files that the command reads.
     """
-    if out is None:
+    if picture is None:
         return
-    if out.suffix.lower() not in PICTURES:
-        raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
-    check_outputs(inputs, out=out)
+    if picture.suffix.lower() not in PICTURES:
+        raise InputError(
+            f"--picture is {picture}", expected=f"a name ending in {', '.join(PICTURES)}"
+        )
+    check_outputs(inputs, picture=picture)
 
 
 def save_picture(picture: Figure, out: Path) -> None:

@@ -19,7 +19,6 @@ from tcdyn.cli.common import (
     check_choice,
     check_outputs,
     dump,
-    exit_status,
     number_option,
     option_groups,
     stage_progress,
@@ -102,10 +101,11 @@ def compensate(
     covariance_s: Annotated[
         float, number_option("--covariance-s", "length of that segment in seconds", 0, 60)
     ] = 1.0,
-    parts: Annotated[
+    components: Annotated[
         bool,
         typer.Option(
-            "--parts", help="also write the components of each _u_K: _noise_u_K and _common_u_K"
+            "--components",
+            help="also write the components of each _u_K: _noise_u_K and _common_u_K",
         ),
     ] = False,
     noise_only: Annotated[
@@ -122,9 +122,6 @@ def compensate(
             1e7,
         ),
     ] = None,
-    follow: Annotated[
-        bool, typer.Option("--follow", hidden=True, help="replaced by tcdyn follow")
-    ] = False,
     column: TableColumns = None,
     dialect: CsvDialect = "standard",
     comments: CsvComments = False,
@@ -159,7 +156,7 @@ def compensate(
             "--report": report,
             "--covariance": covariance,
             "--noise-only": noise_only or None,
-            "--parts": parts or None,
+            "--components": components or None,
             "--method": None if method == "smoother" else method,
         }
         only_with_records([option for option, value in rig_options.items() if value])
@@ -183,11 +180,6 @@ def compensate(
             "no record and no sensor was given",
             remedy="add --record DISK.disk.json or --sensor S.sensor.json",
         )
-    if follow:
-        raise InputError(
-            "--follow is a command of its own now",
-            remedy=f"use tcdyn follow {log} --record ... --out ...",
-        )
     if noise_only and (report is not None or covariance is not None):
         raise InputError("--noise-only with --report or --covariance", remedy="give one of them")
     if covariance is not None and method == "inverse":
@@ -201,7 +193,7 @@ def compensate(
             "--report": report,
             "--covariance": covariance,
             "--noise-only": noise_only or None,
-            "--parts": parts or None,
+            "--components": components or None,
             "--method": None if method == "smoother" else method,
         }
         for option, value in whole_log_options.items():
@@ -217,7 +209,7 @@ def compensate(
     way = _method(method, criterion, bandwidth_hz, noise_only)
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_log(
-            log, records, rig_settings, refine=refine, way=way, parts=parts, progress=progress
+            log, records, rig_settings, refine=refine, way=way, parts=components, progress=progress
         )
         covariances = None
         if covariance is not None:
@@ -235,11 +227,10 @@ def compensate(
         for disk in done.disks:
             findings += done.filter_report(disk).findings
     reporter.json(lambda: {**_numbers(done), "out": written, "report": report})
-    reporter.findings(findings)
     reporter.text(_summary(done))
     content = "compensated" if way.removes_lag else "without noise, lag left in"
     reporter.files(**{content: written}, report=report, covariance=covariance)
-    exit_status(log.name, findings)
+    reporter.finish(log.name, findings)
 
 
 def _summary(done: CompensatedLog) -> str:

@@ -1,4 +1,4 @@
-"""Command ``tcdyn design``: predicted uncertainties of a planned test.
+"""Command ``tcdyn rig design``: predicted uncertainties of a planned test.
 
 Single tests are :mod:`tcdyn.design.compare`, campaigns :mod:`tcdyn.campaign.planned`. Tests:
 ``tests/immersion/test_plunge_pictures.py`` and ``tests/campaign/test_planned.py``.
@@ -91,7 +91,7 @@ def design(
     With --campaign: predict how well planned EHL tests together determine beta, before junctions
     are drilled. Positions and angles are those of rig.toml for both disks; --out is then a .csv.
 
-    Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
+    Example: tcdyn rig design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
     from tcdyn.chain.logger_noise import noise_power_ratio
     from tcdyn.design.compare import compare_tests

@@ -17,7 +17,6 @@ from tcdyn.cli.common import (
     RigFileOrRecords,
     check_choice,
     check_outputs,
-    exit_status,
     number_option,
     option_groups,
 )
@@ -61,9 +60,6 @@ def follow(
             0,
             1e7,
         ),
-    ] = None,
-    behind_s: Annotated[
-        float | None, typer.Option("--behind-s", hidden=True, help="earlier name of --delay-s")
     ] = None,
     idle_s: Annotated[
         float, number_option("--idle-s", "end after this time without new rows, in seconds", 0, 1e6)
@@ -121,9 +117,6 @@ def follow(
     else:
         records = records_by_disk(record or [])
     check_choice("--dialect", dialect, DIALECTS)
-    if behind_s is not None:
-        reporter.text("--behind-s is now --delay-s")
-        delay_s = behind_s if delay_s is None else delay_s
     rig_table = load_rig(rig) if rig else None
     check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
@@ -149,7 +142,6 @@ def follow(
             asked_to_stop=stop,
             announce=announce,
         )
-    reporter.findings(done.findings)
     reporter.text(f"{done.summary()} to {out}")
     reporter.json(lambda: {**done.to_dict(), "out": out})
     if report is not None and done.log is not None:
@@ -157,7 +149,7 @@ def follow(
 
         page = write_follow_report(report, done, out, records, record or ())
         reporter.files(report=page)
-    exit_status(log.name, done.findings)
+    reporter.finish(log.name, done.findings)
 
 
 @contextmanager

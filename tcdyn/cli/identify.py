@@ -19,7 +19,6 @@ from tcdyn.cli.common import (
     check_outputs,
     count_progress,
     dump,
-    exit_status,
     in_range,
     number_option,
     option_groups,
@@ -37,14 +36,12 @@ def identify(
         Path, typer.Argument(help="Table with one row for each sample: CSV, LVM, TDMS or Parquet.")
     ],
     input: Annotated[
-        str,
-        typer.Option(
-            "--input", "-u", help="Column of the input; several separated by commas: a,b."
-        ),
+        list[str],
+        typer.Option("--input", "-u", help="Column of the input; repeat for several."),
     ],
     output: Annotated[
-        str,
-        typer.Option("--output", "-y", help="Column of the output; several separated by commas."),
+        list[str],
+        typer.Option("--output", "-y", help="Column of the output; repeat for several."),
     ],
     run: Annotated[
         str | None, typer.Option(help="Column whose values distinguish the runs.")
@@ -62,31 +59,33 @@ def identify(
     dt_s: Annotated[
         float | None,
         number_option(
-            "--dt", "Sampling interval in seconds, if there is no time column.", 1e-9, 1e9
+            "--dt-s", "Sampling interval in seconds, if there is no time column.", 1e-9, 1e9
         ),
     ] = None,
     resample_s: Annotated[
         float | None,
         number_option(
-            "--resample", "Resample uneven times to this interval in seconds.", 1e-9, 1e9
+            "--resample-s", "Resample uneven times to this interval in seconds.", 1e-9, 1e9
         ),
     ] = None,
     hold: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
-            help="Input between samples: foh (straight line), zoh (constant), zoh,foh (one for each "
-            "input); auto: zoh for each input that was set in steps."
+            help="Input between samples: foh (straight line) or zoh (constant); repeat for each "
+            "input (default: zoh for each input that was set in steps)."
         ),
-    ] = "auto",
-    models: Annotated[
-        str,
+    ] = None,
+    model: Annotated[
+        list[str] | None,
         typer.Option(
-            help="Models to compare, such as P1D,P2D,TF(1,2); for several inputs P1D+P2 (one for "
-            "each) or P1D (for all). auto: process models of one to three lags with or without "
-            "dead time, zero, complex pair and integrator, under one model of the disturbance; "
-            "with several inputs those that have an effect."
+            "--model",
+            "-m",
+            help="Model to compare, such as P1D, P2D or TF(1,2); repeat for several; for several "
+            "inputs P1D+P2 (one for each) or P1D (for all). Default: process models of one to "
+            "three lags with or without dead time, zero, complex pair and integrator, under one "
+            "model of the disturbance; with several inputs those that have an effect.",
         ),
-    ] = "auto",
+    ] = None,
     gain: Annotated[
         float | None,
         typer.Option(
@@ -180,8 +179,8 @@ def identify(
     Several inputs share one model, each with its own dead time. Several outputs get one model each,
     and a joint table.
 
-    Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report
-    step.html
+    Example: tcdyn identify step.csv --input probe_degC --output a_degC --model P1D --model P2D
+    --report step.html
     """
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identify import compare, from_csv, joint_table, read_identified
@@ -195,7 +194,7 @@ def identify(
             f"--gain is {gain:g}",
             expected="a static gain other than 0",
         )
-    holds = tuple(each.strip() for each in hold.split(","))
+    holds = tuple(hold or ["auto"])
     for each in holds:
         check_choice("--hold", each, ("foh", "zoh") if len(holds) > 1 else ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
@@ -234,16 +233,14 @@ def identify(
         time_unit=time_unit,
         dt_s=dt_s,
         resample_s=resample_s,
-        hold=holds if len(holds) > 1 else hold,
+        hold=holds if len(holds) > 1 else holds[0],
     )
     filter_ = NO_CONDITIONING
     if cutoff_hz is not None:
         filter_ = Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
     model_settings = {"offset": "none" if no_offset else "free", "known": filter_}
     fixed = {} if gain is None else {"Kp": gain}
-    model_list = []
-    if models.strip() not in ("auto", "grow"):  # the second is the name in earlier versions
-        model_list = [_model(name, inputs, fixed, model_settings) for name in _model_names(models)]
+    model_list = [_model(name, inputs, fixed, model_settings) for name in model or ()]
     fit_settings |= {
         "like": _model("P1", inputs[:1], fixed, model_settings),
         "loss": "huber" if robust else "linear",
@@ -280,7 +277,7 @@ def identify(
     findings = []
     for comparison in comparisons.values():
         findings += [comparison.conclusion, *comparison.best.findings]
-    exit_status(data.name, findings)
+    reporter.finish(data.name, findings)
 
 
 @option_groups
@@ -289,32 +286,38 @@ def response(
         Path,
         typer.Argument(help="Table with one row for each frequency: CSV, LVM, TDMS or Parquet."),
     ],
-    columns_: Annotated[
-        str, typer.Option("--columns", help="Magnitude and phase in degrees: two columns, a,b.")
+    column: Annotated[
+        list[str],
+        typer.Option(
+            help="Column of the magnitude, then column of the phase in degrees; give it twice."
+        ),
     ],
     frequency: Annotated[str, typer.Option(help="Column of the frequency in Hz.")] = "frequency_Hz",
     form: Annotated[
         str,
         typer.Option(
-            help="Content of --columns: magnitude or dB, each with the phase, or complex (real, "
+            help="Content of the two columns: magnitude or dB, each with the phase, or complex (real, "
             "imaginary)."
         ),
     ] = "magnitude",
-    u: Annotated[
+    uncertainty: Annotated[
         str | None,
-        typer.Option("--u", help="Column of the standard uncertainty of real and imaginary part."),
+        typer.Option(help="Column of the standard uncertainty of real and imaginary part."),
     ] = None,
     coherence: Annotated[
-        str | None, typer.Option(help="Column of the coherence, instead of --u.")
+        str | None, typer.Option(help="Column of the coherence, instead of --uncertainty.")
     ] = None,
     averages: Annotated[
         float | None,
         typer.Option(help="Number of averages of that coherence.", callback=in_range(1, 1e12)),
     ] = None,
-    models: Annotated[
-        str | None,
+    model: Annotated[
+        list[str] | None,
         typer.Option(
-            help="Models to compare, such as P1D,P2D,TF(1,2) (default: ten processes, P1 to P3D)."
+            "--model",
+            "-m",
+            help="Model to compare, such as P1D, P2D or TF(1,2); repeat for several (default: ten "
+            "processes, P1 to P3D).",
         ),
     ] = None,
     out: Annotated[
@@ -327,8 +330,8 @@ def response(
 
     Of the fits without a warning, the one with the lowest BIC is written.
 
-    Example: tcdyn response bode.csv --frequency f_Hz --columns gain_dB,phase_deg --form dB
-    --coherence g2 --averages 20
+    Example: tcdyn response bode.csv --frequency f_Hz --column gain_dB --column phase_deg
+    --form dB --coherence g2 --averages 20
     """
     import pandas as pd
 
@@ -336,15 +339,23 @@ def response(
     from tcdyn.io.write import write_text
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
-    pair = _columns("--columns", columns_)
+    pair = _columns("--column", column)
     if len(pair) != 2:
-        raise InputError(f"--columns is {columns_!r}", expected="two columns with a comma between")
+        raise InputError(
+            f"--column is given {len(pair)} times", expected="twice: magnitude, then phase"
+        )
     path = out or data.with_suffix(".identified.json")
     check_outputs([data], out=path)
     measured = Response.read(
-        data, frequency, (pair[0], pair[1]), form=form, u=u, coherence=coherence, averages=averages
+        data,
+        frequency,
+        (pair[0], pair[1]),
+        form=form,
+        u=uncertainty,
+        coherence=coherence,
+        averages=averages,
     )
-    names = _model_names(models) if models else CANDIDATES
+    names = model or CANDIDATES
     fits = sorted(
         (fit_response(measured, name) for name in names),
         key=lambda fit: round(fit.statistics["bic"], 6),
@@ -367,17 +378,17 @@ def response(
     read_identified(path)
     reporter.json(best.to_dict)
     reporter.text(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
-    exit_status(data.name, best.findings)
+    reporter.finish(data.name, best.findings)
 
 
-def _columns(option: str, text: str) -> list[str]:
-    """Names of columns separated by commas.
+def _columns(option: str, names: list[str]) -> list[str]:
+    """The names of columns, checked.
 
     Parameters
     ----------
     option
         Name of the option, for the message.
-    text
+    names
         What the user wrote.
 
     Raises
@@ -385,11 +396,8 @@ def _columns(option: str, text: str) -> list[str]:
     InputError
         An empty or a repeated name.
     """
-    names = [name.strip() for name in text.split(",")]
     if not all(names) or len(set(names)) < len(names):
-        raise InputError(
-            f"{option} is {text!r}", expected="a column, or different ones between commas"
-        )
+        raise InputError(f"{option} is {' and '.join(names)}", expected="different columns")
     return names
 
 
@@ -418,11 +426,6 @@ def _files_of_outputs(path: Path, outputs: list[str]) -> dict[str, Path]:
         safe_name = re.sub(r"[^A-Za-z0-9_-]+", "_", output)
         files[output] = path.with_name(f"{stem}.{safe_name}{dot if ending else ''}{ending}")
     return files
-
-
-def _model_names(models: str) -> list[str]:
-    """Names of models separated by commas; commas in brackets do not separate."""
-    return [name.strip() for name in re.split(r",(?![^(]*\))", models) if name.strip()]
 
 
 def _standard_deviation(text: str) -> float:
@@ -465,7 +468,7 @@ def _model(
         return several(parts if len(parts) > 1 else parts * len(inputs), inputs, **model_settings)
     if len(parts) > 1:
         raise InputError(
-            f"--models {name} names {len(parts)} parts", expected="one model for one input"
+            f"--model {name} names {len(parts)} parts", expected="one model for one input"
         )
     model = as_model(name)
     used = {name: value for name, value in fixed.items() if name in model.names}

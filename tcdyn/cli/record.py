@@ -1,4 +1,4 @@
-"""Commands ``tcdyn record``, ``tcdyn rig``, ``tcdyn transducer`` and ``tcdyn spot``.
+"""Commands ``tcdyn rig record``, ``rig check``, ``rig transducer`` and ``rig line``.
 
 Records are :mod:`tcdyn.rig.record`, their comparison :mod:`calibration.compare`, transducers
 :mod:`calibration.transducers`. Tests: ``tests/cli/test_records_and_rig.py`` and
@@ -18,12 +18,10 @@ from rich.table import Table
 
 from tcdyn.cli.common import (
     Disk,
-    Json,
     Reporter,
     check_choice,
     check_outputs,
     dump,
-    exit_status,
     number_option,
     option_groups,
 )
@@ -46,19 +44,19 @@ RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
 
 @app.command()
-def show(record: RecordPath, json_: Json = False) -> None:
+@option_groups
+def show(record: RecordPath, *, reporter: Reporter) -> None:
     """Print a record: static lines, lags, and the files it was made from.
 
-    Example: tcdyn record show fast.disk.json
+    Example: tcdyn rig record show fast.disk.json
     """
     from tcdyn.rig.record import read_record
 
     content = read_record(record)
-    if json_:
-        print(content.to_json(), end="")
-    else:
+    reporter.json(content.to_dict)
+    if not reporter.is_silent:
         _show(content)
-    exit_status(str(record), content.findings)
+    reporter.finish(record.name, content.findings)
 
 
 def _show(record: DiskRecord) -> None:
@@ -77,30 +75,28 @@ def _show(record: DiskRecord) -> None:
         console.print(
             f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False
         )
-    for finding in unique(record.findings):
-        console.print(
-            f"{finding.severity.value}: {finding.sentence}", markup=False, highlight=False
-        )
 
 
 @app.command()
+@option_groups
 def diff(
     old: RecordPath,
     new: RecordPath,
     every: Annotated[bool, typer.Option("--all", help="also list what did not drift")] = False,
-    json_: Json = False,
+    *,
+    reporter: Reporter,
 ) -> None:
     """List what drifted significantly between two calibrations of one disk (5 %, Holm).
 
-    Example: tcdyn record diff fast.2026.disk.json fast.disk.json
+    Example: tcdyn rig record diff fast.2026.disk.json fast.disk.json
     """
     from calibration.compare import compare_records
     from tcdyn.rig.record import read_record
 
     console = Console()
     difference = compare_records(read_record(old), read_record(new))
-    if json_:
-        print(dump(difference.to_dict()), end="")
+    reporter.json(difference.to_dict)
+    if reporter.is_silent:
         return
     rows = difference.table if every else difference.significant
     if len(rows):
@@ -113,45 +109,40 @@ def diff(
 @app.command()
 @option_groups
 def check(record: RecordPath, *, reporter: Reporter) -> None:
-    """Check a record: exit code 2 if it is damaged, 1 if there are warnings, which are listed.
+    """Check a record: exit code 2 if it is damaged; warnings are listed.
 
-    Example: tcdyn record check fast.disk.json
+    Example: tcdyn rig record check fast.disk.json
     """
     from calibration.compare import check_record
     from tcdyn.rig.record import read_record
 
-    warnings = messages(check_record(read_record(record)))
-    reporter.json(lambda: {"sound": not warnings, "doubts": warnings})
-    if not warnings:
+    findings = unique(check_record(read_record(record)))
+    reporter.json(lambda: {"sound": not findings, "doubts": messages(findings)})
+    if findings:
+        reporter.text(f"The record is readable; {len(findings)} warning(s).")
+    else:
         reporter.text("The record is sound.")
-        return
-    lines = [f"- {warning}" for warning in warnings]
-    reporter.text("\n".join([*lines, f"The record is readable; {len(warnings)} warning(s)."]))
-    raise typer.Exit(1)
+    reporter.finish(record.name, findings)
 
 
 @option_groups
-def rig(
-    show: Annotated[
-        bool, typer.Option("--show", help="print every key of the rig file with its value")
-    ] = True,
+def check_rig(
     file: Annotated[
-        Path | None, typer.Option("--rig", help="rig.toml to check (default: the default values)")
+        Path | None, typer.Argument(help="rig.toml to check (default: the default values)")
     ] = None,
     *,
     reporter: Reporter,
 ) -> None:
     """Check a rig file and print every key with its value.
 
-    Example: tcdyn rig --show > rig.toml writes a file to start with; tcdyn rig --rig rig.toml
+    Example: tcdyn rig check > rig.toml writes a file to start with; tcdyn rig check rig.toml
     checks it.
     """
     from tcdyn.rig.rigfile import load_rig, rig_toml
 
     settings = load_rig(file)
-    if show and not reporter.quiet:
-        reporter.json(settings.to_dict)
-        reporter.text(rig_toml(settings).rstrip())
+    reporter.json(settings.to_dict)
+    reporter.text(rig_toml(settings).rstrip())
 
 
 @option_groups
@@ -164,13 +155,13 @@ def transducer(
         ),
     ],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
-    of: Annotated[
+    quantity: Annotated[
         str | None, typer.Option(help="load or friction: print only the lines for the rig file")
     ] = None,
-    weights_rel: Annotated[
+    weight_u_rel: Annotated[
         float,
         number_option(
-            "--weights-rel",
+            "--weight-u-rel",
             "relative standard uncertainty common to all weights, and of the lever",
             0,
             0.5,
@@ -183,33 +174,34 @@ def transducer(
 
     Both are printed with their 95 % intervals.
 
-    --of friction prints the uncertainty as friction_rel, a key of table uncertainty of the rig
-    file; beta of a single disk is proportional to the friction. --of load prints the relative
+    --quantity friction prints the uncertainty as friction_rel, a key of table uncertainty of the rig
+    file; beta of a single disk is proportional to the friction. --quantity load prints the relative
     uncertainty of the half width of the track, one third of that of the load (half width ~
-    load^(1/3)). The zero is determined again in each test. The exit code is 1 if the gains of the
-    sessions differ.
+    load^(1/3)). The zero is determined again in each test. A warning reports gains that differ
+    between the sessions.
 
-    Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction
+    Example: tcdyn rig transducer weights.csv --out cell.json; tcdyn rig transducer torque.csv
+    --quantity friction
     """
     from calibration.transducers import fit_transducer
     from tcdyn.io.read import read_numbers
     from tcdyn.io.write import write_text
 
-    if of is not None:
-        check_choice("--of", of, ("load", "friction"))
+    if quantity is not None:
+        check_choice("--quantity", quantity, ("load", "friction"))
     check_outputs([table], out=out)
     points = read_numbers(table, ("volts", "force_N"), optional=("session",))
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
         write_text(out, dump(line.to_dict()))
-    if of is None:
+    if quantity is None:
         reporter.json(line.to_dict)
         reporter.text(line.summary())
     else:
-        u = line.gain_u_rel(weights_rel)
+        u = line.gain_u_rel(weight_u_rel)
         comments = line.summary().splitlines()
-        if of == "friction":
+        if quantity == "friction":
             keys = {"friction_rel": u}
             comments.append("under [uncertainty] of the rig file, instead of its friction_rel:")
         else:
@@ -218,14 +210,15 @@ def transducer(
                 f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"
             )
         lines = [f"# {comment}" for comment in comments]
-        if of == "friction":
+        if quantity == "friction":
             lines.append(f"friction_rel = {u:.3g}")
         reporter.json(lambda: keys)
         reporter.text("\n".join(lines))
-    exit_status(table.name, line.findings)
+    reporter.finish(table.name, line.findings)
 
 
-def spot(
+@option_groups
+def line(
     table: Annotated[
         Path,
         typer.Argument(
@@ -234,38 +227,37 @@ def spot(
         ),
     ],
     disk: Disk = "fast",
-    power_rel: Annotated[
+    flux_u_rel: Annotated[
         float,
         number_option(
-            "--power-rel",
+            "--flux-u-rel",
             "relative uncertainty common to all fluxes: power of the heater, area of the spot",
             0,
             1,
         ),
     ] = 0.02,
-    json_: Json = False,
+    *,
+    reporter: Reporter,
 ) -> None:
     """Fit a straight line of flux against temperature, printed as lines for the rig file.
 
     With these lines all estimates of beta use the measured heat loss of the running surface instead
     of h and the ambient temperature there.
 
-    Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
+    Example: tcdyn rig line spot_fast.csv --disk fast >> rig.toml
     """
     from tcdyn.io.read import read_numbers
     from tcdyn.rig.tables import fit_surface_flux
 
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:
-        line = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], power_rel)
+        flux = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], flux_u_rel)
     except InputError as problem:
         raise problem.at(str(table)) from None
-    keys = {name: float(f"{value:.6g}") for name, value in asdict(line).items()}
-    if json_:
-        print(dump(keys), end="")
-        return
+    keys = {name: float(f"{value:.6g}") for name, value in asdict(flux).items()}
+    reporter.json(lambda: keys)
     lines = [f"{name} = {value}" for name, value in keys.items()]
-    print("\n".join([f"[{disk}.surface]", *lines]))
+    reporter.text("\n".join([f"[{disk}.surface]", *lines]))
 
 
 def _chain_rows(chain: ChainRecord) -> pd.DataFrame:

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tcdyn.cli.common import (
-    Picture,
+    OptionalPicture,
     Reporter,
     check_choice,
     check_outputs,
     check_picture,
-    exit_status,
     number_option,
     option_groups,
     save_picture,
@@ -65,7 +64,7 @@ class SensorOutput:
         return self.name or file_name or "sensor"
 
     def write(self, sensor: SensorFile, reporter: Reporter, logs: Sequence[Path] = ()) -> None:
-        """Write the file if one is requested, and report its content; exit code 1 for a warning.
+        """Write the file if one is requested, and report its content.
 
         Parameters
         ----------
@@ -87,12 +86,7 @@ class SensorOutput:
             check_outputs(logs, out=self.out)
             write_sensor(sensor, self.out)
             read_sensor(self.out)
-        reporter.json(sensor.to_dict)
-        reporter.text(sensor.summary().split("\nwarning:")[0].split("\ninfo:")[0])
-        reporter.findings(sensor.findings)
-        if self.out is not None:
-            reporter.text(f"wrote {self.out}")
-        exit_status(str(self.out or sensor.sensor), sensor.findings)
+        _report(sensor, reporter, self.out)
 
 
 @dataclass(frozen=True)
@@ -136,10 +130,10 @@ def new(
         ),
     ],
     column: Columns,
-    delay_s: Annotated[
+    dead_time_s: Annotated[
         str,
         typer.Option(
-            "--delay-s", help="dead time in seconds with its standard uncertainty: 0.2+-0.05"
+            "--dead-time-s", help="dead time in seconds with its standard uncertainty: 0.2+-0.05"
         ),
     ] = "0",
     *,
@@ -158,7 +152,7 @@ def new(
         column,
         [value_and_u(text, "--tau-s") for text in tau_s],
         known_filter.conditioning(),
-        value_and_u(delay_s, "--delay-s"),
+        value_and_u(dead_time_s, "--dead-time-s"),
     )
     output.write(sensor, reporter)
 
@@ -177,8 +171,7 @@ def show(
     from tcdyn.sensors import read_sensor
 
     sensor = read_sensor(file)
-    reporter.json(sensor.to_dict)
-    reporter.text(sensor.summary())
+    _report(sensor, reporter)
 
 
 @app.command()
@@ -282,8 +275,8 @@ def plunge(
 @option_groups
 def pair(
     log: Log,
-    columns: Annotated[
-        str, typer.Option("--columns", help="the two columns, separated by a comma: T1,T2")
+    column: Annotated[
+        list[str], typer.Option("--column", help="one of the two columns; give it twice")
     ],
     speed: Annotated[
         str | None,
@@ -294,10 +287,10 @@ def pair(
     exponent: Annotated[
         str, typer.Option("--exponent", help="with --speed: n and its standard uncertainty")
     ] = "0.5+-0.1",
-    change_s: Annotated[
+    flow_step_s: Annotated[
         list[float] | None,
         typer.Option(
-            "--change-s",
+            "--flow-step-s",
             help="instant of a step of the flow in seconds; lags are constant between steps; "
             "repeat for "
             "several",
@@ -316,14 +309,16 @@ def pair(
     Noise on both is modelled. Both columns of a row are taken as sampled at one instant. If a
     column is repeated or blank between new values, only its new values are used.
 
-    Example: tcdyn sensor pair exhaust.csv --columns T1,T2 --speed flow_m_s --out pair.sensor.json
+    Example: tcdyn sensor pair exhaust.csv --column T1 --column T2 --speed flow_m_s --out pair.sensor.json
     """
     from tcdyn.sensors.pair import pair_sensor
 
-    pair_names = [name.strip() for name in columns.split(",")]
-    if len(pair_names) != 2 or pair_names[0] == pair_names[1]:
-        raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
-    t, values, findings, names = _read(log, pair_names, reading, (speed,) if speed else ())
+    if len(set(column)) != 2 or len(column) != 2:
+        raise InputError(
+            f"--column is {' and '.join(column)}",
+            expected="two columns: --column T1 --column T2",
+        )
+    t, values, findings, names = _read(log, column, reading, (speed,) if speed else ())
     sensor = pair_sensor(
         t,
         values[0],
@@ -331,7 +326,7 @@ def pair(
         (names[0], names[1]),
         sensor=output.sensor_name,
         speed=values[2] if speed else None,
-        changes_s=change_s or (),
+        changes_s=flow_step_s or (),
         exponent=value_and_u(exponent, "--exponent"),
         bare=bare,
         inputs=[_input_file(log)],
@@ -412,16 +407,16 @@ def touch(
     log: Log,
     column: Columns,
     order: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help="columns in the order of touching, separated by commas: T2,T1,T3 (default: not "
+            help="column that was touched; repeat for each in the order of touching (default: not "
             "stated)"
         ),
     ] = None,
     touch_s: Annotated[
         float, number_option("--touch-s", "duration of a touch in seconds", 0.01, 600)
     ] = 2.0,
-    out: Annotated[Path | None, Picture] = None,
+    picture: OptionalPicture = None,
     *,
     reading: TableReading,
     reporter: Reporter,
@@ -432,7 +427,8 @@ def touch(
     ten seconds before the next. With --order, a warning reports each touch to which another column
     responded.
 
-    Example: tcdyn sensor touch touch.csv --column "slow_*_degC" --order slow_a,slow_b --out t.png
+    Example: tcdyn sensor touch touch.csv --column "slow_*_degC" --order slow_a --order slow_b
+    --picture t.png
     """
     from functools import partial
 
@@ -441,24 +437,40 @@ def touch(
     from tcdyn.sensors.touch import find_touches
     from tcdyn.sensors.units import match_columns
 
-    check_picture(out, [log])
+    check_picture(picture, [log])
     t, values, findings, names = _read(log, column, reading, several=True)
     stated = []
-    for word in (order or "").split(","):
-        if word.strip():
-            stated += match_columns(word.strip(), names, str(log))
+    for word in order or ():
+        stated += match_columns(word, names, str(log))
     readings = np.column_stack(values)
     result = find_touches(t, readings, names, touch_s=touch_s, order=stated)
-    if out is not None:
+    if picture is not None:
         from tcdyn.plots.calibration import draw_touches
         from tcdyn.plots.style import panel_figure
 
-        save_picture(panel_figure(partial(draw_touches, result, t, readings, names)), out)
+        save_picture(panel_figure(partial(draw_touches, result, t, readings, names)), picture)
     reporter.json(result.to_dict)
     reporter.text(result.summary())
-    reporter.findings([*findings, *result.findings])
-    reporter.files(picture=out)
-    exit_status(str(log), [*findings, *result.findings])
+    reporter.files(picture=picture)
+    reporter.finish(log.name, [*findings, *result.findings])
+
+
+def _report(sensor: SensorFile, reporter: Reporter, out: Path | None = None) -> None:
+    """Print a sensor, the file that was written, and the findings.
+
+    Parameters
+    ----------
+    sensor
+        Content of the file.
+    reporter
+        Output of the command.
+    out
+        File that was written; None: none.
+    """
+    reporter.json(sensor.to_dict)
+    reporter.text(sensor.summary(with_findings=False))
+    reporter.files(sensor=out)
+    reporter.finish(sensor.sensor, sensor.findings)
 
 
 def _read(

@@ -137,7 +137,7 @@ def immersion(
         float,
         number_option("--duration-s", "length of the log after the entry in seconds", 10, 3600),
     ] = 140.0,
-    run: Annotated[
+    plunge: Annotated[
         int,
         typer.Option(min=1, help="number of the plunge; each is another plunge of the same rig"),
     ] = 1,
@@ -160,7 +160,7 @@ def immersion(
         simulated.seed,
         fluid,  # type: ignore[arg-type]
         bath_degC,
-        run,
+        plunge,
         truth,
         options,
     )
@@ -194,13 +194,12 @@ def ehl(
             "time in seconds in which load and friction fall to zero; 1.5 in figure 4.20",
             0.001,
             10,
-            "--parting-s",
         ),
     ] = 0.02,
-    brake: Annotated[
+    brake_s: Annotated[
         float | None,
         number_option(
-            "--brake",
+            "--brake-s",
             "time in seconds after the unloading in which both speeds fall to 1/e",
             0.1,
             1e6,
@@ -230,7 +229,7 @@ def ehl(
 ) -> None:
     """Simulate an EHL test of both disks: warm running, loading, unloading, cooling.
 
-    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --unloading-s 1.5 --brake 3
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --unloading-s 1.5 --brake-s 3
     --again 0.2@1 --uneven slow:0.5@30
     """
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
@@ -239,7 +238,7 @@ def ehl(
     options = EhlOptions(
         beta=beta,
         parting_s=unloading_s,
-        brake_s=brake,
+        brake_s=brake_s,
         again_s=tuple(_contact_again(text) for text in again or ()),
     )
     _write(out, reporter, *simulate_ehl(test, simulated.seed, truth, options))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import Reporter, check_outputs, exit_status, stage_progress
+from tcdyn.cli.common import Reporter, check_outputs, stage_progress
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def compensate_any_table(
     reporter: Reporter,
     verbose: bool,
 ) -> None:
-    """Compensate a table and report the result; exit code 1 if there is a warning.
+    """Compensate a table and report the result.
 
     Parameters
     ----------
@@ -200,6 +200,5 @@ def compensate_any_table(
     from_files = [finding for calibration in given for finding in calibration.findings]
     findings = unique_by_subject([*from_files, *done.findings])
     reporter.json(done.to_dict)
-    reporter.findings(findings)
     reporter.text(done.summary())
-    exit_status(log.name, findings)
+    reporter.finish(log.name, findings)

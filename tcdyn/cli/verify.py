@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import Reporter, check_outputs, option_groups
+from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, option_groups
 from tcdyn.core.findings import warning
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def verify(
     report: Annotated[
         Path | None, typer.Option("--report", help="HTML report with the table and figures")
     ] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", help="CSV file for the table")] = None,
+    out: Annotated[Path | None, typer.Option(help="table (.csv) to write")] = None,
     why: Annotated[bool, typer.Option("--why", help="print the reason for every row")] = False,
     *,
     reporter: Reporter,
@@ -52,19 +52,19 @@ def verify(
     """
     from tcdyn.verify import verify_rows
 
-    check_outputs([], report=report, csv=csv)
+    check_outputs([], report=report, out=out)
     rows = verify_rows()
     reporter.json(lambda: {"sentence": summary_text(rows), "classes": by_kind(rows), "rows": rows})
     if not reporter.is_silent:
         _print(rows, why)
-    if csv is not None:
+    if out is not None:
         from tcdyn.io.write import write_text
 
-        write_text(csv, _frame(rows).to_csv(index=False))
+        write_text(out, _frame(rows).to_csv(index=False))
     if report is not None:
         _report(rows, report)
     if any(row.failed for row in rows):
-        raise typer.Exit(1)
+        raise typer.Exit(NOT_TRUSTED)
 
 
 def by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:

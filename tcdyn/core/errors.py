@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 from collections.abc import Callable
 
-# Value of a parameter in a message; None where the name alone is meant.
-Value = str | bool | None
+# Value of a parameter in a message, or several; None where the name alone is meant.
+Value = str | bool | list[str] | None
 # How a message writes a parameter: function of name and value.
 Spelling = Callable[[str, Value], str]
 

@@ -1,6 +1,6 @@
 """Comparison of planned tests (plunges, touches, loading, unloading), with a recommendation.
 
-``tcdyn design`` calls ``compare_tests``. Grades and effort are conventions; they decide the
+``tcdyn rig design`` calls ``compare_tests``. Grades and effort are conventions; they decide the
 wording, not the numbers. Guarded by ``tests/immersion/test_design_predictions.py``.
 """
 

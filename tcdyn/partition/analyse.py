@@ -23,7 +23,15 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, Severity, info, messages, warning, warnings_and_errors
+from tcdyn.core.findings import (
+    Finding,
+    Severity,
+    error,
+    info,
+    messages,
+    warning,
+    warnings_and_errors,
+)
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.at_rest import cables_exchanged, disks_differ
 from tcdyn.partition.cooling import (
@@ -171,7 +179,7 @@ class Partition:
     def recommendation(self) -> Finding:
         """The recommended estimate, that of the combined fit, and the reason."""
         if "both beta" in self.impossible:
-            return warning("headline.withheld", subject=self.single_disk)
+            return error("headline.withheld", subject=self.single_disk)
         beta = self.combined.estimates["beta"]
         forms = self.model_forms
         if forms is None:

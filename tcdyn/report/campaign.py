@@ -1,6 +1,6 @@
 """Report of a campaign: conclusion, beta of all tests, and the thesis's figures of many tests.
 
-Written by ``tcdyn campaign``. The sections on the joint posterior are in
+Written by ``tcdyn rig campaign``. The sections on the joint posterior are in
 :mod:`tcdyn.report.campaign_joint`. Tests: ``tests/report/test_campaign_page.py``.
 """
 

@@ -1,6 +1,6 @@
 """Certificate of a calibrated disk: a verdict on each thermocouple, then the evidence for it.
 
-Written by ``tcdyn calibrate --report``. The verdicts come from
+Written by ``tcdyn rig calibrate --report``. The verdicts come from
 :func:`calibration.compare.check_record`; the signed part is :mod:`tcdyn.report.signed`. Tests:
 ``tests/rig/test_record.py``, ``tests/cli/test_calibrate_command.py`` and
 ``tests/calibration/test_budget.py``.

@@ -1,6 +1,6 @@
 """Reports on planned tests (expected uncertainties), and on an identified model.
 
-Written by ``tcdyn design --out plan.html`` and ``tcdyn identify``. Tests:
+Written by ``tcdyn rig design --out plan.html`` and ``tcdyn identify``. Tests:
 ``tests/report/test_dynamics_page.py``.
 """
 

@@ -591,7 +591,7 @@ def press_fit_conductance(setup: DiskSetup) -> tuple[float, float]:
         raise InputError(
             f"rig.toml states no press fit of the {setup.name} disk",
             expected="[fit] with an interference_um above zero, and a bore",
-            remedy="`tcdyn rig --show` lists every key with its default",
+            remedy="`tcdyn rig check` lists every key with its default",
         )
     pressure = interference_pressure_Pa(0.5e-6 * fit.interference_um, bore_m, setup.outer_radius_m)
     conductance = contact_conductance_W_m2K(

@@ -1,6 +1,6 @@
 """The record of a calibrated disk: static line and chain of each channel, and their origin.
 
-Written by ``tcdyn calibrate``; read by every command that needs a calibrated disk. The keys are
+Written by ``tcdyn rig calibrate``; read by every command that needs a calibrated disk. The keys are
 those of the JSON file: a new key needs a default, or records of earlier versions cannot be read.
 Tests: ``tests/rig/test_record.py``.
 """
@@ -321,7 +321,7 @@ def read_record(path: str | Path) -> DiskRecord:
         An unknown schema, a missing or unknown key, or an impossible value; the message names the
         key.
     """
-    data = read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json")
+    data = read_json(path, "a disk record", "tcdyn rig calibrate", "*.disk.json")
     return parse_record(data, str(path))
 
 
@@ -395,7 +395,7 @@ def parse_record(data: Any, where: str) -> DiskRecord:
         DiskRecord,
         _from_0_1(data) if schema == SCHEMA_0_1 else data,
         where,
-        "a record as `tcdyn calibrate` writes it",
+        "a record as `tcdyn rig calibrate` writes it",
         "do not edit records by hand; calibrate again",
     )
     record.findings.extend(checksum_findings(data, where))

@@ -56,8 +56,8 @@ from tcdyn.rig.tables import (
 # A key of more than 32 parts: tomllib needs time with the square of the depth.
 DEEP_KEY = re.compile(r"""(?:\.[ \t]*["'\w-]+[ \t]*){32}""")
 # Remedies of error messages.
-SHOW_REMEDY = "`tcdyn rig --show` lists every key with its default"
-WRITE_REMEDY = "`tcdyn rig --show > rig.toml` writes one"
+SHOW_REMEDY = "`tcdyn rig check` lists every key with its default"
+WRITE_REMEDY = "`tcdyn rig check > rig.toml` writes one"
 
 
 class RigTables(RigTable):
@@ -430,7 +430,7 @@ HINTS = [
 
 
 def rig_toml(rig: Rig) -> str:
-    """The rig as TOML text, every key with its value: the output of ``tcdyn rig --show``."""
+    """The rig as TOML text, every key with its value: the output of ``tcdyn rig check``."""
     lines: list[str] = ["# tcdyn rig file: every key, with the value in force"]
     common = rig.common.model_dump()
     for table, values in common.items():

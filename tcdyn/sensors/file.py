@@ -202,9 +202,21 @@ class SensorFile(Result, StrictModel):
         """Standard uncertainty (M,) of the largest time constant at fixed lag [s]."""
         return np.array([c.split_u_s for c in self.chain.channels.values()])
 
-    def summary(self) -> str:
+    def summary(self, with_findings: bool = True) -> str:
         """Method, lag and what limits it, times of the step response, dips, and findings.
 
+        Parameters
+        ----------
+        with_findings
+            Whether the findings are listed at the end.
+
+        Returns
+        -------
+        text
+            Lines separated by line feeds.
+
+        Notes
+        -----
         The lag is the recommended estimate: that of ``fit`` where the method has one. The chain of
         the file may have another lag within its uncertainty, which is larger for this reason.
         """
@@ -237,7 +249,9 @@ class SensorFile(Result, StrictModel):
                 lines.append(f"  {key}: {Estimate(**value)}")
             elif isinstance(value, float):
                 lines.append(f"  {key}: {value:.4g}")
-        return "\n".join([*lines, *labelled_messages(self.findings)])
+        if with_findings:
+            lines += labelled_messages(self.findings)
+        return "\n".join(lines)
 
     def card(self) -> pd.DataFrame:
         """Lag and times of each column, formatted for display."""

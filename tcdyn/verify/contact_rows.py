@@ -178,7 +178,7 @@ def contact_rows() -> Iterator[VerifyRow]:
     conductances_kW_m2K = [h * 1e-3 for _, h in fitted]
     yield close(
         "rule",
-        "the same by `tcdyn round fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, "
+        "the same by `tcdyn rig circumference fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, "
         "kW/m2K",
         "section 6.4.3",
         "27.3, 45.6, 7.7, 11.1",

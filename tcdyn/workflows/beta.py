@@ -1,6 +1,6 @@
 """Heat partition: from an EHL log and two records to beta by all methods, and beta.json.
 
-``estimate_beta`` is the command ``tcdyn beta``, for a log of one or both disks. Guarded by
+``estimate_beta`` is the command ``tcdyn rig beta``, for a log of one or both disks. Guarded by
 ``tests/partition/test_left_out.py``, ``tests/partition/test_as_logged.py`` and ``tests/behaviour``.
 """
 

@@ -124,7 +124,7 @@ def calibrate_disk(
     structure: str = "P2",
     correlation: str = "churchill-chu-laminar",
     prt_u_degC: float = 0.0,
-    line_u_K: float | None = None,
+    reading_u_K: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
@@ -134,7 +134,7 @@ def calibrate_disk(
     rig, disk
         The rig; "fast" or "slow".
     oven
-        Oven log; None with ``line_u_K``.
+        Oven log; None with ``reading_u_K``.
     immersion, fluids
         Plunge logs; one fluid (name or table) for all plunges, or one for each.
     structure, correlation
@@ -143,7 +143,7 @@ def calibrate_disk(
         Standard uncertainty of each reading of the oven's PRT relative to itself, if it was stated
         apart from its certificate. The certificate's part is in the rig's [traceability] and common
         to all readings; the scatter gives the remainder.
-    line_u_K
+    reading_u_K
         Without an oven log: standard uncertainty of a reading as it was logged [K].
     progress
         Called with the name of each stage.
@@ -168,7 +168,9 @@ def calibrate_disk(
         )
     tables = rig.tables(disk)
     setup = rig.disk_setup(disk)
-    static, lines, findings, inputs = _static_lines(oven, line_u_K, rig, disk, prt_u_degC, progress)
+    static, lines, findings, inputs = _static_lines(
+        oven, reading_u_K, rig, disk, prt_u_degC, progress
+    )
     runs: list[PlungeRun] = []
     logs: list[Log] = []
     for k, path in enumerate(immersion):
@@ -259,7 +261,7 @@ def deviating_at_rest(run: PlungeRun) -> set[str]:
 
 def _static_lines(
     oven: str | Path | None,
-    line_u_K: float | None,
+    reading_u_K: float | None,
     rig: Rig,
     disk: str,
     prt_u_degC: float,
@@ -271,7 +273,7 @@ def _static_lines(
     ----------
     oven
         Oven log, or None.
-    line_u_K
+    reading_u_K
         Standard uncertainty of a reading without an oven log [K], or None.
     rig, disk
         The rig, and the name of the disk.
@@ -294,21 +296,21 @@ def _static_lines(
     Raises
     ------
     InputError
-        Unless exactly one of ``oven`` and ``line_u_K`` is given.
+        Unless exactly one of ``oven`` and ``reading_u_K`` is given.
     """
-    if (oven is None) == (line_u_K is None):
+    if (oven is None) == (reading_u_K is None):
         raise InputError(
             "no oven log" if oven is None else "an oven log and a stated line",
             where="calibrate",
             expected="one of them: the oven log, or how far off a reading may be as logged (standard uncertainty, K)",
-            remedy="add {oven} or {line_u_K}" if oven is None else "leave one out",
-            parameters={"oven": "LOG", "line_u_K": "K"},
+            remedy="add {oven} or {reading_u_K}" if oven is None else "leave one out",
+            parameters={"oven": "LOG", "reading_u_K": "K"},
         )
-    if oven is None or line_u_K is not None:
+    if oven is None or reading_u_K is not None:
         return (
             None,
-            identity_lines(line_u_K or 0.0, rig.disk_setup(disk).channels),
-            [info("static.stated", u_K=line_u_K)],
+            identity_lines(reading_u_K or 0.0, rig.disk_setup(disk).channels),
+            [info("static.stated", u_K=reading_u_K)],
             [],
         )
     progress("static lines from the oven log")

@@ -1,6 +1,6 @@
 """Analysis of many EHL logs into one table: parallel, resumable, tolerant of a log that fails.
 
-The command ``tcdyn campaign``. One log is :mod:`tcdyn.workflows.campaign_log`, the combined
+The command ``tcdyn rig campaign``. One log is :mod:`tcdyn.workflows.campaign_log`, the combined
 analysis :func:`tcdyn.campaign.joined`. Guarded by ``tests/cli/test_campaign_command.py``.
 """
 

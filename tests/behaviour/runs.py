@@ -40,42 +40,42 @@ class Run:
 RECORDS = "--record {fast} --record {slow}"
 RUNS = {
     "calibrate fast": Run(
-        "calibrate --rig {rig} --disk fast --oven {oven_fast} --immersion {plunge_fast_1} "
+        "rig calibrate --rig {rig} --disk fast --oven {oven_fast} --immersion {plunge_fast_1} "
         "--immersion {plunge_fast_2} --fluid mobil-jet-ii --out {out}",
         "record.json",
         True,
     ),
     "calibrate slow": Run(
-        "calibrate --rig {rig} --disk slow --oven {oven_slow} --immersion {plunge_slow_1} "
+        "rig calibrate --rig {rig} --disk slow --oven {oven_slow} --immersion {plunge_slow_1} "
         "--immersion {plunge_slow_2} --fluid mobil-jet-ii --out {out}",
         "record.json",
     ),
     "compensate a rig log": Run(
         f"compensate {{ehl_B3}} --rig {{rig}} {RECORDS} --out {{out}}", "out.csv", True
     ),
-    "beta": Run(f"beta {{ehl_B3}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json", True),
+    "beta": Run(f"rig beta {{ehl_B3}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json", True),
     "beta at the heaviest load": Run(
-        f"beta {{ehl_D4}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json"
+        f"rig beta {{ehl_D4}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json"
     ),
     "campaign": Run(
-        f"campaign {{ehl_B3}} {{ehl_D4}} --rig {{rig}} {RECORDS} --workers 1 --out {{out}}",
+        f"rig campaign {{ehl_B3}} {{ehl_D4}} --rig {{rig}} {RECORDS} --workers 1 --out {{out}}",
         "results/campaign.json",
     ),
     "sensor new": Run("sensor new --tau-s 25+-1 --column TC1 --out {out}", "sensor.json"),
     "compensate any table": Run("compensate {furnace} --sensor {sensor} --out {out}", "out.csv"),
-    "identify one model": Run("identify {binary} -u u -y y --models P2D --out {out}", "model.json"),
+    "identify one model": Run("identify {binary} -u u -y y --model P2D --out {out}", "model.json"),
     "identify by search": Run("identify {binary} -u u -y y --out {out}", "model.json"),
     "identify a frequency response": Run(
-        "response {bode} --columns gain,phase --models P1 --out {out}", "model.json"
+        "response {bode} --column gain --column phase --model P1 --out {out}", "model.json"
     ),
     "sensor plunge": Run("sensor plunge {dip} --column T1 --out {out}", "sensor.json"),
-    "sensor pair": Run("sensor pair {gas} --columns T1,T2 --out {out}", "sensor.json"),
+    "sensor pair": Run("sensor pair {gas} --column T1 --column T2 --out {out}", "sensor.json"),
     "sensor noise": Run("sensor noise {steady} --column T1 --out {out}", "sensor.json"),
     "sensor current": Run(
         "sensor current {current} --column T1 --current I_mA --out {out}", "sensor.json"
     ),
-    "design": Run("design --rig {rig} --out {out}", "plan.csv"),
-    "verify": Run("verify --csv {out}", "rows.csv"),
+    "design": Run("rig design --rig {rig} --out {out}", "plan.csv"),
+    "verify": Run("verify --out {out}", "rows.csv"),
 }
 
 

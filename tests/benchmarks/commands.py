@@ -26,6 +26,7 @@ from tests.benchmarks.log_reading import best_s
 from tests.campaign.toy import toy
 
 COMMANDS = (
+    "rig",
     "calibrate",
     "beta",
     "compensate",
@@ -132,9 +133,10 @@ def compare_commands(log: Path, records: list[object]) -> None:
     print(f"baseline for {log.name} ({log.stat().st_size / 1e6:.0f} MB): {base:.2f} s; times that:")
     jobs: dict[str, tuple[object, ...]] = {
         "compensate": ("compensate", log, *records, "--out", folder / "out.csv", "-q"),
-        "beta": ("beta", log, *records, "--out", folder / "out.json", "-q"),
-        "beta --report": ("beta", log, *records, "--report", folder / "out.html", "-q"),
+        "beta": ("rig", "beta", log, *records, "--out", folder / "out.json", "-q"),
+        "rig beta --report": ("rig", "beta", log, *records, "--report", folder / "out.html", "-q"),
         "calibrate": (
+            "rig",
             "calibrate",
             "--disk",
             "fast",
@@ -184,7 +186,7 @@ def compare_lengths(log: Path, lengths: list[int], records: list[object]) -> Non
         for name, source, out in (
             ("compensate", long_log, "longer.out.csv"),
             ("compensate, Parquet", parquet, "longer.out.parquet"),
-            ("beta", long_log, "longer.json"),
+            ("rig", "beta", long_log, "longer.json"),
         ):
             words = (name.split(",")[0], source, *records, "--out", folder / out, "-q")
             jobs[name] = partial(command, *words)

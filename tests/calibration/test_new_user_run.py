@@ -34,6 +34,7 @@ def test_simulated_oven_and_plunges_give_a_certificate_in_two_commands(tmp_path)
     page = tmp_path / "fast.html"
     oven = campaign / "oven_fast.csv"
     code = tcdyn(
+        "rig",
         "calibrate",
         "--rig",
         campaign / "rig.toml",
@@ -60,7 +61,7 @@ def test_simulated_oven_and_plunges_give_a_certificate_in_two_commands(tmp_path)
     }
     assert "thermocouples fit to use" in page.read_text()
     assert true_values
-    assert tcdyn("record", "show", record) == 0
+    assert tcdyn("rig", "record", "show", record) == 0
 
 
 @pytest.mark.e2e
@@ -78,6 +79,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
         out = tmp_path / "out.json"
         arguments = {
             "oven": (
+                "rig",
                 "calibrate",
                 "--disk",
                 "fast",
@@ -89,6 +91,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
                 out,
             ),
             "immersion": (
+                "rig",
                 "calibrate",
                 "--disk",
                 "fast",
@@ -106,7 +109,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
             "no unloading",
             "friction_N: column is missing",
         ):
-            arguments = ("beta", path, "--record", record, "--out", tmp_path / "out.csv")
+            arguments = ("rig", "beta", path, "--record", record, "--out", tmp_path / "out.csv")
         assert tcdyn(*arguments) == 2, damage.name
         messages = capsys.readouterr().err
         assert "Traceback" not in messages, damage.name
@@ -168,7 +171,7 @@ def test_gain_and_zero_of_a_transducer_are_printed_and_written(tmp_path, capsys)
     path = tmp_path / "weights.csv"
     out = tmp_path / "cell.json"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
-    assert tcdyn("transducer", path, "--out", out) == 0
+    assert tcdyn("rig", "transducer", path, "--out", out) == 0
     printed = capsys.readouterr().out
     stored = json.loads(out.read_text())
     line = fit_transducer(volts, force, session)
@@ -177,7 +180,7 @@ def test_gain_and_zero_of_a_transducer_are_printed_and_written(tmp_path, capsys)
     assert line.slope_N_V.text("N/V") in printed
     assert f"{line.slope_N_V.low95:.6g} to {line.slope_N_V.high95:.6g}" in printed
     path.write_text("volts,force_N\n0.1,0\n0.2,\n0.3,200\n")
-    assert tcdyn("transducer", path) == 2
+    assert tcdyn("rig", "transducer", path) == 2
     assert "column force_N, row 3: no number" in capsys.readouterr().err
 
 
@@ -188,7 +191,9 @@ def test_gain_of_a_friction_transducer_gives_the_uncertainty_of_the_rig_file(tmp
     path = tmp_path / "torque.csv"
     rig = tmp_path / "rig.toml"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
-    assert tcdyn("transducer", path, "--of", "friction", "--weights-rel", "0.002") == 0
+    assert (
+        tcdyn("rig", "transducer", path, "--quantity", "friction", "--weight-u-rel", "0.002") == 0
+    )
     printed = capsys.readouterr().out
     assert "under [uncertainty]" in printed
     rig_text = rig_toml(load_rig())
@@ -205,16 +210,19 @@ def test_gain_of_a_friction_transducer_gives_the_uncertainty_of_the_rig_file(tmp
     assert load_rig(rig).disk_setup("fast") == load_rig().disk_setup("fast")
     # printed with three digits
     assert load_rig(rig).common.uncertainty.friction_rel == pytest.approx(expected, rel=5e-3)
-    assert tcdyn("transducer", path, "--of", "load") == 0
+    assert tcdyn("rig", "transducer", path, "--quantity", "load") == 0
     printed = capsys.readouterr().out
     assert "half_width_rel" in printed
     # only comments: nothing of it changes a rig file
     assert all(printed_line.startswith("# ") for printed_line in printed.splitlines())
-    assert tcdyn("transducer", path, "--of", "load", "--weights-rel", "0.002", "--json") == 0
+    assert (
+        tcdyn("rig", "transducer", path, "--quantity", "load", "--weight-u-rel", "0.002", "--json")
+        == 0
+    )
     assert json.loads(capsys.readouterr().out) == {
         "half_width_rel_by_load": pytest.approx(expected / 3)
     }
-    assert tcdyn("transducer", path, "--of", "speed") == 2
+    assert tcdyn("rig", "transducer", path, "--quantity", "speed") == 2
     assert "load or friction" in capsys.readouterr().err
 
 
@@ -222,7 +230,7 @@ def test_sessions_with_different_gains_end_with_exit_code_1(tmp_path):
     volts, force, session = sessions(0, twist=0.01)
     path = tmp_path / "weights.csv"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
-    assert tcdyn("transducer", path, "-q") == 1
+    assert tcdyn("rig", "transducer", path, "-q") == 1
 
 
 def test_channels_that_deviate_before_a_plunge_are_named_only_for_a_disk_at_rest():

@@ -60,7 +60,7 @@ def test_identity_line_has_the_specified_uncertainty() -> None:
 def test_either_an_oven_log_or_a_specified_uncertainty_is_required(tmp_path: Path) -> None:
     for oven, u in ((None, None), ("oven.csv", 0.9)):
         with pytest.raises(InputError, match="one of them"):
-            calibrate_disk(load_rig(), "fast", oven, [tmp_path / "P.csv"], ["water"], line_u_K=u)
+            calibrate_disk(load_rig(), "fast", oven, [tmp_path / "P.csv"], ["water"], reading_u_K=u)
 
 
 @pytest.mark.e2e
@@ -75,7 +75,7 @@ def test_lags_cover_and_differences_stay_accurate_without_oven_switch_and_probe(
         paths.append(
             write_log(frame.drop(columns=["switch", "probe_degC"]), tmp_path / f"P{run}.csv")
         )
-    calibration = calibrate_disk(load_rig(), "fast", None, paths, ["mobil-jet-ii"], line_u_K=0.9)
+    calibration = calibrate_disk(load_rig(), "fast", None, paths, ["mobil-jet-ii"], reading_u_K=0.9)
     chain = calibration.record.chain
     assert chain is not None
     common = float(np.mean(list(lags.values())))

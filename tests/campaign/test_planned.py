@@ -125,7 +125,12 @@ def test_plan_is_read_from_a_table(tmp_path: Path, capsys: pytest.CaptureFixture
     )
     assert [p.load_N for p in read_plan(path)] == [850, 2320]
     assert (
-        run(lambda: app(["design", "--campaign", str(path), "--out", str(tmp_path / "u.csv")])) == 0
+        run(
+            lambda: app(
+                ["rig", "design", "--campaign", str(path), "--out", str(tmp_path / "u.csv")]
+            )
+        )
+        == 0
     )
     assert "2 planned tests" in capsys.readouterr().out
     assert (

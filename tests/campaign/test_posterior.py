@@ -172,7 +172,7 @@ def test_statistics_survive_a_json_round_trip() -> None:
     assert restored.rows == pytest.approx(statistics.rows, rel=1e-7)
     assert restored.loading.keys() == statistics.loading.keys()
     for invalid in ({"schema": "tcdyn.kept/9"}, {"rows": [[1.0]]}, {"centre": None}, {"names": []}):
-        with pytest.raises(InputError, match=r"EHL_A1: .*tcdyn beta"):
+        with pytest.raises(InputError, match=r"EHL_A1: .*tcdyn rig beta"):
             SufficientStatistics.from_dict(statistics.name, {**statistics.to_dict(), **invalid})
 
 

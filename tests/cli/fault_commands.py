@@ -68,7 +68,7 @@ QUICK = {
         ("tcdyn.sensors.plunge:plunge_sensor",),
     ),
     "sensor pair": Command(
-        "sensor pair {table} --columns T1_degC,T2_degC --out o.json -q",
+        "sensor pair {table} --column T1_degC --column T2_degC --out o.json -q",
         ("o.json",),
         ("tcdyn.sensors.pair:pair_sensor",),
     ),
@@ -88,40 +88,40 @@ QUICK = {
         ("tcdyn.sensors.touch:find_touches",),
     ),
     "response": Command(
-        "response {bode} --columns gain,phase --models P1 --out o.json -q", ("o.json",)
+        "response {bode} --column gain --column phase --model P1 --out o.json -q", ("o.json",)
     ),
     "identify": Command(
-        "identify {table} --input u --output T1_degC --models P1 --out o.json --report o.html -q",
+        "identify {table} --input u --output T1_degC --model P1 --out o.json --report o.html -q",
         ("o.json", "o.html"),
         ("tcdyn.identify:compare", PICTURE),
     ),
-    "rig": Command("rig --rig {rig} -q"),
-    "transducer": Command("transducer {weights} --out o.json -q", ("o.json",)),
-    "spot": Command("spot {spot}"),
-    "record show": Command("record show {fast}"),
-    "record diff": Command("record diff {fast} {fast}"),
-    "record check": Command("record check {fast} -q"),
-    "round fit": Command("round fit --rig {fit} --out o.png -q", ("o.png",)),
+    "rig": Command("rig check {rig} -q"),
+    "transducer": Command("rig transducer {weights} --out o.json -q", ("o.json",)),
+    "spot": Command("rig line {spot}"),
+    "record show": Command("rig record show {fast}"),
+    "record diff": Command("rig record diff {fast} {fast}"),
+    "record check": Command("rig record check {fast} -q"),
+    "round fit": Command("rig circumference fit --rig {fit} --picture o.png -q", ("o.png",)),
     "round simulate": Command(
-        "round simulate --rig {rig} --out o.png -q",
+        "rig circumference simulate --rig {rig} --picture o.png -q",
         ("o.png",),
         ("tcdyn.simulate.field:disk_fields",),
     ),
     "design": Command(
-        "design --rig {rig} --out o.csv -q", ("o.csv",), ("tcdyn.design.compare:compare_tests",)
+        "rig design --rig {rig} --out o.csv -q", ("o.csv",), ("tcdyn.design.compare:compare_tests",)
     ),
     "design to a page": Command(
-        "design --rig {rig} --out o.html -q",
+        "rig design --rig {rig} --out o.html -q",
         ("o.html",),
         ("tcdyn.design.compare:compare_tests", PICTURE),
     ),
-    "design --campaign": Command(
-        "design --campaign {plan} --out o.csv -q",
+    "rig design --campaign": Command(
+        "rig design --campaign {plan} --out o.csv -q",
         ("o.csv",),
         ("tcdyn.campaign.planned:predict_campaign",),
     ),
     "verify": Command(
-        "verify --csv o.csv --report o.html -q",
+        "verify --out o.csv --report o.html -q",
         ("o.csv", "o.html"),
         ("tcdyn.verify:verify_rows", "tcdyn.plots.conduction:verify_figures", PICTURE),
     ),
@@ -148,23 +148,23 @@ QUICK = {
 }
 LONG = {
     "calibrate": Command(
-        "calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json --report o.html "
+        "rig calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json --report o.html "
         "--earlier {fast} -q",
         ("o.json", "o.html"),
         ("tcdyn.workflows:calibrate_disk", PICTURE),
     ),
     "hole": Command(
-        "hole {hole} --rig {rig} --out o.json --report o.html -q",
+        "rig holes {hole} --rig {rig} --out o.json --report o.html -q",
         ("o.json", "o.html"),
         ("immersion.hole:compare_holes", PICTURE),
     ),
     "beta": Command(
-        f"beta {{ehl}} --rig {{rig}} {RECORDS} --out o.json --report o.html",
+        f"rig beta {{ehl}} --rig {{rig}} {RECORDS} --out o.json --report o.html",
         ("o.json", "o.html"),
         ("tcdyn.workflows.beta:estimate_stages", PICTURE),
     ),
     "beta of one disk": Command(
-        "beta {one} --rig {rig} --record {fast} --out o.json --report o.html -q",
+        "rig beta {one} --rig {rig} --record {fast} --out o.json --report o.html -q",
         ("o.json", "o.html"),
         ("tcdyn.workflows.beta:estimate_stages", PICTURE),
     ),
@@ -174,7 +174,7 @@ LONG = {
         ("tcdyn.workflows:compensate_log", PICTURE),
     ),
     "campaign": Command(
-        f"campaign {{ehl}} --rig {{rig}} {RECORDS} --out o --workers 1",
+        f"rig campaign {{ehl}} --rig {{rig}} {RECORDS} --out o --workers 1",
         ("o/campaign.csv", "o/campaign.html"),
         ("tcdyn.workflows.campaign_log:_analyse_stage", PICTURE),
     ),

@@ -67,7 +67,7 @@ def test_a_rig_file_beyond_reason(
 ) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(TOML[kind], encoding="utf-8")
-    assert "rig.toml: " in one_sentence(capsys, "rig", "--rig", path)
+    assert "rig.toml: " in one_sentence(capsys, "rig", "check", path)
 
 
 @pytest.mark.parametrize("kind", JSON)
@@ -90,7 +90,7 @@ def test_stored_files_beyond_reason(
         "-q",
     )
     for words in (
-        ("record", "show", path),
+        ("rig", "record", "show", path),
         ("sensor", "show", path),
         ("compensate", world["table"], "--sensor", path),
         ("compensate", world["table"], "--record", path),
@@ -122,11 +122,11 @@ def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
     "words",
     [
         "sensor new --column T1 --out {o} --tau-s",
-        "sensor new --column T1 --tau-s 1 --out {o} --delay-s",
+        "sensor new --column T1 --tau-s 1 --out {o} --dead-time-s",
         "sensor plunge {dip} --column T1 --out {o} --medium-s",
         "sensor plunge {dip} --column T1 --out {o} --entry-s",
         "identify {table} --input u --output T1_degC --out {o} --input-noise",
-        "sensor pair {table} --columns T1_degC,T2_degC --speed u --out {o} --exponent",
+        "sensor pair {table} --column T1_degC --column T2_degC --speed u --out {o} --exponent",
     ],
 )
 def test_a_number_beyond_reason(
@@ -147,10 +147,10 @@ def test_a_number_beyond_reason(
     [
         "beta x --record y --window-s",
         "campaign x --record y --out z --window-s",
-        "design --noise-K",
-        "design --entry-u-s",
-        "identify x -u a -y b --dt",
-        "identify x -u a -y b --resample",
+        "rig design --noise-K",
+        "rig design --entry-u-s",
+        "identify x -u a -y b --dt-s",
+        "identify x -u a -y b --resample-s",
         "identify x -u a -y b --cutoff-Hz",
         "identify x -u a -y b --gain",
         "sensor new --tau-s 1 --column T1 --out o.json --cutoff-Hz",

@@ -1,4 +1,4 @@
-"""`tcdyn calibrate` as people meet it: said once, digits that match, structures compared, a page one reads."""
+"""`tcdyn rig calibrate` as people meet it: said once, digits that match, structures compared, a page one reads."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ def said(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Said:
         contextlib.redirect_stderr(io.StringIO()) as warned,
     ):
         code = tcdyn(
+            "rig",
             "calibrate",
             "--rig",
             campaign.files.rig,
@@ -175,6 +176,7 @@ def test_an_unknown_structure_names_the_known_ones(
 ) -> None:
     f = campaign.files
     code = tcdyn(
+        "rig",
         "calibrate",
         "--rig",
         f.rig,
@@ -315,6 +317,7 @@ def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: 
     out, page = tmp_path / "fast.disk.json", tmp_path / "fast.html"
     given = [a for p in plunges for a in ("--immersion", p)]
     code = tcdyn(
+        "rig",
         "calibrate",
         "--rig",
         f.rig,

@@ -54,6 +54,7 @@ def done(
 ) -> tuple[Path, int]:
     out = tmp_path_factory.mktemp("out")
     code = tcdyn(
+        "rig",
         "campaign",
         bad_log,
         campaign.files.ehl["B3"],
@@ -147,7 +148,7 @@ def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     other = tmp_path / "EHL_B4.beta.json"
     shutil.copy(kept, other)
     out = tmp_path / "o"
-    code = tcdyn("campaign", kept, other, *records(campaign), "--out", out, "-q")
+    code = tcdyn("rig", "campaign", kept, other, *records(campaign), "--out", out, "-q")
     capsys.readouterr()
     assert code == (0 if json.loads(kept.read_text(encoding="utf-8"))["status"] == "sound" else 1)
     whole = json.loads((out / "campaign.json").read_text(encoding="utf-8"))
@@ -157,15 +158,15 @@ def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     data = json.loads(kept.read_text(encoding="utf-8"))
     data["kept"]["right"][0] += 1e-7
     other.write_text(json.dumps(data), encoding="utf-8")
-    assert tcdyn("campaign", kept, other, *records(campaign), "--out", out, "-q") == 2
+    assert tcdyn("rig", "campaign", kept, other, *records(campaign), "--out", out, "-q") == 2
     assert "EHL_B4.beta.json: its content is not what was written" in capsys.readouterr().err
     other.write_text(kept.read_text(encoding="utf-8")[:5000], encoding="utf-8")
-    assert tcdyn("campaign", other, *records(campaign), "--out", out, "-q") == 2
+    assert tcdyn("rig", "campaign", other, *records(campaign), "--out", out, "-q") == 2
     assert "EHL_B4.beta.json: cannot be read" in capsys.readouterr().err
     rig = tmp_path / "rig.toml"
     rig.write_text("[disk]\nconductivity_W_mK = 43.0\n", encoding="utf-8")
     given = [*records(campaign)[2:], "--rig", rig]
-    assert tcdyn("campaign", kept, *given, "--out", out, "-q") == 2
+    assert tcdyn("rig", "campaign", kept, *given, "--out", out, "-q") == 2
     assert "EHL_B3.beta.json: was analysed with another rig.toml" in capsys.readouterr().err
 
 
@@ -208,8 +209,16 @@ def test_interchanged_channels_are_compared_by_the_maps_of_both_tests(
                 junctions[c] += 0.05 * rng.normal() + (errors.get(c, 0.0) if disk == "slow" else 0)
         files.append(tmp_path / f"EHL_{name}.beta.json")
         files[-1].write_text(json.dumps(with_checksum(changed)), encoding="utf-8")
-    words = [*records(campaign), "--out", tmp_path / "o", "--interchanged", "slow_a,slow_c"]
-    assert tcdyn("campaign", *files, *words) in (0, 1)
+    words = [
+        *records(campaign),
+        "--out",
+        tmp_path / "o",
+        "--interchanged",
+        "slow_a",
+        "--interchanged",
+        "slow_c",
+    ]
+    assert tcdyn("rig", "campaign", *files, *words) in (0, 1)
     assert "The channels differ" in capsys.readouterr().out
     stored = json.loads((tmp_path / "o" / "campaign.json").read_text(encoding="utf-8"))
     channels = stored["interchange"]["channels_K"]
@@ -218,9 +227,9 @@ def test_interchanged_channels_are_compared_by_the_maps_of_both_tests(
     page = (tmp_path / "o" / "campaign.html").read_text(encoding="utf-8")
     assert "Channels of slow_a and slow_c interchanged" in page
     capsys.readouterr()
-    assert tcdyn("campaign", files[0], *words) == 2
+    assert tcdyn("rig", "campaign", files[0], *words) == 2
     assert "1 of 1 tests can be compared" in capsys.readouterr().err
-    assert tcdyn("campaign", *files, *words[:-1], "slow_a") == 2
+    assert tcdyn("rig", "campaign", *files, *words[:-1], "slow_a") == 2
     assert "two junctions: slow_a,slow_c" in capsys.readouterr().err
 
 
@@ -243,6 +252,7 @@ def test_all_logs_bad_is_exit_2_and_still_a_table(
     missing = tmp_path / "EHL_none.csv"
     assert (
         tcdyn(
+            "rig",
             "campaign",
             bad_log,
             missing,
@@ -263,6 +273,7 @@ def test_all_logs_bad_is_exit_2_and_still_a_table(
     capsys.readouterr()
     assert (
         tcdyn(
+            "rig",
             "campaign",
             bad_log,
             missing,
@@ -292,11 +303,14 @@ def test_bad_requests_get_one_sentence(
 ) -> None:
     monkeypatch.setattr("tcdyn.core.parallel.CONNECT_S", 0.5)
     out = ["--out", tmp_path / "o", "-q"]
-    assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
+    assert tcdyn("rig", "campaign", bad_log, bad_log, *records(campaign), *out) == 2
     assert "two logs are called EHL_bad" in capsys.readouterr().err
-    assert tcdyn("campaign", bad_log, *records(campaign), *out, "--dask", "tcp://127.0.0.1:9") == 2
+    assert (
+        tcdyn("rig", "campaign", bad_log, *records(campaign), *out, "--dask", "tcp://127.0.0.1:9")
+        == 2
+    )
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
-    assert tcdyn("campaign", bad_log, "--record", campaign.record_paths["fast"], *out) == 2
+    assert tcdyn("rig", "campaign", bad_log, "--record", campaign.record_paths["fast"], *out) == 2
     assert not (tmp_path / "o" / "EHL_bad.beta.json").exists()
 
 
@@ -386,10 +400,10 @@ def test_two_loadings_in_one_log_are_two_tests(campaign: Campaign, tmp_path: Pat
     a, b = (e["beta"] for e in run_.joined.posterior.estimates)
     assert abs(a.value - b.value) < 0.2 * a.u
     assert run_campaign([log], settings_of(campaign), out).n_from_earlier_run == 2
-    tcdyn("beta", log, *records(campaign), "--out", tmp_path / "beta.json", "-q")
+    tcdyn("rig", "beta", log, *records(campaign), "--out", tmp_path / "beta.json", "-q")
     assert (tmp_path / "beta.1.json").exists()
     assert (tmp_path / "beta.2.json").exists()
-    assert tcdyn("beta", log, *records(campaign), "--stage", 3, "-q") == 2
+    assert tcdyn("rig", "beta", log, *records(campaign), "--stage", 3, "-q") == 2
 
 
 @pytest.mark.long

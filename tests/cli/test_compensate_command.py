@@ -239,7 +239,7 @@ def test_follow_states_its_delay_and_ends_by_itself(
         pd.read_csv(out)["time_s"].tolist() == stretch["time_s"].tolist()[: len(pd.read_csv(out))]
     )
     state = tmp_path / "state.json"
-    assert tcdyn(*words, "--state", state, "--overwrite", "--behind-s", "5", "-q") in (0, 1)
+    assert tcdyn(*words, "--state", state, "--overwrite", "--delay-s", "5", "-q") in (0, 1)
     stored = json.loads(state.read_text(encoding="utf-8"))
     assert (stored["delay_s"], stored["read"]["bytes"]) == (5.0, log.stat().st_size)
     capsys.readouterr()
@@ -249,15 +249,12 @@ def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, out = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "live.csv"
-    assert tcdyn("compensate", log, *fast(campaign), "--follow") == 2
-    assert "tcdyn follow" in capsys.readouterr().err
-    assert tcdyn("compensate", log, *fast(campaign), "--follow", "--behind-s", "0.5") == 2
     assert "No such option" in capsys.readouterr().err
     for given in (
         ["--out", tmp_path / "out.parquet"],
         ["--out", log],
         ["--out", out, "--delay-s", "-1"],
-        ["--out", out, "--behind-s", "1e8"],
+        ["--out", out, "--delay-s", "1e8"],
     ):
         assert tcdyn("follow", log, *fast(campaign), "--idle-s", "0.1", *given, "-q") == 2
         assert capsys.readouterr().err.startswith("tcdyn: ")
@@ -350,7 +347,7 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     assert found["difference_u_K"][0][1] ** 2 == pytest.approx(
         u[0] ** 2 + u[1] ** 2 - 2 * of_means[0, 1]
     )
-    assert tcdyn(*words[:-1], "--parts", "-q") == 0
+    assert tcdyn(*words[:-1], "--components", "-q") == 0
     parts = pd.read_csv(out)
     assert np.all(np.hypot(parts["e_noise_u_K"], parts["e_common_u_K"]) < parts["e_u_K"] * 1.001)
     assert parts["e_common_u_K"].min() >= 0.99 * shared

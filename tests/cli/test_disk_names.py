@@ -12,12 +12,12 @@ from tcdyn.core.errors import InputError
 from tests.conftest import Campaign
 
 COMMANDS = {
-    "calibrate": ("--immersion", "plunge.csv"),
-    "design": (),
-    "spot": ("spot.csv",),
+    "rig calibrate": ("--immersion", "plunge.csv"),
+    "rig design": (),
+    "rig line": ("spot.csv",),
     "simulate oven": ("--out", "oven.csv"),
     "simulate immersion": ("--out", "plunge.csv"),
-    "round fit": (),
+    "rig circumference fit": (),
 }
 
 
@@ -50,6 +50,7 @@ def test_calibrate_writes_nothing_for_an_unknown_disk_though_all_else_is_right(
     monkeypatch.chdir(folder)
     files = campaign.files
     arguments = [
+        "rig",
         "calibrate",
         "--rig",
         files.rig,

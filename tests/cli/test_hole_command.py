@@ -1,4 +1,4 @@
-"""`tcdyn hole` on the synthetic comparison: verdicts of the thesis, a page, JSON, and a clear refusal."""
+"""`tcdyn rig holes` on the synthetic comparison: verdicts of the thesis, a page, JSON, and a clear refusal."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ def test_hole_command_gives_the_thesis_verdicts(
     log, page = tmp_path / "hole.csv", tmp_path / "hole.html"
     assert tcdyn("simulate", "hole", "--out", log, "--seed", 2) == 0
     capsys.readouterr()
-    assert tcdyn("hole", log, "--report", page, "--json") == 0
+    assert tcdyn("rig", "holes", log, "--report", page, "--json") == 0
     holes = {h["hole"]: h for h in json.loads(capsys.readouterr().out)["holes"]}
     assert holes["d1p3"]["verdict"] == "acceptable"
     assert holes["d3p0"]["verdict"] == "too slow"
@@ -31,7 +31,7 @@ def test_hole_command_refuses_a_log_without_clamped_channels(
     assert tcdyn("simulate", "hole", "--out", log, "--seed", 2) == 0
     log.write_text(log.read_text(encoding="utf-8").replace("ideal_", "other_"), encoding="utf-8")
     capsys.readouterr()
-    assert tcdyn("hole", log) == 2
+    assert tcdyn("rig", "holes", log) == 2
     assert "ideal" in capsys.readouterr().err
 
 
@@ -46,6 +46,6 @@ def test_hole_command_takes_the_steel_of_the_rig(
     capsys.readouterr()
     u = []
     for words in ((), ("--rig", rig)):
-        assert tcdyn("hole", log, "--json", *words) == 0
+        assert tcdyn("rig", "holes", log, "--json", *words) == 0
         u.append(json.loads(capsys.readouterr().out)["holes"][0]["u_s"])
     assert u[1] > 5 * u[0]

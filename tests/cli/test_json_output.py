@@ -29,7 +29,7 @@ def table(tmp_path: Path) -> Path:
 
 @pytest.mark.e2e
 def test_identify_prints_the_model_as_json(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("identify", table, "--input", "u", "--output", "y", "--hold", "zoh", "--models", "P1")
+    words = ("identify", table, "--input", "u", "--output", "y", "--hold", "zoh", "--model", "P1")
     assert tcdyn(*words, "--json") == 0
     found = json.loads(capsys.readouterr().out)["estimates"]["Tp1"]
     assert (
@@ -55,7 +55,7 @@ def test_what_narx_says_is_in_file_and_page_even_where_nothing_is_printed(
         "y",
         "--hold",
         "zoh",
-        "--models",
+        "--model",
         "P1",
         "--run",
         "plunge",
@@ -76,7 +76,7 @@ def test_what_narx_says_is_in_file_and_page_even_where_nothing_is_printed(
 
 
 def test_record_show_prints_json(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
-    assert tcdyn("record", "show", campaign.record_paths["slow"], "--json") == 0
+    assert tcdyn("rig", "record", "show", campaign.record_paths["slow"], "--json") == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["disk"] == "slow"
     assert set(shown["static"]) == set("abcdef")

@@ -25,6 +25,7 @@ def tcdyn(*words: object) -> int:
 def beta_json(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("beta") / "beta.json"
     code = tcdyn(
+        "rig",
         "beta",
         campaign.files.ehl["B3"],
         "--rig",
@@ -137,6 +138,7 @@ def test_calibrate_writes_the_record_that_the_function_makes(
     f = campaign.files
     words = [w for p in f.plunges["fast"] for w in ("--immersion", p)]
     code = tcdyn(
+        "rig",
         "calibrate",
         "--rig",
         f.rig,
@@ -201,7 +203,10 @@ def test_a_bad_log_gets_one_sentence_and_exit_2(
     log = rewritten(campaign, tmp_path / "bad.csv", change)
     out = tmp_path / "beta.json"
     assert (
-        tcdyn("beta", log, "--rig", campaign.files.rig, *records(campaign), "--out", out, "-q") == 2
+        tcdyn(
+            "rig", "beta", log, "--rig", campaign.files.rig, *records(campaign), "--out", out, "-q"
+        )
+        == 2
     )
     said = capsys.readouterr().err.strip()
     assert said.startswith("tcdyn: ")
@@ -215,9 +220,10 @@ def test_the_wrong_file_to_the_wrong_command_is_named(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     f = campaign.files
-    assert tcdyn("beta", f.ovens["fast"], *records(campaign), "-q") == 2
+    assert tcdyn("rig", "beta", f.ovens["fast"], *records(campaign), "-q") == 2
     assert "oven" in capsys.readouterr().err
     code = tcdyn(
+        "rig",
         "calibrate",
         "--disk",
         "fast",
@@ -232,29 +238,32 @@ def test_the_wrong_file_to_the_wrong_command_is_named(
     assert code == 2
     assert "EHL" in capsys.readouterr().err
     fast = campaign.record_paths["fast"]
-    assert tcdyn("beta", f.ehl["B3"], "--record", fast, "--record", fast, "-q") == 2
+    assert tcdyn("rig", "beta", f.ehl["B3"], "--record", fast, "--record", fast, "-q") == 2
     assert "second record" in capsys.readouterr().err
-    assert tcdyn("beta", f.ehl["B3"], "--record", fast, "-q") == 2
+    assert tcdyn("rig", "beta", f.ehl["B3"], "--record", fast, "-q") == 2
     assert "slow" in capsys.readouterr().err
-    assert tcdyn("beta", f.ehl["B3"], "--record", f.rig, "-q") == 2
+    assert tcdyn("rig", "beta", f.ehl["B3"], "--record", f.rig, "-q") == 2
 
 
 def test_a_window_shorter_than_the_lag_is_refused(
     campaign: Campaign, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
-        tcdyn("beta", campaign.files.ehl["B3"], *records(campaign), "--window-s", "0.3", "-q") == 2
+        tcdyn(
+            "rig", "beta", campaign.files.ehl["B3"], *records(campaign), "--window-s", "0.3", "-q"
+        )
+        == 2
     )
     assert "shorter than the lag" in capsys.readouterr().err
 
 
 def test_rig_show_can_be_read_back(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert tcdyn("rig", "--show") == 0
+    assert tcdyn("rig", "check") == 0
     text = capsys.readouterr().out
     path = tmp_path / "rig.toml"
     path.write_text(text, encoding="utf-8")
-    assert tcdyn("rig", "--rig", path) == 0
+    assert tcdyn("rig", "check", path) == 0
     assert capsys.readouterr().out == text
     path.write_text(text.replace("gear_ratio", "gear_ration"), encoding="utf-8")
-    assert tcdyn("rig", "--rig", path) == 2
+    assert tcdyn("rig", "check", path) == 2
     assert "gear_ration" in capsys.readouterr().err

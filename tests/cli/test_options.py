@@ -8,12 +8,13 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 import typer
 
-from tcdyn.cli.app import app
+from tcdyn.cli.app import OLD_NAMES, _print_new_name, app
 from tcdyn.cli.common import Reporter, as_option
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
@@ -21,58 +22,28 @@ from tcdyn.rig.log import read_log
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
-PRINT_NUMBERS = {
-    "demo",
-    "rig",
-    "transducer",
-    "calibrate",
-    "identify",
-    "compensate",
-    "follow",
-    "beta",
-    "campaign",
-    "design",
-    "hole",
-    "verify",
-    "record show",
-    "record diff",
-    "record check",
-    "simulate oven",
-    "simulate immersion",
-    "simulate hole",
-    "simulate ehl",
-    "simulate campaign",
-    "round fit",
-    "round simulate",
-    "spot",
-    "sensor new",
-    "sensor show",
-    "sensor plunge",
-    "sensor pair",
-    "sensor current",
-    "sensor noise",
-    "sensor touch",
-    "response",
-}
-PAGE_LONG = {
-    "record show",
-    "record diff",
-    "spot",
-}  # their output is the answer: nothing to be quiet about
 LONG = {
     "demo",
-    "calibrate",
-    "beta",
+    "rig calibrate",
+    "rig beta",
     "compensate",
 }  # several stages, each worth a line with --verbose
+KIND = re.compile(r"^list\[|\]$| \| None")  # a repeated or optional value is of the same kind
 
 
-def commands() -> dict[str, typer.core.TyperCommand]:
-    """Every command that can be called, by the words that call it."""
+def commands(group: Any = None, words: str = "") -> dict[str, typer.core.TyperCommand]:
+    """Every command of the help, by the words that call it."""
+    if group is None:
+        group = typer.main.get_command(app)
     found = {}
-    for name, command in typer.main.get_command(app).commands.items():
-        inner = getattr(command, "commands", None)
-        found |= {f"{name} {k}": c for k, c in inner.items()} if inner else {name: command}
+    for name, command in group.commands.items():
+        path = f"{words} {name}".strip()
+        if command.hidden:
+            continue
+        if isinstance(command, typer.core.TyperGroup):
+            found |= commands(command, path)
+        else:
+            found[path] = command
     return found
 
 
@@ -83,12 +54,24 @@ def options(name: str) -> set[str]:
     return {option for parameter in ALL[name].params for option in parameter.opts}
 
 
-def test_the_list_of_commands_is_complete() -> None:
-    assert set(ALL) == PRINT_NUMBERS
+@pytest.mark.parametrize("old", sorted(OLD_NAMES))
+def test_an_old_name_works_with_a_message(old: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tcdyn(old, "--help") == 0
+    new_help = f"tcdyn rig {OLD_NAMES[old]}"
+    assert tcdyn(old, "--help") == tcdyn("rig", OLD_NAMES[old], "--help")
+    capsys.readouterr()
+    assert tcdyn(old, "--no-such-option") == 2
+    _print_new_name(old, OLD_NAMES[old])
+    assert f"tcdyn {old} is now {new_help};" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"), [(["callibrate"], "calibrate"), (["record", "chek"], "check")]
+    ("typed", "meant"),
+    [
+        (["identifi"], "identify"),
+        (["rig", "callibrate"], "calibrate"),
+        (["rig", "record", "chek"], "check"),
+    ],
 )
 def test_a_mistyped_command_is_told_the_one_that_was_meant(
     typed: list[str], meant: str, capsys: pytest.CaptureFixture[str]
@@ -99,8 +82,7 @@ def test_a_mistyped_command_is_told_the_one_that_was_meant(
 
 @pytest.mark.parametrize("name", sorted(ALL))
 def test_options_are_the_same_everywhere(name: str) -> None:
-    assert "--json" in options(name)
-    assert ("--quiet" in options(name)) == (name not in PAGE_LONG)
+    assert {"--json", "--quiet", "-q", "--strict"} <= options(name)
     assert ("--verbose" in options(name)) == (name in LONG)
     assert all(p.help for p in ALL[name].params if p.opts[0].startswith("--")), (
         "an option without a word"
@@ -113,8 +95,29 @@ def test_help_has_an_example_whose_options_exist(name: str) -> None:
     example = re.search(r"Example: (tcdyn .+)", text, re.S)
     assert example
     shown = set(re.findall(r"(?<=\s)--[\w-]+", example.group(1)))
-    known = options(name) | (options("simulate hole") if name == "hole" else set())
+    assert example.group(1).startswith(f"tcdyn {name}") or name == "rig holes"
+    known = options(name) | (options("simulate hole") if name == "rig holes" else set())
     assert shown <= known
+
+
+def test_an_option_has_one_meaning_in_all_commands() -> None:
+    """One kind of value and one short name; what names columns is repeated, not a list."""
+    kinds: dict[str, set[str]] = {}
+    short_names: dict[str, set[str]] = {}
+    for command in ALL.values():
+        for parameter in command.params:
+            long_name = parameter.opts[0]
+            if not long_name.startswith("--"):
+                continue
+            annotation = parameter.type_descriptor.annotation
+            kinds.setdefault(long_name, set()).add(KIND.sub("", str(annotation)))
+            for short in parameter.opts[1:]:
+                short_names.setdefault(short, set()).add(long_name)
+            help_text = parameter.help or ""
+            assert "separated by" not in help_text, long_name
+    several = {name: kind for name, kind in kinds.items() if len(kind) > 1}
+    assert several == {}
+    assert {short: names for short, names in short_names.items() if len(names) > 1} == {}
 
 
 def test_help_keeps_its_brackets() -> None:
@@ -134,36 +137,38 @@ def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]
 
 def test_exit_codes_are_those_that_help_tells(tmp_path: Path, campaign: Campaign) -> None:
     told = call("--help").stdout
-    for code in ("0 done", "1 done", "2 bad input", "130 stopped"):
+    for code in ("0 done", "1 no result", "2 bad input", "130 stopped"):
         assert code in " ".join(told.replace("│", " ").split())
-    assert tcdyn("rig", "--quiet") == 0
-    assert tcdyn("rig", "--rig", tmp_path / "absent.toml") == 2
+    assert tcdyn("rig", "check", "--quiet") == 0
+    assert tcdyn("rig", "check", tmp_path / "absent.toml") == 2
     assert tcdyn("no-such-command") == 2
-    assert tcdyn("record", "check", tmp_path / "absent.disk.json") == 2
+    assert tcdyn("rig", "record", "check", tmp_path / "absent.disk.json") == 2
     doubtful = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
     doubtful["created"] = "2999-01-01T00:00:00+00:00"
     path = tmp_path / "future.disk.json"
     path.write_text(json.dumps(doubtful), encoding="utf-8")
-    assert tcdyn("record", "check", path) == 1
+    assert tcdyn("rig", "record", "check", path) == 0
+    assert tcdyn("rig", "record", "check", path, "--strict") == 1
 
 
 @pytest.mark.e2e
 def test_no_colour_where_nobody_sees_it(campaign: Campaign) -> None:
-    for words in (("--help",), ("record", "show", campaign.record_paths["fast"])):
+    for words in (("--help",), ("rig", "record", "show", campaign.record_paths["fast"])):
         said = call(*words)
         assert said.returncode == 0
         assert "\x1b" not in said.stdout + said.stderr
 
 
 def test_an_error_is_one_line_on_standard_error() -> None:
-    said = call("rig", "--rig", "absent.toml")
+    said = call("rig", "check", "absent.toml")
     assert (said.returncode, said.stdout) == (2, "")
     assert said.stderr.count("\n") == 1
     assert said.stderr.startswith("tcdyn: absent.toml: no such file")
 
 
 @pytest.mark.parametrize(
-    ("line", "offered"), [("tcdyn cal", "calibrate"), ("tcdyn calibrate --imm", "--immersion")]
+    ("line", "offered"),
+    [("tcdyn rig cal", "calibrate"), ("tcdyn rig calibrate --imm", "--immersion")],
 )
 def test_the_shell_completes_commands_and_their_options(line: str, offered: str) -> None:
     environment = {
@@ -190,9 +195,9 @@ def test_simulate_prints_json_and_one_line_without_blanks(
 
 def test_record_commands_print_json(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     fast = campaign.record_paths["fast"]
-    assert tcdyn("record", "diff", fast, fast, "--json") == 0
+    assert tcdyn("rig", "record", "diff", fast, fast, "--json") == 0
     assert json.loads(capsys.readouterr().out)["sentence"].startswith("No significant drift")
-    code = tcdyn("record", "check", fast, "--json")
+    code = tcdyn("rig", "record", "check", fast, "--json", "--strict")
     found = json.loads(capsys.readouterr().out)
     assert found["sound"] == (code == 0) == (not found["doubts"])
 
@@ -212,14 +217,14 @@ def test_compensate_prints_json(
 ) -> None:
     out = slow_plunge.with_name("done.csv")
     words = ("compensate", slow_plunge, "--record", campaign.record_paths["fast"], "--out", out)
-    assert tcdyn(*words, "--json") == 1  # at 2.5 Hz
+    assert tcdyn(*words, "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert found["out"] == str(out)
     assert len(found["disks"]["fast"]["channels"]) == 6
-    assert tcdyn(*words, "--verbose") == 1
+    assert tcdyn(*words, "--verbose", "--strict") == 1  # at 2.5 Hz
     said = capsys.readouterr().err
     assert re.search(r"\d\.\d s  done", said)
-    assert "tcdyn: P1.csv: warning: " in said
+    assert "warning: P1.csv: " in said
 
 
 def test_noise_only_takes_the_noise_and_leaves_the_lag(
@@ -230,7 +235,7 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     record = campaign.record_paths["fast"]
     assert (
         tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--json", "--out", out)
-        == 1
+        == 0
     )
     found = json.loads(capsys.readouterr().out)
     assert set(found["channels"]) == set("abcdef")
@@ -276,15 +281,15 @@ def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     frame.loc[100:120, "e_degC"] = frame.loc[100, "e_degC"]  # stuck
     frame.to_csv(tmp_path / "stuck.csv", index=False)
     words[1] = tmp_path / "stuck.csv"
-    assert tcdyn(*words, "--noise-only", "--out", tmp_path / "smooth.csv") == 1
-    said = [
-        x for x in "".join(capsys.readouterr()).splitlines() if not x.startswith("tcdyn: ")
-    ]  # the closing line
-    assert "\n".join(said).count(": stuck") == 1
+    assert tcdyn(*words, "--noise-only", "--out", tmp_path / "smooth.csv") == 0
+    said = "".join(capsys.readouterr())
+    assert said.count("e: stuck or saturated") == 1
 
 
 def test_a_wildcard_behind_a_repeatable_option_is_refused() -> None:
-    done = call("calibrate", "--disk", "fast", "--oven", "o.csv", "--immersion", "P1.csv", "P2.csv")
+    done = call(
+        "rig", "calibrate", "--disk", "fast", "--oven", "o.csv", "--immersion", "P1.csv", "P2.csv"
+    )
     assert done.returncode == 2
     assert "unexpected extra argument" in done.stderr
 
@@ -304,14 +309,20 @@ def test_files_of_another_kind_are_named_as_what_they_are(
 ) -> None:
     record, log = campaign.record_paths["fast"], campaign.files.ehl["B3"]
     for words, said in (
-        (("beta", record, "--record", record), "a record or result by its ending; expected a log"),
-        (("beta", log, "--record", log), "give the *.disk.json that `tcdyn calibrate` wrote"),
         (
-            ("beta", log, "--record", record, "--rig", record),
-            "`tcdyn rig --show > rig.toml` writes one",
+            ("rig", "beta", record, "--record", record),
+            "a record or result by its ending; expected a log",
         ),
         (
-            ("campaign", log.parent, "--record", record, "--out", tmp_path / "r"),
+            ("rig", "beta", log, "--record", log),
+            "give the *.disk.json that `tcdyn rig calibrate` wrote",
+        ),
+        (
+            ("rig", "beta", log, "--record", record, "--rig", record),
+            "`tcdyn rig check > rig.toml` writes one",
+        ),
+        (
+            ("rig", "campaign", log.parent, "--record", record, "--out", tmp_path / "r"),
             "name its files, such as",
         ),
     ):
@@ -326,7 +337,7 @@ def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_a
     """Two poles at 4 Hz leave 8.5 % of the variance at 75 Hz: 0.03 K before them count as 0.103 K."""
     plans = []
     for noise in (("--noise-K", "0.04", "--noise-before-K", "0.03"), ("--noise-K", "0.1105")):
-        assert tcdyn("design", "--bath-degC", "110", *noise, "--json") == 0
+        assert tcdyn("rig design", "--bath-degC", "110", *noise, "--json") == 0
         plans.append(re.sub(r'"[^"]*"', "", capsys.readouterr().out))
     before, white = ([float(x) for x in re.findall(r"\d+\.\d+", plan)] for plan in plans)
     assert before == pytest.approx(white, rel=5e-3)
@@ -339,19 +350,19 @@ def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_a
         ("identify data.csv --input u --output y", "--cutoff-Hz", "0 -1 nan inf"),
         ("identify data.csv --input u --output y", "--gain", "0 nan inf"),
         ("identify data.csv --input u --output y", "--held-out", "0 1 nan"),
-        ("design", "--lag-s", "0 -1 nan"),
-        ("design", "--rate-Hz", "0.5 inf nan"),
-        ("design", "--duration-s", "5 inf"),
-        ("design", "--noise-K", "0 nan"),
-        ("design", "--noise-before-K", "-1 nan"),
-        ("design", "--entry-u-s", "0 -1 inf"),
-        ("design", "--power-W", "0 nan"),
-        ("design", "--bath-degC", "nan 5000"),
-        ("design", "--disk", "foo"),
-        ("hole data.csv", "--depth-mm", "0 nan"),
+        ("rig design", "--lag-s", "0 -1 nan"),
+        ("rig design", "--rate-Hz", "0.5 inf nan"),
+        ("rig design", "--duration-s", "5 inf"),
+        ("rig design", "--noise-K", "0 nan"),
+        ("rig design", "--noise-before-K", "-1 nan"),
+        ("rig design", "--entry-u-s", "0 -1 inf"),
+        ("rig design", "--power-W", "0 nan"),
+        ("rig design", "--bath-degC", "nan 5000"),
+        ("rig design", "--disk", "foo"),
+        ("rig holes data.csv", "--depth-mm", "0 nan"),
         ("simulate immersion --out x.csv", "--duration-s", "5 inf nan"),
         ("simulate ehl --out x.csv", "--beta", "-0.1 nan"),
-        ("simulate ehl --out x.csv", "--brake", "0 -3 nan"),
+        ("simulate ehl --out x.csv", "--brake-s", "0 -3 nan"),
         ("simulate ehl --out x.csv", "--unloading-s", "0 -1 11 nan"),
         ("simulate ehl --out x.csv", "--again", "0.2 0.2@ nan@1 0.2@0 0@1 x@y"),
     ],
@@ -370,7 +381,7 @@ def test_a_number_that_cannot_be_is_refused_in_one_sentence(
 def test_a_lag_shorter_than_the_conditioning_s_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert tcdyn("design", "--lag-s", "0.05") == 2
+    assert tcdyn("rig", "design", "--lag-s", "0.05") == 2
     assert (
         "at least 0.0896 s, since the conditioning alone lags by 0.0796 s"
         in capsys.readouterr().err
@@ -385,10 +396,11 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
         found.sentence
         == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
     )
-    Reporter().findings([found, warning("said", text="the baseline=trend of a file")])
+    findings = [found, warning("said", text="D4: the baseline=trend of a file")]
+    Reporter().findings("D4", findings)
     assert capsys.readouterr().err == (
-        "warning: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
-        "warning: the baseline=trend of a file\n"
+        "warning: D4: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
+        "warning: D4: the baseline=trend of a file\n"
     )
 
 

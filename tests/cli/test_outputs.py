@@ -43,30 +43,33 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         ("follow {log} {records} --out EHL_B3.csv", "log"),
         ("compensate {log} {records} --report EHL_B3.csv", "log"),
         ("compensate {log} {records} --rig {rig} --report rig.toml", "rig"),
-        ("calibrate --disk fast --oven {oven} --immersion {plunge} --out oven_fast.csv", "oven"),
         (
-            "calibrate --disk fast --oven {oven} --immersion {plunge} --report plunge_fast_1.csv",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --out oven_fast.csv",
+            "oven",
+        ),
+        (
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --report plunge_fast_1.csv",
             "plunge",
         ),
         (
-            "calibrate --disk fast --oven {oven} --immersion {plunge} --rig {rig} --out rig.toml",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --rig {rig} --out rig.toml",
             "rig",
         ),
         (
-            "calibrate --disk fast --oven {oven} --immersion {plunge} --fluid {log} --out EHL_B3.csv",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --fluid {log} --out EHL_B3.csv",
             "log",
         ),
         (
-            "calibrate --disk fast --oven {oven} --immersion {plunge} --out x.json --report x.json",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --out x.json --report x.json",
             "oven",
         ),
         ("identify {plunge} --input probe_degC --output a_degC --out plunge_fast_1.csv", "plunge"),
         ("identify {plunge} --input probe_degC --output a_degC --out x.html", "plunge"),
-        ("hole {log} --out EHL_B3.csv", "log"),
-        ("hole {log} --rig {rig} --report rig.toml", "rig"),
-        ("design --rig {rig} --out rig.toml", "rig"),
-        ("design --fluid {oven} --out oven_fast.csv", "oven"),
-        ("verify --csv x --report x", "log"),
+        ("rig holes {log} --out EHL_B3.csv", "log"),
+        ("rig holes {log} --rig {rig} --report rig.toml", "rig"),
+        ("rig design --rig {rig} --out rig.toml", "rig"),
+        ("rig design --fluid {oven} --out oven_fast.csv", "oven"),
+        ("verify --out x --report x", "log"),
     ],
 )
 def test_an_input_is_never_written_over(
@@ -91,7 +94,7 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
     told = subprocess.run([*command, "verify", "--json"], stdout=subprocess.PIPE, check=True).stdout
     assert json.loads(told)
     absent = subprocess.run(
-        [*command, "rig", "--rig", "absent.toml"], stderr=subprocess.PIPE, cwd=tmp_path
+        [*command, "rig", "check", "absent.toml"], stderr=subprocess.PIPE, cwd=tmp_path
     )
     assert (absent.returncode, absent.stderr.count(b"\n")) == (2, 1)
     for does, status, said in (
@@ -121,7 +124,7 @@ def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Pat
 
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform != "linux", reason="a device that is always full")
-@pytest.mark.parametrize("words", ["verify", "rig --show"])
+@pytest.mark.parametrize("words", ["verify", "rig check"])
 def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
     """``verify`` writes at once, ``rig`` when it ends."""
     command = [sys.executable, "-m", "tcdyn.cli.app", *words.split()]
@@ -132,7 +135,7 @@ def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
 
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="a closed pipe of POSIX")
-@pytest.mark.parametrize("words", ["verify", "rig --show", "--help"])
+@pytest.mark.parametrize("words", ["verify", "rig check", "--help"])
 def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)

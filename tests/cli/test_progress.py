@@ -6,24 +6,34 @@ import io
 from time import sleep
 
 import pytest
+import typer
 from rich.console import Console
 
 from tcdyn.cli import common
-from tcdyn.cli.common import print_first_warning, stage_progress
-from tcdyn.core.findings import warning
+from tcdyn.cli.common import Reporter, stage_progress
+from tcdyn.core.findings import error, info, warning
 
 
-def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(
+def test_silent_output_has_the_warnings_and_the_exit_code_follows_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     found = [
+        info("said", text="fine"),
         warning("said", text="odd"),
-        warning("said", text="odder"),
-        warning("said", text="oddest"),
+        warning("said", text="B3: odd"),
     ]
-    for count, said in ((1, "odd\n"), (3, "odd (and 2 more)\n")):
-        print_first_warning("B3", found[:count])
-        assert capsys.readouterr().err == f"tcdyn: B3: warning: {said}"
+    for reporter in (Reporter(json_=True), Reporter(quiet=True)):
+        reporter.finish("B3", found)
+        assert capsys.readouterr().err == "warning: B3: odd\nwarning: B3: odd\n"
+    Reporter(strict=True).finish("B3", found[:1])
+    assert capsys.readouterr().err == "info: B3: fine\n"
+    for reporter, findings in (
+        (Reporter(strict=True), found),
+        (Reporter(), [error("said", text="no use")]),
+    ):
+        with pytest.raises(typer.Exit) as ended:
+            reporter.finish("B3", findings)
+        assert ended.value.exit_code == 1
 
 
 def test_without_a_terminal_each_stage_is_a_line_unless_quiet(

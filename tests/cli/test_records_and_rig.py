@@ -40,6 +40,7 @@ def speed_law(campaign: Campaign, records: list[Path], *rig: object) -> float:
     words = [w for r in records for w in ("--record", r)]
     out = records[0].parent / "beta.json"
     command = [
+        "rig",
         "beta",
         campaign.files.ehl["B3"],
         *words,

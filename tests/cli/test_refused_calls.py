@@ -32,7 +32,7 @@ WITHOUT_RIG = (
     "spot",
     "sensor noise",
     "simulate oven",
-    "design --campaign",
+    "rig design --campaign",
     "round fit",
 )
 RECORD = ("rig", "record show", "record diff", "record check")

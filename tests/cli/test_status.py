@@ -1,4 +1,4 @@
-"""What `tcdyn beta` ends with: exit code and one line, also where it is to be quiet."""
+"""What `tcdyn rig beta` ends with: exit code and one line, also where it is to be quiet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_a_sound_log_ends_with_0_and_the_headline(
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     out = tmp_path / "beta.json"
     code = asked(
-        "beta", campaign.files.ehl["B3"], "--rig", campaign.files.rig, *records, "--out", out
+        "rig", "beta", campaign.files.ehl["B3"], "--rig", campaign.files.rig, *records, "--out", out
     )
     said, kept = capsys.readouterr(), json.loads(out.read_text())
     assert (code, kept["status"]) == (0, "sound")
@@ -46,7 +46,15 @@ def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     out = tmp_path / "beta.json"
     code = asked(
-        "beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records, "--out", out, "--quiet"
+        "rig",
+        "beta",
+        tmp_path / "B3.csv",
+        "--rig",
+        campaign.files.rig,
+        *records,
+        "--out",
+        out,
+        "--quiet",
     )
     said, kept = capsys.readouterr(), json.loads(out.read_text())
     assert code == 1
@@ -71,6 +79,7 @@ def test_a_channel_in_degrees_fahrenheit_is_left_out_by_name(
     out = tmp_path / "beta.json"
     assert (
         asked(
+            "rig",
             "beta",
             tmp_path / "B3.csv",
             "--rig",
@@ -106,7 +115,7 @@ def test_load_and_friction_exchanged_is_said(
     )
     log.to_csv(tmp_path / "B3.csv", index=False)
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
-    assert asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records) == 2
+    assert asked("rig", "beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records) == 2
     assert "are load_N and friction_N exchanged?" in capsys.readouterr().err
 
 

@@ -65,7 +65,7 @@ def few(verdict):
 
 def test_a_row_that_differs_ends_in_exit_code_one(monkeypatch, tmp_path):
     monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: few("differs"))
-    result = CliRunner().invoke(app, ["--csv", str(tmp_path / "rows.csv")])
+    result = CliRunner().invoke(app, ["--out", str(tmp_path / "rows.csv")])
     assert result.exit_code == 1
     assert "1 differ" in result.output
     assert (

@@ -214,7 +214,7 @@ def test_identify_command_accepts_noise_baseline_and_input_noise(tmp_path):
         "y": data.runs[0].y[:, 0],
     }
     pd.DataFrame(columns).to_csv(table, index=False)
-    command = ["identify", str(table), "--input", "u", "--output", "y", "--models", "P2D"]
+    command = ["identify", str(table), "--input", "u", "--output", "y", "--model", "P2D"]
 
     def identified(*options: str) -> dict:
         assert CliRunner().invoke(app, [*command, *options, "-q"]).exit_code in (0, 1)

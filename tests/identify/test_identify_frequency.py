@@ -138,16 +138,34 @@ def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_
         tmp_path / "bode.csv",
         "--frequency",
         "f",
-        "--u",
+        "--uncertainty",
         "u",
-        "--models",
-        "P1,P2D,P2",
-        "--columns",
+        "--model",
+        "P1",
+        "--model",
+        "P2D",
+        "--model",
+        "P2",
+        "--column",
     )
     tp1_values = []
-    for form, columns in (("magnitude", "m,p"), ("dB", "dB,p"), ("complex", "re,im")):
+    for form, columns in (
+        ("magnitude", ("m", "p")),
+        ("dB", ("dB", "p")),
+        ("complex", ("re", "im")),
+    ):
         assert (
-            tcdyn(*common, columns, "--form", form, "--out", tmp_path / f"{form}.json", "--json")
+            tcdyn(
+                *common,
+                columns[0],
+                "--column",
+                columns[1],
+                "--form",
+                form,
+                "--out",
+                tmp_path / f"{form}.json",
+                "--json",
+            )
             == 0
         )
         tp1_values.append(json.loads(capsys.readouterr().out)["theta"]["Tp1"])
@@ -155,10 +173,21 @@ def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_
     assert tp1_values[0] == pytest.approx(2.4, rel=0.1)
     result = read_identified(tmp_path / "dB.json")
     assert result.model.name == "P2D"
-    assert tcdyn(*common, "m,p", "--out", tmp_path / "a.json") == 0
+    assert tcdyn(*common, "m", "--column", "p", "--out", tmp_path / "a.json") == 0
     assert "P2D" in capsys.readouterr().out
     assert (
-        tcdyn(*common[:6], "--models", "P1", "--columns", "m,p", "--out", tmp_path / "b.json") == 1
+        tcdyn(
+            *common[:6],
+            "--model",
+            "P1",
+            "--column",
+            "m",
+            "--column",
+            "p",
+            "--out",
+            tmp_path / "b.json",
+        )
+        == 1
     )
     assert "times the stated uncertainty" in capsys.readouterr().err
     wrong_form = ("re,im", "--form", "magnitude")

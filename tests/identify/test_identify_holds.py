@@ -108,8 +108,19 @@ def test_the_hold_of_several_inputs_is_checked(tmp_path, capsys):
     frame.to_csv(path, index=False)
     columns = {"input": ["heater", "room"], "output": "T"}
     assert from_csv(path, **columns, hold=("foh", "zoh")).hold == ("foh", "zoh")
-    words = ("identify", path, "--input", "heater,room", "--output", "T", "--models", "P1D")
-    assert tcdyn(*words, "--hold", "zoh,linear") == 2
+    words = (
+        "identify",
+        path,
+        "--input",
+        "heater",
+        "--input",
+        "room",
+        "--output",
+        "T",
+        "--model",
+        "P1D",
+    )
+    assert tcdyn(*words, "--hold", "zoh", "--hold", "linear") == 2
     assert "--hold is 'linear'" in capsys.readouterr().err
 
 

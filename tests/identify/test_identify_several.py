@@ -316,8 +316,19 @@ def test_identify_command_accepts_several_inputs_and_outputs(
         }
     )
     frame.to_csv(table, index=False)
-    arguments = ("identify", table, "--input", "heat,fan", "--output", "T1,T2")
-    assert tcdyn(*arguments, "--models", "P1D+P1,P1") == 0
+    arguments = (
+        "identify",
+        table,
+        "--input",
+        "heat",
+        "--input",
+        "fan",
+        "--output",
+        "T1",
+        "--output",
+        "T2",
+    )
+    assert tcdyn(*arguments, "--model", "P1D+P1", "--model", "P1") == 0
     printed = capsys.readouterr().out
     assert "Recommended: P1D + P1." in printed
     assert "Kp.heat" in printed
@@ -326,18 +337,21 @@ def test_identify_command_accepts_several_inputs_and_outputs(
         assert abs(stored["theta"]["Td.heat"] - 1.5) < 4 * stored["estimates"]["Td.heat"]["u"]
         assert (tmp_path / f"two.{name}.identified.html").exists()
     for options, message in (
-        (("--input", "heat,", "--output", "T1"), "--input"),
-        (("--input", "heat,heat", "--output", "T1"), "--input"),
-        (("--input", "heat,T1", "--output", "T1"), "named twice"),
-        (("--input", "heat,cold", "--output", "T1"), "'cold' is missing"),
-        (("--input", "heat,fan", "--output", "T1", "--narx"), "--narx with 2 inputs"),
-        (("--input", "heat,fan", "--output", "T1", "--gain", "2"), "--gain with 2 inputs"),
-        (("--input", "heat", "--output", "T1", "--models", "P1+P1"), "names 2 parts"),
+        (("--input", "heat", "--input", "", "--output", "T1"), "--input"),
+        (("--input", "heat", "--input", "heat", "--output", "T1"), "--input"),
+        (("--input", "heat", "--input", "T1", "--output", "T1"), "named twice"),
+        (("--input", "heat", "--input", "cold", "--output", "T1"), "'cold' is missing"),
+        (("--input", "heat", "--input", "fan", "--output", "T1", "--narx"), "--narx with 2 inputs"),
         (
-            ("--input", "heat,fan", "--output", "T1", "--models", "P1+P1+P1"),
+            ("--input", "heat", "--input", "fan", "--output", "T1", "--gain", "2"),
+            "--gain with 2 inputs",
+        ),
+        (("--input", "heat", "--output", "T1", "--model", "P1+P1"), "names 2 parts"),
+        (
+            ("--input", "heat", "--input", "fan", "--output", "T1", "--model", "P1+P1+P1"),
             "3 models for 2 inputs",
         ),
-        (("--input", "heat,fan", "--output", "T1", "--hold", "auto2"), "--hold"),
+        (("--input", "heat", "--input", "fan", "--output", "T1", "--hold", "auto2"), "--hold"),
     ):
         assert tcdyn("identify", table, *options) == 2
         assert message in capsys.readouterr().err

@@ -112,7 +112,7 @@ def test_every_key_of_an_identified_model_is_documented_with_its_unit(tmp_path: 
     y = lfilter([0.0, 1 - decay], [1.0, -decay], u) + 0.02 * rng.normal(size=len(u))
     columns = {"time_s": 0.1 * np.arange(len(u)), "u": u, "y": y}
     pd.DataFrame(columns).round(4).to_csv(table, index=False)
-    command = ["identify", str(table), "--input", "u", "--output", "y", "--models", "P1"]
+    command = ["identify", str(table), "--input", "u", "--output", "y", "--model", "P1"]
     assert CliRunner().invoke(app, command).exit_code == 0
     data = json.loads(table.with_suffix(".identified.json").read_text(encoding="utf-8"))
     assert set(data["averaged"]["u"]) == {"gain", "lag_s"}

@@ -161,6 +161,7 @@ def test_disks_with_different_junctions_work_from_log_to_beta(tmp_path: Path) ->
     assert len(log.channels) == 14
     record_options = [f"--record={p}" for p in records]
     arguments = [
+        "rig",
         "beta",
         str(tmp_path / "B3.csv"),
         *record_options,

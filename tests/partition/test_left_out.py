@@ -320,7 +320,10 @@ def test_gap_at_unloading_gives_exit_code_1_and_a_finding_in_the_file(
     out = tmp_path / "beta.json"
     page = tmp_path / "beta.html"
     log = write_damaged("gap at unloading", "fast_a_degC")
-    assert run_command("beta", log, *record_options(campaign), "--out", out, "--report", page) == 1
+    assert (
+        run_command("rig", "beta", log, *record_options(campaign), "--out", out, "--report", page)
+        == 1
+    )
     (finding,) = (
         f
         for f in json.loads(out.read_text(encoding="utf-8"))["findings"]
@@ -339,16 +342,24 @@ def test_without_option_excludes_channels_on_the_command_line(
     campaign: Campaign, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = campaign.files.ehl["B3"]
-    assert run_command("beta", log, *record_options(campaign), "--without", "fast_x") == 2
+    assert run_command("rig", "beta", log, *record_options(campaign), "--without", "fast_x") == 2
     assert "there is no channel 'fast_x'" in capsys.readouterr().err
     assert (
         run_command(
-            "campaign", log, *record_options(campaign), "--out", "nowhere", "--without", "fast_x"
+            "rig",
+            "campaign",
+            log,
+            *record_options(campaign),
+            "--out",
+            "nowhere",
+            "--without",
+            "fast_x",
         )
         == 2
     )
     assert (
         run_command(
+            "rig",
             "beta",
             log,
             *record_options(campaign),

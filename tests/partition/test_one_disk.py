@@ -76,6 +76,7 @@ def test_beta_command_takes_one_record_and_reports_what_is_missing(fast_only_log
     out = fast_only_log.with_name("beta.json")
     page = fast_only_log.with_name("beta.html")
     arguments = [
+        "rig",
         "beta",
         str(fast_only_log),
         "--record",

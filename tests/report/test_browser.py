@@ -53,6 +53,7 @@ def campaign_page(_: Campaign, __: Partition, page: Path) -> int:
 def certificate(campaign: Campaign, _: Partition, page: Path) -> int:
     plunges = [w for plunge in campaign.files.plunges["fast"] for w in ("--immersion", plunge)]
     return tcdyn(
+        "rig",
         "calibrate",
         "--rig",
         campaign.files.rig,
@@ -86,7 +87,7 @@ def compensate(campaign: Campaign, _: Partition, page: Path) -> int:
 
 
 def design(_: Campaign, __: Partition, page: Path) -> int:
-    return tcdyn("design", "--bath-degC", "110", "--duration-s", "40", "--out", page, "-q")
+    return tcdyn("rig", "design", "--bath-degC", "110", "--duration-s", "40", "--out", page, "-q")
 
 
 def identify(_: Campaign, __: Partition, page: Path) -> int:
@@ -101,7 +102,7 @@ def identify(_: Campaign, __: Partition, page: Path) -> int:
     )
     table.to_csv(page.with_suffix(".csv"), index=False)
     data = page.with_suffix(".csv")
-    options = ("--hold", "zoh", "--models", "P1")
+    options = ("--hold", "zoh", "--model", "P1")
     return tcdyn(
         "identify", data, "--input", "u", "--output", "y", *options, "--report", page, "-q"
     )

@@ -104,8 +104,7 @@ def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:
     log = write(tmp_path / "heat.csv", time_s=dt_s * np.arange(count), heater=heater, T_degC=y)
     out = tmp_path / "i.json"
     assert (
-        run_cli("identify", log, "-u", "heater", "-y", "T_degC", "--models", "P1", "--out", out)
-        == 0
+        run_cli("identify", log, "-u", "heater", "-y", "T_degC", "--model", "P1", "--out", out) == 0
     )
     check_file(out, "T_degC", lag_s)
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
@@ -118,7 +117,7 @@ def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> No
     log = write(
         tmp_path / "gas.csv", time_s=np.round(6000 * t, 3), A_degC=a, B_degC=b
     )  # 900 and 3000 s
-    assert run_cli("sensor", "pair", log, "--columns", "A,B", "--out", out) == 0
+    assert run_cli("sensor", "pair", log, "--column", "A", "--column", "B", "--out", out) == 0
     check_file(out, "A_degC", 900.0)
     check_file(out, "B_degC", 3000.0)
     rng = np.random.default_rng(7)

@@ -180,7 +180,20 @@ def test_an_exponent_without_an_uncertainty_is_an_error_of_the_command(
     log = write(tmp_path / "gas.csv", time_s=t.round(3), A_degC=a, B_degC=b)
     out = tmp_path / "pair.sensor.json"
     assert (
-        run_cli("sensor", "pair", log, "--columns", "A,B", "--exponent", "0.5", "--out", out) == 2
+        run_cli(
+            "sensor",
+            "pair",
+            log,
+            "--column",
+            "A",
+            "--column",
+            "B",
+            "--exponent",
+            "0.5",
+            "--out",
+            out,
+        )
+        == 2
     )
     assert "0.5+-0.1" in capsys.readouterr().err
     assert not out.exists()

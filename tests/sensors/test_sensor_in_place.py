@@ -199,11 +199,29 @@ def test_the_commands_write_files_that_compensate_takes(
     log = write(tmp_path / "gas.csv", time_s=np.round(t, 3), A_degC=a, B_K=b + 273.15, v=speed)
     out = tmp_path / "pair.sensor.json"
     assert (
-        run_cli("sensor", "pair", log, "--columns", "A,B", "--speed", "v", "--out", out) == 1
+        run_cli(
+            "sensor", "pair", log, "--column", "A", "--column", "B", "--speed", "v", "--out", out
+        )
+        == 1
     )  # they change: look
     assert read_sensor(out).fit["exponent"]["value"] == pytest.approx(0.5, abs=0.1)
-    assert run_cli("sensor", "pair", log, "--columns", "A", "--out", out) == 2
-    assert run_cli("sensor", "pair", log, "--columns", "A,B", "--change-s", "15", "--out", out) == 1
+    assert run_cli("sensor", "pair", log, "--column", "A", "--out", out) == 2
+    assert (
+        run_cli(
+            "sensor",
+            "pair",
+            log,
+            "--column",
+            "A",
+            "--column",
+            "B",
+            "--flow-step-s",
+            "15",
+            "--out",
+            out,
+        )
+        == 1
+    )
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv", "--quiet") == 1
     done = written(tmp_path / "o.csv")
     late = t > 20

@@ -163,11 +163,11 @@ def test_command_reports_touches_that_differ_from_the_stated_order(
     frame.to_csv(path, index=False, float_format="%.4f")
     picture = tmp_path / "touch.png"
     words = ["sensor", "touch", str(path), "--column", "slow_*", "--order"]
-    assert run(lambda: app([*words, "slow_c,slow_a", "--out", str(picture)])) == 0
+    assert run(lambda: app([*words, "slow_c", "--order", "slow_a", "--picture", str(picture)])) == 0
     out = capsys.readouterr().out
     assert "2 touches, 2 as stated" in out
     assert picture.stat().st_size > 10_000
-    assert run(lambda: app([*words, "slow_a,slow_c"])) == 1
+    assert run(lambda: app([*words, "slow_a", "--order", "slow_c", "--strict"])) == 1
     err = capsys.readouterr().err
     assert "slow_c_degC responded, stated was slow_a_degC" in err
 

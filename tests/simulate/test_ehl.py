@@ -242,16 +242,15 @@ def test_slow_unloading_cools_as_the_mean_of_sudden_unloadings_during_it() -> No
         np.testing.assert_allclose(slow_fall, expected / 1.5, atol=0.01 * fall.max())
 
 
-@pytest.mark.parametrize("name", ["--unloading-s", "--parting-s"])
 def test_command_writes_a_friction_that_falls_linearly(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def short(test: str, seed: int, truth: RigTruth, o: EhlOptions) -> Any:
         return simulate_ehl(test, seed, truth, replace(SHORT, parting_s=o.parting_s))
 
     monkeypatch.setattr("tcdyn.simulate.ehl.simulate_ehl", short)
     out = tmp_path / "B3.csv"
-    words = ["simulate", "ehl", "--out", str(out), "--clean", name, "1.5", "-q"]
+    words = ["simulate", "ehl", "--out", str(out), "--clean", "--unloading-s", "1.5", "-q"]
     assert run(lambda: app(words)) == 0
     truth = json.loads(out.with_suffix(".truth.json").read_text(encoding="utf-8"))
     log = pd.read_csv(out)

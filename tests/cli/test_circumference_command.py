@@ -1,4 +1,4 @@
-"""``tcdyn round`` and ``tcdyn spot``: a picture of the synthetic disks, a measured surface, and what they refuse."""
+"""``tcdyn rig circumference`` and ``tcdyn rig line``: pictures, a measured surface, refusals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,19 @@ def test_the_synthetic_disks_are_drawn_with_the_uneven_one_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "disks.png"
-    assert tcdyn("round", "simulate", "--out", out, "--uneven", "slow:0.5@30", "--json") == 0
+    assert (
+        tcdyn(
+            "rig",
+            "circumference",
+            "simulate",
+            "--picture",
+            out,
+            "--uneven",
+            "slow:0.5@30",
+            "--json",
+        )
+        == 0
+    )
     told = json.loads(capsys.readouterr().out)
     assert out.stat().st_size > 20_000
     apart = {d: told[d]["surface_degC"][1] - told[d]["surface_degC"][0] for d in ("fast", "slow")}
@@ -26,7 +38,7 @@ def test_the_synthetic_disks_are_drawn_with_the_uneven_one_told(
 
 
 def test_what_is_no_picture_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert tcdyn("round", "simulate", "--out", tmp_path / "disks.csv") == 2
+    assert tcdyn("rig", "circumference", "simulate", "--picture", tmp_path / "disks.csv") == 2
     assert "a name ending in .png, .svg, .pdf" in capsys.readouterr().err
 
 
@@ -38,7 +50,7 @@ def test_a_heated_spot_becomes_lines_of_the_rig_file(
         "temperature_degC,flux_W_m2\n"
         + "".join(f"{t},{300 * (t - 58)}\n" for t in (80, 100, 120, 150))
     )
-    assert tcdyn("spot", table, "--disk", "slow") == 0
+    assert tcdyn("rig", "line", table, "--disk", "slow") == 0
     rig.write_text(capsys.readouterr().out)
     found = load_rig(rig).disk_setup("slow").surface
     assert (found.heat_transfer_W_m2K, found.air_degC) == pytest.approx((300.0, 58.0))
@@ -51,7 +63,7 @@ def test_a_spot_that_cools_what_is_hot_is_refused(
 ) -> None:
     table = tmp_path / "spot.csv"
     table.write_text("temperature_degC,flux_W_m2\n80,4\n90,3\n100,2\n110,1\n")
-    assert tcdyn("spot", table) == 2
+    assert tcdyn("rig", "line", table) == 2
     assert "the flux falls with temperature" in capsys.readouterr().err
 
 
@@ -68,7 +80,7 @@ def test_a_stated_press_fit_is_told_and_drawn(
 ) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "fit.png"
     rig.write_text(FIT)
-    assert tcdyn("round", "fit", "--rig", rig, "--out", out, "--json") == 0
+    assert tcdyn("rig", "circumference", "fit", "--rig", rig, "--picture", out, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert out.stat().st_size > 10_000
     assert set(told) == {"picture", "slow"}
@@ -81,13 +93,13 @@ def test_a_stated_press_fit_is_told_and_drawn(
         1 - (0.9 * key + 0.8 * 70) / 360
     )
     assert 150 < slow["first"]["angle_deg"] < 200  # away from both
-    assert tcdyn("round", "fit", "--rig", rig) == 0
+    assert tcdyn("rig", "circumference", "fit", "--rig", rig) == 0
     words = capsys.readouterr().out
     assert "slow disk: pressure 35.9 MPa" in words
     bears, mean = (slow[k] / 1000 for k in ("bearing_W_m2K", "mean_W_m2K"))
     assert f"conductance {bears:.2f} kW/m2K where the fit bears, {mean:.2f} in the mean" in words
     shown = tmp_path / "shown.toml"
-    assert tcdyn("rig", "--rig", rig, "--show") == 0
+    assert tcdyn("rig", "check", rig) == 0
     shown.write_text(capsys.readouterr().out)
     assert load_rig(shown) == load_rig(rig)
 
@@ -129,10 +141,10 @@ def test_a_fit_that_cannot_be_is_refused(
         f"[slow.fit]\n{line if 'interference' in line else 'interference_um = 20'}\n"
         f"{'' if 'interference' in line else line}\n"
     )
-    assert tcdyn("round", "fit", "--rig", rig) == 2
+    assert tcdyn("rig", "circumference", "fit", "--rig", rig) == 2
     assert said in capsys.readouterr().err
 
 
 def test_without_a_stated_fit_there_is_nothing_to_tell(capsys: pytest.CaptureFixture[str]) -> None:
-    assert tcdyn("round", "fit", "--disk", "slow") == 2
+    assert tcdyn("rig", "circumference", "fit", "--disk", "slow") == 2
     assert "states no press fit of the slow disk" in capsys.readouterr().err

@@ -1,17 +1,17 @@
-"""Command ``tcdyn round``: circumferential temperature of the disks, and the press fit.
+"""Command ``tcdyn rig circumference``: circumferential temperature of the disks, and the press fit.
 
 The field of the synthetic rig is :mod:`tcdyn.simulate.field`, the press fit
-:mod:`tcdyn.rig.press_fit`. Test: ``tests/cli/test_round_command.py``.
+:mod:`tcdyn.rig.press_fit`. Test: ``tests/cli/test_circumference_command.py``.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tcdyn.cli.common import (
+    OptionalPicture,
     Picture,
     Reporter,
     check_choice,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tcdyn.rig.disk import DiskSetup
 
 app = typer.Typer(
-    name="round",
+    name="circumference",
     help="Circumferential temperature of the disks, and their press fit.",
     no_args_is_help=True,
     add_completion=False,
@@ -36,8 +36,8 @@ app = typer.Typer(
 
 @app.command("simulate")
 @option_groups
-def simulate_round(
-    out: Annotated[Path, Picture],
+def simulate_circumference(
+    picture: Picture,
     test: Test = "B3",
     seed: Seed = 0,
     beta: Beta = None,
@@ -50,9 +50,9 @@ def simulate_round(
 
     The picture shows it over radius, width and angle.
 
-    `tcdyn beta --report` draws the same for a measured test.
+    `tcdyn rig beta --report` draws the same for a measured test.
 
-    Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
+    Example: tcdyn rig circumference simulate --picture disks.png --test D4 --uneven slow:0.5@30
     """
     from tcdyn.plots.circumferential import circumferential_figure
     from tcdyn.rig.disk import DISKS
@@ -61,29 +61,29 @@ def simulate_round(
     from tcdyn.simulate.field import disk_fields
     from tcdyn.simulate.truth import draw_truth
 
-    check_picture(out, [rig])
+    check_picture(picture, [rig])
     truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
     disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
-    save_picture(circumferential_figure([disks[d] for d in DISKS]), out)
+    save_picture(circumferential_figure([disks[d] for d in DISKS]), picture)
     numbers = {
         d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].reading_degC}
         for d in DISKS
     }
-    reporter.json(lambda: {"picture": out, **numbers})
+    reporter.json(lambda: {"picture": picture, **numbers})
     for d in DISKS:
         low, high = numbers[d]["surface_degC"]
         reporter.text(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft")
-    reporter.files(picture=out)
+    reporter.files(picture=picture)
 
 
 @app.command("fit")
 @option_groups
-def fit_round(
+def fit_circumference(
     rig: RigPath = None,
     disk: Annotated[
         str | None, typer.Option(help="fast or slow (default: each with a stated fit)")
     ] = None,
-    out: Annotated[Path | None, Picture] = None,
+    picture: OptionalPicture = None,
     *,
     reporter: Reporter,
 ) -> None:
@@ -94,9 +94,9 @@ def fit_round(
     Table fit, or slow.fit for one disk, states interference_um (diametral), hardness_GPa,
     roughness_um, slope and conductivity_W_mK of the joint, keyways = [{ angle_deg = 40, width_mm =
     6, share = 0.1 }] and patches = [{ from_deg = 100, to_deg = 160, share = 0.2 }]. If it is
-    stated, `tcdyn simulate ehl`, `tcdyn round simulate` and `tcdyn beta` use it.
+    stated, `tcdyn simulate ehl`, `tcdyn rig circumference simulate` and `tcdyn rig beta` use it.
 
-    Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
+    Example: tcdyn rig circumference fit --rig rig.toml --disk slow --picture fit.png
     """
     from functools import partial
 
@@ -107,17 +107,17 @@ def fit_round(
 
     if disk is not None:
         check_choice("--disk", disk, DISKS)
-    if out is not None:
-        check_picture(out, [rig])
+    check_picture(picture, [rig])
     rig_settings = load_rig(rig)
     setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
     stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]
     numbers = {s.name: _fit_numbers(s) for s in stated}
-    if out is not None:
+    if picture is not None:
         draws = [partial(draw_press_fit, s) for s in stated]
         rows = len(stated)
-        save_picture(panel_figure(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
-    reporter.json(lambda: {"picture": out, **numbers})
+        figure = panel_figure(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows)
+        save_picture(figure, picture)
+    reporter.json(lambda: {"picture": picture, **numbers})
     for name, x in numbers.items():
         reporter.text(
             f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance "
@@ -126,7 +126,7 @@ def fit_round(
             f"{x['first']['share']:.3f} at {x['first']['angle_deg']:.0f} degrees, the second "
             f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}"
         )
-    reporter.files(picture=out)
+    reporter.files(picture=picture)
 
 
 def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
