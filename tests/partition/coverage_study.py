@@ -117,7 +117,7 @@ if __name__ == "__main__":
     print(report(rows_of_rigs).round(4).to_string(index=False))
     print("failed", int(rows_of_rigs["failed"].sum()), "alarms", rows_of_rigs["alarm"].mean())
     print(
-        "exit code 1",
+        "with a warning",
         rows_of_rigs["status not sound"].mean(),
         "range covers",
         rows_of_rigs["range covers"].mean(),

@@ -1,7 +1,7 @@
 """Single faults of wiring, switches, units and rig files: which messages they give, and whether any is undetected.
 
 `python -m tests.partition.fault_study COUNT SEED [FAULT ...]` prints for each fault how often its cause is reported
-first, how often another fault is reported, and how often beta is more than 3 u off with exit code 0.
+first, how often another fault is reported, and how often beta is more than 3 u off without a warning.
 """
 
 from __future__ import annotations
