@@ -8,6 +8,7 @@ and ``tests/cli/test_internal_error.py``.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -38,7 +39,7 @@ EPILOG = (
     "Exit codes: 0 done, also with warnings; 1 no result to be trusted (for example the recommended "
     "estimate is not reported, a log of a campaign failed, or a published number differs), and with "
     "--strict any warning; 2 bad input, with a message that says what to do; 70 an internal error, "
-    "please report it; 130 stopped with Ctrl-C.\n\n"
+    "please report it; 130 stopped, for example with Ctrl-C.\n\n"
     "Results go to standard output, progress and findings (info, warning, error) to standard "
     "error; --json prints the result for scripts. Terminals get colour; NO_COLOR=1 switches it off."
 )
@@ -259,8 +260,20 @@ def _internal_error(problem: BaseException) -> int:
     return INTERNAL_ERROR
 
 
+def _stop_as_with_ctrl_c() -> None:
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, so that no worker process remains.
+
+    A signal that is ignored, as under ``nohup``, stays ignored. Windows has no SIGHUP.
+    """
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
+
+
 def main() -> None:
     """Run the command of ``sys.argv``; ends with SystemExit."""
+    _stop_as_with_ctrl_c()
     code = run(app)
     try:
         sys.stdout.flush()
