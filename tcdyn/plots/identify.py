@@ -16,11 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri
 
-from tcdyn.identify.identified import Identified
-from tcdyn.identify.iodata import IOData
-from tcdyn.identify.responses import Band, Root, bode_band, percent_times, roots_of, step_band
-from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import ResidualTest, Validation
+from tcdyn.identification.identified import Identified
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.responses import Band, Root, bode_band, percent_times, roots_of, step_band
+from tcdyn.identification.search import Fit
+from tcdyn.identification.validate import ResidualTest, Validation
 from tcdyn.plots.style import (
     BAND_ALPHA,
     DARK,

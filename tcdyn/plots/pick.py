@@ -20,10 +20,10 @@ from immersion.plunge_result import PlungeFit
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.design.compare import Design
-from tcdyn.identify.comparison import Comparison
-from tcdyn.identify.identified import Identified
-from tcdyn.identify.iodata import IOData
-from tcdyn.identify.search import Fit
+from tcdyn.identification.comparison import Comparison
+from tcdyn.identification.identified import Identified
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.search import Fit
 from tcdyn.partition.analyse import Partition
 from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals

@@ -40,7 +40,7 @@ from tcdyn.rig.record import (
 from tcdyn.rig.static_line import StaticLine
 
 if TYPE_CHECKING:
-    from tcdyn.identify import Identified
+    from tcdyn.identification import Identified
 
 # Version of the file; a change of its keys needs another number.
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
@@ -521,7 +521,7 @@ def read_sensor(path: str | Path) -> SensorFile:
     data = read_json(path, "a sensor file", "tcdyn sensor")
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     if schema.startswith(IDENTIFIED_SCHEMA):
-        from tcdyn.identify import Identified  # only these files need the identification
+        from tcdyn.identification import Identified  # only these files need the identification
 
         try:
             model = Identified.from_json(Path(path).read_text(encoding="utf-8-sig"))
@@ -615,7 +615,7 @@ def _fixed_filter(model: Identified) -> Conditioning:
     InputError
         Where no filter has that polynomial.
     """
-    from tcdyn.identify import KnownDynamics  # only these files need the identification
+    from tcdyn.identification import KnownDynamics  # only these files need the identification
 
     den = np.trim_zeros(np.asarray(model.model.known.den, dtype=float), "b")
     order = len(den) - 1
