@@ -12,7 +12,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,7 @@ from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identification.fit import add_findings, fit
 from tcdyn.identification.heldout import Progress, Task, split_held_out
 from tcdyn.identification.identified import Identified, from_control
-from tcdyn.identification.iodata import IOData
+from tcdyn.identification.iodata import Holds, IOData, as_data
 from tcdyn.identification.ladder import Ladder, select_structures
 from tcdyn.identification.large_records import (
     SearchRecord,
@@ -49,6 +50,7 @@ from tcdyn.identification.recommendation import (
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, average_noise, bic
 from tcdyn.identification.shared_poles import best_common_pole_fit
+from tcdyn.identification.tables import from_csv, from_frame, with_hold
 from tcdyn.identification.validate import (
     Validation,
     explains_little,
@@ -72,7 +74,7 @@ RECORD_TROUBLES = ("record.closed_loop", "record.other_hold")
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison(Result):
     """The result of :func:`compare`.
 
@@ -198,14 +200,18 @@ class Comparison(Result):
             "comparison": jsonable(self.table),
         }
 
-    def card(self) -> pd.DataFrame:
-        """The table without remarks."""
-        return self.table.drop(columns=["remark", "determined"])
+    def headline(self) -> str:
+        """The recommended model, and the number of models."""
+        return f"{self.recommended} recommended of {len(self.table)} models; {self.best.headline()}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table by model, without remarks; rms in the output's unit."""
+        return self.table.drop(columns=["remark", "determined"]).set_index("model")
 
 
 @one_blas_thread
 def compare(
-    data: IOData,
+    data: IOData | tuple[Any, ...],
     *models: Entry | Sequence[Entry],
     like: Model | None = None,
     held_out: IOData | float = 0.3,
@@ -217,7 +223,7 @@ def compare(
     Parameters
     ----------
     data
-        One output, one or several inputs.
+        One output, one or several inputs; or a tuple (u, y, dt_s), as for :func:`fit`.
     models
         Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit`, an
         :class:`Identified` or a ``control`` system; :func:`tcdyn.identification.from_control` adds a
@@ -256,6 +262,7 @@ def compare(
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
     """
+    data = as_data(data)
     for name in {"weights", "start"} & set(options):
         raise InputError(
             f"{name} is given, which is of one model and one record",
@@ -286,6 +293,76 @@ def compare(
     if not rows:
         return result
     return replace(result, table=pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True))
+
+
+def identify(
+    data: IOData | pd.DataFrame | str | Path | tuple[Any, ...],
+    *models: Entry | Sequence[Entry],
+    input: str | Sequence[str] = (),
+    output: str | Sequence[str] = (),
+    time: str | None = None,
+    time_unit: str | None = None,
+    run: str | None = None,
+    dt_s: float | None = None,
+    resample_s: float | None = None,
+    hold: Holds | Literal["auto"] | None = None,
+    **options: Any,
+) -> Comparison:
+    """Compare models of the dynamics between two columns, validate them, and recommend one.
+
+    Parameters
+    ----------
+    data
+        A table with one row for each sample: a DataFrame, or a file (CSV, LVM, TDMS or Parquet), of
+        which ``input`` and ``output`` name columns. Or a tuple (u, y, dt_s) of arrays or Series, or
+        IOData.
+    models
+        Models to compare; without any, process models of one to three lags.
+    input, output, time, time_unit, run, dt_s, resample_s
+        As for :func:`tcdyn.identification.from_frame`; only of a table.
+    hold
+        The input between samples; by default that of IOData, else selected from the samples.
+    options
+        As for :func:`compare`.
+
+    Returns
+    -------
+    Comparison
+        ``best`` is the fit of the recommended model, ``summary()`` the conclusion.
+
+    Raises
+    ------
+    InputError
+        For data from which no model can be identified.
+
+    Examples
+    --------
+    >>> from tcdyn.chain import Chain
+    >>> heater = np.repeat([0.0, 1.0, 0.0, 1.0], 50)
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.01, 200)
+    >>> reading = Chain(0.8).response(heater, 0.1, "zoh") + noise
+    >>> index = pd.Index(0.1 * np.arange(200), name="time_s")
+    >>> table = pd.DataFrame({"heater": heater, "T_degC": reading}, index)
+    >>> result = identify(table, "P1", "P1D", input="heater", output="T_degC")
+    >>> result.recommended, round(result.best.identified.theta["Tp1"], 1)
+    ('P1', 0.8)
+    """
+    columns: dict[str, Any] = {
+        "time": time,
+        "time_unit": time_unit,
+        "run": run,
+        "dt_s": dt_s,
+        "resample_s": resample_s,
+    }
+    if isinstance(data, str | Path):
+        data = from_csv(data, input=input, output=output, hold=hold or "auto", **columns)
+    elif isinstance(data, pd.DataFrame):
+        data = from_frame(data, input=input, output=output, hold=hold or "auto", **columns)
+    elif isinstance(data, IOData):
+        data = with_hold(data, hold) if hold else data
+    else:
+        data = with_hold(as_data(data), hold or "auto")
+    return compare(data, *models, **options)
 
 
 def search_models(

@@ -41,7 +41,7 @@ from tcdyn.identification.disturbance import (
 )
 from tcdyn.identification.identified import Identified
 from tcdyn.identification.intervals import Covariance, parameter_covariance, replace_poor_intervals
-from tcdyn.identification.iodata import IOData
+from tcdyn.identification.iodata import IOData, as_data
 from tcdyn.identification.knowledge import (
     check_knowledge,
     checked_weights,
@@ -81,7 +81,7 @@ MIN_LAG_DIFFERENCE = 1e-2  # relative difference of two lags, below which they a
 
 @one_blas_thread
 def fit(
-    data: IOData,
+    data: IOData | tuple[Any, ...],
     model: Model | str = "P1D",
     *,
     initial: Initial | Literal["auto"] = "auto",
@@ -104,7 +104,8 @@ def fit(
     Parameters
     ----------
     data
-        One output, and as many inputs as the model has.
+        One output, and as many inputs as the model has; or a tuple (u, y, dt_s), whose input is a
+        straight line between samples.
     model
         Model or its name.
     initial
@@ -172,6 +173,7 @@ def fit(
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)
     0.13
     """
+    data = as_data(data)
     structure = as_model(model)
     check_knowledge(structure, bounds or {}, prior or {})
     options: dict[str, Any] = {

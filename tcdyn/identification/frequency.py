@@ -13,8 +13,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.polynomial.polynomial import polyval
 from scipy.special import chdtrc
 
@@ -23,6 +25,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Optimum, Problem, lowest_cost, minimise
 from tcdyn.identification.identified import Identified
@@ -46,8 +49,8 @@ NOISE_FLOORS = (0.0, 1e-3, 1e-2, 0.1, 1.0)
 MAX_BAND_RATIO = 1e3
 
 
-@dataclass(frozen=True)
-class Response:
+@dataclass(frozen=True, repr=False)
+class Response(Result):
     """A measured frequency response, output over input.
 
     Parameters
@@ -73,6 +76,28 @@ class Response:
     name: str = "frequency response"
     relative_u: Array | None = None
     floor: float = 0.0
+
+    def summary(self) -> str:
+        """Name, number of frequencies and their range."""
+        f = self.frequency_Hz
+        return f"{self.name}: {len(f)} frequencies, {np.min(f):.3g} to {np.max(f):.3g} Hz"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table of :meth:`to_frame`."""
+        return {"name": self.name, "response": jsonable(self.to_frame().reset_index())}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Magnitude and phase over the frequency [Hz], and the uncertainty where it is given."""
+        columns = {
+            "magnitude": np.abs(self.response),
+            "magnitude_dB": 20 * np.log10(np.abs(self.response)),
+            "phase_deg": np.rad2deg(np.unwrap(np.angle(self.response))),
+        }
+        if self.u is not None:
+            columns["u"] = self.u
+        if self.relative_u is not None:
+            columns["relative_u"] = self.relative_u
+        return pd.DataFrame(columns, pd.Index(self.frequency_Hz, name="frequency_Hz"))
 
     @property
     def unknown_uncertainty(self) -> bool:

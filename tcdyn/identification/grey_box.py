@@ -7,8 +7,9 @@ nonlinear simulation by another integrator.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding
-from tcdyn.core.result import Result
+from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.estimation import Optimum, Problem, Status, minimise
 from tcdyn.identification.intervals import innovation_covariance
 from tcdyn.identification.iodata import IOData
@@ -33,7 +34,7 @@ SimulationFunction = Callable[[dict[str, float], IOData], Sequence[ArrayLike]]
 STEP = 1e-5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FunctionFit(Result):
     """Result of :func:`fit_function`.
 
@@ -61,7 +62,7 @@ class FunctionFit(Result):
     fit_percent: float
     rms: float
     findings: tuple[Finding, ...]
-    optimum: Optimum = field(repr=False)
+    optimum: Optimum
 
     def summary(self) -> str:
         """Parameters, fit and findings as text."""
@@ -69,10 +70,14 @@ class FunctionFit(Result):
         lines.append(f"fit {self.fit_percent:.2f} %, rms {self.rms:.4g}")
         return "\n".join([*lines, *self.warnings])
 
-    def card(self) -> pd.DataFrame:
-        """Parameters with their standard uncertainties and intervals."""
-        rows = [(n, e.value, e.u, e.low95, e.high95) for n, e in self.estimates.items()]
-        return pd.DataFrame(rows, columns=["quantity", "value", "u", "low 95 %", "high 95 %"])
+    def to_dict(self) -> dict[str, Any]:
+        """Parameters, their covariance, fit and findings."""
+        names = ("estimates", "covariance", "fit_percent", "rms", "findings")
+        return {name: jsonable(getattr(self, name)) for name in names}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Parameters with their standard uncertainties and intervals, in the units of the model."""
+        return estimates_frame(self.estimates)
 
 
 def fit_function(

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import InitialState, simulate
@@ -25,7 +26,8 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
-from tcdyn.core.result import Result, jsonable
+from tcdyn.core.labels import common_index, even_interval_s
+from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.identification.iodata import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
@@ -54,7 +56,7 @@ MAX_CORRELATIONS = 6  # correlations of parameters in the summary, the strongest
 MAX_ZERO_RATIO = 1e-12  # coefficient over the largest, below which it is zero
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identified(Dynamics, Result):
     """An identified model.
 
@@ -167,11 +169,11 @@ class Identified(Dynamics, Result):
 
     def simulate(
         self,
-        u: Array,
+        u: ArrayLike | pd.Series | pd.DataFrame,
         dt_s: float | None = None,
         hold: Holds | None = None,
         start: InitialState = "equilibrium",
-    ) -> Array:
+    ) -> Array | pd.Series:
         """Return the model's output, offset included.
 
         Parameters
@@ -179,7 +181,7 @@ class Identified(Dynamics, Result):
         u
             Input (N,), or inputs (N, K).
         dt_s
-            Sampling interval [s]; by default that of the record.
+            Sampling interval [s]; by default that of the index of ``u``, else of the record.
         hold
             Hold of all inputs, or of each; by default that of the record.
         start
@@ -187,19 +189,23 @@ class Identified(Dynamics, Result):
 
         Returns
         -------
-        array
-            Output (N,) in the output's unit.
+        array or Series
+            Output (N,) in the output's unit; for a Series or DataFrame a Series of the same index.
 
         Raises
         ------
         InputError
             For another number of inputs, or a model without a record and no ``dt_s``.
         """
-        table = np.asarray(u, dtype=float).reshape(len(u), -1)
+        table = np.asarray(u, dtype=float)
+        table = table.reshape(len(table), -1)
         if table.shape[1] != len(self.by_input):
             raise InputError(
                 f"{table.shape[1]} inputs", expected=f"{len(self.by_input)}: {self.input_name}"
             )
+        index = common_index([u], "simulate")
+        if index is not None:
+            dt_s = dt_s or even_interval_s(index, "simulate")
         dt = dt_s or self.dt_s
         if not dt:
             raise InputError(
@@ -209,7 +215,8 @@ class Identified(Dynamics, Result):
         holds = hold_of_each(hold or self.hold, table.shape[1])
         for model, column, column_hold in zip(self.by_input.values(), table.T, holds):
             y = y + simulate(model.rational, column, dt, column_hold, start)
-        return y + self.offset
+        y = y + self.offset
+        return y if index is None else pd.Series(y, index, name=self.output_name)
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """Return the model as a ``control.TransferFunction``, one entry for each input.
@@ -322,22 +329,27 @@ class Identified(Dynamics, Result):
             f"{free[i]}-{free[j]} {table[i, j]:.2f}" for i, j in pairs[:MAX_CORRELATIONS]
         )
 
-    def card(self) -> pd.DataFrame:
+    def to_frame(self) -> pd.DataFrame:
         """Free parameters, lag (first moment) and percent times with their 95 % intervals."""
-        quantities = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
+        quantities = dict(self.estimates)
+        units = [self.model.unit(name) for name in quantities]
         if not self.model.integrators:
             for model in self.by_input.values():
                 if not model.gain:  # an input without effect
                     continue
                 suffix = f".{model.input_name}" if self.model.inputs else ""
                 times = {"lag": model.lag_s, **percent_times(model)}
-                quantities += [(name + suffix, e, "s") for name, e in times.items()]
+                quantities |= {name + suffix: e for name, e in times.items()}
+                units += ["s"] * len(times)
+        return estimates_frame(quantities, units)
+
+    def card(self) -> pd.DataFrame:
+        """The table of :meth:`to_frame` as text, rounded to the uncertainties."""
         rows = []
-        for name, e, unit in quantities:
-            value, u = rounded_texts(e.value, e.u)
-            low = rounded_texts(e.low95, e.u)[0]
-            high = rounded_texts(e.high95, e.u)[0]
-            rows.append((name, value, u, low, high, unit))
+        for name, value, u, low95, high95, unit in self.to_frame().itertuples():
+            low = rounded_texts(low95, u)[0]
+            high = rounded_texts(high95, u)[0]
+            rows.append((name, *rounded_texts(value, u), low, high, unit))
         columns = ["quantity", "value", "u", "low 95 %", "high 95 %", "unit"]
         return pd.DataFrame(rows, columns=columns)
 

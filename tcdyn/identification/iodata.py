@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 from scipy import signal
@@ -19,6 +21,7 @@ from scipy.ndimage import maximum_filter1d
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique
+from tcdyn.core.labels import common_index, even_interval_s, labels_of, seconds_of_index
 from tcdyn.core.result import Result
 
 Hold = Literal["zoh", "foh"]  # the input between samples: held, or a straight line
@@ -43,12 +46,15 @@ class Run:
         Time of the first sample [s].
     name
         Name of the run.
+    epoch
+        Clock time at 0 s; None if the times are no clock times.
     """
 
     u: Array
     y: Array
     start_s: float = 0.0
     name: str = ""
+    epoch: pd.Timestamp | None = None
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -61,7 +67,7 @@ class Run:
         return len(self.y)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class IOData(Result):
     """Inputs and outputs of one or several runs at one sampling interval.
 
@@ -108,9 +114,9 @@ class IOData(Result):
     @classmethod
     def from_arrays(
         cls,
-        u: ArrayLike,
-        y: ArrayLike,
-        dt_s: float,
+        u: ArrayLike | pd.Series | pd.DataFrame,
+        y: ArrayLike | pd.Series | pd.DataFrame,
+        dt_s: float | None = None,
         *,
         hold: Holds = "foh",
         start_s: float = 0.0,
@@ -125,13 +131,14 @@ class IOData(Result):
         Parameters
         ----------
         u, y
-            Inputs (N,) or (N, n_inputs), and outputs (N,) or (N, n_outputs).
+            Inputs (N,) or (N, n_inputs), and outputs (N,) or (N, n_outputs). Of a Series or
+            DataFrame the names are used, and of its index the times.
         dt_s
-            Sampling interval [s].
+            Sampling interval [s]; None: from the index.
         hold
             The input between samples: "zoh" or "foh", or one of them for each input.
         start_s
-            Time of the first sample [s].
+            Time of the first sample [s], if there is no index with times.
         input_names, output_names, input_units, output_units
             Names and units of the columns.
         name
@@ -145,10 +152,35 @@ class IOData(Result):
         Raises
         ------
         InputError
-            For unequal lengths, an unusable ``dt_s`` or hold, infinite values or an integer
-            overflow.
+            For unequal lengths or indices, an unusable ``dt_s`` or hold, infinite values or an
+            integer overflow.
+
+        Examples
+        --------
+        >>> index = pd.date_range("2026-03-01 10:00", periods=4, freq="500ms")
+        >>> heater = pd.Series([0.0, 1, 1, 1], index, name="heater")
+        >>> data = IOData.from_arrays(heater, [0.0, 0.1, 0.5, 0.8], hold="zoh")
+        >>> data.dt_s, data.to_frame().index.equals(index), list(data.to_frame())
+        (0.5, True, ['heater', 'y'])
         """
         where = name or "IOData"
+        index = common_index([u, y], where)
+        epoch = None
+        if index is not None:
+            index_dt_s = even_interval_s(index, where)
+            dt_s = dt_s or index_dt_s
+            if isinstance(index, pd.DatetimeIndex):
+                epoch = index[0]
+            elif index_dt_s is not None:
+                start_s = float(seconds_of_index(index)[0])
+        input_names = tuple(input_names) or labels_of(u)
+        output_names = tuple(output_names) or labels_of(y)
+        if dt_s is None:
+            raise InputError(
+                "the sampling interval is not given",
+                where=where,
+                expected="dt_s in seconds, or Series with times in their index",
+            )
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise InputError(
                 f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero"
@@ -164,7 +196,7 @@ class IOData(Result):
         n_inputs = inputs.shape[1]
         n_outputs = outputs.shape[1]
         return cls(
-            runs=(Run(inputs, outputs, float(start_s), name),),
+            runs=(Run(inputs, outputs, float(start_s), name, epoch),),
             dt_s=float(dt_s),
             hold=check_hold(hold, n_inputs, where),
             input_names=tuple(input_names) or default_names("u", n_inputs),
@@ -364,7 +396,8 @@ class IOData(Result):
                 end = int(np.floor((end_s - run.start_s) / self.dt_s + 1e-9)) + 1
             if first < min(end, run.n):
                 first_s = run.start_s + first * self.dt_s
-                runs.append(Run(run.u[first:end], run.y[first:end], first_s, run.name))
+                rows = slice(first, end)
+                runs.append(replace(run, u=run.u[rows], y=run.y[rows], start_s=first_s))
         if not runs:
             raise InputError(
                 f"no sample lies between {start_s} s and {end_s} s", where=self.name or "IOData"
@@ -434,6 +467,58 @@ class IOData(Result):
         """Return the times (N,) [s] of the samples of one run."""
         run = self.runs[index]
         return np.asarray(run.start_s + np.arange(run.n) * self.dt_s)
+
+    def index_of(self, index: int = 0) -> pd.Index[Any]:
+        """Return the times (N,) of one run as an index: clock times where they are known, or [s]."""
+        time_s = self.times_s(index)
+        epoch = self.runs[index].epoch
+        if epoch is None:
+            return pd.Index(time_s, name="time_s")
+        steps = pd.to_timedelta(np.rint(1e9 * time_s).astype(np.int64), unit="ns")
+        return pd.DatetimeIndex(epoch + steps, name="time").as_unit(epoch.unit)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Inputs and outputs over the time; with several runs also over the run.
+
+        Units are in ``attrs["units"]``.
+        """
+        names = [*self.input_names, *self.output_names]
+        frames = {
+            run.name or k: pd.DataFrame(np.hstack([run.u, run.y]), self.index_of(k), names)
+            for k, run in enumerate(self.runs)
+        }
+        frame = next(iter(frames.values()))
+        if len(frames) > 1:
+            frame = pd.concat(frames, names=["run"])
+        units = dict(zip(names, [*self.input_units, *self.output_units]))
+        frame.attrs = {"units": {name: unit for name, unit in units.items() if unit}}
+        return frame
+
+
+def as_data(data: Any) -> IOData:
+    """Return the data of a fit: IOData as they are, or those of (u, y, dt_s).
+
+    Parameters
+    ----------
+    data
+        IOData; or a tuple of inputs, outputs and sampling interval [s], where Series with times in
+        their index need no interval. The hold is then "foh".
+
+    Raises
+    ------
+    InputError
+        For anything else, with the function that makes IOData of it.
+    """
+    if isinstance(data, IOData):
+        return data
+    if isinstance(data, tuple | list) and len(data) in (2, 3):
+        return IOData.from_arrays(*data)
+    remedy = "make them with IOData.from_arrays(u, y, dt_s), or give a tuple (u, y, dt_s)"
+    if isinstance(data, pd.DataFrame):
+        remedy = "make them with from_frame(frame, input=.., output=..)"
+    elif isinstance(data, str | PathLike):
+        remedy = "read them with from_csv(path, input=.., output=..)"
+    raise InputError(f"the data are a {type(data).__name__}", expected="IOData", remedy=remedy)
 
 
 def _resampled(column: Array, position: Array, hold: Hold) -> Array:

@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.signal import lfilter
 
 from tcdyn.core import Array
@@ -18,7 +20,7 @@ from tcdyn.identification.search import Fit
 from tcdyn.identification.validate import fit_percent, fit_states
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Prediction(Result):
     """Predicted outputs.
 
@@ -30,16 +32,32 @@ class Prediction(Result):
         NRMSE fit percent; 100 is perfect, 0 as bad as the mean.
     steps
         Number of samples ahead; None for a simulation.
+    data
+        Data of the prediction.
     """
 
     output: tuple[Array, ...]
     fit_percent: float
     steps: int | None
+    data: IOData
 
     def summary(self) -> str:
         """Kind of the prediction and its fit percent, as text."""
         kind = "simulation" if self.steps is None else f"prediction {self.steps} sample(s) ahead"
         return f"{kind}: fit {self.fit_percent:.2f} %"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Kind and fit percent; the samples are in :meth:`to_frame`."""
+        return {"steps": self.steps, "fit_percent": self.fit_percent, "data": self.data.to_dict()}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Measured and predicted output, with the index of the data."""
+        name = self.data.output_names[0]
+        frame = self.data.to_frame()[[name]]
+        predicted = f"{name}_predicted"
+        unit = self.data.output_units[0]
+        frame.attrs = {"units": {name: unit, predicted: unit} if unit else {}}
+        return frame.assign(**{predicted: np.concatenate(self.output)})
 
 
 def predict(fit: Fit, data: IOData, steps: int | None = 1) -> Prediction:
@@ -108,4 +126,4 @@ def predict(fit: Fit, data: IOData, steps: int | None = 1) -> Prediction:
         predicted[segment.run][first : first + len(y)] = y
         first_row = end_row
     percent = fit_percent(problem, noise - predicted_noise)
-    return Prediction(tuple(predicted), percent, steps)
+    return Prediction(tuple(predicted), percent, steps, data)

@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 from numpy.polynomial import polynomial
 
 from tcdyn.chain.rational import Rational, realise, simulate_rows
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.result import Result
 from tcdyn.identification.models import KnownDynamics, Model
 
 # Shares of the final value whose times are reported (VDI/VDE 3522).
@@ -112,8 +114,8 @@ class Dynamics:
         return np.sqrt(np.maximum(variance, 0.0))
 
 
-@dataclass(frozen=True)
-class Band:
+@dataclass(frozen=True, repr=False)
+class Band(Result):
     """A curve with its standard uncertainty; the 95 % band is value -+ 1.96 u.
 
     Parameters
@@ -130,6 +132,18 @@ class Band:
     value: Array
     u: Array
 
+    def summary(self) -> str:
+        """Number of points and range."""
+        return (
+            f"{len(self.x)} points from {self.x[0]:.4g} to {self.x[-1]:.4g}, values "
+            f"{np.min(self.value):.4g} to {np.max(self.value):.4g}, u at most {np.max(self.u):.2g}"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Value, standard uncertainty and 95 % band over the abscissa, in the units of the curve."""
+        columns = {"value": self.value, "u": self.u, "low95": self.low95, "high95": self.high95}
+        return pd.DataFrame(columns, pd.Index(self.x, name="x"))
+
     @property
     def low95(self) -> Array:
         """Lower edge of the 95 % band (N,)."""
@@ -141,8 +155,8 @@ class Band:
         return self.value + Z95 * self.u
 
 
-@dataclass(frozen=True)
-class BodeBand:
+@dataclass(frozen=True, repr=False)
+class BodeBand(Result):
     """Magnitude and phase with their bands over frequency [Hz].
 
     Parameters
@@ -155,6 +169,21 @@ class BodeBand:
 
     magnitude_dB: Band
     phase_deg: Band
+
+    def summary(self) -> str:
+        """Number of frequencies and their range."""
+        f = self.magnitude_dB.x
+        return f"magnitude and phase at {len(f)} frequencies, {f[0]:.3g} to {f[-1]:.3g} Hz"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Magnitude and phase with their standard uncertainties, over the frequency [Hz]."""
+        columns = {
+            "magnitude_dB": self.magnitude_dB.value,
+            "magnitude_u_dB": self.magnitude_dB.u,
+            "phase_deg": self.phase_deg.value,
+            "phase_u_deg": self.phase_deg.u,
+        }
+        return pd.DataFrame(columns, pd.Index(self.magnitude_dB.x, name="frequency_Hz"))
 
 
 def step_rows(model: Dynamics, time_s: Array) -> tuple[Array, Array]:

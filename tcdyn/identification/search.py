@@ -44,7 +44,7 @@ MAX_ZERO_SHARE = 0.02  # zero over lag, below which the other sign is searched t
 ZERO_STEP = 0.15  # of the lag: zero and dead time from which the other sign is searched
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit(Result):
     """A finished fit: the identified model and what is needed to judge it.
 
@@ -130,9 +130,9 @@ class Fit(Result):
         """The identified model as in its JSON file."""
         return self.identified.to_dict()
 
-    def card(self) -> pd.DataFrame:
-        """Parameters with their standard uncertainties and intervals."""
-        return self.identified.card()
+    def to_frame(self) -> pd.DataFrame:
+        """Parameters, lag and percent times, see :meth:`Identified.to_frame`."""
+        return self.identified.to_frame()
 
 
 def unusable_columns(data: IOData) -> str:

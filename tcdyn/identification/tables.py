@@ -18,6 +18,7 @@ import pandas as pd
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
+from tcdyn.core.labels import seconds_of_index
 from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold
 from tcdyn.identification.segments import MIN_REPEATED_SHARE
 from tcdyn.io.cells import TextColumn
@@ -73,7 +74,7 @@ def from_frame(
         Columns of the inputs and of the outputs.
     time
         Column of numbers or of clock times; found by itself where it is called time_s, Time [ms],
-        t and the like. Without one give ``dt_s``.
+        t and the like, or the index of the frame. Without one give ``dt_s``.
     time_unit
         s, ms, us, ns, min, h or days; needed where the column's name does not give the unit and
         seconds are not plausible.
@@ -114,6 +115,14 @@ def from_frame(
     where = name or "table"
     inputs = [input] if isinstance(input, str) else list(input)
     outputs = [output] if isinstance(output, str) else list(output)
+    epoch = None
+    if time is None and dt_s is None and not any(is_time_name(str(c)) for c in frame.columns):
+        time_s = seconds_of_index(frame.index)
+        if len(time_s):
+            frame = frame.assign(time_s=time_s)
+            time_unit = "s"
+        if isinstance(frame.index, pd.DatetimeIndex):
+            epoch = frame.index[0]
     _check_columns(frame, inputs, outputs, time, run, where)
     clock = None
     if time is not None or dt_s is None:
@@ -164,11 +173,32 @@ def from_frame(
         warning("record.codes", subject=column, count=count)
         for column, count in code_counts.items()
     ]
-    if hold != "auto":
-        return replace(data, hold=check_hold(hold, len(inputs), where), findings=tuple(codes))
-    holds, findings = _select_holds(data)
-    selected = check_hold(holds, len(inputs), where)
-    return replace(data, hold=selected, findings=(*codes, *findings))
+    data = replace(
+        data,
+        runs=tuple(replace(each, epoch=epoch) for each in data.runs),
+        findings=tuple(codes),
+    )
+    return with_hold(data, hold)
+
+
+def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
+    """Return the data with another hold, and findings about it if it is selected.
+
+    Parameters
+    ----------
+    data
+        The record.
+    hold
+        As in :func:`from_frame`.
+    """
+    findings: list[Finding] = []
+    selected: Holds | list[Hold]
+    if hold == "auto":
+        selected, findings = _select_holds(data)
+    else:
+        selected = hold
+    checked = check_hold(selected, len(data.input_names), data.name or "table")
+    return replace(data, hold=checked, findings=(*data.findings, *findings))
 
 
 def _select_holds(data: IOData) -> tuple[list[Hold], list[Finding]]:

@@ -17,12 +17,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.result import Result
 from tcdyn.estimation import (
     NoiseModel,
     autocovariance,
@@ -83,8 +85,8 @@ class ResidualTest:
     p: float
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, repr=False)
+class Validation(Result):
     """Residual tests of a model; the first finding is the conclusion.
 
     Parameters
@@ -111,6 +113,22 @@ class Validation:
     def sentence(self) -> str:
         """The findings as text."""
         return self.message()
+
+    def summary(self) -> str:
+        """Fit percent, rms, p values of the tests, and the findings."""
+        return (
+            f"fit {self.fit_percent:.2f} %, rms {self.rms:.4g}, p of whiteness "
+            f"{self.whiteness.p:.3g}, of the input {self.input.p:.3g}\n{self.sentence}"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Correlations of both tests with their 95 % bounds, over the lag [s]."""
+        columns = {}
+        for name, test in (("whiteness", self.whiteness), ("input", self.input)):
+            index = pd.Index(test.lags_s, name="lag_s")
+            columns[name] = pd.Series(test.value, index)
+            columns[f"{name}_bound95"] = pd.Series(test.bound95, index)
+        return pd.DataFrame(columns)
 
     def message(self, spelling: Spelling = as_argument) -> str:
         """The findings as text, parameters in the given spelling."""
