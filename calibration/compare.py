@@ -65,7 +65,7 @@ class Change(NamedTuple):
     u: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RecordComparison(Result):
     """Comparison of two records.
 
@@ -112,6 +112,10 @@ class RecordComparison(Result):
             "notes": list(self.notes),
             "quantities": jsonable(self.table),
         }
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table by quantity; units are in its names."""
+        return self.table.set_index("quantity")
 
     def card(self) -> pd.DataFrame:
         """The quantities that drifted."""

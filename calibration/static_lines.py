@@ -26,7 +26,13 @@ from tcdyn.estimation.line_fit import (
     repeat_shift,
 )
 from tcdyn.rig.columns import junction_columns_in
-from tcdyn.rig.static_line import StaticLine, finding_of_test, findings_of_tests, lines_table
+from tcdyn.rig.static_line import (
+    StaticLine,
+    finding_of_test,
+    findings_of_tests,
+    lines_frame,
+    lines_table,
+)
 from tcdyn.rig.tables import PRT_U_DEGC
 
 
@@ -128,7 +134,7 @@ def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
     return means.reset_index()[[*keys, "prt_degC", *names]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OvenFit(Result):
     """Static lines of one disk.
 
@@ -160,6 +166,15 @@ class OvenFit(Result):
             f"residual sd {line.residual_sd_degC:.3f} K"
             for channel, line in self.lines.items()
         )
+
+    def headline(self) -> str:
+        """Number of lines and the largest residual standard deviation."""
+        worst = max(line.residual_sd_degC for line in self.lines.values())
+        return f"{len(self.lines)} static lines, residual sd at most {worst:.3f} K"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Numbers of each static line, one row a channel."""
+        return lines_frame(self.lines)
 
     def card(self) -> pd.DataFrame:
         """Gain and offset with their standard uncertainties, one row a channel."""

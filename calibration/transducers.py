@@ -19,7 +19,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
-from tcdyn.core.result import Result
+from tcdyn.core.result import Result, estimates_frame
 from tcdyn.estimation.line_fit import LineFit, fit_line
 
 # Level of the F test of a common slope of all sessions.
@@ -28,7 +28,7 @@ SLOPE_SIGNIFICANCE = 0.01
 SAME_SPEED = 0.02
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TransducerLine(Result):
     """Calibration line force_N = slope_N_V * volts + intercept_N[session] (figure 2.21).
 
@@ -104,14 +104,11 @@ class TransducerLine(Result):
         lines.append(f"scatter {self.residual_sd_V:.2g} V, r squared {self.r_squared:.6f}")
         return "\n".join([*lines, *labelled_messages(self.findings)])
 
-    def card(self) -> pd.DataFrame:
-        """The zero of each session."""
-        return pd.DataFrame(
-            {
-                "session": [*self.intercept_N],
-                "zero [N]": [str(e) for e in self.intercept_N.values()],
-            }
-        )
+    def to_frame(self) -> pd.DataFrame:
+        """Gain, and the zero of each session."""
+        zeros = {f"zero {session}": e for session, e in self.intercept_N.items()}
+        units = ["N/V"] + ["N"] * len(zeros)
+        return estimates_frame({"gain": self.slope_N_V, **zeros}, units)
 
     def to_dict(self) -> dict[str, Any]:
         """Every estimate, the tests and the warnings."""
@@ -252,8 +249,8 @@ def _slopes_differ_p(line: LineFit, group: NDArray[np.intp]) -> float | None:
     return float(fdtrc(k - 1, dof, f_ratio))
 
 
-@dataclass(frozen=True)
-class BearingFriction:
+@dataclass(frozen=True, repr=False)
+class BearingFriction(Result):
     """Friction of the bearings of both shafts: a line against load for each slow-shaft speed.
 
     Attributes
@@ -266,6 +263,22 @@ class BearingFriction:
 
     speeds_rpm: tuple[float, ...]
     lines: tuple[LineFit, ...]
+
+    def summary(self) -> str:
+        """The line of each speed."""
+        return "\n".join(
+            f"{rpm:.0f} rpm: friction = {row.slope:.4g} x load + {row.intercept_N:.3g} N"
+            for rpm, row in zip(self.speeds_rpm, self.to_frame().itertuples())
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """The line of each speed: slope [1] and intercept with their standard uncertainties."""
+        rows = []
+        for line in self.lines:
+            slope_u, intercept_u = np.sqrt(np.diag(line.covariance_95))
+            rows.append((line.slope, slope_u, line.intercept, intercept_u))
+        columns = ["slope", "slope_u", "intercept_N", "intercept_u_N"]
+        return pd.DataFrame(rows, pd.Index(self.speeds_rpm, name="speed_rpm"), columns)
 
     @property
     def load_range_N(self) -> tuple[float, float]:

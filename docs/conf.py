@@ -71,7 +71,7 @@ REFERENCE_PAGES = {  # heading of a page, and the modules or packages on it
     "chain": ["tcdyn.chain"],
     "heat": ["tcdyn.heat"],
     "smoothing": ["tcdyn.smoothing"],
-    "identify": ["tcdyn.identify"],
+    "identify": ["tcdyn.identification"],
     "sensors": ["tcdyn.sensors"],
     "partition": ["tcdyn.partition", "tcdyn.campaign"],
     "design": ["tcdyn.design", "tcdyn.simulate", "tcdyn.verify"],

@@ -23,7 +23,7 @@ from immersion.radial import GridInterpolation, plunge_grid
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, info, messages, warning
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Problem, minimise
@@ -65,7 +65,7 @@ class Hole:
     sentence: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HoleComparison(Result):
     """Cemented thermocouples relative to the clamped ones, and those relative to each other.
 
@@ -100,10 +100,9 @@ class HoleComparison(Result):
     fitted_degC: Array
     findings: tuple[Finding, ...]
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings as text."""
-        return messages(self.findings)
+    def to_frame(self) -> pd.DataFrame:
+        """The table by hole."""
+        return self.table().set_index("hole")
 
     def table(self) -> pd.DataFrame:
         """One row a hole."""

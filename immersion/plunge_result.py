@@ -8,8 +8,9 @@ thresholds decide messages only; they are chosen by judgement. Tests:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,7 @@ from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.estimate import Estimate, rounded_texts, text_with_u
 from tcdyn.core.findings import Finding, info, labelled_messages, messages, unique, warning
+from tcdyn.core.result import Result, estimate_columns, jsonable
 from tcdyn.estimation import inverse
 from tcdyn.rig.disk import DiskSetup
 
@@ -87,8 +89,8 @@ class LagShare:
     u_differential_s: float
 
 
-@dataclass(frozen=True)
-class PlungeFit:
+@dataclass(frozen=True, repr=False)
+class PlungeFit(Result):
     """Chains of one disk, identified from its plunges; the lags include the conditioning filter.
 
     Attributes
@@ -120,11 +122,11 @@ class PlungeFit:
     priors: PlungePriors
     model_form: ModelForm
     rival: tuple[Finding, ...]
-    runs: tuple[PlungeRun, ...] = field(repr=False)
-    optimum: PlungeOptimum = field(repr=False)
-    scan: LagScan = field(repr=False)
-    noise: LoggerNoise = field(repr=False)
-    structures: StructureComparison | None = field(default=None, repr=False)
+    runs: tuple[PlungeRun, ...]
+    optimum: PlungeOptimum
+    scan: LagScan
+    noise: LoggerNoise
+    structures: StructureComparison | None = None
 
     @property
     def disk(self) -> str:
@@ -311,6 +313,29 @@ class PlungeFit:
             known_burst_u_s=known_burst_u_s,
             apart=separated,
         )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Lag and differential lag of each channel, with their 95 % intervals."""
+        differential_s = self.differential_lag_s
+        rows = {
+            channel: {
+                **estimate_columns("lag", "s", lag),
+                **estimate_columns("differential_lag", "s", differential_s[channel]),
+            }
+            for channel, lag in self.lag_s.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("channel")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Lags and findings; all parameters are in ``parameter_table``."""
+        return {
+            "disk": self.disk,
+            "structure": self.structure,
+            "common_lag_s": jsonable(self.common_lag_s),
+            "lag_s": jsonable(self.lag_s),
+            "differential_lag_s": jsonable(self.differential_lag_s),
+            "findings": jsonable(self.findings),
+        }
 
     @property
     def sentence(self) -> str:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.core.errors import InputError
-    from tcdyn.identify import IOData, compare, fit
+    from tcdyn.identification import IOData, compare, fit
     from tcdyn.rig.disk import Conditioning
     from tcdyn.rig.log import iter_log, read_log, write_log
     from tcdyn.rig.record import read_record, write_record
@@ -82,9 +82,9 @@ _MODULES = {  # public name: where it is defined
     "run_demo": "tcdyn.workflows",
     "Chain": "tcdyn.chain",
     "smooth": "tcdyn.smoothing",
-    "IOData": "tcdyn.identify",
-    "fit": "tcdyn.identify",
-    "compare": "tcdyn.identify",
+    "IOData": "tcdyn.identification",
+    "fit": "tcdyn.identification",
+    "compare": "tcdyn.identification",
 }
 
 _SUBPACKAGES = (
@@ -94,7 +94,7 @@ _SUBPACKAGES = (
     "design",
     "estimation",
     "heat",
-    "identify",
+    "identification",
     "io",
     "partition",
     "plots",

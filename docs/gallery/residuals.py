@@ -4,7 +4,7 @@ import numpy as np
 from common import behind, save
 
 from tcdyn import IOData, fit
-from tcdyn.identify import validate
+from tcdyn.identification import validate
 from tcdyn.plots import draw_correlation, draw_residuals
 from tcdyn.plots.style import figure
 

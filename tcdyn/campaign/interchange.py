@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.special import stdtrit
 
 from tcdyn.core.errors import InputError
@@ -24,7 +25,7 @@ TemperatureMap = Mapping[str, Mapping[str, float | None]]  # by disk and junctio
 MIN_OTHER_JUNCTIONS = 4  # that were not interchanged: a line with two degrees of freedom
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MapComparison(Result):
     """Two steady temperature maps, before and after an interchange of two channels.
 
@@ -69,6 +70,15 @@ class MapComparison(Result):
         if self.is_channel_error:
             return f"{text}. The channels differ"
         return f"{text}. The interchange shows no error of the channels"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Temperatures of each junction, before and after, and as expected after."""
+        columns = {
+            "before_degC": self.before_degC,
+            "after_degC": self.after_degC,
+            "expected_degC": self.expected_degC,
+        }
+        return pd.DataFrame(columns).rename_axis("junction")
 
     def to_dict(self) -> dict[str, Any]:
         """The entry of ``campaign.json``."""

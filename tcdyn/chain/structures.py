@@ -1,6 +1,6 @@
 """Structures of a chain by their usual names, and equalisation of channels.
 
-The name is P and the number of poles, then a letter for each further element. ``tcdyn.identify``
+The name is P and the number of poles, then a letter for each further element. ``tcdyn.identification``
 and ``immersion.chain_structures`` fit structures by name; ``tcdyn.partition`` calls ``equalise``.
 Guarded by ``tests/chain/test_chain.py``, ``tests/partition/test_equalise.py`` and
 ``tests/immersion/test_plunge_structures.py``.
@@ -76,7 +76,7 @@ class ChainStructure:
         Notes
         -----
         The order of "UHZDI" is that of the fields. A further letter needs a field, its entry in
-        ``parameters`` and ``description``, and its model in ``tcdyn.identify.models``.
+        ``parameters`` and ``description``, and its model in ``tcdyn.identification.models``.
         """
         match = re.match(r"^P([0-3])([UHZDI]*)$", name)
         if match is None or len(set(match[2])) < len(match[2]):

@@ -1,6 +1,6 @@
 """Commands ``tcdyn identify`` (input-output data) and ``tcdyn response`` (frequency response).
 
-The models and fits are :mod:`tcdyn.identify`. Tests: ``tests/identify/test_identify_results.py``.
+The models and fits are :mod:`tcdyn.identification`. Tests: ``tests/identify/test_identify_results.py``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
 
 if TYPE_CHECKING:
-    from tcdyn.identify import Model
+    from tcdyn.identification import Model
 
 
 @option_groups
@@ -183,8 +183,8 @@ def identify(
     --report step.html
     """
     from tcdyn.chain import NO_CONDITIONING
-    from tcdyn.identify import compare, from_csv, joint_table, read_identified
-    from tcdyn.identify.disturbance import BASELINE_OPTIONS, NOISE_OPTIONS
+    from tcdyn.identification import compare, from_csv, joint_table, read_identified
+    from tcdyn.identification.disturbance import BASELINE_OPTIONS, NOISE_OPTIONS
     from tcdyn.io.write import write_text
     from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
@@ -260,7 +260,7 @@ def identify(
         content["averaged"] = comparison.averaged
         level_dependence = ""
         if narx:
-            from tcdyn.identify.narx import temperature_dependence
+            from tcdyn.identification.narx import temperature_dependence
 
             dependence = temperature_dependence(one_output, held_out=held_out)
             content["narx"] = dependence.to_dict()
@@ -335,7 +335,7 @@ def response(
     """
     import pandas as pd
 
-    from tcdyn.identify import CANDIDATES, Response, fit_response, read_identified
+    from tcdyn.identification import CANDIDATES, Response, fit_response, read_identified
     from tcdyn.io.write import write_text
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
@@ -460,8 +460,8 @@ def _model(
     model_settings
         "offset" and "known" of the model.
     """
-    from tcdyn.identify import KnownDynamics, several
-    from tcdyn.identify.models import as_model
+    from tcdyn.identification import KnownDynamics, several
+    from tcdyn.identification.models import as_model
 
     parts = [part.strip() for part in name.split("+")]
     if len(inputs) > 1:

@@ -1,4 +1,4 @@
-"""Base class of results: summary, dictionary, table for notebooks; and conversion to JSON.
+"""Base class of results: summary, dictionary, table, figure; and conversion to JSON.
 
 Results that users see derive from ``Result``; ``json_text`` makes the text of JSON files. Guarded by
 ``tests/core/test_results.py``.
@@ -10,38 +10,62 @@ import dataclasses
 import html
 import json
 import math
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence, Set
 from datetime import date
+from importlib import import_module
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
+from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, messages
 
-# Most rows of a table in a notebook; chosen by judgement.
-MOST_ROWS = 30
+if TYPE_CHECKING:
+    import xarray as xr
+
+# Chosen by judgement.
+MOST_ROWS = 30  # of a table in a notebook
+HEADLINE_LENGTH = 200  # characters of the headline in the representation of a result
 
 
 class Result(ABC):
     """Base class of results.
 
-    A subclass implements :meth:`summary`, and :meth:`to_dict` and :meth:`card` if the defaults do
-    not suffice.
+    A subclass implements :meth:`summary`, and the other methods if the defaults do not suffice. Its
+    figure is an entry in ``tcdyn/plots/pick.py``.
 
-    >>> @dataclasses.dataclass(frozen=True)
+    >>> @dataclasses.dataclass(frozen=True, repr=False)
     ... class Lag(Result):
     ...     lag_s: float
     ...     def summary(self):
     ...         return f"a lag of {self.lag_s} s"
-    >>> Lag(0.7).to_dict(), Lag(0.7)._repr_html_()
-    ({'lag_s': 0.7}, '<div class="tcdyn-result"><b>Lag</b><pre>a lag of 0.7 s</pre></div>')
+    >>> Lag(0.7)
+    <Lag: a lag of 0.7 s>
+    >>> Lag(0.7).to_dict()
+    {'lag_s': 0.7}
+    >>> Lag(0.7).to_frame()["value"].to_dict()
+    {'lag_s': 0.7}
     """
 
     __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Name of the class and headline."""
+        headline = textwrap.shorten(self.headline(), HEADLINE_LENGTH, placeholder=" ...")
+        return f"<{type(self).__name__}: {headline}>"
+
+    def __str__(self) -> str:
+        """As the representation; ``summary`` is the long form."""
+        return repr(self)
+
+    def headline(self) -> str:
+        """The most important in one line; by default the first line of the summary."""
+        return self.summary().partition("\n")[0]
 
     @abstractmethod
     def summary(self) -> str:
@@ -58,19 +82,116 @@ class Result(ABC):
         assert isinstance(plain, dict)
         return plain
 
-    def card(self) -> pd.DataFrame | None:
-        """Table that a notebook shows below the summary; None if the summary suffices."""
-        return None
+    def to_frame(self) -> pd.DataFrame:
+        """The result as a table of numbers.
+
+        Returns
+        -------
+        DataFrame
+            Units are in the names of the columns, in a column ``unit``, or by column in
+            ``attrs["units"]``. By default one row for each entry of :meth:`to_dict`.
+        """
+        entries = pd.json_normalize(self.to_dict()).iloc[0]
+        return entries.rename_axis("key").to_frame("value")
+
+    def to_xarray(self) -> xr.Dataset:
+        """The table of :meth:`to_frame` as a Dataset of xarray, with units as attributes.
+
+        Raises
+        ------
+        ImportError
+            Without xarray.
+        """
+        try:
+            import_module("xarray")
+        except ImportError:
+            hint = 'to_xarray needs xarray; install it with: pip install "tcdyn[xarray]"'
+            raise ImportError(hint) from None
+        frame = self.to_frame()
+        dataset: xr.Dataset = frame.to_xarray()
+        attributes = dict(frame.attrs)
+        for name, unit in attributes.pop("units", {}).items():
+            dataset[name].attrs["units"] = unit
+        return dataset.assign_attrs(attributes)
+
+    def plot(self, ax: Any = None, **options: Any) -> Any:
+        """Plot the main figure of the result.
+
+        Parameters
+        ----------
+        ax
+            Axes of matplotlib to plot into; None: those of a new figure.
+        **options
+            As for the function of ``tcdyn.plots`` that plots it.
+
+        Returns
+        -------
+        Figure
+            The figure of the axes.
+        """
+        # Figures are a layer above. pandas, too, loads its plotting backend by name.
+        return import_module("tcdyn.plots").draw(self, ax, **options).figure
+
+    def card(self) -> pd.DataFrame:
+        """Table that a notebook shows below the summary."""
+        return self.to_frame().reset_index()
 
     def _repr_html_(self) -> str:
         """Summary and table as HTML, for notebooks."""
-        table = self.card()
-        table_html = ""
-        if table is not None:
-            table_html = table.to_html(index=False, max_rows=MOST_ROWS, border=0)
+        table_html = self.card().to_html(
+            index=False, max_rows=MOST_ROWS, border=0, float_format="{:.6g}".format
+        )
         name = html.escape(type(self).__name__)
         summary = html.escape(self.summary())
         return f'<div class="tcdyn-result"><b>{name}</b><pre>{summary}</pre>{table_html}</div>'
+
+
+def estimates_frame(
+    estimates: Mapping[str, Estimate], units: str | Sequence[str] = ""
+) -> pd.DataFrame:
+    """Table of estimates, one row each.
+
+    Parameters
+    ----------
+    estimates
+        Estimates by name.
+    units
+        Unit of all, or of each.
+
+    Examples
+    --------
+    >>> print(estimates_frame({"lag": Estimate.normal(0.7, 0.1)}, "s").round(3).to_csv())
+    quantity,value,u,low95,high95,unit
+    lag,0.7,0.1,0.504,0.896,s
+    <BLANKLINE>
+    """
+    rows = [(e.value, e.u, e.low95, e.high95) for e in estimates.values()]
+    index = pd.Index([*estimates], name="quantity")
+    frame = pd.DataFrame(rows, index, ["value", "u", "low95", "high95"])
+    return frame.assign(unit=units)
+
+
+def estimate_columns(name: str, unit: str, estimate: Estimate | None) -> dict[str, float]:
+    """Columns of one estimate in a table with several of them.
+
+    Parameters
+    ----------
+    name, unit
+        Name and unit of the quantity; empty without a unit.
+    estimate
+        The estimate; None: NaN.
+
+    Examples
+    --------
+    >>> list(estimate_columns("lag", "s", None))
+    ['lag_s', 'lag_u_s', 'lag_low95_s', 'lag_high95_s']
+    """
+    ending = f"_{unit}" if unit else ""
+    parts = {"value": "", "u": "_u", "low95": "_low95", "high95": "_high95"}
+    return {
+        f"{name}{part}{ending}": math.nan if estimate is None else getattr(estimate, field)
+        for field, part in parts.items()
+    }
 
 
 def json_text(value: Any) -> str:

@@ -180,7 +180,7 @@ def _u_text(u_s: float, lag_s: float) -> str:
     return f"+- {u_s:.3f} s ({100 * u_s / lag_s:.2g} % of the lag)"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Design(Result):
     """Predictions of several planned tests.
 
@@ -248,6 +248,10 @@ class Design(Result):
         """The table and the sentences; numbers that a test does not have are left out."""
         rows = [{k: v for k, v in row.items() if v is not None} for row in jsonable(self.table())]
         return {"tests": rows, "sentences": list(self.sentences())}
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table by test."""
+        return self.table().set_index("test")
 
     def card(self) -> pd.DataFrame:
         """Table of the standard uncertainties of the common lag and of the differences [s]."""

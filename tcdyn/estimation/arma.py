@@ -1,6 +1,6 @@
 """Noise models for correlated residuals: AR and ARMA models, whitening, covariance of estimates.
 
-``tcdyn.identify`` and ``tcdyn.sensors`` whiten residuals with them; ``correlation_length`` is also
+``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them; ``correlation_length`` is also
 used by ``immersion.plunge_data``. Guarded by ``tests/estimation/test_noise_models.py``.
 """
 

@@ -1,7 +1,7 @@
 """A linear estimate averaged over possible noise models (Bayesian model averaging).
 
 The models are white noise plus a first-order disturbance of any time constant.
-``tcdyn.identify.disturbance`` uses it. Guarded by ``tests/estimation/test_noise_models.py`` and
+``tcdyn.identification.disturbance`` uses it. Guarded by ``tests/estimation/test_noise_models.py`` and
 ``tests/estimation/test_fitting.py``.
 """
 

@@ -1,6 +1,6 @@
 """Profile likelihood: one number fixed at several values, all other parameters fitted again.
 
-``tcdyn.identify.intervals``, ``immersion.plunge_posterior`` and ``tcdyn.partition.profile`` use it
+``tcdyn.identification.intervals``, ``immersion.plunge_posterior`` and ``tcdyn.partition.profile`` use it
 for intervals that are not symmetric. Guarded by ``tests/estimation/test_fitting.py``.
 """
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -328,27 +329,6 @@ def joint_problem(disk_blocks: Sequence[DiskBlock]) -> Problem:
         columns = [nuisances.index((q, "" if q.shared else block.disk)) for q in block.parameters]
         effects[ends[i] : ends[i + 1], columns] = block.effects
 
-    def evaluate(theta: Array) -> tuple[Array, Array] | None:
-        """Residual and its Jacobian at ``theta``; None outside the range of a model."""
-        residual = np.zeros(n_data + len(disk_blocks))
-        jacobian = np.zeros((len(residual), len(theta)))
-        residual[:n_data] = effects @ theta[n_main:]
-        jacobian[:n_data, n_main:] = effects
-        for i, block in enumerate(disk_blocks):
-            main = theta[4 * i : 4 * i + 4]
-            rows = slice(ends[i], ends[i + 1])
-            response = block.model(main)
-            if response is None:
-                return None
-            prediction, derivatives = response
-            residual[rows] += prediction - block.y
-            jacobian[rows, 4 * i : 4 * i + 4] = derivatives
-            lag_s = float(np.exp(main[LOG_LAGS]))
-            deviation_s = lag_s + block.remaining_lag_s - block.prior_lag_s
-            residual[n_data + i] = deviation_s / block.prior_lag_u_s
-            jacobian[n_data + i, 4 * i + LOG_LAGS] = lag_s / block.prior_lag_u_s
-        return residual, jacobian
-
     names = [f"{name}, {block.disk} disk" for block in disk_blocks for name in PARAMETERS]
     names += [f"{parameter.name} {disk}".strip() for parameter, disk in nuisances]
     mean = np.zeros(len(names))
@@ -360,7 +340,46 @@ def joint_problem(disk_blocks: Sequence[DiskBlock]) -> Problem:
     largest = np.append(MAX_STEP * len(disk_blocks), np.full(len(nuisances), np.inf))
     fixed = np.zeros((len(disk_blocks) - 1, len(names)))
     fixed[:, SHARE:n_main:4] = 1.0
+    evaluate = partial(_joint_residual, tuple(disk_blocks), effects)
     return Problem(tuple(names), evaluate, mean, sd, max_step=largest, fixed=fixed)
+
+
+def _joint_residual(
+    disk_blocks: Sequence[DiskBlock], effects: Array, theta: Array
+) -> tuple[Array, Array] | None:
+    """Residual of :func:`joint_problem` and its Jacobian; None outside the range of a model.
+
+    Parameters
+    ----------
+    disk_blocks
+        The disks.
+    effects
+        Change (N, Q) of the weighted data for one standard uncertainty of each nuisance parameter.
+    theta
+        The parameters.
+    """
+    n_main = 4 * len(disk_blocks)
+    n_data = len(effects)
+    residual = np.zeros(n_data + len(disk_blocks))
+    jacobian = np.zeros((len(residual), len(theta)))
+    residual[:n_data] = effects @ theta[n_main:]
+    jacobian[:n_data, n_main:] = effects
+    start = 0
+    for i, block in enumerate(disk_blocks):
+        main = theta[4 * i : 4 * i + 4]
+        rows = slice(start, start + len(block.y))
+        start = rows.stop
+        response = block.model(main)
+        if response is None:
+            return None
+        prediction, derivatives = response
+        residual[rows] += prediction - block.y
+        jacobian[rows, 4 * i : 4 * i + 4] = derivatives
+        lag_s = float(np.exp(main[LOG_LAGS]))
+        deviation_s = lag_s + block.remaining_lag_s - block.prior_lag_s
+        residual[n_data + i] = deviation_s / block.prior_lag_u_s
+        jacobian[n_data + i, 4 * i + LOG_LAGS] = lag_s / block.prior_lag_u_s
+    return residual, jacobian
 
 
 def main_covariance(optimum: Optimum, disk_blocks: Sequence[DiskBlock]) -> tuple[Array, Array]:

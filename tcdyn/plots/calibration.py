@@ -30,6 +30,7 @@ from tcdyn.plots.style import (
     SERIES_MARKERS,
     SLOW,
     TRUTH,
+    axes_of,
     every_nth,
     figure,
     style_axes,
@@ -72,7 +73,7 @@ def bin_width(errors_K: ArrayLike) -> float:
 
 
 def draw_error_histogram(
-    errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None
+    errors_K: ArrayLike, ax: Axes | None = None, *, label: str = "", width_K: float | None = None
 ) -> Axes:
     """Plot the histogram of the errors (thermocouple minus PRT), figure 2.16.
 
@@ -83,7 +84,7 @@ def draw_error_histogram(
     errors_K
         Errors of any shape [K].
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     label
         Entry of the legend.
     width_K
@@ -94,6 +95,7 @@ def draw_error_histogram(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     errors = np.asarray(errors_K, dtype=float)
     width = bin_width(errors) if width_K is None else width_K
     counts, edges = error_histogram(errors, width)
@@ -106,7 +108,7 @@ def draw_error_histogram(
     return style_axes(ax, "thermocouple minus PRT [K]", f"errors per {width:g} K")
 
 
-def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
+def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
     """Plot the residuals of every channel against the PRT, with the 95 % band of one line.
 
     The channels are shifted sideways so that their points do not cover each other.
@@ -116,7 +118,7 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     oven
         Static lines of a disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
@@ -127,6 +129,7 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     -----
     ``CHANNEL_SHIFT`` is for the eye only. The band is that of the first line.
     """
+    ax = axes_of(ax)
     table = oven.residuals
     prt = table["prt_degC"].to_numpy(dtype=float)
     shift = CHANNEL_SHIFT * (prt.max() - prt.min())
@@ -156,7 +159,11 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
 
 
 def draw_transducer(
-    line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes
+    line: TransducerLine,
+    volts: ArrayLike,
+    force_N: ArrayLike,
+    session: ArrayLike,
+    ax: Axes | None = None,
 ) -> Axes:
     """Plot force against volts, one line for each session with a common slope (figure 2.21).
 
@@ -167,13 +174,14 @@ def draw_transducer(
     volts, force_N, session
         The points (N,) from which it was fitted.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     voltage = np.asarray(volts, dtype=float)
     force = np.asarray(force_N, dtype=float)
     session_name = np.asarray(session).astype(str)
@@ -187,7 +195,7 @@ def draw_transducer(
     return style_axes(ax, "transducer [V]", "force [N]", legend_title="session")
 
 
-def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
+def draw_bearing(bearing: BearingFriction, ax: Axes | None = None) -> Axes:
     """Plot bearing friction of both shafts against load, one line for each speed (figure 2.25).
 
     Parameters
@@ -195,13 +203,14 @@ def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
     bearing
         Lines of the pure-rolling test.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     for speed, line in zip(bearing.speeds_rpm, bearing.lines):
         dots = ax.plot(line.x, line.y, "o", markersize=4, label=f"{speed:.0f} rpm")[0]
         ends = np.array([line.x.min(), line.x.max()])
@@ -210,7 +219,7 @@ def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
     return style_axes(ax, "load [N]", y, legend_title="slow shaft")
 
 
-def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
+def draw_lags(chain: ChainRecord, ax: Axes | None = None) -> Axes:
     """Plot the lag of each channel with two 95 % intervals.
 
     The thin bar is the interval of the lag, the thick bar that of its difference from the common
@@ -221,13 +230,14 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
     chain
         Chains of a record.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     names = sorted(chain.channels)
     common = chain.common_lag_s
     ax.axhspan(common.low95, common.high95, color=PALE, zorder=0, label="common lag, 95 %")
@@ -303,7 +313,7 @@ def error_figure(oven: OvenFit) -> Figure:
     return fig
 
 
-def draw_log(log: Log, ax: Axes) -> Axes:
+def draw_log(log: Log, ax: Axes | None = None) -> Axes:
     """Plot every thermocouple against time, or for an oven log its error against the PRT.
 
     Parameters
@@ -311,13 +321,14 @@ def draw_log(log: Log, ax: Axes) -> Axes:
     log
         A log of any kind.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     table = log.frame.iloc[every_nth(len(log.frame))]
     is_oven = log.kind == "oven"
     x = table["prt_degC" if is_oven else "time_s"]
@@ -335,7 +346,7 @@ def draw_log(log: Log, ax: Axes) -> Axes:
     return style_axes(ax, "time [s]", f"{source} temperature [°C]", ncols=2)
 
 
-def draw_chain(chain: Chain, ax: Axes) -> Axes:
+def draw_chain(chain: Chain, ax: Axes | None = None) -> Axes:
     """Plot the unit step response of a chain and mark its first moment (the lag).
 
     Parameters
@@ -343,7 +354,7 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     chain
         The chain of one channel.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
@@ -355,6 +366,7 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     The response runs to six lags and starts a twentieth of that before the step; chosen by
     judgement.
     """
+    ax = axes_of(ax)
     n_after = 600
     n_before = n_after // 20
     dt = 6 * max(chain.lag_s, 1e-3) / n_after
@@ -369,7 +381,11 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
 
 
 def draw_touches(
-    touch_log: TouchLog, time_s: Array, readings_degC: Array, columns: Sequence[str], ax: Axes
+    touch_log: TouchLog,
+    time_s: Array,
+    readings_degC: Array,
+    columns: Sequence[str],
+    ax: Axes | None = None,
 ) -> Axes:
     """Plot the rise of each column, with the column that responded to each touch (figure 6.18).
 
@@ -382,13 +398,14 @@ def draw_touches(
     columns
         Names of the columns (M).
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     rows = every_nth(len(time_s))
     rise_K = readings_degC - np.nanmedian(readings_degC, axis=0)
     for k, column in enumerate(columns):

@@ -26,6 +26,7 @@ from tcdyn.plots.style import (
     SERIES_LINES,
     SERIES_MARKERS,
     TRUTH,
+    axes_of,
     style_axes,
 )
 from tcdyn.plots.transient import draw_depth_errors
@@ -54,7 +55,7 @@ NAME_GAP = 0.006  # between two names, as a share of the axes' width; chosen by 
 def draw_quantity(
     table: pd.DataFrame,
     quantity: str,
-    ax: Axes,
+    ax: Axes | None = None,
     against: str = "load_N",
     compared: pd.DataFrame | None = None,
 ) -> Axes:
@@ -71,7 +72,7 @@ def draw_quantity(
         Column of the table, such as those of ``tcdyn.workflows.campaign_table.QUANTITIES``. Points
         have 95 % bars where the table has a column ``u_<quantity>``.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     against
         "load_N" or "sliding_speed_m_s".
     compared
@@ -82,6 +83,7 @@ def draw_quantity(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     by, title, unit, digits = GROUPS[against]
     if compared is not None and quantity not in compared:
         compared = None
@@ -102,7 +104,7 @@ def draw_quantity(
     return style_axes(ax, X_LABELS[against], y, **legend)
 
 
-def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
+def draw_beta(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     """Plot beta over dT u_s with 95 % bars and a least-squares line (figure 7.18).
 
     Dots are the estimates by the speed law, triangles those by the joint fit of both disks, shifted
@@ -113,13 +115,14 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     table
         Table of the tests of a campaign.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     good = analysed_rows(table)
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
     shift = 0.008 * max(float(np.ptp(x)), 0.05 * float(np.abs(x).max()))
@@ -247,7 +250,7 @@ def _draw_series(
 def draw_junction_map(
     temperature_degC: Mapping[str, float],
     setup: DiskSetup,
-    ax: Axes,
+    ax: Axes | None = None,
     title: str = "",
     limits_degC: tuple[float, float] | None = None,
 ) -> Axes:
@@ -260,7 +263,7 @@ def draw_junction_map(
     setup
         The disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     title
         Title of the axes.
     limits_degC
@@ -280,6 +283,7 @@ def draw_junction_map(
     >>> [text.get_text() for text in ax.texts]
     ['a 121.0', 'e 126.0']
     """
+    ax = axes_of(ax)
     names = [c for c in setup.channels if f"{setup.name}_{c}" in temperature_degC]
     z_mm = [1e3 * setup.junctions[c].z_m for c in names]
     depth_mm = [1e3 * setup.junctions[c].depth_m for c in names]

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tcdyn.plots.style import DISK_COLOUR, TRUTH, figure, line_with_band, style_axes
+from tcdyn.plots.style import DISK_COLOUR, TRUTH, axes_of, figure, line_with_band, style_axes
 from tcdyn.rig.circumferential import CircumferentialTemperature
 from tcdyn.rig.contact import press_fit_conductance
 from tcdyn.rig.disk import DiskSetup
@@ -27,7 +27,7 @@ LABEL_ON_LEFT = "df"  # junctions labelled on the left, so that labels of neighb
 CLIPPED = 0.05  # contour labels this near to the top or bottom (share of the depth) would be cut
 
 
-def draw_middle_plane(around: CircumferentialTemperature, ax: Axes) -> Axes:
+def draw_middle_plane(around: CircumferentialTemperature, ax: Axes | None = None) -> Axes:
     """Plot the middle plane of a disk over angle and depth, with the junctions and their readings.
 
     Junctions in the middle plane are filled. Junctions beside it read less than the colour at
@@ -38,13 +38,14 @@ def draw_middle_plane(around: CircumferentialTemperature, ax: Axes) -> Axes:
     around
         Circumferential temperature of a disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     depth = 1e3 * around.depth_m
     filled = ax.contourf(
         around.angle_deg, depth, around.middle_degC, levels=N_LEVELS, cmap="cividis"
@@ -111,7 +112,7 @@ def _draw_junction(setup: DiskSetup, name: str, reading_degC: float, ax: Axes) -
     )
 
 
-def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
+def draw_running_surface(around: CircumferentialTemperature, ax: Axes | None = None) -> Axes:
     """Plot the mean temperature across the running surface against the angle.
 
     With its 95 % band.
@@ -121,13 +122,14 @@ def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
     around
         Circumferential temperature of a disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = around.surface_degC
     colour = DISK_COLOUR[around.disk]
     line_with_band(ax, around.angle_deg, t, around.surface_u_K, colour, linewidth=1.6)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from tcdyn.plots.style import DARK, FAST, GREY, SLOW, every_nth, line_with_band, style_axes
+from tcdyn.plots.style import DARK, FAST, GREY, SLOW, axes_of, every_nth, line_with_band, style_axes
 from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
@@ -18,8 +18,8 @@ from tcdyn.smoothing.record import Compensated
 
 def draw_compensated(
     result: Compensated,
-    logged: ArrayLike | None,
-    ax: Axes,
+    logged: ArrayLike | None = None,
+    ax: Axes | None = None,
     channel: int = 0,
     window_s: tuple[float, float] | None = None,
 ) -> Axes:
@@ -34,7 +34,7 @@ def draw_compensated(
     logged
         Logged samples (N,) or (N, channels) [degC]; None: they are not plotted.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     channel
         Index of the channel.
     window_s
@@ -45,6 +45,7 @@ def draw_compensated(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
     in_window = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
     plotted = in_window[every_nth(len(in_window))]
@@ -69,7 +70,7 @@ def draw_compensated(
     return style_axes(ax, "time [s]", "temperature [°C]", loc="best")
 
 
-def draw_filter_report(report: FilterReport, ax: Axes) -> Axes:
+def draw_filter_report(report: FilterReport, ax: Axes | None = None) -> Axes:
     """Plot the step response of the chain, and that of the chain with its compensation filter.
 
     The title states the remaining delay and the noise gain of the filter.
@@ -79,13 +80,14 @@ def draw_filter_report(report: FilterReport, ax: Axes) -> Axes:
     report
         Report about a compensation filter.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = report.step_time_s
     label = f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s"
     ax.plot(t, report.raw_step, "--", color=FAST, label=label)
@@ -104,7 +106,7 @@ def draw_filter_report(report: FilterReport, ax: Axes) -> Axes:
     )
 
 
-def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes, channel: int = 0) -> Axes:
+def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes | None = None, channel: int = 0) -> Axes:
     """Plot the L-curve of a regularised deconvolution, and the weight that was chosen.
 
     Parameters
@@ -112,7 +114,7 @@ def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes, channel: int = 0) -> Axes:
     tradeoff
         Misfit and roughness over the weight.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     channel
         Index of the channel.
 
@@ -125,6 +127,7 @@ def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes, channel: int = 0) -> Axes:
     -----
     The chosen point is interpolated along the curve in the logarithm of the intensity.
     """
+    ax = axes_of(ax)
     misfit = tradeoff.misfit[:, channel]
     roughness = tradeoff.roughness[:, channel]
     ax.loglog(misfit, roughness, "o-", markersize=3)

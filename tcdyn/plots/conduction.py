@@ -16,14 +16,18 @@ from numpy.typing import ArrayLike
 
 from tcdyn.heat.modal import spectrum
 from tcdyn.heat.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, panel_figure, style_axes
+from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, axes_of, panel_figure, style_axes
 from tcdyn.verify import studies
 from tcdyn.verify.rim_rows import TABLE_3_2
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 
 def draw_field(
-    field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str, Point] | None = None
+    field_degC: ArrayLike,
+    rim: Rim,
+    ax: Axes | None = None,
+    *,
+    points: Mapping[str, Point] | None = None,
 ) -> Axes:
     """Plot the isotherms of a temperature field over z and depth, the running surface on top.
 
@@ -34,7 +38,7 @@ def draw_field(
     rim
         The rim, for its dimensions.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     points
         Junctions by name: (depth, z) [m].
 
@@ -43,6 +47,7 @@ def draw_field(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     field = np.asarray(field_degC, dtype=float)
     depth_mm = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
     z_mm = np.linspace(0.0, rim.width_m, field.shape[1]) * 1e3
@@ -57,7 +62,11 @@ def draw_field(
 
 
 def draw_profiles(
-    rim: Rim, readings_degC: Sequence[float], ambient_degC: float, ax: Axes, mesh: Mesh = MESH_IV
+    rim: Rim,
+    readings_degC: Sequence[float],
+    ambient_degC: float,
+    ax: Axes | None = None,
+    mesh: Mesh = MESH_IV,
 ) -> Axes:
     """Plot three boundary profiles through readings of the inner row along r = R_i (figure 3.8).
 
@@ -70,7 +79,7 @@ def draw_profiles(
     ambient_degC
         Temperature of the air.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     mesh
         Mesh of the profiles.
 
@@ -79,6 +88,7 @@ def draw_profiles(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     z = np.linspace(0.0, rim.width_m, mesh.nz)
     n_readings = len(readings_degC)
     kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
@@ -91,7 +101,7 @@ def draw_profiles(
     return style_axes(ax, "z [mm]", "temperature at R_i [°C]", legend=True)
 
 
-def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
+def draw_comparison(check: ClosedForm, ax: Axes | None = None) -> Axes:
     """Plot a closed form (line), the scheme (dots) and the error in percent (right axis).
 
     Parameters
@@ -99,13 +109,14 @@ def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
     check
         A closed form and the scheme at the same positions.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     ax.plot(check.x, check.exact, color=SLOW, label="closed form")
     step = max(len(check.x) // 25, 1)
     ax.plot(check.x[::step], check.scheme[::step], "o", color=FAST, markersize=4, label="scheme")
@@ -115,7 +126,7 @@ def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
     return style_axes(ax, check.x_label, "temperature [°C]", title=check.title, loc="center right")
 
 
-def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
+def draw_convergence(checks: Sequence[Convergence], ax: Axes | None = None) -> Axes:
     """Plot the largest error against the number of nodes, log-log, with the fitted orders.
 
     Parameters
@@ -123,13 +134,14 @@ def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
     checks
         At most three studies of the order of convergence.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     for check, style in zip(checks, ("o-", "s--", "^:")):
         label = f"{check.title}: order {check.order:.2f}"
         ax.loglog(check.nodes, check.error_K, style, label=label)
@@ -141,7 +153,7 @@ def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
 def draw_mesh_errors(
     computed: Mapping[str, MeshErrors],
     published: Mapping[str, Sequence[float]],
-    ax: Axes,
+    ax: Axes | None = None,
     statistic: str = "maximum",
 ) -> Axes:
     """Plot the errors against mesh IV in time: computed (lines) and of table 3.2 or 3.3 (crosses).
@@ -151,7 +163,7 @@ def draw_mesh_errors(
     computed, published
         Errors by name of the mesh.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     statistic
         "maximum" or "mean".
 
@@ -160,6 +172,7 @@ def draw_mesh_errors(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     styles = ((TRUTH, "o", "-"), (FAST, "s", "--"), (SLOW, "^", "-."))
     for k, (name, errors) in enumerate(computed.items()):
         colour, marker, line = styles[k % 3]
@@ -171,7 +184,9 @@ def draw_mesh_errors(
     return style_axes(ax, "time [s]", y, legend_title="crosses: published")
 
 
-def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
+def draw_map_errors(
+    error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes | None = None
+) -> Axes:
     """Plot a steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
 
     The map of a test is ``tcdyn.plots.partition.draw_map``.
@@ -185,7 +200,7 @@ def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax
     share
         Shares of the heat (B,).
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
@@ -201,6 +216,7 @@ def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax
     >>> draw_map_errors(misfit_K, h_W_m2K, share, plt.figure().subplots()).get_xlabel()
     'h [W/m²K]'
     """
+    ax = axes_of(ax)
     misfit = np.asarray(error_K).T
     filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), misfit, levels=20, cmap="viridis")
     ax.figure.colorbar(filled, ax=ax, label="misfit [K]")

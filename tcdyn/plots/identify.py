@@ -16,11 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri
 
-from tcdyn.identify.identified import Identified
-from tcdyn.identify.iodata import IOData
-from tcdyn.identify.responses import Band, Root, bode_band, percent_times, roots_of, step_band
-from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import ResidualTest, Validation
+from tcdyn.identification.identified import Identified
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.responses import Band, Root, bode_band, percent_times, roots_of, step_band
+from tcdyn.identification.search import Fit
+from tcdyn.identification.validate import ResidualTest, Validation
 from tcdyn.plots.style import (
     BAND_ALPHA,
     DARK,
@@ -29,6 +29,7 @@ from tcdyn.plots.style import (
     PALE,
     SLOW,
     TRUTH,
+    axes_of,
     figure,
     panel_figure,
     style_axes,
@@ -66,7 +67,7 @@ def _joined_label(names: Sequence[str], units: Sequence[str]) -> str:
     return ", ".join(label(name, unit) for name, unit in zip(names, units))
 
 
-def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
+def draw_fit(fit: Fit, ax: Axes | None = None, segment: int = 0) -> Axes:
     """Plot the measured input and output and the simulated output of one segment of the data.
 
     Parameters
@@ -74,7 +75,7 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     fit
         Fit of one model.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     segment
         Index of the segment.
 
@@ -83,6 +84,7 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     data = fit.problem.segments[segment]
     model = fit.identified
     t = data.start_s + np.arange(len(data.u)) * fit.problem.dt_s
@@ -119,7 +121,7 @@ def _input_style(hold: str) -> dict[str, Any]:
     return {"linestyle": (0, (4, 1)), "drawstyle": drawstyle, "zorder": 0}
 
 
-def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
+def draw_data(data: IOData, ax: Axes | None = None, run: int = 0) -> Axes:
     """Plot the outputs of one run as points, and its inputs dashed over the right axis.
 
     Parameters
@@ -127,7 +129,7 @@ def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
     data
         Records of inputs and outputs.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     run
         Index of the record.
 
@@ -136,6 +138,7 @@ def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = data.times_s(run)
     record = data.runs[run]
     input_axis = ax.twinx()
@@ -152,7 +155,7 @@ def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
     return style_axes(ax, "time [s]", output_label, loc="best")
 
 
-def draw_poles(model: Identified, ax: Axes) -> Axes:
+def draw_poles(model: Identified, ax: Axes | None = None) -> Axes:
     """Plot poles (crosses) and zeros (rings) of a model with their 95 % regions.
 
     Parameters
@@ -160,13 +163,14 @@ def draw_poles(model: Identified, ax: Axes) -> Axes:
     model
         An identified model.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     for k, (name, part) in enumerate(model.by_input.items()):
         colour = INPUT_COLOURS[k % len(INPUT_COLOURS)]
         roots = roots_of(part) if part.gain else ()
@@ -213,7 +217,7 @@ def _draw_root(root: Root, colour: str, ax: Axes) -> None:
     ax.plot(re + ellipse[0], im + ellipse[1], color=colour, linewidth=0.9)
 
 
-def draw_band(band: Band, ax: Axes) -> Axes:
+def draw_band(band: Band, ax: Axes | None = None) -> Axes:
     """Plot a curve and its 95 % band.
 
     Parameters
@@ -221,19 +225,20 @@ def draw_band(band: Band, ax: Axes) -> Axes:
     band
         The curve.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     ax.plot(band.x, band.value, color=SLOW, linewidth=1.3)
     ax.fill_between(band.x, band.low95, band.high95, color=SLOW, alpha=BAND_ALPHA, linewidth=0)
     return ax
 
 
-def draw_step(model: Identified, ax: Axes) -> Axes:
+def draw_step(model: Identified, ax: Axes | None = None) -> Axes:
     """Plot the unit step response with its 95 % band and the times to 50, 63 and 90 %.
 
     Parameters
@@ -241,13 +246,14 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
     model
         An identified model with one input.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     draw_band(step_band(model), ax)
     if not model.model.integrators:
         offset: dict[str, Any] = {"xytext": (4, -2), "textcoords": "offset points"}
@@ -260,7 +266,9 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
     return style_axes(ax, "time after a unit step [s]", y)
 
 
-def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Axes]:
+def draw_bode(
+    model: Identified, magnitude: Axes | None = None, phase: Axes | None = None
+) -> tuple[Axes, Axes]:
     """Plot magnitude and phase with their 95 % bands.
 
     Parameters
@@ -268,13 +276,15 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
     model
         An identified model with one input.
     magnitude, phase
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     magnitude, phase
         The same axes.
     """
+    if magnitude is None or phase is None:
+        magnitude, phase = figure(2)[1]
     bode = bode_band(model)
     draw_band(bode.magnitude_dB, magnitude)
     draw_band(bode.phase_deg, phase)
@@ -284,7 +294,7 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
     return magnitude, phase
 
 
-def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
+def draw_correlation(test: ResidualTest, ax: Axes | None = None, title: str = "") -> Axes:
     """Plot the correlations of a residual test over lag, with their 95 % bounds.
 
     Parameters
@@ -292,7 +302,7 @@ def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
     test
         Correlations with their bounds.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     title
         Title, in front of the p-value.
 
@@ -301,6 +311,7 @@ def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     order = np.argsort(test.lags_s)
     bound = test.bound95[order]
     ax.fill_between(test.lags_s[order], -bound, bound, color=PALE, label="95 % of each lag")
@@ -308,10 +319,10 @@ def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
     ax.plot(test.lags_s, test.value, "o", color=SLOW, markersize=3)
     ax.axhline(0.0, color=DARK, linewidth=0.8)
     p = f"= {test.p:.2g}" if test.p > MIN_P else f"below {MIN_P:g}"
-    return style_axes(ax, "lag [s]", "", title=f"{title}: p {p}")
+    return style_axes(ax, "lag [s]", "", title=f"{title}: p {p}" if title else f"p {p}")
 
 
-def draw_residuals(fit: Fit, ax: Axes) -> Axes:
+def draw_residuals(fit: Fit, ax: Axes | None = None) -> Axes:
     """Plot the residuals in the order of the record.
 
     Parameters
@@ -319,13 +330,14 @@ def draw_residuals(fit: Fit, ax: Axes) -> Axes:
     fit
         Fit of one model.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     ax.plot(fit.residual, ".", markersize=2.5, color=DARK)
     ax.axhline(0.0, color=SLOW, linewidth=0.8)
     return style_axes(ax, "measured sample", label("residual", fit.identified.output_unit))

@@ -27,6 +27,7 @@ from tcdyn.plots.style import (
     GREY,
     PALE,
     TRUTH,
+    axes_of,
     every_nth,
     line_with_band,
     style_axes,
@@ -81,7 +82,7 @@ def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, s
 
 
 def draw_unloading(
-    p: Partition, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0
+    p: Partition, disk: str, ax: Axes | None = None, before_s: float = 1.5, after_s: float = 5.0
 ) -> Axes:
     """Plot readings (grey) and compensated traces with their 95 % bands around the unloading.
 
@@ -92,7 +93,7 @@ def draw_unloading(
     disk
         Name of the disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     before_s, after_s
         Time before and after the unloading [s].
 
@@ -101,6 +102,7 @@ def draw_unloading(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = p.test.time_s[p.rows] - p.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
     compensated = p.compensated[disk]
@@ -172,7 +174,7 @@ def draw_joint_fit(
     style_axes(lower, X_UNLOADING, "reading minus model [K]", ncols=3, loc="upper left")
 
 
-def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
+def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None) -> Axes:
     """Plot both steady lines as beta over h, with the estimates of all estimators.
 
     Parameters
@@ -180,7 +182,7 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     p
         Result of one test.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     truth
         Beta of a simulation; None: not plotted.
 
@@ -189,6 +191,7 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     points = [
         (disk, k, p.estimates[key], p.estimates[h_key], f"{name}, {disk}")
         for disk in p.disks
@@ -277,7 +280,7 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, lab
     )
 
 
-def draw_beta_estimates(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
+def draw_beta_estimates(p: Partition, ax: Axes | None = None, truth: float | None = None) -> Axes:
     """Plot every estimate of beta with its 95 % interval.
 
     Parameters
@@ -285,7 +288,7 @@ def draw_beta_estimates(p: Partition, ax: Axes, truth: float | None = None) -> A
     p
         Result of one test.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     truth
         Beta of a simulation; None: not plotted.
 
@@ -294,6 +297,7 @@ def draw_beta_estimates(p: Partition, ax: Axes, truth: float | None = None) -> A
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     estimates = _estimates(p)
     for k, (name, beta) in enumerate(reversed(estimates)):
         disk = name.split()[-1]
@@ -340,7 +344,7 @@ def _estimator_label(name: str) -> str:
     return name.replace("joint,", "joint fit,")
 
 
-def draw_budget(p: Partition, ax: Axes) -> Axes:
+def draw_budget(p: Partition, ax: Axes | None = None) -> Axes:
     """Plot the standard uncertainty of beta by source.
 
     The largest source is on top, the combined uncertainty at the bottom.
@@ -350,7 +354,7 @@ def draw_budget(p: Partition, ax: Axes) -> Axes:
     p
         Result of one test.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
@@ -361,6 +365,7 @@ def draw_budget(p: Partition, ax: Axes) -> Axes:
     -----
     ``MIN_PLOTTED_U`` leaves small sources out of the figure and of its sum.
     """
+    ax = axes_of(ax)
     u_by_source = joint_budget(p)
     estimator = "the joint fit" if p.single_disk else "the joint fit of both disks"
     components = {source: u for source, u in u_by_source.items() if u >= MIN_PLOTTED_U}
@@ -374,7 +379,7 @@ def draw_budget(p: Partition, ax: Axes) -> Axes:
     return style_axes(ax, f"standard uncertainty of β by {estimator} [1]", "")
 
 
-def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
+def draw_map(p: Partition, disk: str, ax: Axes | None = None) -> Axes:
     """Plot the mean absolute misfit of the steady segment over h and share (figure 4.11).
 
     The dots are the least misfit at each h, the line is the steady line.
@@ -386,13 +391,14 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     disk
         Name of the disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     error_map = p.lines[disk].map
     h = error_map.h_W_m2K
     share = error_map.share
@@ -422,7 +428,7 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     )
 
 
-def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
+def draw_beta_by_exponent(p: Partition, ax: Axes | None = None) -> Axes:
     """Plot beta by the speed law against its exponent (figure 4.17).
 
     The triangle is the exponent that the joint fit of both disks implies, without the speed law;
@@ -434,7 +440,7 @@ def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
     p
         Result of one test.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
@@ -448,6 +454,7 @@ def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
     exponent itself, of many tests. No test asserts on this figure; the tests of the page draw it
     (``tests/report/test_beta_page.py``).
     """
+    ax = axes_of(ax)
     low, high = LITERATURE_EXPONENTS
     n = np.linspace(low - 0.05, high + 0.05, 60)
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
@@ -470,7 +477,7 @@ def draw_beta_by_exponent(p: Partition, ax: Axes) -> Axes:
     return style_axes(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
 
 
-def draw_temperatures(p: Partition, ax: Axes) -> Axes:
+def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
     """Plot the central thermocouples of the disks over the full test (figure 6.1).
 
     Parameters
@@ -478,13 +485,14 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
     p
         Result of one test.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     rows = every_nth(len(p.test.time_s), 6000)
     t = p.test.time_s[rows]
     for disk, record in sorted(p.test.disks.items()):

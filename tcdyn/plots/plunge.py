@@ -27,6 +27,7 @@ from tcdyn.plots.style import (
     GREY,
     SLOW,
     TRUTH,
+    axes_of,
     every_nth,
     panel_figure,
     style_axes,
@@ -41,7 +42,7 @@ X_ENTRY = "time after the entry [s]"
 _LINE_STYLES = tuple(CHANNEL_STYLE.values())
 
 
-def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
+def draw_holes(result: HoleComparison, ax: Axes | None = None) -> Axes:
     """Plot the thermocouples of the two-part disk (dots) and fitted lags (lines), figure 5.14.
 
     Parameters
@@ -49,13 +50,14 @@ def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
     result
         Comparison of holes.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = result.block_time_s
     for k, name in enumerate(result.names):
         colour = SLOW if name.startswith("ideal") else str(0.65 * k / len(result.names))
@@ -69,7 +71,7 @@ def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
     return style_axes(ax, X_ENTRY, "temperature [°C]", legend=True)
 
 
-def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
+def draw_record(run: PlungeRun, ax: Axes | None = None, until_s: float | None = None) -> Axes:
     """Plot every channel, the bath and the instant of entry of a plunge (figures 5.24 and 5.25).
 
     Parameters
@@ -77,7 +79,7 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
     run
         A plunge.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     until_s
         End of the figure after the entry [s]; None: the full record.
 
@@ -86,6 +88,7 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = run.time_s - run.entry.time_s
     in_window = np.flatnonzero(t <= (t[-1] if until_s is None else until_s))
     rows = in_window[every_nth(len(in_window))]
@@ -100,7 +103,7 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
 def draw_entry(
     run: PlungeRun,
     models: Mapping[str, pd.DataFrame],
-    ax: Axes,
+    ax: Axes | None = None,
     channel: str = "a",
     until_s: float = 15.0,
 ) -> Axes:
@@ -117,7 +120,7 @@ def draw_entry(
         Junction temperatures by name of the model, such as ``published_degC(run, setup)`` or
         ``{"fitted": fit.junction_degC(0)}``.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     channel
         Name of the channel.
     until_s
@@ -128,6 +131,7 @@ def draw_entry(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     t = run.time_s - run.entry.time_s
     readings = run.readings_degC[:, run.channels.index(channel)]
     in_window = (t > -3) & (t < until_s)
@@ -146,7 +150,7 @@ def draw_entry(
     return style_axes(ax, X_ENTRY, "temperature [°C]", legend=True)
 
 
-def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
+def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes | None = None) -> Axes:
     """Plot the fitted h over time, and the published correlation at the same temperatures.
 
     Parameters
@@ -156,7 +160,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     run
         Index of the plunge.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
@@ -167,6 +171,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     -----
     The first 0.01 s are left out because the time axis is logarithmic.
     """
+    ax = axes_of(ax)
     model = fit.optimum.problem.models[run]
     surface = fit.optimum.surfaces[run]
     published = model.bath.h_W_m2K(surface.temperature_degC, model.bath_degC)
@@ -177,7 +182,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     return style_axes(ax, X_ENTRY, "h [W/m²K]", legend=True)
 
 
-def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
+def draw_common_lag(fit: PlungeFit, ax: Axes | None = None) -> Axes:
     """Plot the marginal posterior of the common lag, its profile and its 95 % interval.
 
     Parameters
@@ -185,13 +190,14 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
     fit
         A plunge fit.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     scan = fit.scan
     lag = fit.common_lag_s
     shift = lag.value - scan.mean_s
@@ -205,7 +211,7 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
     return style_axes(ax, "common lag [s]", "relative likelihood [1]", legend=True)
 
 
-def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
+def draw_differential_lags(fit: PlungeFit, ax: Axes | None = None) -> Axes:
     """Plot the lag of each channel minus the mean of the disk, with 95 % intervals.
 
     Parameters
@@ -213,13 +219,14 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     fit
         A plunge fit.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     x = np.arange(len(fit.channels))
     lags = [fit.differential_lag_s[c] for c in fit.channels]
     values = [lag.value for lag in lags]
@@ -230,7 +237,7 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     return style_axes(ax, "channel", "lag minus common lag [s]")
 
 
-def draw_design(design: Design, ax: Axes) -> Axes:
+def draw_design(design: Design, ax: Axes | None = None) -> Axes:
     """Plot the expected standard uncertainties of the lags for each planned test.
 
     Bars span the 10 % and 90 % quantiles of the draws; the vertical lines are the limits below
@@ -241,13 +248,14 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     design
         Comparison of planned tests.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     table = design.table()
     y = np.arange(len(table))[::-1]
     common = table["u_common_s"].to_numpy(dtype=float)
@@ -276,7 +284,7 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     return style_axes(ax, "expected standard uncertainty [s]", "", legend=True)
 
 
-def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Axes:
+def draw_plunge(fit: PlungeFit, run: int, ax: Axes | None = None, until_s: float = 15.0) -> Axes:
     """Plot block means (dots) and the fitted model with its chain (lines) of one plunge.
 
     Only the channels nearest to the surface and farthest from it are plotted: the others lie
@@ -289,7 +297,7 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
     run
         Index of the plunge.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     until_s
         End of the figure after the entry [s].
 
@@ -298,6 +306,7 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     blocks = fit.optimum.problem.models[run].blocks
     in_window = (blocks.time_s > -2.0) & (blocks.time_s < until_s)
     t = blocks.time_s[in_window]
@@ -340,7 +349,7 @@ def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
     return np.where(blocks.count > 0, z, np.nan)
 
 
-def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
+def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes | None = None) -> Axes:
     """Plot the standardised residuals of all channels and their mean over the logarithm of time.
 
     Parameters
@@ -350,13 +359,14 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     run
         Index of the plunge.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     blocks = fit.optimum.problem.models[run].blocks
     after_entry = blocks.time_s > FIRST_S
     z = standardised(fit, run)[after_entry]

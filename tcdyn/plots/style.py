@@ -64,6 +64,11 @@ def figure(
     return fig, [_style_frame(ax) for ax in axes.ravel()]
 
 
+def axes_of(ax: Axes | None) -> Axes:
+    """The axes that are given, or those of a new figure."""
+    return figure()[1][0] if ax is None else ax
+
+
 def panel_figure(*draw: Callable[[Axes], Any], rows: int = 1, **size: float) -> Figure:
     """Return a figure with one panel for each function of axes.
 

@@ -20,7 +20,7 @@ from tcdyn.core.messages.plunge import probability_text
 from tcdyn.partition.model_forms import ModelForms
 from tcdyn.partition.profile import DEVIANCE_95, intervals
 from tcdyn.partition.sensor_faults import DepthTest
-from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, style_axes
+from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, axes_of, style_axes
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import COLUMN_HEADINGS
 
@@ -118,7 +118,7 @@ def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Seque
 
 
 def draw_window_study(
-    table: pd.DataFrame, ax: Axes, quantity: str = "beta", truth: float | None = None
+    table: pd.DataFrame, ax: Axes | None = None, quantity: str = "beta", truth: float | None = None
 ) -> Axes:
     """Plot the estimate of the cooling fit over the length of its window, with 95 % bars.
 
@@ -129,7 +129,7 @@ def draw_window_study(
     table
         Table of ``cooling_by_window``.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
     quantity
         "beta" or "h_W_m2K".
     truth
@@ -140,6 +140,7 @@ def draw_window_study(
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     for k, disk in enumerate(DISKS):
         rows = table[(table["disk"] == disk) & table[quantity].notna()]
         window_s = rows["window_s"] * (1.0 + 0.03 * k)  # the bars of the disks stay apart
@@ -172,7 +173,7 @@ def draw_window_study(
     return style_axes(ax, "window after the unloading [s]", y, legend=True)
 
 
-def draw_inverse_check(table: pd.DataFrame, ax: Axes) -> Axes:
+def draw_inverse_check(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     """Plot the cooling fit minus the joint fit for beta and h of each disk.
 
     The difference between compensated and commuted form is in units of its standard uncertainty;
@@ -183,13 +184,14 @@ def draw_inverse_check(table: pd.DataFrame, ax: Axes) -> Axes:
     table
         Table of ``reference_table``: columns disk, quantity, z.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     symbols = table["quantity"].map(lambda quantity: "β" if quantity == "beta" else "h")
     names = table["disk"] + " " + symbols
     ax.axvspan(-2, 2, color=PALE, zorder=0)
@@ -241,7 +243,7 @@ def draw_model_forms(alternatives: ModelForms, ax: Axes) -> Axes:
     return style_axes(ax, x, "", loc="lower left", bbox_to_anchor=(0, 1))
 
 
-def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
+def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes | None = None) -> Axes:
     """Plot the depth errors of the junctions that one test estimates, with 95 % bars.
 
     The grey band is the 95 % interval of the nominal depths of rig.toml.
@@ -251,13 +253,14 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     tests
         Depth test of each disk.
     ax
-        Axes to plot into.
+        Axes to plot into; None: those of a new figure.
 
     Returns
     -------
     ax
         The same axes.
     """
+    ax = axes_of(ax)
     nominal_u_mm = max(test.nominal_u_m for test in tests.values()) * 1e3
     half_width = Z95 * nominal_u_mm
     ax.axhspan(-half_width, half_width, color=PALE, zorder=0, label="nominal, 95 %")

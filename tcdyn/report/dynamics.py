@@ -12,8 +12,8 @@ from pathlib import Path
 
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
-from tcdyn.identify import Comparison, Fit, IOData
-from tcdyn.identify.recommendation import TABLE_LEGEND, comparison_table
+from tcdyn.identification import Comparison, Fit, IOData
+from tcdyn.identification.recommendation import TABLE_LEGEND, comparison_table
 from tcdyn.io.read import sha256
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
@@ -66,7 +66,7 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
 
 
 def interval_text(best: Fit) -> str:
-    """Return how the intervals of the parameters were computed (:func:`tcdyn.identify.fit`)."""
+    """Return how the intervals of the parameters were computed (:func:`tcdyn.identification.fit`)."""
     if best.loss != "linear":
         return f"Intervals are quadratic, from the covariance of the robust loss ({best.loss})."
     if best.noise.averaged:

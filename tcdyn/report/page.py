@@ -37,7 +37,6 @@ from tcdyn.core.result import Result
 from tcdyn.io.write import write_text
 from tcdyn.plots.pick import draw
 from tcdyn.plots.style import figure as new_figure
-from tcdyn.smoothing.record import Compensated
 from tcdyn.version import __version__
 
 # Plain text of units and signs, and how a page writes it.
@@ -216,10 +215,9 @@ def card_html(result: Result) -> str:
     1
     """
     fig, (ax,) = new_figure(height_in=3.6)
-    options = {"logged": None} if isinstance(result, Compensated) else {}
     card = result._repr_html_()
     try:
-        draw(result, ax, **options)
+        draw(result, ax)
     except (InputError, TypeError):  # no figure, or one that needs more than the result
         return card
     return f'{card}<img src="{figure_data_uri(fig, 90)}" alt="{type(result).__name__}">'

@@ -56,7 +56,7 @@ MAX_VALUES_IN_MEMORY = 20_000_000
 __all__ = ["COMPENSATED", "Log", "LogChunk", "LogChunks", "iter_log", "read_log", "write_log"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Log(Result):
     """A checked log in canonical columns, and where it comes from.
 
@@ -110,6 +110,10 @@ class Log(Result):
             "columns": {row.pop("column"): row for row in jsonable(self.card())},
             "warnings": list(self.warnings),
         }
+
+    def to_frame(self) -> pd.DataFrame:
+        """The samples, over the time where the log has one."""
+        return self.frame.set_index("time_s") if "time_s" in self.frame else self.frame
 
     def card(self) -> pd.DataFrame:
         """Minimum, median, maximum and number of missing values of every column."""

@@ -23,12 +23,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_fie
 from tcdyn.core.errors import InputError, first_validation_error
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
-from tcdyn.core.result import Result, json_text
+from tcdyn.core.result import Result, estimate_columns, json_text
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.rigfile import RigTables
-from tcdyn.rig.static_line import StaticLine, lines_table
+from tcdyn.rig.static_line import StaticLine, lines_frame, lines_table
 from tcdyn.rig.tables import STRICT
 
 # Schema of the records that this version writes.
@@ -253,6 +253,20 @@ class DiskRecord(Result, StrictModel):
             differences = sorted(self.chain.differential_lag_s.items())
             lines.append("  " + ", ".join(f"{c} {lag.text('s')}" for c, lag in differences))
         return "\n".join([*lines, *labelled_messages(self.findings)])
+
+    def to_frame(self) -> pd.DataFrame:
+        """Numbers of static line and lag, one row a channel."""
+        table = lines_frame(self.static)
+        if self.chain is None:
+            return table
+        lags = {
+            name: {
+                **estimate_columns("lag", "s", channel.lag_s),
+                **estimate_columns("differential_lag", "s", self.chain.differential_lag_s[name]),
+            }
+            for name, channel in self.chain.channels.items()
+        }
+        return table.join(pd.DataFrame.from_dict(lags, orient="index"))
 
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""

@@ -18,6 +18,7 @@ from pydantic import BaseModel, Field, model_validator
 from tcdyn.core import Array, Flags
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.result import estimate_columns
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.tables import STRICT
 
@@ -186,6 +187,21 @@ def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
             for name, line in sorted(lines.items())
         ]
     )
+
+
+def lines_frame(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
+    """Numbers of static lines, one row a channel."""
+    rows = {
+        name: {
+            **estimate_columns("gain", "", line.gain_estimate),
+            **estimate_columns("offset", "degC", line.offset_estimate),
+            "low_degC": line.range_degC[0],
+            "high_degC": line.range_degC[1],
+            "residual_sd_K": line.residual_sd_degC,
+        }
+        for name, line in sorted(lines.items())
+    }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("channel")
 
 
 def apply_static(logged: ArrayLike, line: StaticLine) -> Array:

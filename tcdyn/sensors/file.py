@@ -22,7 +22,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
-from tcdyn.core.result import Result
+from tcdyn.core.result import Result, estimate_columns
 from tcdyn.io.checksum import checksum_findings, with_checksum
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning
@@ -40,7 +40,7 @@ from tcdyn.rig.record import (
 from tcdyn.rig.static_line import StaticLine
 
 if TYPE_CHECKING:
-    from tcdyn.identify import Identified
+    from tcdyn.identification import Identified
 
 # Version of the file; a change of its keys needs another number.
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
@@ -252,6 +252,19 @@ class SensorFile(Result, StrictModel):
         if with_findings:
             lines += labelled_messages(self.findings)
         return "\n".join(lines)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Numbers of lag and times of the step response, one row a column."""
+        rows = {}
+        for name, channel in self.chain.channels.items():
+            rows[name] = estimate_columns("lag", "s", channel.lag_s)
+            for key, estimate in self.times.get(name, {}).items():
+                rows[name] |= estimate_columns(key.removesuffix("_s"), "s", estimate)
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("column")
+
+    def write(self, path: str | Path) -> Path:
+        """Write the file, see :func:`tcdyn.sensors.write_sensor`."""
+        return write_sensor(self, path)
 
     def card(self) -> pd.DataFrame:
         """Lag and times of each column, formatted for display."""
@@ -521,7 +534,7 @@ def read_sensor(path: str | Path) -> SensorFile:
     data = read_json(path, "a sensor file", "tcdyn sensor")
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     if schema.startswith(IDENTIFIED_SCHEMA):
-        from tcdyn.identify import Identified  # only these files need the identification
+        from tcdyn.identification import Identified  # only these files need the identification
 
         try:
             model = Identified.from_json(Path(path).read_text(encoding="utf-8-sig"))
@@ -615,7 +628,7 @@ def _fixed_filter(model: Identified) -> Conditioning:
     InputError
         Where no filter has that polynomial.
     """
-    from tcdyn.identify import KnownDynamics  # only these files need the identification
+    from tcdyn.identification import KnownDynamics  # only these files need the identification
 
     den = np.trim_zeros(np.asarray(model.model.known.den, dtype=float), "b")
     order = len(den) - 1

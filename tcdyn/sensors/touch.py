@@ -8,7 +8,7 @@ guards it with touches of a half space, from separate code.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -67,7 +67,7 @@ class Touch:
     expected: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TouchLog(Result):
     """All touches of a log, compared with the stated order.
 
@@ -81,6 +81,16 @@ class TouchLog(Result):
 
     touches: tuple[Touch, ...]
     findings: tuple[Finding, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Numbers of each touch."""
+        index = pd.RangeIndex(1, len(self.touches) + 1, name="touch")
+        columns = [field.name for field in fields(Touch)]
+        return pd.DataFrame([asdict(touch) for touch in self.touches], index, columns)
+
+    def headline(self) -> str:
+        """Number of touches."""
+        return self.summary().splitlines()[-1]
 
     def card(self) -> pd.DataFrame:
         """One row for each touch."""

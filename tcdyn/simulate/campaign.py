@@ -114,7 +114,7 @@ ALL_TESTS = tuple(PROGRAMME)
 DEFAULT_PLUNGES = (PlannedPlunge(110.0), PlannedPlunge(138.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CampaignFiles(Result):
     """Paths of the files of a campaign.
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 from scipy.ndimage import uniform_filter1d
@@ -20,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 from tcdyn.chain import Chain, discretised
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, messages, warning
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.record import Compensated, channel_names, record_of
@@ -241,7 +242,7 @@ def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     return np.asarray(signal.lfilter(b, np.array([1.0, -e]), x - x[:1], axis=0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FilterReport(Result):
     """Properties of chain times compensator: a design report before the filter is used.
 
@@ -281,10 +282,10 @@ class FilterReport(Result):
     raw_step: Array
     findings: tuple[Finding, ...]
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Messages of the findings."""
-        return messages(self.findings)
+    def to_frame(self) -> pd.DataFrame:
+        """Step responses with and without compensation, over the time [s]."""
+        index = pd.Index(self.step_time_s, name="time_s")
+        return pd.DataFrame({"step": self.step, "raw_step": self.raw_step}, index)
 
     def summary(self) -> str:
         """The report as text."""

@@ -24,7 +24,7 @@ from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import text_with_u
-from tcdyn.core.findings import Finding, info_or_warning, messages, warning
+from tcdyn.core.findings import Finding, info_or_warning, warning
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import (
     SPIKES,
@@ -379,7 +379,7 @@ def _flags(y: Array) -> NDArray[np.uint8]:
     return flags
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Compensated(Result):
     """A compensated record; all arrays (N, M), one column a channel.
 
@@ -423,6 +423,10 @@ class Compensated(Result):
     undetermined
         Samples (N, M) where the record does not determine the temperature, see
         ``with_undetermined``.
+    names
+        Names of the channels (M,).
+    index
+        Index (N,) of the readings, if they were a Series or a DataFrame of pandas.
 
     Notes
     -----
@@ -448,6 +452,8 @@ class Compensated(Result):
     intensities: tuple[Intensity, ...] = ()
     event_shift_K: tuple[Array, ...] = ()
     undetermined: Flags | None = None
+    names: tuple[str, ...] = ()
+    index: pd.Index[Any] | None = None
 
     @classmethod
     def from_components(
@@ -558,11 +564,6 @@ class Compensated(Result):
         temperature = np.where(self.undetermined, np.nan, self.temperature)
         return temperature, np.where(self.undetermined, np.nan, self.sd)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Messages of the findings."""
-        return messages(self.findings)
-
     def common_sd(self) -> Array:
         """Contribution (N, M) [K] to ``sd`` of the lag error that all channels have in common.
 
@@ -608,6 +609,24 @@ class Compensated(Result):
             "events_s": [{"value": t, "u": u} for t, u in self.events_s],
             "warnings": list(self.warnings),
         }
+
+    def to_frame(self) -> pd.DataFrame:
+        """Temperature and standard deviation of each channel.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``<channel>_degC`` and ``<channel>_u_K``. The index is that of the readings, or
+            the time [s].
+        """
+        index = pd.Index(self.time_s, name="time_s") if self.index is None else self.index
+        columns = {}
+        for c in range(self.temperature.shape[1]):
+            name = self.names[c] if self.names else f"channel_{c + 1}"
+            base = name.removesuffix("_degC")
+            columns[f"{base}_degC"] = self.temperature[:, c]
+            columns[f"{base}_u_K"] = self.sd[:, c]
+        return pd.DataFrame(columns, index)
 
     def card(self) -> pd.DataFrame:
         """Noise, typical and largest standard deviation and flagged samples of each channel."""

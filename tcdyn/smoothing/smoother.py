@@ -15,12 +15,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
+from tcdyn.core.labels import common_index, even_interval_s, labels_of
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import (
@@ -64,8 +66,8 @@ CONTRADICTION_SD = 3.0
 
 @one_blas_thread
 def smooth(
-    y: ArrayLike | Record,
-    dt_s: float,
+    y: ArrayLike | pd.Series | pd.DataFrame | Record,
+    dt_s: float | None,
     chains: float | Chain | Sequence[Chain],
     *,
     noise_sd: ArrayLike | None = None,
@@ -89,9 +91,10 @@ def smooth(
     ----------
     y
         Readings (N,) or (N, M) after the static line [degC], NaN where missing; or what
-        ``tcdyn.smoothing.record.record_of`` made of them with the same arguments.
+        ``tcdyn.smoothing.record.record_of`` made of them with the same arguments. The table of the
+        result (``to_frame``) has the index and the names of a Series or DataFrame.
     dt_s
-        Sampling interval [s].
+        Sampling interval [s]; None: that of the index of ``y``.
     chains
         One chain for all channels, or one per channel; a number is one lag [s], and a ``control``
         system of static gain 1 is a chain too.
@@ -143,7 +146,28 @@ def smooth(
     variance is the sum of ``tcdyn.smoothing.record.Compensated.from_components``; a new
     contribution must also go into ``window_covariance`` and
     ``tcdyn.smoothing.windows.window_means``.
+
+    Examples
+    --------
+    >>> index = pd.date_range("2026-03-01 10:00", periods=100, freq="100ms")
+    >>> truth = np.where(np.arange(100) < 50, 20.0, 80.0)
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.05, 100)
+    >>> reading = pd.Series(Chain(0.5).response(truth, 0.1, "zoh") + noise, index, name="T_degC")
+    >>> table = smooth(reading, None, Chain(0.5)).to_frame()
+    >>> list(table), table.index.equals(index)
+    (['T_degC', 'T_u_K'], True)
+    >>> round(float(table["T_degC"].iloc[60]))
+    80
     """
+    index = common_index([y], "smooth")
+    names = names or labels_of(y) or None
+    if index is not None:
+        dt_s = dt_s or even_interval_s(index, "smooth")
+    if dt_s is None:
+        raise InputError(
+            "smooth: dt_s is not given",
+            expected="the sampling interval in seconds, or readings with times in their index",
+        )
     if isinstance(y, Record):
         record = y
     else:
@@ -207,6 +231,8 @@ def smooth(
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=tuple(intensities),
+        names=tuple(names or ()),
+        index=index,
     )
     return result.with_undetermined(record.y, channel_names(names, n_channels))
 

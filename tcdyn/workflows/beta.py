@@ -16,7 +16,7 @@ import pandas as pd
 from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
-from tcdyn.core.result import Result
+from tcdyn.core.result import Result, estimates_frame
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import (
@@ -41,7 +41,7 @@ from tcdyn.workflows.operating_conditions import (
 from tcdyn.workflows.prepare import prepare_test
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BetaRun(Result):
     """Result of one analysed test, with the log and the records that it came from.
 
@@ -66,12 +66,8 @@ class BetaRun(Result):
     partition: Partition
     rig_sha256: str
     stages: int = 1
-    records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
+    records: Mapping[str, DiskRecord] = field(default_factory=dict)
     with_profiles: bool = False
-
-    def __repr__(self) -> str:
-        """Name of the log."""
-        return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
 
     @one_blas_thread
     def to_dict(self) -> dict[str, Any]:
@@ -92,6 +88,25 @@ class BetaRun(Result):
     def summary(self) -> str:
         """The recommended estimate and those by every method, in a few lines."""
         return summary_of(self.partition)
+
+    def headline(self) -> str:
+        """Name of the log and the recommended estimate."""
+        return f"{self.log.path.name}: {self.partition.recommendation.sentence}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """beta of the fast disk and h [W/m2K] by every method; impossible estimates are left out."""
+        p = self.partition
+        estimates = {f"both {name}": e for name, e in p.combined.estimates.items()}
+        estimates |= {**p.beta_by_estimator, **p.estimates}
+        kept = {}
+        units = []
+        for name, estimate in estimates.items():
+            is_h = name.removeprefix("both ").startswith("h")
+            is_beta = name in p.beta_by_estimator or name == "both beta"
+            if (is_h or is_beta) and name not in p.impossible:
+                kept[name] = estimate
+                units.append("W/m2K" if is_h else "1")
+        return estimates_frame(kept, units)
 
     def card(self) -> pd.DataFrame:
         """Table of the estimates of beta by every method."""

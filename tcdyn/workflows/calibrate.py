@@ -70,7 +70,7 @@ JUNCTION_ORDER = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CalibrationRun(Result):
     """Result of a calibration: the record, and the fits behind it for the report.
 
@@ -91,9 +91,9 @@ class CalibrationRun(Result):
     plunges: tuple[PlungeRun, ...]
     fit: PlungeFit
 
-    def __repr__(self) -> str:
-        """Name of the disk."""
-        return f"<CalibrationRun of the {self.record.disk} disk; summary() says it in words>"
+    def headline(self) -> str:
+        """Name of the disk and the first line of the summary."""
+        return f"{self.record.disk} disk: {super().headline()}"
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -107,6 +107,10 @@ class CalibrationRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of the disk record."""
         return self.record.to_dict()
+
+    def to_frame(self) -> pd.DataFrame:
+        """Numbers of static line and lag, one row a channel."""
+        return self.record.to_frame()
 
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""

@@ -88,7 +88,7 @@ class LogOutcome:
         return stage_name(self.log, self.stage)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CampaignRun(Result):
     """All tests in the order in which their logs were given, and their table.
 
@@ -173,9 +173,9 @@ class CampaignRun(Result):
         """The table, one row a log."""
         return {"folder": str(self.folder), "logs": jsonable(self.table)}
 
-    def card(self) -> pd.DataFrame:
-        """The table, one row a log."""
-        return self.table
+    def to_frame(self) -> pd.DataFrame:
+        """The table by log, with the columns of campaign.csv."""
+        return self.table.set_index("log")
 
 
 Progress = Callable[[str, int, int], None]  # (log, logs done, logs in all)

@@ -9,7 +9,7 @@ The command ``tcdyn compensate`` for logs of the rig; tables of other sensors ar
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ import pandas as pd
 from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, info, labelled_messages, messages, warning
+from tcdyn.core.findings import Finding, info, labelled_messages, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
@@ -115,7 +115,7 @@ class LogSegments:
         return summarise_spikes(totals.findings)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CompensatedLog(Result):
     """The log with junction temperatures instead of readings, and ``<channel>_u_K`` for each.
 
@@ -149,17 +149,16 @@ class CompensatedLog(Result):
     events_s: tuple[float, ...]
     raw_log: Log
     method: CompensationMethod
-    segments: LogSegments | None = field(default=None, repr=False)
-    numbers: pd.DataFrame | None = field(default=None, repr=False)
+    segments: LogSegments | None = None
+    numbers: pd.DataFrame | None = None
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Name and length of the log."""
-        return f"<CompensatedLog of {self.raw_log.path.name}, {len(self.frame)} rows; summary() says it in words>"
+        return f"{self.raw_log.path.name}, {len(self.frame)} rows"
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Findings as text."""
-        return messages(self.findings)
+    def to_frame(self) -> pd.DataFrame:
+        """The table over the time [s]."""
+        return self.frame.set_index("time_s")
 
     def summary(self) -> str:
         """The lag removed and the uncertainty that remains, a few lines a disk."""

@@ -40,7 +40,7 @@ PROGRESS_ROWS = 200_000
 MANY_NOT_USED = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CompensatedTable(Result):
     """What was written: rows, columns with sensors, typical and largest standard deviation, findings."""
 
@@ -63,9 +63,9 @@ class CompensatedTable(Result):
             )
         return "\n".join(lines)
 
-    def card(self) -> pd.DataFrame:
+    def to_frame(self) -> pd.DataFrame:
         """Noise and standard deviation of each column."""
-        return self.numbers
+        return self.numbers.set_index("column")
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain data."""

@@ -31,7 +31,7 @@ ERROR_WINDOW_S = 5.0  # after unloading, where errors are compared; the labels n
 FLUID = "mobil-jet-ii"  # of the simulated plunges
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DemoRun(Result):
     """Files and fits of the demonstration, and their comparison with the truth of the simulation.
 
@@ -64,6 +64,14 @@ class DemoRun(Result):
         """The comparison with the truth, and the content of every test's beta.json."""
         tests = {name: run.to_dict() for name, run in self.tests.items()}
         return {"comparison": jsonable(self.comparison), "tests": tests}
+
+    def headline(self) -> str:
+        """Folder and tests."""
+        return f"{self.files.folder}: {', '.join(self.tests)}, {len(self.comparison)} quantities"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Estimate, standard uncertainty and truth of every quantity, with its unit."""
+        return self.comparison.set_index("quantity")
 
     def card(self) -> pd.DataFrame:
         """Estimate, standard uncertainty and truth of every quantity."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.read import display_path
 from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
+from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
@@ -55,7 +56,7 @@ USUAL_DELAY_LAGS = 2.0
 LEAST_USUAL_DELAY_S = 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FollowRun(Result):
     """What was done.
 
@@ -84,16 +85,16 @@ class FollowRun(Result):
     delay_s: float
     computing_s: float
     log: RawLog | None
-    numbers: pd.DataFrame = field(repr=False)
+    numbers: pd.DataFrame
     findings: tuple[Finding, ...]
 
     def summary(self) -> str:
         """Why it ended, and how many rows there were."""
         return f"{self.ended}: {self.rows_read} rows read, {self.rows_written} written"
 
-    def card(self) -> pd.DataFrame:
+    def to_frame(self) -> pd.DataFrame:
         """Noise and standard deviation of each column."""
-        return self.numbers
+        return self.numbers.set_index("column")
 
     def to_dict(self) -> dict[str, Any]:
         """Counts, why it ended and findings."""
@@ -202,7 +203,8 @@ def follow(
     opened = _opened(log, calibrations, rig, options, patience)
     if opened is None:
         ended = "stopped before the header was there"
-        return FollowRun(0, 0, 0, ended, delay_s or 0.0, 0.0, None, pd.DataFrame(), ())
+        numbers = pd.DataFrame(columns=["column"])
+        return FollowRun(0, 0, 0, ended, delay_s or 0.0, 0.0, None, numbers, ())
     growing, raw = opened
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
@@ -265,10 +267,21 @@ def follow(
         patience.ended,
         delay_s,
         time.process_time() - computing_s,
-        raw,
+        _without_reader(raw),
         totals.table(list(raw.channels.units)),
         unique_by_subject(findings),
     )
+
+
+def _without_reader(raw: RawLog) -> RawLog:
+    """The log without its reader, which has come to an end: its table has no rows."""
+    table = replace(raw.source.table, chunks=_no_rows)
+    return replace(raw, source=replace(raw.source, table=table))
+
+
+def _no_rows(columns: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+    """Chunks of a table without rows."""
+    return iter(())
 
 
 def _check_output_free(out: Path, overwrite: bool) -> None:

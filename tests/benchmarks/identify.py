@@ -19,8 +19,8 @@ from scipy.optimize import least_squares
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "identify"))
 from identify_cases import CASE_A, case_a
 
-from tcdyn.identify import IOData, fit, process, simulate
-from tcdyn.identify.narx import narx
+from tcdyn.identification import IOData, fit, process, simulate
+from tcdyn.identification.narx import narx
 
 START = np.array([1.0, 1.0, 1.0, 0.1])  # for the tools without start values of their own
 # parameters, standard uncertainties, simulated fit percent

@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from tcdyn.identify import compare
+from tcdyn.identification import compare
 from tests.identify.bare_cases import NOISE_K, as_record, levels, response, slow_noise
 
 ROWS = (10_000, 100_000, 1_000_000)

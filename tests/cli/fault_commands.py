@@ -93,7 +93,7 @@ QUICK = {
     "identify": Command(
         "identify {table} --input u --output T1_degC --model P1 --out o.json --report o.html -q",
         ("o.json", "o.html"),
-        ("tcdyn.identify:compare", PICTURE),
+        ("tcdyn.identification:compare", PICTURE),
     ),
     "rig": Command("rig check {rig} -q"),
     "transducer": Command("rig transducer {weights} --out o.json -q", ("o.json",)),

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_info
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.parallel import parallel_map
-from tcdyn.identify import IOData, fit, process, profile, simulate
+from tcdyn.identification import IOData, fit, process, profile, simulate
 
 WAIT_S = 60.0  # upper bound of each wait, far above the usual duration
 NOWHERE = "tcp://127.0.0.1:9"  # the discard port: no Dask scheduler

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import pickle
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,6 @@ import pytest
 
 import tcdyn
 from calibration.compare import compare_records
-from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import read_record, write_record
@@ -31,12 +32,84 @@ matplotlib.use("Agg")
 import tcdyn.plots
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
+MAX_REPR = 300  # characters of a representation: a few lines of a terminal
 
-WITHOUT_PLOT = {"Rig", "CampaignFiles", "RecordComparison"}
+
+def by_class(instances: list[Any]) -> dict[str, Any]:
+    """Results by the name of their class."""
+    return {type(result).__name__: result for result in instances}
 
 
 @pytest.fixture(scope="module")
-def results(
+def quick_results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Results that need no campaign, by class name."""
+    from calibration.transducers import fit_bearing_friction, fit_transducer
+    from tcdyn.campaign.interchange import compare_maps
+    from tcdyn.identification import (
+        bode_band,
+        fit_function,
+        predict,
+        spectral_estimate,
+        step_band,
+        validate,
+    )
+    from tcdyn.sensors import specified_sensor
+    from tcdyn.sensors.touch import find_touches
+    from tcdyn.smoothing import proper_inverse, report_inverse
+    from tcdyn.workflows.compensate_table import compensate_table
+    from tcdyn.workflows.follow import follow
+
+    chain = tcdyn.Chain((0.6, 0.1), conditioning=RIG_FILTER)
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([25.0, 75.0], 40), 20)
+    y = chain.response(u, 0.1, "zoh") + rng.normal(0, 0.1, len(u))
+    data = tcdyn.IOData.from_arrays(u, y, 0.1, hold="zoh", output_units=["degC"])
+    fitted = tcdyn.fit(data, "P1")
+    folder = tmp_path_factory.mktemp("quick")
+    t = 0.1 * np.arange(100)
+    slow = 20 + np.sin(0.3 * t) + rng.normal(0, 0.01, len(t))
+    table = pd.DataFrame({"time_s": t, "T_degC": slow})
+    table.to_csv(folder / "log.csv", index=False)
+    sensor = specified_sensor("probe", ["T_degC"], [(0.7, 0.1)])
+    time_s = np.arange(0.0, 30.0, 0.1)
+    touch = np.where((time_s > 10) & (time_s < 12), 5.0, 0.0)
+    touched = np.column_stack([touch, 0.1 * touch]) + rng.normal(0, 0.01, (len(time_s), 2))
+    junctions = {"a": 60.0, "b": 61.0, "c": 63.0, "d": 64.0, "e": 66.0, "f": 67.0}
+    maps = {"slow": dict(junctions)}
+    return by_class(
+        [
+            tcdyn.load_rig(),
+            chain,
+            tcdyn.smooth(slow, 0.1, chain, lag_covariance=np.array([[0.01]])),
+            report_inverse(proper_inverse(chain, 0.1, 1.0), 0.1),
+            data,
+            fitted,
+            fitted.identified,
+            tcdyn.compare(data, ["P1", "P1D"]),
+            validate(fitted),
+            step_band(fitted.identified),
+            bode_band(fitted.identified),
+            spectral_estimate(data),
+            predict(fitted, data),
+            fit_function(data, static_gain, {"gain": 0.9}),
+            sensor,
+            find_touches(time_s, touched, ["T1", "T2"]),
+            compensate_table(folder / "log.csv", [sensor], folder / "out.csv"),
+            follow(folder / "log.csv", [sensor], folder / "followed.csv", idle_s=0.0),
+            compare_maps(maps, maps, ("slow_a", "slow_c")),
+            fit_transducer([0.1, 0.2, 0.31, 0.15, 0.25], [0, 100, 200, 0, 100], [1, 1, 1, 2, 2]),
+            fit_bearing_friction([100.0, 200, 300, 400], [1.0, 2.1, 2.9, 4.0], [500.0] * 4),
+        ]
+    )
+
+
+def static_gain(parameters: Any, data: tcdyn.IOData) -> list[Any]:
+    """A model without dynamics."""
+    return [parameters["gain"] * run.u[:, 0] for run in data.runs]
+
+
+@pytest.fixture(scope="module")
+def campaign_results(
     campaign: Campaign, calibrations: dict[str, CalibrationRun], beta_run: BetaRun
 ) -> dict[str, Any]:
     """Results of the functions of ``import tcdyn`` on a small campaign, by class name."""
@@ -44,17 +117,10 @@ def results(
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan
     from tcdyn.simulate.plunge import simulate_hole
-    from tcdyn.smoothing import proper_inverse, report_inverse
 
     rig = campaign.rig
     records = campaign.records
     log = campaign.files.ehl["B3"]
-    chain = tcdyn.Chain((0.6, 0.1), conditioning=RIG_FILTER)
-    rng = np.random.default_rng(3)
-    u = np.repeat(rng.choice([25.0, 75.0], 40), 20)
-    y = chain.response(u, 0.1, "zoh") + rng.normal(0, 0.1, len(u))
-    data = tcdyn.IOData.from_arrays(u, y, 0.1, hold="zoh")
-    fitted = tcdyn.fit(data, "P1")
     compensated = tcdyn.compensate_log(log, records, rig)
     beta = beta_run
     comparison = compare_with_truth(campaign.files, calibrations, {"B3": beta}, {"B3": compensated})
@@ -64,33 +130,34 @@ def results(
         "bulk_degC": {d: s["d"] for d, s in steady.items()},
         "steady_degC": steady,
     }
-    instances = [
-        rig,
-        tcdyn.read_log(log, "ehl", rig),
-        records["fast"],
-        compare_records(records["fast"], records["fast"]),
-        campaign.files,
-        calibrations["fast"],
-        calibrations["fast"].oven,
-        compensated,
-        beta,
-        DemoRun(campaign.files, calibrations, {"B3": beta}, {"B3": compensated}, comparison),
-        chain,
-        tcdyn.smooth(y, 0.1, chain, lag_covariance=np.array([[0.01]])),
-        report_inverse(proper_inverse(chain, 0.1, 1.0), 0.1),
-        data,
-        fitted,
-        fitted.identified,
-        tcdyn.compare(data, ["P1", "P1D"]),
-        compare_holes(simulate_hole(2)[0]),
-        compare_tests(rig.disk_setup("fast"), [PlungePlan("mobil-jet-ii", 110.0)], draws=2),
-        CampaignRun(
-            log.parent,
-            (),
-            campaign_table([table_row("B3", {**beta.to_dict(), "campaign": campaign_data})]),
-        ),
-    ]
-    return {type(result).__name__: result for result in instances}
+    return by_class(
+        [
+            rig,
+            tcdyn.read_log(log, "ehl", rig),
+            records["fast"],
+            compare_records(records["fast"], records["fast"]),
+            campaign.files,
+            calibrations["fast"],
+            calibrations["fast"].oven,
+            calibrations["fast"].fit,
+            compensated,
+            beta,
+            DemoRun(campaign.files, calibrations, {"B3": beta}, {"B3": compensated}, comparison),
+            compare_holes(simulate_hole(2)[0]),
+            compare_tests(rig.disk_setup("fast"), [PlungePlan("mobil-jet-ii", 110.0)], draws=2),
+            CampaignRun(
+                log.parent,
+                (),
+                campaign_table([table_row("B3", {**beta.to_dict(), "campaign": campaign_data})]),
+            ),
+        ]
+    )
+
+
+@pytest.fixture(params=["quick_results", pytest.param("campaign_results", marks=pytest.mark.e2e)])
+def results(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Both groups of results."""
+    return request.getfixturevalue(request.param)
 
 
 class TagChecker(HTMLParser):
@@ -108,9 +175,11 @@ class TagChecker(HTMLParser):
 
 
 @pytest.mark.e2e
-def test_demo_comparison_matches_the_files(results: dict[str, Any], campaign: Campaign) -> None:
-    compensated = results["CompensatedLog"]
-    demo = results["DemoRun"]
+def test_demo_comparison_matches_the_files(
+    campaign_results: dict[str, Any], campaign: Campaign
+) -> None:
+    compensated = campaign_results["CompensatedLog"]
+    demo = campaign_results["DemoRun"]
     unload_s = campaign.truth["tests"]["B3"]["unload_s"]
     true = pd.read_parquet(campaign.files.folder / "truth" / "EHL_B3_traces.parquet")
     t = true["time_s"]
@@ -129,7 +198,7 @@ def test_demo_comparison_matches_the_files(results: dict[str, Any], campaign: Ca
 
 
 def test_every_result_has_a_summary_json_and_html(results: dict[str, Any]) -> None:
-    assert len(results) >= 20
+    assert len(results) >= 14
     for name, result in results.items():
         assert isinstance(result, Result), name
         summary = result.summary()
@@ -146,27 +215,67 @@ def test_every_result_has_a_summary_json_and_html(results: dict[str, Any]) -> No
         assert name in html
 
 
-def test_every_result_has_a_plot_or_raises(results: dict[str, Any]) -> None:
+def test_representation_is_short_and_is_what_print_shows(results: dict[str, Any]) -> None:
+    for name, result in results.items():
+        assert len(repr(result)) <= MAX_REPR, name
+        assert "\n" not in repr(result), name
+        assert str(result) == repr(result), name
+        assert name in repr(result)
+
+
+def test_every_result_is_a_table_with_an_index_and_units(results: dict[str, Any]) -> None:
+    for name, result in results.items():
+        frame = result.to_frame()
+        assert isinstance(frame, pd.DataFrame), name
+        assert len(frame), name
+        assert frame.index.is_unique, name
+        assert all(frame.index.names), name
+        assert frame.columns.is_unique, name
+
+
+def test_every_result_is_a_dataset_of_xarray(results: dict[str, Any]) -> None:
+    pytest.importorskip("xarray")
+    for name, result in results.items():
+        frame = result.to_frame()
+        dataset = result.to_xarray()
+        assert set(dataset.data_vars) == set(frame.columns), name
+        assert list(dataset.sizes.values()) == [len(frame)], name
+
+
+def test_without_xarray_the_error_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(ImportError, match=r"pip install .tcdyn\[xarray\]"):
+        tcdyn.Chain(0.7).to_xarray()
+
+
+def test_every_result_has_a_plot_with_and_without_axes(results: dict[str, Any]) -> None:
+    from matplotlib.figure import Figure
+
     from tcdyn.plots.style import figure
 
     for name, result in results.items():
         drawing, (ax,) = figure()
-        options = {"logged": result.temperature} if name == "Compensated" else {}
-        if name in WITHOUT_PLOT:
-            with pytest.raises(InputError, match="has no picture"):
-                tcdyn.plots.draw(result, ax)
-        else:
-            assert tcdyn.plots.draw(result, ax, **options) is ax, name
-            assert ax.has_data(), name
-            assert ax.get_xlabel(), name
-        del drawing
+        assert result.plot(ax) is drawing, name
+        own = result.plot()
+        assert isinstance(own, Figure), name
+        assert own is not drawing, name
+        for axes in (ax, own.axes[0]):
+            assert axes.has_data(), name
 
 
+def test_every_result_survives_pickling(results: dict[str, Any]) -> None:
+    for name, result in results.items():
+        again = pickle.loads(pickle.dumps(result))
+        assert again.to_dict() == result.to_dict(), name
+        pd.testing.assert_frame_equal(again.to_frame(), result.to_frame())
+
+
+@pytest.mark.e2e
 def test_notebook_view_of_each_result_contains_its_plot(results: dict[str, Any]) -> None:
     from tcdyn.report.page import card_html
 
     for name, result in results.items():
-        assert card_html(result).count("<img") == (name not in WITHOUT_PLOT), name
+        assert card_html(result).count("<img") == 1, name
 
 
 def test_every_exported_plot_function_exists() -> None:
@@ -175,11 +284,16 @@ def test_every_exported_plot_function_exists() -> None:
 
 
 def test_json_of_a_result_equals_its_file(
-    results: dict[str, Any], calibrations: dict[str, CalibrationRun], tmp_path: Path
+    campaign_results: dict[str, Any],
+    quick_results: dict[str, Any],
+    calibrations: dict[str, CalibrationRun],
+    tmp_path: Path,
 ) -> None:
     path = write_record(calibrations["fast"].record, tmp_path / "fast.disk.json")
     written = json.loads(path.read_text(encoding="utf-8"))
     assert read_record(path).to_dict() == written
     record = json.loads(calibrations["fast"].record.to_json())
-    assert results["CalibrationRun"].to_dict()["static"] == record["static"]
-    assert json.loads(results["Identified"].to_json()) == results["Identified"].to_dict()
+    assert campaign_results["CalibrationRun"].to_dict()["static"] == record["static"]
+    assert (
+        json.loads(quick_results["Identified"].to_json()) == quick_results["Identified"].to_dict()
+    )

@@ -16,7 +16,7 @@ import tcdyn
 from tcdyn.core import threads
 from tcdyn.core.errors import InputError
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.identify import IOData
+from tcdyn.identification import IOData
 from tcdyn.smoothing import deconvolve
 
 INITIAL = 2  # threads of each library before a call, on any machine

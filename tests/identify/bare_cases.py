@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import StateSpace, cont2discrete, dlsim, lfilter, lfilter_zi
 
-from tcdyn.identify import IOData, from_frame
+from tcdyn.identification import IOData, from_frame
 
 Array = NDArray[np.float64]
 

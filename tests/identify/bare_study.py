@@ -19,7 +19,7 @@ from joblib import Parallel, delayed
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.identify import Comparison, compare
+from tcdyn.identification import Comparison, compare
 from tests.identify.bare_cases import CASES, Case
 
 SEVERITIES = ("info", "warning", "error", "InputError")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from tcdyn.identify import IOData
+from tcdyn.identification import IOData
 
 GAIN = 2.0  # of the plant, K/%
 LAG_S = 60.0

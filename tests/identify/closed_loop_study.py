@@ -8,7 +8,7 @@ import sys
 import numpy as np
 from closed_loop_cases import OPEN_LOOPS, closed_loop_record, open_loop_record
 
-from tcdyn.identify.closed_loop import closed_loop
+from tcdyn.identification.closed_loop import closed_loop
 
 CONTROLLERS = ("P", "PI", "PID", "filtered PI", "clipped PI", "cascade", "thermostat")
 DITHERS = (0.0, 1e-4, 1e-2, 0.1, 1.0)  # in standard deviations of the input without dither

@@ -13,8 +13,8 @@ import numpy as np
 from identify_cases import CASE_A, case_a_input
 from scipy.signal import lfilter
 
-from tcdyn.identify import IOData, fit, process
-from tcdyn.identify.models import Model
+from tcdyn.identification import IOData, fit, process
+from tcdyn.identification.models import Model
 from tcdyn.rig.disk import Conditioning
 
 DT_S = 0.05

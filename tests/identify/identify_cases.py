@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter, max_len_seq
 
-from tcdyn.identify import IOData, process, simulate, transfer
+from tcdyn.identification import IOData, process, simulate, transfer
 
 # Options of a fit without selection: white noise, no baseline, a start in equilibrium.
 PLAIN = {"noise": "white", "baseline": "none", "initial": "equilibrium"}

@@ -13,7 +13,7 @@ from collections import Counter
 import numpy as np
 from scipy.signal import lfilter
 
-from tcdyn.identify import IOData, compare
+from tcdyn.identification import IOData, compare
 
 DT_S = 0.1
 FINER = 10

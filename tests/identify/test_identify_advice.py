@@ -15,9 +15,9 @@ from identify_cases import PLAIN, case_a
 import tcdyn
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.findings import info
-from tcdyn.identify import CANDIDATES, IOData, compare, simulate
-from tcdyn.identify.models import process
-from tcdyn.identify.recommendation import chain_advice, comparison_table, conclude, recommend
+from tcdyn.identification import CANDIDATES, IOData, compare, simulate
+from tcdyn.identification.models import process
+from tcdyn.identification.recommendation import chain_advice, comparison_table, conclude, recommend
 from tcdyn.rig.disk import Conditioning
 
 

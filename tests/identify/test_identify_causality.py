@@ -13,10 +13,10 @@ from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
-from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.causality import check_causality
-from tcdyn.identify.models import process
-from tcdyn.identify.search import make_problem
+from tcdyn.identification import IOData, compare, fit
+from tcdyn.identification.causality import check_causality
+from tcdyn.identification.models import process
+from tcdyn.identification.search import make_problem
 
 FINER = 10
 DT_S = 0.05

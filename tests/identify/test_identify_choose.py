@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
-from tcdyn.identify import (
+from tcdyn.identification import (
     IOData,
     compare,
     fit,
@@ -23,7 +23,7 @@ from tcdyn.identify import (
     process,
     simulate,
 )
-from tcdyn.identify.validate import validate
+from tcdyn.identification.validate import validate
 from tcdyn.report.dynamics import input_noise_text, interval_text
 from tests.identify.test_identify_several import plant
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import (
+from tcdyn.identification import (
     Identified,
     IOData,
     Response,
@@ -20,13 +20,13 @@ from tcdyn.identify import (
     several,
     transfer,
 )
-from tcdyn.identify.frequency import levy, longest_delay_s, starts, weighted_problem
-from tcdyn.identify.heldout import split_held_out
-from tcdyn.identify.iodata import check_wrap
-from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.responses import slowest_time_constant_s, step_band, step_times
-from tcdyn.identify.search import make_problem
-from tcdyn.identify.segments import clipped_samples, input_noise_sd, split_segments
+from tcdyn.identification.frequency import levy, longest_delay_s, starts, weighted_problem
+from tcdyn.identification.heldout import split_held_out
+from tcdyn.identification.iodata import check_wrap
+from tcdyn.identification.models import Model, as_model
+from tcdyn.identification.responses import slowest_time_constant_s, step_band, step_times
+from tcdyn.identification.search import make_problem
+from tcdyn.identification.segments import clipped_samples, input_noise_sd, split_segments
 
 F = np.geomspace(0.01, 1.0, 15)
 S = 2j * np.pi * F

@@ -11,8 +11,8 @@ from identify_cases import PLAIN
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
-from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.closed_loop import closed_loop
+from tcdyn.identification import IOData, compare, fit
+from tcdyn.identification.closed_loop import closed_loop
 
 CONTROLLERS = ("PI", "PID", "filtered PI")
 

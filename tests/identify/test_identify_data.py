@@ -9,7 +9,7 @@ from identify_cases import PLAIN, case_a
 from nptdms import ChannelObject, TdmsWriter
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import IOData, compare, fit, from_csv, from_frame, process, simulate
+from tcdyn.identification import IOData, compare, fit, from_csv, from_frame, process, simulate
 
 
 def table(n: int = 200) -> pd.DataFrame:
@@ -170,7 +170,7 @@ def test_bad_data_raise_one_clear_message(name):
 
 
 def test_lead_is_not_mistaken_for_an_output_that_precedes_the_input():
-    from tcdyn.identify import process, simulate
+    from tcdyn.identification import process, simulate
 
     u = case_a("PRBS", 2).runs[0].u[:, 0]
     y = simulate(process("P1Z").rational({"Kp": 1.0, "Tp1": 0.3, "Tz": 0.9}), u, 0.05, "zoh")

@@ -19,11 +19,11 @@ from tcdyn.core.errors import InputError
 from tcdyn.estimation import NoiseModel
 from tcdyn.estimation.arma import coefficients_from_partial, partial_correlations
 from tcdyn.estimation.noise_average import first_order_noise, mixture_moments
-from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.disturbance import linearise
-from tcdyn.identify.models import process
-from tcdyn.identify.search import make_problem
-from tcdyn.identify.segments import input_noise_sd
+from tcdyn.identification import IOData, compare, fit
+from tcdyn.identification.disturbance import linearise
+from tcdyn.identification.models import process
+from tcdyn.identification.search import make_problem
+from tcdyn.identification.segments import input_noise_sd
 
 
 def coverage_limit(runs: int, coverage: float) -> float:

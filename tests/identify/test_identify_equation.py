@@ -10,11 +10,11 @@ from identify_cases import PLAIN
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import IOData, compare, fit, several, transfer
-from tcdyn.identify.heldout import block_held_out_rms
-from tcdyn.identify.models import as_model
-from tcdyn.identify.search import make_problem
-from tcdyn.identify.shared_poles import arx_regression, common_pole_fits
+from tcdyn.identification import IOData, compare, fit, several, transfer
+from tcdyn.identification.heldout import block_held_out_rms
+from tcdyn.identification.models import as_model
+from tcdyn.identification.search import make_problem
+from tcdyn.identification.shared_poles import arx_regression, common_pole_fits
 
 DT = 0.5
 POLES = np.array([0.9, 0.6])  # of the recursion y_t = sum b u_(t-k) - sum a y_(t-k) + e_t

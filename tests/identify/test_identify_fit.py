@@ -11,7 +11,7 @@ from identify_cases import CASE_A, PLAIN, RAO_GARNIER, case_a, case_a_input, rao
 from scipy.signal import lfilter
 
 from tcdyn.estimation import NoiseModel, Optimum, Status
-from tcdyn.identify import (
+from tcdyn.identification import (
     Identified,
     IOData,
     chain_model,
@@ -22,9 +22,9 @@ from tcdyn.identify import (
     transfer,
     validate,
 )
-from tcdyn.identify.fit import final_offset, parameter_findings
-from tcdyn.identify.models import as_model
-from tcdyn.identify.search import make_problem
+from tcdyn.identification.fit import final_offset, parameter_findings
+from tcdyn.identification.models import as_model
+from tcdyn.identification.search import make_problem
 from tcdyn.rig.disk import Conditioning
 
 TRUE_PARAMETERS = {

@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import coherence, csd, lfilter, welch
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import Response, fit_response, read_identified
+from tcdyn.identification import Response, fit_response, read_identified
 from tests.cli.test_main_job import tcdyn
 
 F = np.geomspace(0.005, 2.0, 25)

@@ -10,7 +10,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
-from tcdyn.identify import (
+from tcdyn.identification import (
     Comparison,
     Identified,
     IOData,

@@ -17,7 +17,7 @@ from sysidentpy.parameter_estimation import LeastSquares
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.identify import (
+from tcdyn.identification import (
     IOData,
     compare,
     fit,

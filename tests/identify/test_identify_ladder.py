@@ -13,18 +13,18 @@ from identify_cases import PLAIN
 from scipy.signal import lfilter
 
 from tcdyn.core.estimate import Estimate, mixture
-from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.comparison import average_gain_and_lag, overdamped
-from tcdyn.identify.ladder import (
+from tcdyn.identification import IOData, compare, fit
+from tcdyn.identification.comparison import average_gain_and_lag, overdamped
+from tcdyn.identification.ladder import (
     TIE_BIC,
     Ladder,
     best_fit,
     neighbours,
     select_structures,
 )
-from tcdyn.identify.models import as_model, process
-from tcdyn.identify.search import Fit
-from tcdyn.identify.setting import Setting, changed_settings
+from tcdyn.identification.models import as_model, process
+from tcdyn.identification.search import Fit
+from tcdyn.identification.setting import Setting, changed_settings
 
 N = 300
 DT_S = 0.1

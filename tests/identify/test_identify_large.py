@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import tcdyn.identify.large_records as large
-from tcdyn.identify import IOData, compare, fit
+import tcdyn.identification.large_records as large
+from tcdyn.identification import IOData, compare, fit
 from tests.identify.bare_cases import NOISE_K, fine_response, levels
 
 # from the simulator's step of 5 ms: a lag of 574 samples, so that blocks of a few rows are short

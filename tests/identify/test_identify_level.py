@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from identify_cases import PLAIN
 
-from tcdyn.identify import IOData
-from tcdyn.identify.level_lag import LevelLagProblem, level_lag
+from tcdyn.identification import IOData
+from tcdyn.identification.level_lag import LevelLagProblem, level_lag
 
 LOW = 25.0
 HIGH = 180.0
@@ -75,7 +75,7 @@ def test_rising_lag_is_detected_and_a_constant_lag_is_not(kind):
 
 
 def test_zero_level_dependence_reduces_to_the_linear_model_and_sensitivities_equal_differences():
-    from tcdyn.identify import fit
+    from tcdyn.identification import fit
 
     base = fit(record("square", 0), "P2D", intervals="quadratic", **PLAIN)
     level_lag_problem = LevelLagProblem(base, 100.0, 80.0)

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.identify import IOData
-from tcdyn.identify import narx as module
-from tcdyn.identify.level_lag import LevelLag
-from tcdyn.identify.narx import Narx, bootstrap_estimate, narx, refine_weights
+from tcdyn.identification import IOData
+from tcdyn.identification import narx as module
+from tcdyn.identification.level_lag import LevelLag
+from tcdyn.identification.narx import Narx, bootstrap_estimate, narx, refine_weights
 
 TERMS = ((("y", 1),), (("u", 1),), (("u", 1), ("y", 1)))
 TRUTH = (0.8, 0.25, -0.05)  # y_t = 0.8 y + 0.25 u - 0.05 u y: slow where the input is low

@@ -11,14 +11,19 @@ import pytest
 from scipy import stats
 
 from tcdyn.estimation import NoiseModel, Optimum, Status
-from tcdyn.identify import IOData, process
-from tcdyn.identify.causality import output_is_setpoint
-from tcdyn.identify.disturbance import fit_random_walk, input_noise_model, noise_bic, without_spikes
-from tcdyn.identify.level_lag import LevelLagProblem
-from tcdyn.identify.models import as_model, several
-from tcdyn.identify.problem import IdentificationProblem
-from tcdyn.identify.search import make_problem, residual_sd, sort_lags
-from tcdyn.identify.validate import (
+from tcdyn.identification import IOData, process
+from tcdyn.identification.causality import output_is_setpoint
+from tcdyn.identification.disturbance import (
+    fit_random_walk,
+    input_noise_model,
+    noise_bic,
+    without_spikes,
+)
+from tcdyn.identification.level_lag import LevelLagProblem
+from tcdyn.identification.models import as_model, several
+from tcdyn.identification.problem import IdentificationProblem
+from tcdyn.identification.search import make_problem, residual_sd, sort_lags
+from tcdyn.identification.validate import (
     MAX_SAMPLING_SHARE,
     drift,
     fit_percent,

@@ -9,7 +9,7 @@ import typer
 from identify_cases import CASE_A, PLAIN, case_a, case_a_input, data_dir
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import (
+from tcdyn.identification import (
     Identified,
     IOData,
     bode_band,
@@ -23,8 +23,8 @@ from tcdyn.identify import (
     step_band,
     validate,
 )
-from tcdyn.identify.narx import temperature_dependence
-from tcdyn.identify.recommendation import recommend
+from tcdyn.identification.narx import temperature_dependence
+from tcdyn.identification.recommendation import recommend
 
 
 def test_residual_tests_reject_one_lag_despite_a_high_fit_percentage():

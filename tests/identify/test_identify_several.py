@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.signal import cont2discrete, lfilter
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import (
+from tcdyn.identification import (
     Identified,
     IOData,
     bode_band,
@@ -28,8 +28,8 @@ from tcdyn.identify import (
     roots_of,
     several,
 )
-from tcdyn.identify.models import as_model
-from tcdyn.identify.search import make_problem
+from tcdyn.identification.models import as_model
+from tcdyn.identification.search import make_problem
 from tcdyn.plots import draw, draw_poles
 from tests.cli.test_main_job import tcdyn
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
-from tcdyn.identify import IOData, process, several, simulate
-from tcdyn.identify.causality import lead_correlation
-from tcdyn.identify.models import as_model, base_name
-from tcdyn.identify.search import distinct_starts, first_moment, make_problem, time_parameters
-from tcdyn.identify.starting_values import (
+from tcdyn.identification import IOData, process, several, simulate
+from tcdyn.identification.causality import lead_correlation
+from tcdyn.identification.models import as_model, base_name
+from tcdyn.identification.search import distinct_starts, first_moment, make_problem, time_parameters
+from tcdyn.identification.starting_values import (
     from_poles,
     lag_correlation,
     regression,

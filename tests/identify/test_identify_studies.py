@@ -10,7 +10,7 @@ import pytest
 from identify_cases import CASE_A, PLAIN, RAO_GARNIER, case_a, rao_garnier
 from scipy import stats
 
-from tcdyn.identify import fit, transfer
+from tcdyn.identification import fit, transfer
 
 pytestmark = pytest.mark.study
 

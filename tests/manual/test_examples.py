@@ -15,7 +15,7 @@ MODULES = (
     "tcdyn",
     "tcdyn.chain",
     "tcdyn.smoothing",
-    "tcdyn.identify",
+    "tcdyn.identification",
     "tcdyn.sensors",
     "tcdyn.estimation",
     "tcdyn.campaign",

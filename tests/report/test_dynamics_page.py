@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.identify import IOData, compare
+from tcdyn.identification import IOData, compare
 from tcdyn.report.compensate import _followed
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning

@@ -18,7 +18,7 @@ from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
-from tcdyn.identify import IOData, fit, process
+from tcdyn.identification import IOData, fit, process
 from tcdyn.io import read as files
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.static_line import StaticLine

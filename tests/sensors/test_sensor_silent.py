@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.identify import from_csv, from_frame
+from tcdyn.identification import from_csv, from_frame
 from tcdyn.sensors import specified_sensor
 from tcdyn.sensors.table import read_columns
 from tcdyn.workflows.compensate_table import CompensatedTable, compensate_table

@@ -421,7 +421,7 @@ def _feedback(p: float, **_: Any) -> str:
     )
 
 
-# tcdyn/identify
+# tcdyn/identification
 IDENTIFY: dict[str, Message] = {
     "models.why": _reason,
     "models.foresees": _better_prediction,

@@ -1,0 +1,835 @@
+"""Comparison of models on one record: BIC and held-out error in one table, and all fits.
+
+``tcdyn identify`` and ``tcdyn.plots.pick`` use it. The candidates come from
+``tcdyn.identification.ladder``, the choice among them from ``tcdyn.identification.recommendation``.
+``tests/identify/test_identify_choose.py``, ``test_identify_advice.py`` and
+``test_identify_results.py`` in that folder guard it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.chain import NO_CONDITIONING
+from tcdyn.core.errors import InputError, Spelling, as_argument
+from tcdyn.core.estimate import Estimate, mixture
+from tcdyn.core.findings import Finding, Severity
+from tcdyn.core.result import Result, jsonable
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
+from tcdyn.identification.fit import add_findings, fit
+from tcdyn.identification.heldout import Progress, Task, split_held_out
+from tcdyn.identification.identified import Identified, from_control
+from tcdyn.identification.iodata import Holds, IOData, as_data
+from tcdyn.identification.ladder import Ladder, select_structures
+from tcdyn.identification.large_records import (
+    SearchRecord,
+    block_means,
+    fit_all_rows,
+    search_record,
+)
+from tcdyn.identification.models import Model, as_model, process, several
+from tcdyn.identification.other_hold import check_holds
+from tcdyn.identification.recommendation import (
+    HELD_OUT_GAIN_RATIO,
+    TABLE_LEGEND,
+    chain_advice,
+    comparison_table,
+    conclude,
+    recommend,
+    responds_at_once,
+)
+from tcdyn.identification.search import Fit
+from tcdyn.identification.setting import Setting, average_noise, bic
+from tcdyn.identification.shared_poles import best_common_pole_fit
+from tcdyn.identification.tables import from_csv, from_frame, with_hold
+from tcdyn.identification.validate import (
+    Validation,
+    explains_little,
+    has_coloured_residuals,
+    is_adequate,
+    validate,
+)
+from tcdyn.rig.disk import Conditioning
+
+# What a caller may compare; a ``control`` system has no type without importing that package.
+Entry = Model | str | Fit | Identified | Any
+
+# Usual models: the default of ``tcdyn response``, and the examples of an error message.
+CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
+# Models that the advice names where none of the models compared is good enough.
+ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
+N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
+ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+# Findings of the final fit about the record that count against the recommended model.
+RECORD_TROUBLES = ("record.closed_loop", "record.other_hold")
+MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
+    """The result of :func:`compare`.
+
+    Parameters
+    ----------
+    table
+        One row for each model, best BIC first. All have the same initial state and noise model.
+    fits
+        Fits by name. That of the recommended model is to all rows; so are the others, unless the
+        record is large (:mod:`tcdyn.identification.large_records`).
+    recommended
+        Name of the recommended model.
+    reason
+        Why it is recommended.
+    are_given
+        Whether the caller has named the models; then there are others to try.
+    """
+
+    table: pd.DataFrame
+    fits: Mapping[str, Fit]
+    recommended: str
+    reason: Finding
+    are_given: bool = False
+
+    @property
+    def reason_text(self) -> str:
+        """The reason as text."""
+        return self.reason.sentence
+
+    @property
+    def best_row(self) -> Mapping[str, Any]:
+        """The recommended model's row of the table."""
+        return dict(self.table[self.table["model"] == self.recommended].iloc[0])
+
+    @property
+    def best(self) -> Fit:
+        """The fit of the recommended model."""
+        return self.fits[self.recommended]
+
+    @cached_property
+    def averaged(self) -> Mapping[str, Mapping[str, Estimate]]:
+        """Gain and lag of each input, averaged over the models.
+
+        Returns
+        -------
+        mapping
+            By input, "gain" (output over input unit) and "lag_s" [s].
+
+        Notes
+        -----
+        Weights exp(-BIC/2) (Raftery 1995), normalised over models without integrator; those below
+        ``MIN_WEIGHT`` are left out. The intervals include the choice of the structure; not so of a
+        large record, where only the recommended model is fitted to all rows.
+        """
+        return average_gain_and_lag(self.best, list(self.fits.values()))
+
+    def summary(self, spelling: Spelling = as_argument) -> str:
+        """The conclusion, the recommended model and the table, as text.
+
+        Parameters
+        ----------
+        spelling
+            Spelling of the parameters that the advice and the findings name.
+        """
+        advice = self.conclusion.message(spelling)
+        best = replace(self.best.identified, sentence=self.validation.message(spelling))
+        table = comparison_table(self.table, best.output_unit).to_string(index=False)
+        averages = []
+        for name, estimates in self.averaged.items():
+            texts = f"gain {estimates['gain'].text()}, lag {estimates['lag_s'].text('s')}"
+            averages.append(f"Averaged over these models, {name}: {texts}.")
+        return "\n".join(
+            [advice, "", best.summary(spelling), "", *averages, "", table, "", TABLE_LEGEND]
+        )
+
+    @cached_property
+    def validation(self) -> Validation:
+        """Residual tests of the recommended model."""
+        return validate(self.best)
+
+    @property
+    def conclusion(self) -> Finding:
+        """Which model to use and why, or that none of them is good enough and what to try."""
+        untried = []
+        if self.are_given:
+            compared = set(self.table["model"])
+            untried = [name for name in ADVISED_MODELS if name not in compared]
+        codes = {f.code for f in self.best.findings}
+        troubles = [code for code in RECORD_TROUBLES if code in codes]
+        has_closed_loop = "record.closed_loop" in codes
+        if not has_closed_loop and responds_at_once(self.best):
+            troubles.append("model.at_once")
+            has_closed_loop = True
+        for code in self.validation.record_problems:
+            # feedback says the same as a closed loop
+            if not (has_closed_loop and code == "record.feedback"):
+                troubles.append(code)
+        if self.reason.code == "models.foresees":
+            troubles.append("model.general")
+        return conclude(self.table, self.recommended, self.reason, untried, troubles)
+
+    def lag_removal_advice(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
+        """How to remove the lag from other traces; empty where no model can be used.
+
+        See :func:`tcdyn.identification.recommendation.chain_advice`.
+        """
+        if self.conclusion.severity is Severity.ERROR:
+            return ""
+        return chain_advice(self.best.identified, conditioning)
+
+    @property
+    def advice(self) -> str:
+        """The conclusion as text."""
+        return self.conclusion.sentence
+
+    def to_dict(self) -> dict[str, Any]:
+        """The recommended model as in its JSON file, the reason, and the table."""
+        return {
+            **self.best.to_dict(),
+            "recommended": self.recommended,
+            "why": self.reason_text,
+            "averaged": jsonable(self.averaged),
+            "comparison": jsonable(self.table),
+        }
+
+    def headline(self) -> str:
+        """The recommended model, and the number of models."""
+        return f"{self.recommended} recommended of {len(self.table)} models; {self.best.headline()}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table by model, without remarks; rms in the output's unit."""
+        return self.table.drop(columns=["remark", "determined"]).set_index("model")
+
+
+@one_blas_thread
+def compare(
+    data: IOData | tuple[Any, ...],
+    *models: Entry | Sequence[Entry],
+    like: Model | None = None,
+    held_out: IOData | float = 0.3,
+    progress: Progress = lambda name, number, count: None,
+    **options: Any,
+) -> Comparison:
+    """Fit every model to all of the data, and score it on data that it has not used.
+
+    Parameters
+    ----------
+    data
+        One output, one or several inputs; or a tuple (u, y, dt_s), as for :func:`fit`.
+    models
+        Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit`, an
+        :class:`Identified` or a ``control`` system; :func:`tcdyn.identification.from_control` adds a
+        dead time), of which only the offset is fitted. Two of one name are numbered. A fitted model
+        of sysidentpy (``predict`` and ``max_lag``) is scored by free simulation and never
+        recommended.
+        Without any, they are the process models of :mod:`tcdyn.identification.ladder`, and with several
+        inputs the inputs that matter.
+    like
+        Model whose known factor, offset and fixed gain all models of the ladder have.
+    held_out
+        Another record, or the last share of this one (with several runs: the last run). Held-out
+        scores come from a second fit to the rest.
+    progress
+        Called with each model before it is fitted.
+    options
+        Options of :func:`fit`, without ``start`` and ``weights``.
+
+    Returns
+    -------
+    Comparison
+        Table, fits, and the recommended model with its reason.
+
+    Raises
+    ------
+    InputError
+        For data from which no model can be identified.
+
+    Notes
+    -----
+    All models of the table share one setting: the initial state, the noise and the baseline, which
+    :func:`tcdyn.identification.setting.select_setting` selects, as far as ``options`` do not give them.
+    Where the residuals of the recommended model are clearly coloured or follow the input, the
+    models with white noise, and transfer functions with common poles, replace them if they simulate
+    the held-out data better. The recommended model is fitted once more, with the average over slow
+    noise where the setting has a disturbance. For the recommendation see
+    :func:`tcdyn.identification.recommendation.recommend`.
+    """
+    data = as_data(data)
+    for name in {"weights", "start"} & set(options):
+        raise InputError(
+            f"{name} is given, which is of one model and one record",
+            where="compare",
+            remedy=f"pass fit(data, model, {name}=..) as a model: it is compared as it stands",
+        )
+    entries: list[Entry] = []
+    for m in models:
+        entries += m if isinstance(m, list | tuple) else [m]
+
+    simulators = [m for m in entries if hasattr(m, "predict") and hasattr(m, "max_lag")]
+    entries = [m for m in entries if not any(m is s for s in simulators)]
+    if options.get("check", True):
+        check_closed_loop(data, data.name or "identify")
+    else:
+        data = replace(data, findings=(*data.findings, *closed_loop(data)))
+    template = like or process("P1")
+    given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
+    ladder = Ladder(replace(data, findings=()), template, given, progress)
+    given_models = [resolve_entry(m, data) for m in entries]
+    record = search_record(ladder)
+    result = search_models(replace(ladder, data=record.data), record, held_out, given_models)
+    result = finish(ladder, data, result, record)
+    rows = [
+        simulator_row(m, f"{type(m).__name__}, {k}", data, held_out)
+        for k, m in enumerate(simulators, 1)
+    ]
+    if not rows:
+        return result
+    return replace(result, table=pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True))
+
+
+def identify(
+    data: IOData | pd.DataFrame | str | Path | tuple[Any, ...],
+    *models: Entry | Sequence[Entry],
+    input: str | Sequence[str] = (),
+    output: str | Sequence[str] = (),
+    time: str | None = None,
+    time_unit: str | None = None,
+    run: str | None = None,
+    dt_s: float | None = None,
+    resample_s: float | None = None,
+    hold: Holds | Literal["auto"] | None = None,
+    **options: Any,
+) -> Comparison:
+    """Compare models of the dynamics between two columns, validate them, and recommend one.
+
+    Parameters
+    ----------
+    data
+        A table with one row for each sample: a DataFrame, or a file (CSV, LVM, TDMS or Parquet), of
+        which ``input`` and ``output`` name columns. Or a tuple (u, y, dt_s) of arrays or Series, or
+        IOData.
+    models
+        Models to compare; without any, process models of one to three lags.
+    input, output, time, time_unit, run, dt_s, resample_s
+        As for :func:`tcdyn.identification.from_frame`; only of a table.
+    hold
+        The input between samples; by default that of IOData, else selected from the samples.
+    options
+        As for :func:`compare`.
+
+    Returns
+    -------
+    Comparison
+        ``best`` is the fit of the recommended model, ``summary()`` the conclusion.
+
+    Raises
+    ------
+    InputError
+        For data from which no model can be identified.
+
+    Examples
+    --------
+    >>> from tcdyn.chain import Chain
+    >>> heater = np.repeat([0.0, 1.0, 0.0, 1.0], 50)
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.01, 200)
+    >>> reading = Chain(0.8).response(heater, 0.1, "zoh") + noise
+    >>> index = pd.Index(0.1 * np.arange(200), name="time_s")
+    >>> table = pd.DataFrame({"heater": heater, "T_degC": reading}, index)
+    >>> result = identify(table, "P1", "P1D", input="heater", output="T_degC")
+    >>> result.recommended, round(result.best.identified.theta["Tp1"], 1)
+    ('P1', 0.8)
+    """
+    columns: dict[str, Any] = {
+        "time": time,
+        "time_unit": time_unit,
+        "run": run,
+        "dt_s": dt_s,
+        "resample_s": resample_s,
+    }
+    if isinstance(data, str | Path):
+        data = from_csv(data, input=input, output=output, hold=hold or "auto", **columns)
+    elif isinstance(data, pd.DataFrame):
+        data = from_frame(data, input=input, output=output, hold=hold or "auto", **columns)
+    elif isinstance(data, IOData):
+        data = with_hold(data, hold) if hold else data
+    else:
+        data = with_hold(as_data(data), hold or "auto")
+    return compare(data, *models, **options)
+
+
+def search_models(
+    ladder: Ladder, record: SearchRecord, held_out: IOData | float, given_models: Sequence[Model]
+) -> Comparison:
+    """Compare the models on the record of the search.
+
+    Parameters
+    ----------
+    ladder
+        The record of the search and the options.
+    record
+        The same record, and how it was made.
+    held_out
+        As in :func:`compare`.
+    given_models
+        The models that the caller has named; none for the ladder.
+
+    Returns
+    -------
+    Comparison
+        Table, fits and recommendation.
+    """
+    if isinstance(held_out, IOData):
+        held_out = block_means(held_out, record.block)
+    task = Task(ladder.data, held_out, ladder.progress, {**ladder.options, "check": False})
+
+    def fit_models(ladder: Ladder) -> tuple[Mapping[str, Fit | InputError], Setting]:
+        """Return the fits of the given models, or of the ladder, and their setting."""
+        return fit_given(ladder, given_models) if given_models else select_structures(ladder)
+
+    fits, setting = fit_models(ladder)
+    result = score(task, fits, setting)
+    is_doubtful = not is_adequate(result.best) or explains_little(result.best)
+    if setting.is_disturbed and is_doubtful:
+        fits, setting = fit_models(ladder.with_white_noise())
+        result = prefer_held_out(result, score(task, fits, setting))
+    if not given_models and not is_adequate(result.best):
+        result = add_common_pole_model(task, result, ladder.template)
+    return replace(result, are_given=bool(given_models))
+
+
+def simulator_row(model: Any, name: str, data: IOData, held_out: IOData | float) -> dict[str, Any]:
+    """Return the row of a fitted model of sysidentpy, scored by free simulation.
+
+    Parameters
+    ----------
+    model
+        The model, fitted to inputs and output in the units of the data.
+    name
+        Its name in the table.
+    data, held_out
+        As in :func:`compare`.
+
+    Returns
+    -------
+    dict
+        Values by column; no criteria, for the model may have been fitted to other data.
+
+    Notes
+    -----
+    Each run starts with its first ``max_lag`` measured outputs, which are not scored.
+    """
+    row = {"model": name, "remark": "as given, scored by free simulation", "determined": False}
+    _, test, from_s = split_held_out(data, held_out)
+    scores = []
+    for record, first_s in ((data, -np.inf), (test, from_s)):
+        if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in record.runs):
+            return {**row, "remark": "not scored: samples are missing"}
+        errors = []
+        departures = []
+        for k, run in enumerate(record.runs):
+            lag = model.max_lag
+            simulated = np.ravel(model.predict(X=run.u, y=run.y[:lag]))
+            is_scored = (record.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
+            y = run.y[is_scored, 0]
+            errors.append(y - simulated[is_scored])
+            departures.append(y - y.mean())
+        rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+        spread = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
+        scores += [rms, 100 * (1 - rms / max(spread, 1e-300))]
+    columns = ("rms", "fit_percent", "held_out_rms", "held_out_percent")
+    return {**row, "parameters": len(np.ravel(model.theta)), **dict(zip(columns, scores))}
+
+
+def resolve_entry(given: Entry, data: IOData) -> Model:
+    """The model to compare: by name or value, or with all parameters fixed to an existing model.
+
+    With several inputs a model of one input is taken for each of them.
+
+    Parameters
+    ----------
+    given
+        Name, model, fit, identified model or ``control`` system.
+    data
+        The record, for the names of its inputs.
+
+    Returns
+    -------
+    Model
+        The model; that of a fit has all its parameters fixed and the name "... as given".
+    """
+    identified = given.identified if isinstance(given, Fit) else given
+    if hasattr(given, "dcgain"):
+        identified = from_control(given)
+    inputs = data.input_names
+    if isinstance(identified, Identified):
+        model = identified.model
+        theta = identified.theta
+        default_labels = tuple(f"u[{k}]" for k in range(len(inputs)))
+        if model.inputs == default_labels:  # of the control package: inputs by their position
+            model = several(model.submodels, inputs)
+            theta = {}
+            for k, name in enumerate(inputs):
+                for n, full in identified.model.branch(k)[1].items():
+                    theta[f"{n}.{name}"] = identified.theta[full]
+        return replace(model, name=f"{model.name} as given", fixed=theta)
+    model = as_model(identified)
+    if model.submodels or len(inputs) == 1:
+        return model
+    return several([model] * len(inputs), inputs)
+
+
+def distinct_models(models: Sequence[Model]) -> list[Model]:
+    """The models without repeats; different ones of the same name are numbered."""
+    named: dict[str, Model] = {}
+    for model in models:
+        pattern = re.escape(model.name) + r"(, \d+)?"
+        same_name = [n for n in named if re.fullmatch(pattern, n)]
+        if any(replace(named[n], name=model.name) == model for n in same_name):
+            continue
+        name = f"{model.name}, {len(same_name) + 1}" if same_name else model.name
+        named[name] = replace(model, name=name)
+    return list(named.values())
+
+
+def fit_given(
+    ladder: Ladder, models: Sequence[Model]
+) -> tuple[dict[str, Fit | InputError], Setting]:
+    """Fit the models that the caller has named, under one selected setting.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    models
+        The models.
+
+    Returns
+    -------
+    fits
+        Fits by name, or the error of a model that cannot be fitted.
+    setting
+        The setting.
+
+    Raises
+    ------
+    InputError
+        Where no model can be fitted.
+    """
+    distinct = distinct_models(models)
+
+    def fit_all(setting: Setting) -> dict[str, Fit | InputError]:
+        """Return the fit, or the error, of each model."""
+        results: dict[str, Fit | InputError] = {}
+        for number, model in enumerate(distinct, 1):
+            ladder.progress(model.name, number, len(distinct))
+            try:
+                results[model.name] = ladder.checked_fit(model, setting)
+            except InputError as error:
+                results[model.name] = error
+        return results
+
+    setting = Setting.first(ladder.options)
+    fits = fit_all(setting)
+    fitted = [f for f in fits.values() if isinstance(f, Fit)]
+    if not fitted:
+        raise next(f for f in fits.values() if isinstance(f, InputError))
+    selected, _ = ladder.select_setting(fitted, setting)
+    if selected != setting:
+        fits = fit_all(selected)
+    return fits, selected
+
+
+def score(task: Task, fits: Mapping[str, Fit | InputError], setting: Setting) -> Comparison:
+    """Score fits on held-out data, and recommend one.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    fits
+        Fits by name under one setting, or errors.
+    setting
+        The setting.
+
+    Returns
+    -------
+    Comparison
+        Table, fits and recommendation. A model that cannot be fitted has a row with a remark.
+    """
+    fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
+    ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
+    scored = {*ranked[:N_HELD_OUT], *ALWAYS_HELD_OUT}
+    setting_task = replace(task, options={**setting.options, **task.options})
+    rows: list[dict[str, Any]] = []
+    for name, result in fits.items():
+        if isinstance(result, InputError):
+            rows.append({"model": name, "remark": str(result), "determined": False})
+            continue
+        held_out = (np.nan, np.nan, np.nan)
+        if name in scored:
+            held_out = setting_task.held_out_error(result, start=result.identified.theta)
+        rows.append(_table_row(name, result, held_out))
+    table = pd.DataFrame(rows).sort_values(
+        "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
+    )
+    recommended, reason = recommend(table, overdamped(fitted))
+    return Comparison(table, fitted, recommended, reason)
+
+
+def _table_row(name: str, full: Fit, held_out: tuple[float, float, float]) -> dict[str, Any]:
+    """Return the row of a model: statistics of the fit and of the held-out simulation.
+
+    Parameters
+    ----------
+    name
+        Name of the model.
+    full
+        Fit to all of the data.
+    held_out
+        Rms error, fit percent and p value of the held-out simulation.
+
+    Returns
+    -------
+    dict
+        Values by column. ``tcdyn.identification.recommendation`` reads these names.
+    """
+    statistics = full.identified.statistics
+    held_out_rms, held_out_percent, p_held_out = held_out
+    return {
+        "model": name,
+        "parameters": int(statistics["parameters"]),
+        "fit_percent": statistics["fit_percent"],
+        "rms": statistics["rms"],
+        "AICc": statistics["aicc"],
+        "BIC": statistics["bic"],
+        "held_out_rms": held_out_rms,
+        "held_out_percent": held_out_percent,
+        "p_held_out": p_held_out,
+        "p_white": statistics["p_white"],
+        "p_input": statistics["p_input"],
+        "remark": "; ".join(full.warnings),
+        "determined": not full.findings,
+    }
+
+
+def overdamped(fits: Mapping[str, Fit]) -> list[str]:
+    """Models with a pair of poles (U) that are real, where two lags fit no worse.
+
+    The data determine the two lags, or do not determine the pair either.
+
+    Parameters
+    ----------
+    fits
+        Fits by the name of the model.
+
+    Returns
+    -------
+    list of str
+        Names of those models.
+    """
+    names = []
+    for name, result in fits.items():
+        structures = name.split(" + ")
+        for k, part in enumerate(result.identified.by_input.values()):
+            if part.theta.get("Zeta", 0.0) < 1:
+                continue
+            with_lags = [*structures[:k], structures[k].replace("U", ""), *structures[k + 1 :]]
+            two_lags = fits.get(" + ".join(with_lags))
+            if two_lags is not None and (result.findings or not two_lags.findings):
+                names.append(name)
+    return names
+
+
+def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
+    """Return the other comparison where its model simulates the held-out data better."""
+    error = result.best_row["held_out_rms"]
+    other_error = other.best_row["held_out_rms"]
+    return other if other_error < HELD_OUT_GAIN_RATIO * error else result
+
+
+def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Comparison:
+    """Add a transfer function whose inputs share their poles, if it is better.
+
+    See :func:`tcdyn.identification.shared_poles.best_common_pole_fit`.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    result
+        The comparison so far.
+    template
+        What all models have: known factor, offset, fixed gain.
+
+    Returns
+    -------
+    Comparison
+        With that model as the recommended one, or ``result`` unchanged.
+    """
+    if task.options.get("loss", "linear") != "linear":
+        return result
+    task.progress("common poles", 1, 1)
+    better = best_common_pole_fit(task, result.best, result.best_row["held_out_rms"], template)
+    if better is None:
+        return result
+    fit_of_poles, ratio, error = better
+    name = fit_of_poles.problem.model.name
+    row = _table_row(name, fit_of_poles, error)
+    table = pd.concat([pd.DataFrame([row]), result.table], ignore_index=True)
+    reason = replace(
+        result.reason,
+        code="models.foresees",
+        subject=name,
+        numbers={
+            "white": not has_coloured_residuals(fit_of_poles),
+            "other": result.recommended,
+            "ratio": ratio,
+        },
+    )
+    return Comparison(table, {name: fit_of_poles, **result.fits}, name, reason)
+
+
+def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecord) -> Comparison:
+    """Fit the recommended model once more, with profile intervals and the average over noise.
+
+    A large record is fitted to all rows (:func:`tcdyn.identification.large_records.fit_all_rows`).
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    data
+        The record with its findings.
+    result
+        The comparison.
+    record
+        The record of the search.
+
+    Returns
+    -------
+    Comparison
+        With the final fit, the findings of the record, and the disturbance in its reason.
+    """
+    best = result.best
+    initial = best.problem.initial
+    options = {"initial": initial, **ladder.options, "check": False}
+    start = best.identified.theta
+    model = best.problem.model
+    final = best
+    is_part = record.data is not ladder.data
+    if is_part:
+        final = fit_all_rows(ladder, best, record)
+    elif best.loss == "linear" and not model.arx and model.free:
+        own = {**best.disturbance, **options}
+        final = fit(ladder.data, model, **own, start=start)
+        final = average_noise(final, ladder.options, ladder.fit_model)
+    numbers = dict(result.reason.numbers)
+    if is_part:
+        n_measured = record.data.n_samples - record.data.missing
+        share = n_measured * record.block / max(data.n_samples - data.missing, 1)
+        numbers |= {"block": record.block, "share": min(share, 1.0)}
+        # the conclusion is about the fit to all rows
+        table = result.table.copy()
+        tests = ["p_white", "p_input"]
+        statistics = final.identified.statistics
+        table.loc[table["model"] == result.recommended, tests] = [statistics[t] for t in tests]
+        result = replace(result, table=table)
+    if initial == "estimated" and "initial" not in ladder.options:
+        numbers["freed"] = True
+    noise = final.noise
+    if noise.averaged:
+        is_finite = noise.time_constant < len(final.residual)
+        numbers["order"] = list(noise.order)
+        numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
+        numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
+    elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
+        numbers["order"] = list(noise.order)
+        numbers["baseline"] = final.disturbance["baseline"]
+    final = add_findings(final, tuple(check_holds(ladder, final)))
+    fits = {**result.fits, result.recommended: final}
+    fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
+    reason = replace(result.reason, numbers=numbers)
+    return replace(result, fits=fits, reason=reason)
+
+
+def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping[str, Estimate]]:
+    """Average gain and lag over models by their BIC.
+
+    Parameters
+    ----------
+    best
+        The recommended model.
+    fits
+        Fits of all models; those of other rows are left out.
+
+    Returns
+    -------
+    mapping
+        By input, "gain" and "lag_s"; empty for an integrator.
+    """
+    if best.identified.model.integrators:
+        return {}
+    n = best.problem.n_measured
+    usable = [f for f in fits if not f.identified.model.integrators and f.problem.n_measured == n]
+    others = [f for f in usable if f is not best and f.problem.initial == best.problem.initial]
+    # the final fit has another noise model; its BIC is that of the smallest model in the table
+    least = min((bic(f) for f in others), default=0.0)
+    own = min(bic(best), least) if best.noise.white else least
+    scores = np.array([own, *(bic(f) for f in others)])
+    weights = np.exp(-0.5 * (scores - scores.min()))
+    likely = [
+        (weight, f.identified.by_input)
+        for weight, f in zip(weights.tolist(), [best, *others])
+        if weight >= MIN_WEIGHT * weights.max()
+    ]
+    averages: dict[str, dict[str, Estimate]] = {}
+    for name in best.identified.by_input:
+        used = [(weight, models[name]) for weight, models in likely if models[name].gain]
+        if used:
+            used_weights = [weight for weight, _ in used]
+            averages[name] = {
+                "gain": mixture([model.static_gain for _, model in used], used_weights),
+                "lag_s": mixture([model.lag_s for _, model in used], used_weights),
+            }
+    return averages
+
+
+def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
+    """Return the recommended models of several outputs: a row for each output and input.
+
+    Parameters
+    ----------
+    comparisons
+        Comparison of each output.
+
+    Returns
+    -------
+    DataFrame
+        Model, gain, lag, scores and severity of the conclusion, as texts.
+    """
+    rows = []
+    for output, comparison in comparisons.items():
+        best = comparison.best.identified
+        for name, model in best.by_input.items():
+            has_lag = model.gain and not best.model.integrators
+            rows.append(
+                {
+                    "output": output,
+                    "input": name,
+                    "model": model.model.name,
+                    "gain": f"{model.gain:.4g}",
+                    "lag": model.lag_s.text("s") if has_lag else "",
+                    "fit [%]": f"{comparison.best_row['fit_percent']:.2f}",
+                    "held out [%]": f"{comparison.best_row['held_out_percent']:.2f}",
+                    "grade": comparison.conclusion.severity.name.lower(),
+                }
+            )
+    return pd.DataFrame(rows)

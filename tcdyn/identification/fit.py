@@ -1,0 +1,646 @@
+"""Fit a continuous-time model to sampled data: output-error or prediction-error estimate.
+
+The result has parameters with uncertainty, a noise model and validated residuals. ``fit`` is the
+public function; the other modules of the package use it too. The order of its stages: checks, white
+noise, robust loss or input noise, selection of the setting (``tcdyn.identification.setting``), average
+over slow noise, intervals. ``tests/identify/test_identify_fit.py``
+and ``test_identify_studies.py`` in that folder check recovery and coverage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, warning
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation import (
+    Loss,
+    NoiseModel,
+    Optimum,
+    minimise,
+)
+from tcdyn.identification.causality import check_causality
+from tcdyn.identification.closed_loop import check_closed_loop
+from tcdyn.identification.disturbance import (
+    Baseline,
+    NoiseName,
+    alternate,
+    average_over_noise,
+    input_noise_model,
+    mix_averages,
+    noise_estimator,
+    without_spikes,
+)
+from tcdyn.identification.identified import Identified
+from tcdyn.identification.intervals import Covariance, parameter_covariance, replace_poor_intervals
+from tcdyn.identification.iodata import IOData, as_data
+from tcdyn.identification.knowledge import (
+    check_knowledge,
+    checked_weights,
+    measured_rows,
+    without_samples,
+)
+from tcdyn.identification.models import Model, as_model, base_name, input_suffix, same_input
+from tcdyn.identification.problem import IdentificationProblem, Initial
+from tcdyn.identification.responses import slowest_time_constant_s
+from tcdyn.identification.search import (
+    Fit,
+    criteria,
+    distinct_starts,
+    first_moment,
+    make_problem,
+    residual_sd,
+    search,
+    search_findings,
+    sort_lags,
+)
+from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES
+from tcdyn.identification.setting import Setting, average_noise, select_setting
+from tcdyn.identification.starting_values import (
+    single_input_problems,
+    solve_linear_parameters,
+    starts,
+)
+from tcdyn.identification.validate import has_coloured_residuals, validate
+
+Intervals = Literal["auto", "quadratic", "profile"]  # kind of the intervals
+
+# Limits of the findings about parameters, chosen by judgement.
+MAX_RELATIVE_U = 0.5  # standard uncertainty over value, above which a parameter is undetermined
+MAX_SLOW_SHARE = 0.5  # slowest time constant over the record's length; above, gain is extrapolated
+MIN_LAG_DIFFERENCE = 1e-2  # relative difference of two lags, below which they are equal
+
+
+@one_blas_thread
+def fit(
+    data: IOData | tuple[Any, ...],
+    model: Model | str = "P1D",
+    *,
+    initial: Initial | Literal["auto"] = "auto",
+    noise: tuple[int, int] | NoiseName = "auto",
+    baseline: Baseline = "auto",
+    loss: Loss = "linear",
+    covariance: Covariance = "auto",
+    intervals: Intervals = "auto",
+    start: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
+    check: bool = True,
+    input_noise: float | Literal["auto"] = "auto",
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    weights: ArrayLike | None = None,
+) -> Fit:
+    """Least-squares simulation fit of a model to data, with uncertainties.
+
+    Starting values are not needed.
+
+    Parameters
+    ----------
+    data
+        One output, and as many inputs as the model has; or a tuple (u, y, dt_s), whose input is a
+        straight line between samples.
+    model
+        Model or its name.
+    initial
+        The record starts in "equilibrium" with its first input, from "zero", or from a state that
+        is "estimated"; "auto" selects it (:func:`tcdyn.identification.setting.select_setting`).
+    noise
+        "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
+        minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
+        first-order noise; "auto", selected from the data where the residuals of white noise are
+        coloured.
+    baseline
+        "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto" as
+        for ``noise``.
+    loss
+        "linear", or "huber" or "bisquare" against outliers.
+    covariance
+        "classical", "robust" (sandwich) or "auto": robust where residuals are coloured.
+    intervals
+        "quadratic", "profile" (profile likelihood) or "auto": profile where the quadratic
+        interval is poor.
+    start
+        Parameters to start from, or several sets, of which the most promising is used.
+    check
+        Whether to check that the output does not move before the input, and that the input is not
+        computed from the output (closed loop).
+    input_noise
+        Standard deviation of a measured input's noise, 0 for an exact input; "auto" estimates it
+        from the samples. With noise, the input's level before a run in equilibrium is estimated:
+        its first sample is one reading of it.
+    bounds
+        Lower and upper bound of parameters, ``{"Tp1": (1, 5)}``.
+    prior
+        Mean and standard uncertainty of parameters from elsewhere, ``{"Kp": (1.0, 0.01)}``: a
+        normal distribution; of the logarithm where the parameter is positive.
+    weights
+        Weights (N,) of all samples of the data: the variance of the noise is inversely proportional
+        to them. Samples of weight zero are left out.
+
+    Returns
+    -------
+    Fit
+        The identified model, its problem, residuals and covariance.
+
+    Raises
+    ------
+    InputError
+        For data from which the model cannot be identified.
+
+    Notes
+    -----
+    Minimises sum (y - offset - G u)^2, with G exact under the data's hold and a continuous dead
+    time.
+
+    Every stage starts from the result of the one before, so the order cannot be changed freely. The
+    checks come first because a closed loop fits well.
+    ``tests/identify/test_identify_closed_loop.py`` and ``tests/identify/test_identify_mixed.py``
+    fail otherwise.
+
+    Examples
+    --------
+    >>> u = np.repeat([0.0, 1.0, 0.0, 1.0], 25)
+    >>> from tcdyn.chain.rational import simulate
+    >>> truth = as_model("P1D").rational({"Kp": 2.0, "Tp1": 0.8, "Td": 0.13})
+    >>> data = IOData.from_arrays(u, simulate(truth, u, 0.1, "zoh"), 0.1, hold="zoh")
+    >>> round(fit(data, "P1D").identified.theta["Td"], 6)
+    0.13
+    """
+    data = as_data(data)
+    structure = as_model(model)
+    check_knowledge(structure, bounds or {}, prior or {})
+    options: dict[str, Any] = {
+        "loss": loss,
+        "covariance": covariance,
+        "input_noise": input_noise,
+        "bounds": bounds or {},
+        "prior": prior or {},
+    }
+    if weights is not None:
+        options["weights"] = checked_weights(data, weights)
+        data = without_samples(data, options["weights"] == 0)
+    selectable = {"initial": initial, "noise": noise, "baseline": baseline}
+    given = {name: value for name, value in selectable.items() if value != "auto"}
+    setting = Setting.first(given)
+    start_sets = [start] if isinstance(start, Mapping) else start or []
+    is_walk = setting.baseline in ("walk", "auto")
+    first = setting
+    if loss != "linear":
+        first = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
+    result = fit_setting(data, structure, first, start_sets, check=check, **options)
+    fitted = data
+    if loss != "linear":
+        is_slow = is_walk or setting.noise == "slow"
+        is_selected = not {"noise", "baseline"} <= set(given)
+        if is_slow or (is_selected and has_coloured_residuals(result)):
+            # a robust loss would treat the crests of slow noise as outliers
+            fitted = without_spikes(data, result)
+            options["loss"] = "linear"
+    if fitted is not data or first != setting:
+        result = fit_setting(fitted, structure, setting, start_sets, **options)
+
+    def fit_model(
+        model: Model, changed: Setting, start_sets: Sequence[Mapping[str, float]]
+    ) -> Fit | None:
+        """Return the fit under another setting, or None where there is none."""
+        try:
+            return fit_setting(fitted, model, changed, start_sets, **options)
+        except InputError:
+            return None
+
+    given["loss"] = options["loss"]
+    _, result = select_setting([result], setting, given, fit_model)
+    result = average_noise(result, given, fit_model)
+    result = replace(result, loss=loss)
+    is_weighted = result.optimum.weights is not None
+    if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
+        result = replace_poor_intervals(result, intervals == "profile")
+    return add_findings(result, data.findings)
+
+
+def fit_setting(
+    data: IOData,
+    model: Model,
+    setting: Setting,
+    start_sets: Sequence[Mapping[str, float]] = (),
+    *,
+    loss: Loss,
+    covariance: Covariance,
+    input_noise: float | Literal["auto"],
+    bounds: Mapping[str, tuple[float, float]],
+    prior: Mapping[str, tuple[float, float]],
+    weights: Array | None = None,
+    check: bool = False,
+) -> Fit:
+    """Return the fit under one setting, with quadratic intervals.
+
+    Parameters
+    ----------
+    data, model
+        Data and model.
+    setting
+        Initial state, noise and baseline.
+    start_sets
+        Sets of parameters to start from; none for the starting values of the package.
+    loss, covariance, input_noise, bounds, prior, weights, check
+        As in :func:`fit`.
+
+    Returns
+    -------
+    Fit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        For data from which the model cannot be identified.
+    """
+    where = data.name or "identify"
+    is_walk = setting.baseline == "walk"
+    if weights is not None and (loss != "linear" or model.arx or is_walk):
+        raise InputError(
+            "weights are given",
+            where=where,
+            expected="the linear loss, no random walk, and no ARX model",
+        )
+    if model.arx and setting.is_disturbed:
+        raise InputError(
+            f"{model.name} has the noise of its own poles",
+            remedy="leave noise and baseline out",
+        )
+    problem = make_problem(data, model, setting.initial, input_noise)
+    problem = replace(problem, trend=setting.baseline == "trend", limits=bounds, priors=prior)
+    if check:
+        check_closed_loop(data, where)
+        for single in single_input_problems(problem):
+            check_causality(single, where)
+    problem, optimum = _fit_white(problem, start_sets)
+    if weights is not None:
+        optimum = _fit_weighted(problem, optimum, measured_rows(problem, data, weights))
+    elif loss != "linear":
+        optimum = sort_lags(
+            problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
+        )
+    row_weights = optimum.weights
+    noise = NoiseModel()
+    if model.arx:
+        noise = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
+    elif setting.noise == "slow" and not is_walk:
+        return _fit_average(data, problem, optimum, setting.baseline == "auto", covariance)
+    elif setting.noise != "white" or is_walk:
+        estimator = noise_estimator(setting.noise, is_walk)
+        problem, optimum, noise = alternate(problem, optimum, estimator)
+    elif problem.input_sd and loss == "linear":
+        problem, optimum, noise = alternate(problem, optimum, input_noise_model)
+    return make_fit(data, problem, optimum, noise, loss, covariance, weights=row_weights)
+
+
+def _fit_white(
+    problem: IdentificationProblem, start_sets: Sequence[Mapping[str, float]]
+) -> tuple[IdentificationProblem, Optimum]:
+    """Fit with white noise: the output-error estimate.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    start_sets
+        Parameters by name to start from; none for the starting values of the package.
+
+    Returns
+    -------
+    problem
+        The problem with the time scale of its initial states and the noise of the output.
+    optimum
+        Its optimum.
+    """
+    zeros = dict.fromkeys(problem.model.names, 0.0)
+    given = [solve_linear_parameters(problem, {**zeros, **s})[1] for s in start_sets]
+    optimum = search(problem, start=given)
+    if any(problem.has_free_state):
+        # initial states are searched best in the time scale of the model; linear parameters anew
+        time_scale_s = first_moment(problem, optimum.theta)
+        problem = replace(problem, time_scale_s=time_scale_s)
+        x = solve_linear_parameters(problem, problem.theta(optimum.theta))[1]
+        optimum = search(problem, start=x)
+    if problem.prior_precision.any():
+        # the weight of an input's first sample needs the output's noise
+        problem = replace(problem, noise_sd=residual_sd(optimum, problem))
+        optimum = search(problem, start=optimum.theta)
+    return problem, optimum
+
+
+def _fit_weighted(problem: IdentificationProblem, optimum: Optimum, weights: Array) -> Optimum:
+    """Return the optimum with weights (N,) of the residuals, from that without."""
+    core = problem.least_squares_problem(root=np.sqrt(weights))
+    weighted = search(problem, core, optimum.theta)
+    rows = optimum.problem.evaluate(weighted.theta)
+    assert rows is not None
+    return replace(
+        weighted, problem=optimum.problem, residual=rows[0], jacobian=rows[1], weights=weights
+    )
+
+
+def add_findings(result: Fit, findings: tuple[Finding, ...]) -> Fit:
+    """Return the fit with more findings."""
+    if not findings:
+        return result
+    identified = replace(result.identified, findings=(*result.identified.findings, *findings))
+    return replace(result, identified=identified)
+
+
+def _fit_average(
+    data: IOData,
+    problem: IdentificationProblem,
+    optimum: Optimum,
+    may_drift: bool,
+    covariance: Covariance,
+) -> Fit:
+    """Fit by averaging over slow first-order noise models (:mod:`tcdyn.estimation.noise_average`).
+
+    Parameters
+    ----------
+    data
+        The record.
+    problem, optimum
+        The identification problem and its optimum with white noise.
+    may_drift
+        Whether a linear drift of each run is averaged over too.
+    covariance
+        As in :func:`fit`.
+
+    Returns
+    -------
+    Fit
+        The fit. Its statistics ``p_walk`` and ``p_drift`` are the probabilities of a random walk
+        and of a linear drift.
+    """
+    weights = optimum.weights
+    fits = [(problem, optimum)]
+    if may_drift:
+        with_trend = replace(problem, trend=True)
+        no_drift = np.append(optimum.theta, np.zeros(with_trend.size - problem.size))
+        candidates = [no_drift, *distinct_starts(with_trend, starts(with_trend))]
+        best = search(with_trend, start=candidates)
+        if weights is not None:
+            best = _fit_weighted(with_trend, best, weights)
+        fits.append((with_trend, best))
+    average = mix_averages([average_over_noise(*each) for each in fits])
+    problem, best, noise, cov_x = average.point_estimate(weights)
+    result = make_fit(data, problem, best, noise, "linear", covariance, cov_x, weights)
+    probabilities = {"p_walk": average.p_walk, "p_drift": average.p_drift}
+    statistics = {**result.identified.statistics, **probabilities}
+    return replace(result, identified=replace(result.identified, statistics=statistics))
+
+
+def make_fit(
+    data: IOData,
+    problem: IdentificationProblem,
+    optimum: Optimum,
+    noise: NoiseModel,
+    loss: Loss,
+    covariance: Covariance,
+    cov_x: Array | None = None,
+    weights: Array | None = None,
+) -> Fit:
+    """The finished fit at an optimum: covariance, estimates, validation, statistics, findings.
+
+    Parameters
+    ----------
+    data, problem, optimum, noise, loss
+        The record, the identification problem, its optimum, noise model and loss.
+    covariance
+        As in :func:`fit`.
+    cov_x
+        Covariance of x (size, size) if it is known already.
+    weights
+        Robust weights (N,) whose roots the rows of ``optimum`` include already, if it has none
+        of its own.
+
+    Returns
+    -------
+    Fit
+        The fit with its statistics and findings.
+
+    Notes
+    -----
+    The keys of ``statistics`` are read by ``tcdyn.identification.comparison``, ``tcdyn.identification.ladder``
+    and the JSON file. ``tests/identify/test_identify_fit.py`` checks the criteria against the
+    textbook.
+    """
+    n = problem.n_measured
+    x = optimum.theta
+    rows = problem.evaluate(x)
+    assert rows is not None
+    residual = -rows[0]
+    root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
+    e = -optimum.residual * root
+    j = optimum.jacobian * root[:, None]
+    is_robust = cov_x is not None
+    if cov_x is None:
+        effective_loss = loss if optimum.weights is not None else "linear"
+        cov_x, is_robust = parameter_covariance(
+            problem, optimum, residual, e, j, covariance, effective_loss
+        )
+    scale = problem.natural_scale(x)
+    n_model = problem.n_model
+    cov_theta = (cov_x * np.outer(scale, scale))[:n_model, :n_model]
+    sse = float(e @ e)
+    identified = Identified.of(
+        problem.model,
+        problem.theta(x),
+        cov_theta,
+        offset=final_offset(problem, x, residual, noise),
+        noise_sd=float(np.sqrt(sse / (n - problem.size))),
+        hold=data.hold,
+        dt_s=problem.dt_s,
+        input_name=", ".join(data.input_names),
+        output_name=data.output_names[0],
+        input_unit=", ".join(filter(None, dict.fromkeys(data.input_units))),
+        output_unit=data.output_units[0],
+    )
+    effective_weights = weights if optimum.weights is None else optimum.weights
+    result = Fit(
+        identified, problem, optimum, residual, e, j, cov_x, noise, loss, effective_weights
+    )
+    validation = validate(result)
+    count = problem.size + 1 + noise.n_parameters
+    # with a random walk, one sample after each gap determines its level
+    n_levels = len(problem.residual_slices) - 1 if noise.is_random_walk else 0
+    dof = max(n - n_levels, 1)
+    deviance = n * np.log(max(sse, 1e-300) / dof) + noise.log_determinant(problem.residual_slices)
+    statistics = {
+        "n": float(n),
+        "parameters": float(count - 1),
+        "fit_percent": validation.fit_percent,
+        "rms": validation.rms,
+        **criteria(deviance, count, n),
+        "p_white": validation.whiteness.p,
+        "p_input": validation.input.p,
+        "robust_covariance": float(is_robust),
+    }
+    findings = (
+        *parameter_findings(optimum, identified),
+        *slow_responses(identified, problem.longest_segment_s),
+    )
+    identified = replace(
+        identified, statistics=statistics, sentence=validation.sentence, findings=findings
+    )
+    return replace(result, identified=identified)
+
+
+def final_offset(
+    problem: IdentificationProblem, x: Array, residual: Array, noise: NoiseModel
+) -> float:
+    """Return the offset of the model at the end of the data, in the output's unit.
+
+    A drift is not extrapolated.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    x
+        The vector (size,).
+    residual
+        Measured minus model (N,).
+    noise
+        The noise model.
+
+    Returns
+    -------
+    float
+        The mean offset of the runs, plus the mean drift at their ends, plus the last level of a
+        random walk.
+    """
+    offsets = x[problem.n_model : problem.offset_and_state_slices[0][1].start]
+    level = float(np.mean(offsets)) if len(offsets) else 0.0
+    if problem.trend:
+        ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}
+        spans = [ends[run] - problem.run_start_s[run] for run in sorted(ends)]
+        drifts = x[-len(problem.run_start_s) :]
+        level += float(np.mean(drifts * spans)) / problem.longest_segment_s
+    if noise.is_random_walk:
+        level += float(np.mean(residual[-MIN_SEGMENT_SAMPLES:]))
+    return level
+
+
+def slow_responses(identified: Identified, longest_s: float) -> list[Finding]:
+    """Return warnings for inputs whose response is slower than the record can show.
+
+    Parameters
+    ----------
+    identified
+        The identified model.
+    longest_s
+        Length of the longest segment [s].
+
+    Returns
+    -------
+    list of Finding
+        A warning for each lag whose uncertainty is larger than the record is long, and one for each
+        slowest time constant above ``MAX_SLOW_SHARE`` of the record: the final value, and with it
+        the gain, is then an extrapolation.
+    """
+    if identified.model.integrators:
+        return []
+    findings = []
+    for name, model in identified.by_input.items():
+        lag_u = model.lag_s.u
+        slowest_s = slowest_time_constant_s(model.rational)
+        subject = "the lag" if len(identified.by_input) == 1 else f"the lag behind {name}"
+        if lag_u > longest_s:
+            findings.append(
+                warning("fit.lag_unbounded", subject=subject, u=lag_u, longest_s=longest_s)
+            )
+        if model.gain and slowest_s > MAX_SLOW_SHARE * longest_s:
+            findings.append(
+                warning("fit.slow_pole", subject=name, slowest_s=slowest_s, longest_s=longest_s)
+            )
+    return findings
+
+
+def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
+    """Return warnings about parameters: at a bound, equal lags, undetermined, indistinct.
+
+    Parameters
+    ----------
+    optimum
+        The optimum.
+    identified
+        The model with its estimates.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one warning for each parameter, and those of the complete model.
+
+    Notes
+    -----
+    A model with any finding counts as not determined in
+    ``tcdyn.identification.recommendation.recommend``, so stricter limits recommend smaller models.
+    ``tests/identify/test_identify_fit.py`` checks each warning.
+    """
+
+    def judge(name: str, estimate: Estimate) -> Finding | None:
+        """Return a warning about equal lags or an undetermined parameter."""
+        if _has_equal_lag(name, identified):
+            return warning("fit.twin", subject=name)
+        if _is_undetermined(name, estimate, identified):
+            return warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
+        return None
+
+    return search_findings(optimum, identified.estimates, identified.model.name, judge)
+
+
+def _has_equal_lag(name: str, identified: Identified) -> bool:
+    """Whether another lag of the same input is equal.
+
+    The cost then hardly depends on their difference.
+    """
+    lags = [n for n in identified.model.free if n[:2] == "Tp"]
+    if name not in lags:
+        return False
+    value = identified.estimates[name].value
+    others = [n for n in lags if n != name and input_suffix(n) == input_suffix(name)]
+    return any(abs(identified.theta[n] / value - 1) < MIN_LAG_DIFFERENCE for n in others)
+
+
+def _is_undetermined(name: str, estimate: Estimate, identified: Identified) -> bool:
+    """Whether the uncertainty of a parameter is large against its size.
+
+    A zero is compared with the lags of its input, because it may be small itself.
+
+    Parameters
+    ----------
+    name
+        Name of the parameter.
+    estimate
+        Its estimate.
+    identified
+        The model.
+
+    Returns
+    -------
+    bool
+        False for parameters that may be zero or negative, such as a dead time.
+    """
+    is_zero = base_name(name) == "Tz"
+    if not (is_zero or base_name(name) == "Kp" or identified.model.positive(name)):
+        return False
+    size = abs(estimate.value)
+    if is_zero:
+        lags = [
+            value
+            for n, value in identified.theta.items()
+            if n[:2] in ("Tp", "Tw", "Tc") and same_input(n, name)
+        ]
+        size = max(size, sum(lags))
+    return estimate.u > MAX_RELATIVE_U * size

@@ -1,0 +1,264 @@
+"""Held-out error: how well a fit simulates data that it has not used.
+
+``tcdyn.identification.comparison`` and ``shared_poles`` use it to compare models.
+The simulation has only its initial state and, in one case, its level fitted; all else comes from
+the fit. ``tests/identify/test_identify_closed_forms.py``, ``test_identify_data.py`` and
+``test_identify_equation.py`` in that folder guard it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import fdtrc
+
+from tcdyn.core.errors import InputError
+from tcdyn.estimation import correlation_length
+from tcdyn.identification.fit import fit
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.search import Fit
+from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES, split_segments
+from tcdyn.identification.starting_values import solve_linear_parameters
+
+# Memory of a disturbance over the length of the held-out record, above which the simulation starts
+# from the level that the disturbance has reached (chosen by judgement).
+LONG_MEMORY_SHARE = 0.3
+# Options of fits of which only a score is used.
+SCORING_OPTIONS: dict[str, Any] = {"intervals": "quadratic", "check": False}
+
+Progress = Callable[[str, int, int], None]  # name of the model, its number, the count of models
+
+
+def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
+    """Split a record into training data and test data.
+
+    Parameters
+    ----------
+    data
+        The record.
+    held_out
+        Another record, or the last share of ``data``, from 0 to 1; of several runs the last run.
+
+    Returns
+    -------
+    train
+        Training data; None where ``held_out`` is another record.
+    test
+        Test data; a share of one run keeps the complete run, for its state at the start.
+    from_s
+        Time from which the test error counts [s].
+
+    Raises
+    ------
+    InputError
+        For a share that is not between 0 and 1.
+    """
+    if isinstance(held_out, IOData):
+        return None, held_out, -np.inf
+    if not 0 < held_out < 1:
+        raise InputError(f"held_out is {held_out}", expected="a share between 0 and 1, or IOData")
+    if len(data.runs) > 1:
+        return replace(data, runs=data.runs[:-1]), data.run(len(data.runs) - 1), -np.inf
+    run = data.runs[0]
+    edge = run.start_s + (run.n - 1) * data.dt_s * (1 - held_out)
+    return data.between(None, edge), data, edge + 0.5 * data.dt_s
+
+
+def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
+    """Return rms error and fit percent of the simulation of other data.
+
+    See :func:`held_out_statistics`.
+
+    Parameters
+    ----------
+    result
+        The fit.
+    test
+        Data that the fit has not used.
+    from_s
+        Time from which the error counts [s].
+
+    Returns
+    -------
+    rms
+        Rms error in the output's unit.
+    percent
+        NRMSE fit percent; 100 is perfect, 0 as bad as the mean.
+    """
+    return held_out_statistics(result, test, from_s)[:2]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A comparison: the data, what is held out, and the options of every fit.
+
+    Parameters
+    ----------
+    data
+        The record.
+    held_out
+        Another record, or the last share of ``data``.
+    progress
+        Called before each fit.
+    options
+        Options of :func:`tcdyn.identification.fit`.
+    """
+
+    data: IOData
+    held_out: IOData | float
+    progress: Progress
+    options: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        """Check that the held-out share is possible."""
+        split_held_out(self.data, self.held_out)  # raises InputError for an unusable share
+
+    def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
+        """Return the held-out statistics of a model, fitted to the training data if there are any.
+
+        Parameters
+        ----------
+        result
+            Fit to all of the data; its model is fitted again.
+        options
+            Further options of :func:`tcdyn.identification.fit`.
+
+        Returns
+        -------
+        rms, percent, p
+            As :func:`held_out_statistics` returns them.
+
+        Raises
+        ------
+        InputError
+            Where the training data are too short.
+        """
+        train, test, from_s = split_held_out(self.data, self.held_out)
+        if train is not None:
+            all_options = {**self.options, **options, **SCORING_OPTIONS}
+            result = fit(train, result.problem.model, **all_options)
+        return held_out_statistics(result, test, from_s)
+
+
+def held_out_statistics(
+    result: Fit, test: IOData, from_s: float = -np.inf
+) -> tuple[float, float, float]:
+    """Error of the simulation of other data.
+
+    Parameters
+    ----------
+    result
+        The fit.
+    test
+        Data that the fit has not used.
+    from_s
+        Time from which the error counts [s].
+
+    Returns
+    -------
+    tuple
+        Rms error, NRMSE fit percent, and the probability of an error at least as large from the
+        noise of the fit alone.
+
+    Notes
+    -----
+    Only free states are estimated (after a gap, or all with "estimated"). A drift continues from
+    its value at the end of the fit's data, with a slope of its own. A record that is scored from
+    some time on continues from the state that fits the samples before; any other starts from the
+    state that fits it. The probability is that of an F test of the variance of the innovations
+    over that of the fit; coloured innovations count as fewer samples.
+
+    What is fitted to the test data must not be scored on them: keep the samples of state and level
+    apart from the scored ones. ``LONG_MEMORY_SHARE`` decides when a slow disturbance gives the
+    level; without it the held-out error measures the disturbance.
+    ``tests/identify/test_identify_data.py`` checks a run that is held out.
+    """
+    model = result.identified
+    segments = [replace(s, y=s.y - model.offset) for s in split_segments(test)]
+    scored = []
+    state_segments = []
+    for s in segments:
+        times_s = s.start_s + np.arange(len(s.y)) * test.dt_s
+        is_scored = s.measured & (times_s >= from_s)
+        before = s.measured & ~is_scored
+        scored.append(is_scored)
+        # the free states are fitted to the samples before the scored ones, where there are enough
+        has_before = before.sum() >= MIN_SEGMENT_SAMPLES
+        state_segments.append(replace(s, measured=before) if has_before else s)
+    problem = replace(
+        result.problem,
+        model=replace(model.model, fixed=model.theta, offset="none"),
+        segments=tuple(state_segments),
+        dt_s=test.dt_s,
+        holds=test.holds,
+        trend=False,
+    )
+    outputs = problem.outputs(solve_linear_parameters(problem, {})[1])
+    assert outputs is not None
+    residual = np.concatenate([(s.y - y)[s.measured] for s, (y, _) in zip(segments, outputs)])
+    is_test = np.concatenate([flags[s.measured] for s, flags in zip(segments, scored)])
+    slices = replace(problem, segments=tuple(segments)).residual_slices
+    if result.problem.trend and not is_test.all():
+        since = np.cumsum(is_test)[is_test]
+        residual[is_test] -= since * (since @ residual[is_test]) / (since @ since)
+    error = residual[is_test]
+    innovation = result.noise.whiten(residual, slices)[is_test]
+    if result.noise.time_constant > LONG_MEMORY_SHARE * len(error) and not is_test.all():
+        error = error - np.mean(residual[~is_test][-MIN_SEGMENT_SAMPLES:])
+    if len(error) == 0:
+        return np.nan, np.nan, np.nan
+    departures = [
+        s.y[flags] - np.mean(s.y[flags]) for s, flags in zip(segments, scored) if flags.any()
+    ]
+    rms_error = float(np.sqrt(np.mean(error**2)))
+    rms_output = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
+    percent = 100 * (1 - rms_error / rms_output) if rms_output > 0 else np.nan
+    ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
+    dof = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
+    return rms_error, percent, float(fdtrc(*dof, ratio))
+
+
+def block_held_out_rms(result: Fit, count: int = 6) -> float:
+    """Return the rms error of blocks of the record, each left out of the fit in turn.
+
+    The first of the ``count`` blocks stays in the fit, for it determines the initial state.
+
+    Parameters
+    ----------
+    result
+        The fit.
+    count
+        Number of blocks.
+
+    Returns
+    -------
+    float
+        Rms error in the output's unit.
+
+    Notes
+    -----
+    Without block b the parameters change by (J'J - J_b'J_b)^-1 J_b' w_b, with J the Jacobian of
+    the innovations w, and the simulation by its Jacobian times that. This is exact for a linear
+    problem.
+
+    ``tests/identify/test_identify_equation.py`` compares it with fits without the block.
+    """
+    rows = result.problem.evaluate(result.x)
+    assert rows is not None
+    residual, residual_jacobian = rows
+    w = result.optimum.residual * result.sqrt_weights
+    j = result.optimum.jacobian * result.sqrt_weights[:, None]
+    size = np.linalg.norm(j, axis=0)
+    size[size == 0] = np.inf
+    scaled = j / size
+    information = scaled.T @ scaled + np.diag(result.problem.prior_precision / size**2)
+    errors = []
+    for block in np.array_split(np.arange(len(w)), count)[1:]:
+        remaining = information - scaled[block].T @ scaled[block]
+        gradient = scaled[block].T @ w[block]
+        step = np.linalg.lstsq(remaining, gradient, rcond=1e-10)[0] / size
+        errors.append(residual[block] + residual_jacobian[block] @ step)
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

@@ -1,0 +1,588 @@
+"""The identified model: structure, parameters with covariance, origin, and its JSON file.
+
+Fits, plots, sensors and pages use it. Its file is read back by ``read_identified`` and converted by
+``tcdyn.sensors.file.from_identified``. ``tests/identify/test_identify_fit.py`` checks that file and
+``control`` system give the same model back, ``tests/identify/test_identify_several.py`` the same
+for several inputs.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.chain.rational import InitialState, simulate
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError, Spelling, as_argument
+from tcdyn.core.estimate import Estimate, rounded_texts
+from tcdyn.core.findings import Finding, labelled_messages, warning
+from tcdyn.core.labels import common_index, even_interval_s
+from tcdyn.core.result import Result, estimates_frame, jsonable
+from tcdyn.identification.iodata import Holds, hold_of_each, hold_text
+from tcdyn.identification.models import KnownDynamics, Model, several, transfer
+from tcdyn.identification.responses import Dynamics, percent_times
+from tcdyn.rig.disk import Conditioning
+
+if TYPE_CHECKING:
+    import control
+
+# Version of the file; a change of its keys needs another number and a reader for the old one.
+SCHEMA = "tcdyn.identified/1"
+# Keys of the model that are its fields.
+MODEL_KEYS = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")
+# Keys of the file that are fields of Identified.
+PLAIN_KEYS = (
+    "theta",
+    "estimates",
+    "covariance",
+    "offset",
+    "noise_sd",
+    "hold",
+    "dt_s",
+    "statistics",
+    "sentence",
+)
+MAX_CORRELATIONS = 6  # correlations of parameters in the summary, the strongest
+MAX_ZERO_RATIO = 1e-12  # coefficient over the largest, below which it is zero
+
+
+@dataclass(frozen=True, repr=False)
+class Identified(Dynamics, Result):
+    """An identified model.
+
+    Parameters
+    ----------
+    model
+        The model structure.
+    theta
+        All parameters by name.
+    covariance
+        Covariance (P, P) of the free parameters, in the order of ``model.free``.
+    estimates
+        The free parameters with their intervals.
+    offset
+        Added to the output, in its unit.
+    noise_sd
+        Standard deviation of the noise, in the output's unit.
+    hold, dt_s
+        Hold and sampling interval [s] of the record; ``dt_s`` is 0 for a model without a record.
+        Inputs of different holds have one each.
+    input_name, output_name, input_unit, output_unit
+        Names and units of the record.
+    statistics
+        Statistics of the fit, by name.
+    sentence
+        The conclusion of the validation.
+    findings
+        Findings about the record and the model.
+    """
+
+    model: Model
+    theta: Mapping[str, float]
+    covariance: Array
+    estimates: Mapping[str, Estimate]
+    offset: float = 0.0
+    noise_sd: float = 0.0
+    hold: Holds = "foh"
+    dt_s: float = 1.0
+    input_name: str = "u"
+    output_name: str = "y"
+    input_unit: str = ""
+    output_unit: str = ""
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    sentence: str = ""
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(
+        cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any
+    ) -> Identified:
+        """Build a model with intervals of normal distributions.
+
+        Parameters
+        ----------
+        model
+            The model structure.
+        theta
+            All parameters by name.
+        covariance
+            Covariance (P, P) of the free ones.
+        more
+            Other fields of the class.
+
+        Returns
+        -------
+        Identified
+            The model.
+        """
+        u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        estimates = {n: Estimate.normal(theta[n], u_n) for n, u_n in zip(model.free, u)}
+        return cls(model, theta, covariance, estimates, **more)
+
+    @cached_property
+    def by_input(self) -> Mapping[str, Identified]:
+        """The model behind each input, by the input's name."""
+        free = self.model.free
+        models = {}
+        holds = hold_of_each(self.hold, len(self.model.inputs))
+        for k, input_name in enumerate(self.model.inputs):
+            model, names = self.model.branch(k)
+            index = [free.index(names[n]) for n in model.free]
+            models[input_name] = replace(
+                self,
+                model=model,
+                theta={n: self.theta[full] for n, full in names.items()},
+                covariance=self.covariance[np.ix_(index, index)],
+                estimates={n: self.estimates[names[n]] for n in model.free},
+                offset=0.0,
+                hold=holds[k],
+                input_name=input_name,
+                statistics={},
+                sentence="",
+                findings=(),
+            )
+        return models or {self.input_name: self}
+
+    @property
+    def longest_lag_s(self) -> float:
+        """The largest lag behind any input [s]; 0 for an integrator, which has none."""
+        if self.model.integrators:
+            return 0.0
+        return max(model.lag_s.value for model in self.by_input.values())
+
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Correlations (P, P) of the free parameters' errors."""
+        sd = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        names = self.model.free
+        return pd.DataFrame(self.covariance / np.outer(sd, sd), index=names, columns=names)
+
+    def simulate(
+        self,
+        u: ArrayLike | pd.Series | pd.DataFrame,
+        dt_s: float | None = None,
+        hold: Holds | None = None,
+        start: InitialState = "equilibrium",
+    ) -> Array | pd.Series:
+        """Return the model's output, offset included.
+
+        Parameters
+        ----------
+        u
+            Input (N,), or inputs (N, K).
+        dt_s
+            Sampling interval [s]; by default that of the index of ``u``, else of the record.
+        hold
+            Hold of all inputs, or of each; by default that of the record.
+        start
+            State in which the simulation starts.
+
+        Returns
+        -------
+        array or Series
+            Output (N,) in the output's unit; for a Series or DataFrame a Series of the same index.
+
+        Raises
+        ------
+        InputError
+            For another number of inputs, or a model without a record and no ``dt_s``.
+        """
+        table = np.asarray(u, dtype=float)
+        table = table.reshape(len(table), -1)
+        if table.shape[1] != len(self.by_input):
+            raise InputError(
+                f"{table.shape[1]} inputs", expected=f"{len(self.by_input)}: {self.input_name}"
+            )
+        index = common_index([u], "simulate")
+        if index is not None:
+            dt_s = dt_s or even_interval_s(index, "simulate")
+        dt = dt_s or self.dt_s
+        if not dt:
+            raise InputError(
+                "the model is of no record", expected="the sampling interval", remedy="give dt_s=.."
+            )
+        y = np.zeros(len(table))
+        holds = hold_of_each(hold or self.hold, table.shape[1])
+        for model, column, column_hold in zip(self.by_input.values(), table.T, holds):
+            y = y + simulate(model.rational, column, dt, column_hold, start)
+        y = y + self.offset
+        return y if index is None else pd.Series(y, index, name=self.output_name)
+
+    def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
+        """Return the model as a ``control.TransferFunction``, one entry for each input.
+
+        Dead times become their Pade approximation of ``pade_order``.
+        """
+        import control
+
+        row = [
+            model.rational.transfer_function(pade_order, inputs=name, outputs=self.output_name)
+            for name, model in self.by_input.items()
+        ]
+        return row[0] if len(row) == 1 else control.combine_tf([row])
+
+    def state_space(self, pade_order: int = 3) -> control.StateSpace:
+        """The model as a ``control.StateSpace``, without the offset.
+
+        Dead times become their Pade approximation of ``pade_order``.
+        """
+        import control
+
+        systems = [
+            control.ss(model.rational.transfer_function(pade_order))
+            for model in self.by_input.values()
+        ]
+        summation = control.ss([], [], [], np.ones((1, len(systems))))
+        system = summation * control.append(*systems)
+        return control.ss(system, inputs=list(self.by_input), outputs=[self.output_name])
+
+    def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
+        """The identified dynamics as a measurement chain of unit gain.
+
+        Parameters
+        ----------
+        conditioning
+            The filter that was the known factor of the identification.
+
+        Returns
+        -------
+        Chain
+            Lags, zero, dead time and filter, with unit gain.
+
+        Raises
+        ------
+        InputError
+            Where the model is not a chain, or its known factor is another.
+        """
+        p = self.theta
+        if self.model.kind != "process" or self.model.integrators:
+            raise InputError(
+                f"{self.model.name} is not a chain", expected="a process model without integrator"
+            )
+        given = KnownDynamics.of(conditioning).den
+        identified = self.model.known.den
+        same_order = len(given) == len(identified)
+        if not same_order or not np.allclose(given, identified, rtol=1e-9, atol=0.0):
+            raise InputError(
+                f"{self.model.name} was identified with another known part",
+                remedy="pass the same conditioning",
+            )
+        return Chain(
+            taus_s=tuple(p[n] for n in ("Tp1", "Tp2", "Tp3") if n in p),
+            zero_s=p.get("Tz", 0.0),
+            delay_s=p.get("Td", 0.0),
+            conditioning=conditioning,
+            pair=(p["Tw"], p["Zeta"]) if "Tw" in p else None,
+            cement_s=p.get("Tc", 0.0),
+        )
+
+    def summary(self, spelling: Spelling = as_argument) -> str:
+        """The model as text: parameters, lag, quality of the fit, validation, findings.
+
+        Parameters
+        ----------
+        spelling
+            Spelling of the parameters that findings name.
+        """
+        m = self.model
+        width = max(5, *map(len, m.names))
+        if m.inputs:
+            width += 2
+        origin = f"{hold_text(self.hold)}, dt = {self.dt_s:g} s" if self.dt_s else "given"
+        lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {origin}"]
+        for name, value, u, low, high, unit in self.card().itertuples(index=False):
+            lines.append(f"  {name:{width}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
+        for name, value in m.fixed.items():
+            lines.append(f"  {name:{width}s} {value:12.5g} (fixed) {m.unit(name)}")
+        correlations = self._correlation_text()
+        if correlations:
+            lines.append(f"  correlations {correlations}")
+        s = self.statistics
+        if s:
+            lines.append(
+                f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, "
+                f"BIC {s['bic']:.1f}"
+            )
+        if self.sentence:
+            lines.append(f"  {self.sentence}")
+        lines += [f"  {line}" for line in labelled_messages(self.findings, spelling)]
+        return "\n".join(lines)
+
+    def _correlation_text(self) -> str:
+        """The strongest correlations of the parameters; empty for a model without uncertainty."""
+        if not self.covariance.any():
+            return ""
+        free = self.model.free
+        table = self.correlation.to_numpy()
+        pairs = sorted(combinations(range(len(free)), 2), key=lambda pair: -abs(table[pair]))
+        return ", ".join(
+            f"{free[i]}-{free[j]} {table[i, j]:.2f}" for i, j in pairs[:MAX_CORRELATIONS]
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Free parameters, lag (first moment) and percent times with their 95 % intervals."""
+        quantities = dict(self.estimates)
+        units = [self.model.unit(name) for name in quantities]
+        if not self.model.integrators:
+            for model in self.by_input.values():
+                if not model.gain:  # an input without effect
+                    continue
+                suffix = f".{model.input_name}" if self.model.inputs else ""
+                times = {"lag": model.lag_s, **percent_times(model)}
+                quantities |= {name + suffix: e for name, e in times.items()}
+                units += ["s"] * len(times)
+        return estimates_frame(quantities, units)
+
+    def card(self) -> pd.DataFrame:
+        """The table of :meth:`to_frame` as text, rounded to the uncertainties."""
+        rows = []
+        for name, value, u, low95, high95, unit in self.to_frame().itertuples():
+            low = rounded_texts(low95, u)[0]
+            high = rounded_texts(high95, u)[0]
+            rows.append((name, *rounded_texts(value, u), low, high, unit))
+        columns = ["quantity", "value", "u", "low 95 %", "high 95 %", "unit"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def to_json(self) -> str:
+        """The complete model as JSON text; :meth:`from_json` reads it."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model as in its JSON file.
+
+        Notes
+        -----
+        The keys are a file format: ``MODEL_KEYS`` and ``PLAIN_KEYS`` name the fields that are
+        copied, and :meth:`from_json` reads the same keys. ``tests/identify/test_identify_fit.py``
+        fails where they disagree.
+        """
+        m = self.model
+        model: dict[str, Any] = {key: getattr(m, key) for key in MODEL_KEYS}
+        if m.inputs:
+            model["inputs"] = m.inputs
+            model["parts"] = [
+                {"name": part.name, "kind": part.kind, "names": part.names} for part in m.submodels
+            ]
+        model["parameters"] = m.names
+        model["known"] = {"num": m.known.num, "den": m.known.den}
+        lag: Any = None
+        if not m.integrators:
+            lags = {name: part.lag_s for name, part in self.by_input.items()}
+            lag = lags if m.inputs else self.lag_s
+        return jsonable(
+            {
+                "schema": SCHEMA,
+                "model": model,
+                **{key: getattr(self, key) for key in PLAIN_KEYS},
+                "units": {n: m.unit(n) for n in m.names},
+                "lag_s": lag,
+                "input": {"name": self.input_name, "unit": self.input_unit},
+                "output": {"name": self.output_name, "unit": self.output_unit},
+                "warnings": self.warnings,
+                "findings": [f.to_dict() for f in self.findings],
+            }
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> Identified:
+        """The model that :meth:`to_json` wrote.
+
+        Raises
+        ------
+        InputError
+            Where the text is something else.
+        """
+        try:
+            d: dict[str, Any] = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InputError(f"is not JSON ({error})", where="identified model") from error
+        if not isinstance(d, dict) or d.get("schema") != SCHEMA:
+            raise InputError(
+                "is not an identified model",
+                expected=f"schema {SCHEMA}",
+                remedy="tcdyn identify writes it",
+            )
+        model = _model_from_dict(d["model"])
+        size = len(model.free)
+        fields = {key: d[key] for key in PLAIN_KEYS}
+        if not isinstance(d["hold"], str):
+            fields["hold"] = tuple(d["hold"])
+        fields["covariance"] = np.array(d["covariance"], dtype=float).reshape(size, size)
+        fields["estimates"] = {n: Estimate(**e) for n, e in d["estimates"].items()}
+        fields["statistics"] = {
+            name: np.nan if value is None else value for name, value in d["statistics"].items()
+        }
+        if "findings" in d:
+            findings = [Finding.from_dict(f) for f in d["findings"]]
+        else:  # a file of version 0.1
+            findings = [warning("said", text=message) for message in d["warnings"]]
+        return cls(
+            model=model,
+            **fields,
+            input_name=d["input"]["name"],
+            input_unit=d["input"]["unit"],
+            output_name=d["output"]["name"],
+            output_unit=d["output"]["unit"],
+            findings=tuple(findings),
+        )
+
+
+def _model_from_dict(m: Mapping[str, Any]) -> Model:
+    """The model structure in the "model" key of a file."""
+    known = KnownDynamics.ratio(m["known"]["num"], m["known"]["den"])
+    submodels = [
+        Model(part["name"], part["kind"], tuple(part["names"]), known=known)
+        for part in m.get("parts", ())
+    ]
+    return Model(
+        **{key: m[key] for key in MODEL_KEYS},
+        names=tuple(m["parameters"]),
+        inputs=tuple(m.get("inputs", ())),
+        submodels=tuple(submodels),
+        known=known,
+    )
+
+
+def read_identified(path: str | Path) -> Identified:
+    """Read the model in a JSON file that ``tcdyn identify`` wrote.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or is no identified model.
+    """
+    try:
+        return Identified.from_json(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
+
+
+def from_control(
+    system: control.TransferFunction | control.StateSpace, delay_s: float | Sequence[float] = 0.0
+) -> Identified:
+    """A continuous ``control`` system of one output as an :class:`Identified`, without uncertainty.
+
+    ``compare(data, from_control(g), "P2D")`` compares it unchanged;
+    ``fit(data, g.model, start=g.theta)`` starts from it.
+
+    Parameters
+    ----------
+    system
+        The system. Inputs without labels (u[0], u[1]) are those of the data by their position.
+    delay_s
+        Dead time [s] behind each input, or behind all, which such a system does not hold.
+
+    Returns
+    -------
+    Identified
+        The model with a covariance of zeros; ``dt_s`` is 0.
+
+    Raises
+    ------
+    InputError
+        For a discrete or unstable system, several outputs, no static gain, or more zeros than
+        poles.
+    """
+    import control
+
+    where = "from_control"
+    if not isinstance(system, control.TransferFunction | control.StateSpace):
+        raise InputError(
+            f"is a {type(system).__name__}",
+            where=where,
+            expected="a TransferFunction or StateSpace",
+        )
+    is_discrete = system.isdtime(strict=True)
+    if is_discrete or system.noutputs != 1:
+        raise InputError(
+            "is discrete in time" if is_discrete else f"has {system.noutputs} outputs",
+            where=where,
+            expected="a continuous system of one output",
+            remedy="take system[0, :]",
+        )
+    delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
+    if not (np.isfinite(delays) & (delays >= 0)).all():
+        raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
+    submodels = []
+    values = []
+    for k, delay in enumerate(delays.tolist()):
+        single = system[0, k] if system.ninputs > 1 else system
+        if isinstance(single, control.StateSpace):
+            single = control.ss2tf(single).minreal(1e-9)
+        num = _ascending(single.num)
+        den = _ascending(single.den)
+        submodel, theta = _from_ratio(num, den, delay, f"input {k + 1}", where)
+        submodels.append(submodel)
+        values.append(theta)
+    names = tuple(map(str, system.input_labels))
+    model = submodels[0] if len(submodels) == 1 else several(submodels, names)
+    theta = {}
+    for k, submodel_theta in enumerate(values):
+        theta |= {full: submodel_theta[n] for n, full in model.branch(k)[1].items()}
+    no_covariance = np.zeros((len(theta), len(theta)))
+    return Identified.of(model, theta, no_covariance, dt_s=0.0, input_name=", ".join(names))
+
+
+def _ascending(coefficients: Any) -> Array:
+    """Return the coefficients of a polynomial of a ``control`` system, ascending in s."""
+    return np.trim_zeros(np.asarray(coefficients[0][0], dtype=float), "f")[::-1]
+
+
+def _from_ratio(
+    num: Array, den: Array, delay_s: float, label: str, where: str
+) -> tuple[Model, dict[str, float]]:
+    """Return model and parameters of a transfer function num/den with a dead time.
+
+    Parameters
+    ----------
+    num, den
+        Coefficients, ascending in s.
+    delay_s
+        Dead time [s].
+    label, where
+        Input and function that errors name.
+
+    Returns
+    -------
+    model
+        The structure.
+    theta
+        Its parameters by name.
+
+    Raises
+    ------
+    InputError
+        For a static gain of zero, unstable poles, or more zeros than poles.
+    """
+    if not len(num) or abs(num[0]) < MAX_ZERO_RATIO * np.max(np.abs(num)):
+        raise InputError(
+            f"{label} has a static gain of zero",
+            where=where,
+            expected="a lag relative to it",
+        )
+    integrates = bool(abs(den[0]) < MAX_ZERO_RATIO * np.max(np.abs(den)))
+    if integrates:
+        den = den[1:]
+    poles = np.polynomial.polynomial.polyroots(den)
+    if len(den) < 2 or len(num) > len(den) or np.any(poles.real >= 0):
+        raise InputError(
+            f"{label} has {len(num) - 1} zeros over the poles {np.round(poles, 6).tolist()} 1/s",
+            where=where,
+            expected="poles in the left half plane (one at zero may be beside them), no more "
+            "zeros than poles",
+        )
+    model = transfer(len(num) - 1, len(den) - 1, delay=bool(delay_s), integrator=integrates)
+    values = [*(num / den[0]), *(den[1:] / den[0])]
+    if delay_s:
+        values.append(delay_s)
+    return model, dict(zip(model.names, values))

@@ -1,0 +1,85 @@
+"""What a caller knows besides the record: bounds and priors of parameters, weights of samples.
+
+``tcdyn.identification.fit`` checks them with these functions. ``tests/identify/test_identify_interop.py``
+compares their effect with closed forms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tcdyn.core import Array, Flags
+from tcdyn.core.errors import InputError
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.models import Model
+from tcdyn.identification.problem import IdentificationProblem
+
+
+def check_knowledge(
+    model: Model,
+    bounds: Mapping[str, tuple[float, float]],
+    prior: Mapping[str, tuple[float, float]],
+) -> None:
+    """Raise InputError for bounds or priors of other parameters, or that are not possible.
+
+    Raises
+    ------
+    InputError
+        For a name that is no free parameter, a lower bound above the upper, an uncertainty that is
+        not above zero, or a mean of a positive parameter that is not.
+    """
+    expected = ", ".join(model.free)
+    for name in (*bounds, *prior):
+        if name not in model.free:
+            raise InputError(
+                f"bounds or prior of {name!r}", where=model.name, expected=f"one of {expected}"
+            )
+    for name, (low, high) in bounds.items():
+        if not low < high:
+            raise InputError(f"bounds of {name} are {low} and {high}", expected="low < high")
+    for name, (mean, u) in prior.items():
+        if not u > 0 or (model.positive(name) and not mean > 0):
+            raise InputError(
+                f"prior of {name} is {mean} +- {u}",
+                expected="an uncertainty above zero, and a mean above zero of a time constant",
+            )
+
+
+def checked_weights(data: IOData, weights: ArrayLike) -> Array:
+    """Return the weights (N,) after a check of their number and sign.
+
+    Raises
+    ------
+    InputError
+        For another number of weights, or weights that are negative or not finite.
+    """
+    values = np.asarray(weights, dtype=float)
+    if values.shape != (data.n_samples,) or not (np.isfinite(values) & (values >= 0)).all():
+        raise InputError(
+            f"weights of shape {values.shape}",
+            where=data.name or "identify",
+            expected=f"({data.n_samples},), zero or more: one for each sample of all runs",
+        )
+    return values
+
+
+def without_samples(data: IOData, left_out: Flags) -> IOData:
+    """Return the data with NaN in place of the outputs (N,) that are left out."""
+    return data.with_outputs(np.where(left_out[:, None], np.nan, data.outputs))
+
+
+def measured_rows(
+    problem: IdentificationProblem, data: IOData, values: NDArray[Any]
+) -> NDArray[Any]:
+    """Return the values of the measured samples of all segments, from those of all samples (N,)."""
+    first_of_run = np.cumsum([0, *(run.n for run in data.runs)])
+    rows = []
+    for s in problem.segments:
+        since_s = s.start_s - data.runs[s.run].start_s
+        first = int(first_of_run[s.run]) + round(since_s / data.dt_s)
+        rows.append(values[first : first + len(s.y)][s.measured])
+    return np.concatenate(rows)

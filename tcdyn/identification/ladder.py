@@ -1,0 +1,347 @@
+"""Selection of a process model: a fixed ladder of structures, and one setting of the disturbance.
+
+The structures are the process models P1 to P3 with or without dead time (D), zero (Z) and complex
+pair (U), the integrator (I) and the half-order element (H). All are compared by BIC of the
+innovations under one setting: the initial state, the noise and the baseline, which are selected
+first (``tcdyn.identification.setting``). ``tcdyn.identification.comparison.compare`` uses it.
+``tests/identify/bare_study.py`` measures the coverage of the complete search;
+``tests/identify/test_identify_ladder.py`` checks the steps.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+from typing import Any
+
+from tcdyn.core.errors import InputError
+from tcdyn.identification.fit import fit
+from tcdyn.identification.heldout import SCORING_OPTIONS, Progress
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.models import NO_MODEL, Model, as_model, as_template, several
+from tcdyn.identification.search import Fit
+from tcdyn.identification.setting import Setting, bic, select_setting
+from tcdyn.identification.starting_values import single_input_problem, starts
+from tcdyn.identification.validate import has_clean_residuals
+
+# Structures of one input that are always fitted: the others are their neighbours.
+FIRST_STRUCTURES = ("P1D", "P2D", "P2DZ", "P2DU", "P3D")
+# Structures that are tried where the best of the others does not describe the record.
+FURTHER_STRUCTURES = ("P1I", "P1DI", "P2DI", "P1DH", "P2DH")
+MAX_LAGS = 3  # of a process model
+
+# Thresholds, chosen by judgement.
+TIE_BIC = 2.0  # difference of BIC within which the smaller model is preferred
+MAX_SWEEPS = 6  # rounds over the inputs
+N_STARTS = 2  # starting values of a changed branch of several inputs
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """The record, and what all fits of the selection share.
+
+    Parameters
+    ----------
+    data
+        One output, one or several inputs.
+    template
+        What all models have: known factor, offset, dead-time bound, fixed gain.
+    options
+        Options of :func:`tcdyn.identification.fit` that the caller has given.
+    progress
+        Called before each fit.
+    counter
+        Numbers of the fits.
+    """
+
+    data: IOData
+    template: Model
+    options: Mapping[str, Any]
+    progress: Progress
+    counter: Iterator[int] = field(default_factory=lambda: count(1))
+
+    def announce(self, name: str) -> None:
+        """Report a fit, with its number; how many follow is not known."""
+        number = next(self.counter)
+        self.progress(name, number, number)
+
+    def with_white_noise(self) -> Ladder:
+        """Return the ladder with white noise and no baseline."""
+        return replace(self, options={"noise": "white", "baseline": "none", **self.options})
+
+    def checked_fit(
+        self, model: Model, setting: Setting, start: Sequence[Mapping[str, float]] = ()
+    ) -> Fit:
+        """Return the fit of one model.
+
+        Parameters
+        ----------
+        model
+            The model.
+        setting
+            The setting.
+        start
+            Sets of parameters to start from; none for the starting values of the model.
+
+        Returns
+        -------
+        Fit
+            The fit.
+
+        Raises
+        ------
+        InputError
+            Where the model cannot be fitted.
+        """
+        check = self.options.get("check", True) and not start
+        options = {**self.options, **setting.options, **SCORING_OPTIONS, "check": check}
+        return fit(self.data, model, **options, start=start or None)
+
+    def fit_model(
+        self, model: Model, setting: Setting, start: Sequence[Mapping[str, float]] = ()
+    ) -> Fit | None:
+        """Return :meth:`checked_fit`, or None where the model cannot be fitted."""
+        self.announce(model.name)
+        try:
+            return self.checked_fit(model, setting, start)
+        except InputError:
+            return None
+
+    def select_setting(self, fits: Sequence[Fit], setting: Setting) -> tuple[Setting, Fit]:
+        """Return :func:`tcdyn.identification.setting.select_setting` for fits under a setting."""
+        return select_setting(fits, setting, self.options, self.fit_model)
+
+    def model(self, names: Sequence[str]) -> Model:
+        """Return the model with these structures behind the inputs."""
+        if len(names) == 1:
+            joined = as_model(names[0])
+        else:
+            joined = several(names, self.data.input_names, known=self.template.known)
+        return as_template(joined, self.template)
+
+
+def best_fit(fits: Sequence[Fit]) -> Fit:
+    """Return the fit of least BIC, or a smaller one within ``TIE_BIC`` of it.
+
+    Parameters
+    ----------
+    fits
+        Fits of one record under one setting.
+
+    Returns
+    -------
+    Fit
+        One of them.
+    """
+    least = min(bic(f) for f in fits)
+    near = [f for f in fits if bic(f) <= least + TIE_BIC]
+    return min(near, key=lambda f: (f.problem.size, bic(f)))
+
+
+def neighbours(name: str) -> list[str]:
+    """Return the structures that differ by one element: dead time, zero, lag, complex pair.
+
+    >>> neighbours("P2D")
+    ['P2', 'P2DZ', 'P1D', 'P3D', 'P2DU']
+    >>> neighbours("P1DI")
+    ['P1I', 'P1DZI', 'P2DI']
+    """
+    if name == NO_MODEL:
+        return ["P1D"]
+    n_lags = int(name[1])
+    letters = set(re.sub(r"[P\d]", "", name))
+    variants: list[tuple[int, set[str]]] = [(n_lags, letters ^ {"D"}), (n_lags, letters ^ {"Z"})]
+    if "U" not in letters:
+        variants += [(n_lags - 1, letters), (n_lags + 1, letters)]
+    if n_lags >= 2 and not letters & {"H", "I"}:
+        variants.append((n_lags, letters ^ {"U"}))
+    names = []
+    for poles, used in variants:
+        if 1 <= poles <= MAX_LAGS:
+            names.append(f"P{poles}" + "".join(c for c in "DUZHI" if c in used))
+    return names
+
+
+def climb(ladder: Ladder, fits: dict[str, Fit], setting: Setting) -> dict[str, Fit]:
+    """Add neighbours of the best structure of one input until none is better.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    fits
+        Fits by the name of the structure.
+    setting
+        The setting.
+
+    Returns
+    -------
+    dict
+        All fits by the name of the structure.
+    """
+    tried = set(fits)
+    while True:
+        best = best_fit(list(fits.values()))
+        name = best.problem.model.name
+        new = [n for n in neighbours(name) if n not in tried]
+        if not new:
+            return fits
+        fits = fits | fit_structures(ladder, new, setting)
+        tried |= set(new)
+        if best_fit(list(fits.values())).problem.model.name == name:
+            return fits
+
+
+def fit_structures(ladder: Ladder, names: Sequence[str], setting: Setting) -> dict[str, Fit]:
+    """Return the fits of structures of one input, without those that cannot be fitted."""
+    fits = {}
+    for name in names:
+        result = ladder.fit_model(ladder.model([name]), setting)
+        if result is not None:
+            fits[name] = result
+    return fits
+
+
+def select_one_input(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
+    """Select the structure behind one input.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+
+    Returns
+    -------
+    fits
+        Fits by the name of the structure, all under one setting.
+    setting
+        The setting.
+
+    Raises
+    ------
+    InputError
+        Where no structure can be fitted.
+    """
+    first = Setting.first(ladder.options)
+    fits = {"P1D": ladder.checked_fit(ladder.model(["P1D"]), first)}
+    fits |= fit_structures(ladder, (*FIRST_STRUCTURES[1:], NO_MODEL), first)
+    setting, _ = ladder.select_setting(list(fits.values()), first)
+    if setting != first:
+        fits = fit_structures(ladder, (*FIRST_STRUCTURES, NO_MODEL), setting)
+    fits = climb(ladder, fits, setting)
+    best = best_fit(list(fits.values()))
+    if not has_clean_residuals(best) or best.findings:
+        further = fit_structures(ladder, FURTHER_STRUCTURES, setting)
+        fits = climb(ladder, fits | further, setting)
+    return fits, setting
+
+
+def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
+    """Select the structure behind each of several inputs, one input at a time.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+
+    Returns
+    -------
+    fits
+        Fits by the name of the model, all under one setting: the path of the search.
+    setting
+        The setting.
+
+    Notes
+    -----
+    The search starts with one lag and a dead time behind each input. For each input in turn the
+    neighbours of its structure, and no effect at all, are fitted with the others unchanged, until
+    a round over the inputs changes nothing.
+    """
+    n_inputs = len(ladder.data.input_names)
+    names = ["P1D"] * n_inputs
+    setting = Setting.first(ladder.options)
+    first = ladder.checked_fit(ladder.model(names), setting)
+    second = ladder.fit_model(ladder.model(["P2D"] * n_inputs), setting)
+    references = [first] if second is None else [first, second]
+    setting, best = ladder.select_setting(references, setting)
+    if len(best.problem.model.names) > len(first.problem.model.names):
+        names = ["P2D"] * n_inputs
+    fits = {best.problem.model.name: best}
+    for _ in range(MAX_SWEEPS):
+        before = list(names)
+        for k in range(n_inputs):
+            others = neighbours(names[k])
+            if names[k] != NO_MODEL:
+                others.append(NO_MODEL)
+            for structure in others:
+                changed = [*names[:k], structure, *names[k + 1 :]]
+                model = ladder.model(changed)
+                if model.name in fits:
+                    continue
+                start = branch_starts(best, model, k)
+                result = ladder.fit_model(model, setting, start)
+                if result is not None:
+                    fits[model.name] = result
+            best = best_fit(list(fits.values()))
+            names = [submodel.name for submodel in best.problem.model.submodels]
+        if names == before:
+            break
+    return fits, setting
+
+
+def branch_starts(current: Fit, model: Model, k: int) -> list[dict[str, float]]:
+    """Return starting parameters of a model that differs behind one input.
+
+    Parameters
+    ----------
+    current
+        Fit of the other model.
+    model
+        The model.
+    k
+        Number of the input.
+
+    Returns
+    -------
+    list of dict
+        Parameters by name: those of the other inputs as they are, those of this input from the
+        output without the response to the others.
+    """
+    theta = current.identified.theta
+    branch, names = model.branch(k)
+    kept = {n: theta[n] for n in model.names if n in theta and n not in names.values()}
+    if not branch.free:
+        return [kept]
+    single = single_input_problem(current.problem, theta, k)
+    template = current.problem.model
+    branch = replace(branch, offset=template.offset, delay_max_s=template.delay_max_s)
+    single = replace(single, model=branch)
+    branch_sets = [single.theta(x) for x in starts(single)[:N_STARTS]]
+    return [kept | {names[n]: v for n, v in values.items()} for values in branch_sets]
+
+
+def select_structures(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
+    """Return fits of the structures of the ladder under the selected setting.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+
+    Returns
+    -------
+    fits
+        Fits by the name of the model.
+    setting
+        The setting.
+
+    Raises
+    ------
+    InputError
+        Where no structure can be fitted.
+    """
+    if len(ladder.data.input_names) == 1:
+        return select_one_input(ladder)
+    return select_several_inputs(ladder)

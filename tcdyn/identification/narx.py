@@ -1,0 +1,594 @@
+"""Linearity test: lag against level by simulation, and polynomial NARX models.
+
+NARX terms are selected by FROLS (sysidentpy); the models are scored by free simulation. ``tcdyn
+identify`` uses it. ``tests/identify/test_identify_narx.py`` checks bias, bootstrap intervals and
+the linearised lag; ``tests/identify/test_identify_results.py`` the conclusion.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares, newton
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.result import jsonable
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation import correlation_length
+from tcdyn.identification.iodata import IOData
+from tcdyn.identification.level_lag import LevelLag, level_lag
+
+STEP = 1e-5  # of a weight, for numerical derivatives; chosen by judgement
+COMPLEX_STEP = 1e-30  # of a signal along the imaginary axis
+N_BOOTSTRAP = 200  # draws of the weights; chosen by judgement
+DIVERGED = 1e3  # scaled output above which a simulation has diverged (chosen by judgement)
+MIN_FINITE_SHARE = 0.9  # of samples or draws, below which a result is not used (by judgement)
+# Held-out error of the quadratic over that of the linear model, below which it is better (chosen
+# by judgement).
+MAX_QUADRATIC_RATIO = 0.9
+
+
+@dataclass(frozen=True)
+class Narx:
+    """A polynomial NARX model y_t = sum_i theta_i prod(terms_i).
+
+    Parameters
+    ----------
+    terms
+        Each term is a tuple of (signal, lag) with the signal "y" or "u"; () is the constant.
+    theta
+        Weight of each term.
+    u_scale, y_scale
+        (centre, spread) by which the signals are scaled.
+    dt_s
+        Sampling interval [s].
+    one_step_percent
+        Fit percent of one-step predictions of the training data.
+    simulated_percent, held_out_percent
+        Fit percent of free simulation of the training data and of the held-out data.
+    draws
+        Bootstrap samples of ``theta``.
+    """
+
+    terms: tuple[tuple[tuple[str, int], ...], ...]
+    theta: tuple[float, ...]
+    u_scale: tuple[float, float]
+    y_scale: tuple[float, float]
+    dt_s: float
+    one_step_percent: float = float("nan")
+    simulated_percent: float = float("nan")
+    held_out_percent: float = float("nan")
+    draws: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def intervals(self) -> tuple[Estimate | None, ...]:
+        """Each weight with its interval from the bootstrap; None where there are no draws."""
+        return tuple(
+            bootstrap_estimate(value, [draw[k] for draw in self.draws])
+            for k, value in enumerate(self.theta)
+        )
+
+    def lag_s(self, level: float) -> Estimate | None:
+        """:meth:`local_lag_s` with its interval from the bootstrap.
+
+        Parameters
+        ----------
+        level
+            Output at which the model is linearised, in its unit.
+
+        Returns
+        -------
+        Estimate or None
+            Lag [s]; None where it has no value, or too few draws have one.
+        """
+        draws = [replace(self, theta=theta, draws=()) for theta in self.draws]
+        return bootstrap_estimate(
+            self.local_lag_s(level), [draw.local_lag_s(level) for draw in draws]
+        )
+
+    @property
+    def order(self) -> int:
+        """Largest lag of any term, in samples."""
+        return max((lag for term in self.terms for _, lag in term), default=1)
+
+    def predict(self, signal: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
+        """Return sum_i theta_i prod(terms_i).
+
+        Parameters
+        ----------
+        signal
+            Value of a signal at a lag, from its name and the lag.
+        theta
+            Other weights.
+
+        Returns
+        -------
+        number or array
+            Of the type that ``signal`` returns.
+
+        Notes
+        -----
+        It must stay analytic in the signals: :meth:`local_lag_s` differentiates it by a complex
+        step.
+        """
+        weights = self.theta if theta is None else theta
+        total: Any = 0
+        for weight, term in zip(weights, self.terms):
+            total = total + weight * math.prod((signal(*factor) for factor in term), start=1.0)
+        return total
+
+    def simulate(self, u: Array, y0: Array) -> Array:
+        """Return the free simulation from the first measured outputs.
+
+        NaN after it diverges.
+
+        Parameters
+        ----------
+        u
+            Input (N,).
+        y0
+            Outputs, of which the first ``order`` are used.
+
+        Returns
+        -------
+        array
+            Output (N,), NaN after it diverges.
+        """
+        scaled = self.simulate_scaled(u, y0, np.array(self.theta)[:, None])[:, 0]
+        return scaled * self.y_scale[1] + self.y_scale[0]
+
+    def simulate_scaled(self, u: Array, y0: Array, theta: Array) -> Array:
+        """Return scaled free simulations for several sets of weights.
+
+        Parameters
+        ----------
+        u
+            Input (N,) in its unit.
+        y0
+            Outputs in their unit, of which the first ``order`` are used.
+        theta
+            Weights (terms, M).
+
+        Returns
+        -------
+        array
+            Scaled outputs (N, M), NaN after they diverge.
+        """
+        u_scaled = (u - self.u_scale[0]) / self.u_scale[1]
+        y_scaled = np.full((len(u), theta.shape[1]), np.nan)
+        k = self.order
+        y_scaled[:k] = ((y0[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
+        signals = {"u": u_scaled, "y": y_scaled}
+
+        def lagged(signal: str, lag: int) -> Any:
+            """Return a scaled signal at time t - lag."""
+            return signals[signal][t - lag]
+
+        for t in range(k, len(u)):
+            value = self.predict(lagged, theta)
+            y_scaled[t] = np.where(np.abs(value) < DIVERGED, value, np.nan)
+            if np.isnan(y_scaled[t]).all():
+                break
+        return y_scaled
+
+    def one_step(self, u: Array, y: Array) -> Array:
+        """Return one-step predictions of scaled signals.
+
+        Parameters
+        ----------
+        u, y
+            Scaled input and output (N,).
+
+        Returns
+        -------
+        array
+            Scaled predictions (N,), NaN for the first ``order`` samples.
+        """
+        signals = {"u": u, "y": y}
+        k = self.order
+        predicted = self.predict(lambda name, lag: signals[name][k - lag : len(y) - lag])
+        return np.concatenate([np.full(k, np.nan), np.broadcast_to(predicted, len(y) - k)])
+
+    def local_lag_s(self, level: float) -> float:
+        """Return the first moment [s] of the model linearised at a steady state.
+
+        NaN where there is no steady state or it is not stable.
+
+        Parameters
+        ----------
+        level
+            Steady output, in its unit.
+
+        Returns
+        -------
+        float
+            Lag [s]; NaN where there is no steady state or it is not stable.
+        """
+        y0 = (level - self.y_scale[0]) / self.y_scale[1]
+
+        def excess(u: float) -> float:
+            """Return the output of a step from the steady state less that state."""
+            return float(self.predict(lambda name, lag: u if name == "u" else y0)) - y0
+
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+            u0, state = newton(
+                excess, y0 - 0.1, x1=y0 + 0.1, tol=1e-10, disp=False, full_output=True
+            )
+        if not (state.converged and abs(u0) < DIVERGED):
+            return float("nan")
+        steady = {"u": u0, "y": y0}
+        k = self.order
+
+        def derivative(signal: str, lag: int) -> float:
+            """Return the derivative of the prediction with a signal at a lag, by a complex step.
+
+            Parameters
+            ----------
+            signal
+                "u" or "y", scaled.
+            lag
+                Lag in samples.
+
+            Notes
+            -----
+            :meth:`predict` must stay analytic: with ``abs``, ``float`` or clipping in it the
+            imaginary step is lost. Guarded by
+            ``test_local_lag_is_that_of_the_recursion_linearised_at_its_level`` in
+            ``tests/identify/test_identify_narx.py``.
+            """
+
+            def shifted(name: str, at: int) -> complex:
+                """Return the steady state, with an imaginary step of that signal at that lag."""
+                step = COMPLEX_STEP if (name, at) == (signal, lag) else 0.0
+                return complex(steady[name], step)
+
+            return float(np.imag(self.predict(shifted))) / COMPLEX_STEP
+
+        b = np.array([derivative("u", lag) for lag in range(k + 1)])
+        a = np.eye(k + 1)[0] - np.array([derivative("y", lag) for lag in range(k + 1)])
+        if np.max(np.abs(np.roots(a)), initial=0.0) >= 1 or b.sum() == 0:
+            return float("nan")
+        n = np.arange(k + 1)
+        return float(self.dt_s * ((n @ b) / b.sum() - (n @ a) / a.sum()))
+
+
+@dataclass(frozen=True)
+class TemperatureDependence:
+    """Whether the lag depends on the level, and whether the system is linear otherwise.
+
+    Parameters
+    ----------
+    linear, nonlinear
+        Linear and quadratic NARX.
+    sentence
+        The conclusion.
+    lag
+        The lag at a low and a high level with its intervals, by simulation.
+    run
+        Name of the run that was used; empty where there is only one.
+    """
+
+    linear: Narx
+    nonlinear: Narx
+    sentence: str
+    lag: LevelLag
+    run: str = ""
+
+    @property
+    def depends(self) -> bool:
+        """Whether the lag depends on the level (99 %)."""
+        return self.lag.depends
+
+    def to_dict(self) -> dict[str, Any]:
+        """The conclusion and its numbers.
+
+        Levels in the output's unit, lags [s], fit percent of the held-out simulation [%].
+        """
+        lag = self.lag
+        return {
+            "sentence": self.sentence,
+            "run": self.run,
+            "depends": lag.depends,
+            "levels": list(lag.levels),
+            "lag_low_s": lag.low.value,
+            "lag_high_s": lag.high.value,
+            "lag_low_95_s": [lag.low.low95, lag.low.high95],
+            "lag_high_95_s": [lag.high.low95, lag.high.high95],
+            "bend": {"value": lag.bend.value, "u": lag.bend.u},
+            "narx_lag_s": jsonable([self.nonlinear.lag_s(level) for level in lag.levels]),
+            "held_out_percent_linear": self.linear.held_out_percent,
+            "held_out_percent_quadratic": self.nonlinear.held_out_percent,
+        }
+
+
+def narx(
+    data: IOData,
+    *,
+    degree: int = 2,
+    lags: int = 3,
+    dead_samples: int = 0,
+    held_out: float = 0.3,
+    max_terms: int = 10,
+) -> Narx:
+    """A polynomial NARX model of the first run.
+
+    FROLS selects the terms by BIC on the first part of the record. The weights minimise the error
+    of free simulation (:func:`refine_weights`). The model is scored by simulation of the rest.
+
+    Parameters
+    ----------
+    data
+        One input and one output, without gaps.
+    degree
+        Degree of the polynomial.
+    lags
+        Largest lag of input and output, in samples.
+    dead_samples
+        Dead time in samples, by which the input is delayed first.
+    held_out
+        Last share of the record that is not used for the fit.
+    max_terms
+        Largest number of terms.
+
+    Returns
+    -------
+    Narx
+        The model with its scores.
+
+    Raises
+    ------
+    InputError
+        For short records or records with gaps.
+
+    Notes
+    -----
+    The one-step score shows only how optimistic it is: it is easy to predict a slow output from
+    its last value.
+
+    More lags or a higher degree give more candidate terms; the lag of the result is valid only
+    where the terms reach over the memory of the system at this sampling interval.
+    """
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.parameter_estimation import LeastSquares
+
+    run = data.runs[0]
+    if any(np.isnan(r.u).any() or np.isnan(r.y).any() for r in data.runs):
+        raise InputError(
+            "narx: samples are missing",
+            where=data.name or "IOData",
+            remedy="use fit(), which tolerates gaps",
+        )
+    u = np.concatenate([np.full(dead_samples, run.u[0, 0]), run.u[: run.n - dead_samples, 0]])
+    y = run.y[:, 0]
+    n_train = int(len(y) * (1 - held_out))
+    if n_train < 20 * lags:
+        raise InputError(
+            f"narx: {n_train} training samples", where=data.name, expected=f"at least {20 * lags}"
+        )
+    u_scale = (float(u.mean()), float(u.std()) or 1.0)
+    y_scale = (float(y.mean()), float(y.std()) or 1.0)
+    x = ((u - u_scale[0]) / u_scale[1])[:, None]
+    z = ((y - y_scale[0]) / y_scale[1])[:, None]
+    with warnings.catch_warnings(action="ignore"):
+        model = FROLS(
+            ylag=lags,
+            xlag=lags,
+            order_selection=True,
+            info_criteria="bic",
+            n_info_values=max_terms,
+            estimator=LeastSquares(),
+            basis_function=Polynomial(degree=degree),
+            model_type="NARMAX",
+        )
+        model.fit(X=x[:n_train], y=z[:n_train])
+    codes = np.atleast_2d(model.final_model).astype(int).tolist()
+    terms = tuple(tuple(_signal_and_lag(code) for code in row if code) for row in codes)
+    theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
+    result = Narx(terms, theta, u_scale, y_scale, data.dt_s)
+    result = refine_weights(result, u[:n_train], y[:n_train])
+    simulated = result.simulate(u, y)
+    one_step = result.one_step(x[:n_train, 0], z[:n_train, 0]) * y_scale[1] + y_scale[0]
+    return replace(
+        result,
+        one_step_percent=nrmse_percent(y[:n_train], one_step),
+        simulated_percent=nrmse_percent(y[:n_train], simulated[:n_train]),
+        held_out_percent=nrmse_percent(y[n_train:], simulated[n_train:]),
+    )
+
+
+def _signal_and_lag(code: int) -> tuple[str, int]:
+    """Return signal and lag of sysidentpy's code: 1003 is y(k-3), 2003 is u(k-3)."""
+    return ("y" if code < 2000 else "u", code % 1000)
+
+
+def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
+    """The model with the weights of least free-simulation error, and bootstrap ``draws`` of them.
+
+    Parameters
+    ----------
+    model
+        Where to start; returned unchanged where it cannot be simulated.
+    u, y
+        Input and output (N,).
+
+    Returns
+    -------
+    Narx
+        The model with refined weights and ``N_BOOTSTRAP`` draws.
+
+    Notes
+    -----
+    One-step least squares mistakes noise of the output for dynamics. Here the sum of squares of the
+    free simulation is minimised. The bootstrap resamples the residuals in blocks twice as long as
+    their correlation; each draw changes the weights by (J'J)^-1 J'e.
+
+    The seed of the bootstrap is fixed, so that the same data give the same interval.
+    ``tests/identify/test_identify_narx.py`` checks that weights are unbiased and intervals hold
+    them.
+    """
+    k = model.order
+    n_terms = len(model.theta)
+    measured = (y - model.y_scale[0]) / model.y_scale[1]
+
+    def simulated(weights: Array) -> Array:
+        """Return scaled simulations after the first samples; diverged ones are ``DIVERGED``."""
+        return np.nan_to_num(model.simulate_scaled(u, y, weights), nan=DIVERGED)[k:]
+
+    def residuals(theta: Array) -> Array:
+        """Return simulated minus measured output, scaled."""
+        return simulated(theta[:, None])[:, 0] - measured[k:]
+
+    def jacobian(theta: Array) -> Array:
+        """Return the derivatives (N, terms) of the simulation with the weights."""
+        steps = theta[:, None] + STEP * np.eye(n_terms)
+        outputs = simulated(np.column_stack([theta, steps]))
+        return (outputs[:, 1:] - outputs[:, :1]) / STEP
+
+    start = np.array(model.theta)
+    if not np.isfinite(model.simulate_scaled(u, y, start[:, None])).all():
+        return model
+    best = least_squares(residuals, start, jac=jacobian, max_nfev=30, x_scale="jac")
+    e = -best.fun - np.mean(-best.fun)
+    n = len(e)
+    e = e * np.sqrt(n / max(n - n_terms, 1))
+    block = int(np.clip(2 * correlation_length(e), 1, n // 4))
+    n_blocks = -(-n // block)
+    rng = np.random.default_rng(0)
+    starts = rng.integers(0, n - block + 1, (N_BOOTSTRAP, n_blocks))
+    index = (starts[:, :, None] + np.arange(block)).reshape(N_BOOTSTRAP, -1)[:, :n]
+    draws = best.x + np.linalg.lstsq(best.jac, e[index].T, rcond=1e-10)[0].T
+    return replace(model, theta=tuple(best.x.tolist()), draws=tuple(map(tuple, draws.tolist())))
+
+
+def bootstrap_estimate(value: float, draws: Sequence[float]) -> Estimate | None:
+    """``value`` with the standard deviation and the 95 % interval of its bootstrap draws.
+
+    None where there are no draws, or too few finite ones.
+
+    Parameters
+    ----------
+    value
+        The estimate.
+    draws
+        Its bootstrap draws, some of which may be NaN.
+
+    Returns
+    -------
+    Estimate or None
+        With the standard deviation and the 2.5 and 97.5 % quantiles of the draws.
+    """
+    finite = np.array([d for d in draws if np.isfinite(d)])
+    too_few = len(finite) < MIN_FINITE_SHARE * len(draws) or not len(finite)
+    if not np.isfinite(value) or too_few:
+        return None
+    low, high = np.quantile(finite, [0.025, 0.975])
+    return Estimate(value=value, u=float(np.std(finite)), low95=float(low), high95=float(high))
+
+
+def nrmse_percent(y: Array, model: Array) -> float:
+    """Return the NRMSE fit percent where the model has a value.
+
+    Parameters
+    ----------
+    y
+        Measured output (N,).
+    model
+        Its model (N,), NaN where it has no value.
+
+    Returns
+    -------
+    float
+        100 is perfect, 0 as bad as the mean; minus infinity where too few values are finite.
+    """
+    finite = np.isfinite(model)
+    if finite.mean() < MIN_FINITE_SHARE:
+        return float("-inf")
+    error = np.linalg.norm((y - model)[finite])
+    spread = np.linalg.norm(y[finite] - y[finite].mean())
+    return 100 * (1 - float(error / spread))
+
+
+@one_blas_thread
+def temperature_dependence(
+    data: IOData, *, lags: int = 3, dead_samples: int = 0, held_out: float = 0.3
+) -> TemperatureDependence:
+    """Whether the lag depends on the level, by simulation (:func:`level_lag`).
+
+    Parameters
+    ----------
+    data
+        One input and one output; of several runs the first is used, and the sentence says so.
+    lags, dead_samples, held_out
+        As for :func:`narx`.
+
+    Returns
+    -------
+    TemperatureDependence
+        The conclusion, the lags at both levels and the NARX models.
+
+    Notes
+    -----
+    The lag depends on the level where the 99 % interval of the lag's bend does not include zero.
+    A linear and a quadratic NARX, by held-out simulation, show whether something else is not
+    linear.
+    """
+    options: dict[str, Any] = {"lags": lags, "dead_samples": dead_samples, "held_out": held_out}
+    linear = narx(data, degree=1, **options)
+    quadratic = narx(data, degree=2, **options)
+    lag = level_lag(data.run(0))
+    sentence = _conclusion(lag, linear, quadratic, data.output_units[0] or "units")
+    run = ""
+    if len(data.runs) > 1:
+        run = data.runs[0].name or "1"
+        sentence = f"Run {run}, the first of {len(data.runs)}: {sentence}"
+    return TemperatureDependence(linear, quadratic, sentence, lag, run)
+
+
+def _conclusion(lag: LevelLag, linear: Narx, quadratic: Narx, unit: str) -> str:
+    """The conclusion of :func:`temperature_dependence` as text.
+
+    Parameters
+    ----------
+    lag
+        The lag at both levels.
+    linear, quadratic
+        The NARX models.
+    unit
+        Unit of the output.
+
+    Returns
+    -------
+    str
+        One or two sentences.
+    """
+    low, high = (
+        f"{e.value:.3g} s ({e.low95:.3g} to {e.high95:.3g} s) at {level:.4g}"
+        for e, level in zip((lag.low, lag.high), lag.levels)
+    )
+    if lag.depends:
+        return (
+            f"The lag depends on the level: {low} and {high} {unit} "
+            f"(95 %; simulated, {lag.model} bent)."
+        )
+    linear_percent = f"{linear.held_out_percent:.1f} %"
+    quadratic_percent = f"{quadratic.held_out_percent:.1f} %"
+    max_error = MAX_QUADRATIC_RATIO * (100 - linear.held_out_percent)
+    if 100 - quadratic.held_out_percent < max_error:
+        return (
+            f"No sign that the lag depends on the level ({low}, {high} {unit}). A quadratic NARX "
+            f"simulates better ({quadratic_percent} against {linear_percent}): look at the static "
+            "line."
+        )
+    return (
+        f"No sign that the lag depends on the level: {low}, {high} {unit}. Held out, a quadratic "
+        f"NARX simulates to {quadratic_percent}, a linear one to {linear_percent} (one step ahead "
+        f"both look like {linear.one_step_percent:.1f} %)."
+    )

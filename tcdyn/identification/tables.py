@@ -1,0 +1,696 @@
+"""Input-output data from pandas tables and files, with checks of time, values and hold.
+
+``tcdyn.identification.from_csv`` and ``from_frame`` are the public functions; ``tcdyn identify`` reads
+with them. ``tests/identify/test_identify_data.py`` checks tables and errors,
+``tests/identify/test_identify_choose.py`` the hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.core import Array, Flags
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, SampleLocation, info, warning
+from tcdyn.core.labels import seconds_of_index
+from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold
+from tcdyn.identification.segments import MIN_REPEATED_SHARE
+from tcdyn.io.cells import TextColumn
+from tcdyn.io.read import Table, open_table, read_all_rows
+from tcdyn.io.stamps import is_stamp
+from tcdyn.io.table import Columns, missing_column_error
+from tcdyn.io.times import (
+    TIME_COLUMN_NAMES,
+    TimeColumn,
+    find_time_column,
+    is_time_name,
+    rows_of_repeated_stamps,
+)
+from tcdyn.rig.plausible import dropout_codes, overload_codes
+
+# Findings of the reader about values and times, which the data keep
+LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
+# Thresholds, chosen by judgement.
+# Share of repeated time stamps, above which the clock has too few decimals.
+MAX_REPEATED_STAMPS = 0.02
+MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
+# Change of an input that a computer has set, over its range; rounding makes smaller steps.
+MIN_JUMP_SHARE = 0.05
+# Share of the changes of a staircase before and after which it stays constant.
+MIN_ISOLATED_SHARE = 0.95
+# Largest departure from an even time grid, in sampling intervals.
+MAX_JITTER = 0.05
+
+
+def from_frame(
+    frame: pd.DataFrame,
+    *,
+    input: str | Sequence[str],
+    output: str | Sequence[str],
+    time: str | None = None,
+    time_unit: str | None = None,
+    run: str | None = None,
+    dt_s: float | None = None,
+    hold: Holds | Literal["auto"] = "auto",
+    resample_s: float | None = None,
+    name: str = "",
+) -> IOData:
+    """Input-output data from a table, one row for each sample.
+
+    Rows that are missing from an even time grid become NaN outputs (a gap). Overload and drop-out
+    codes become NaN.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    input, output
+        Columns of the inputs and of the outputs.
+    time
+        Column of numbers or of clock times; found by itself where it is called time_s, Time [ms],
+        t and the like, or the index of the frame. Without one give ``dt_s``.
+    time_unit
+        s, ms, us, ns, min, h or days; needed where the column's name does not give the unit and
+        seconds are not plausible.
+    run
+        Column whose values name separate runs.
+    dt_s
+        Sampling interval [s].
+    hold
+        "zoh", "foh", one of them for each input, or "auto": "zoh" for each input that stays
+        constant and jumps as if set by a computer. Where the input alone cannot tell
+        (:func:`is_setpoint`), there is a finding.
+    resample_s
+        Sampling interval [s] of an even grid to which uneven times are interpolated linearly.
+    name
+        Name of the record.
+
+    Returns
+    -------
+    IOData
+        The data, with findings about codes and the hold.
+
+    Raises
+    ------
+    InputError
+        With column, row and remedy.
+
+    Notes
+    -----
+    The order of the checks decides which error a user sees first.
+    ``tests/identify/test_identify_data.py`` has a case for each.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
+    >>> from_frame(table, input="u", output="y").dt_s
+    1.0
+    """
+    where = name or "table"
+    inputs = [input] if isinstance(input, str) else list(input)
+    outputs = [output] if isinstance(output, str) else list(output)
+    epoch = None
+    if time is None and dt_s is None and not any(is_time_name(str(c)) for c in frame.columns):
+        time_s = seconds_of_index(frame.index)
+        if len(time_s):
+            frame = frame.assign(time_s=time_s)
+            time_unit = "s"
+        if isinstance(frame.index, pd.DatetimeIndex):
+            epoch = frame.index[0]
+    _check_columns(frame, inputs, outputs, time, run, where)
+    clock = None
+    if time is not None or dt_s is None:
+        names = list(map(str, frame.columns))
+        clock = _time_column(names, where, requested=time, unit=time_unit)
+        time = clock.name
+    _check_once(list(frame.columns), [*inputs, *outputs, time], where)
+    groups = [("", frame)]
+    if run is not None:
+        groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
+    times = [np.empty(0)] * len(groups)
+    if clock is not None:
+        times = [_times(group, clock, where) for _, group in groups]
+    if dt_s is not None:
+        interval = dt_s
+    elif resample_s is not None:
+        interval = resample_s
+    else:
+        interval = sampling(times, where)
+    if not 0 < interval < np.inf:
+        raise InputError(
+            f"the sampling interval is {interval:g} s", where=where, expected="a number above zero"
+        )
+    runs = []
+    code_counts: dict[str, int] = {}
+    for (label, group), t in zip(groups, times):
+        location = f"{where}, run {label}" if label else where
+        u = _readings(group, inputs, location, overload_codes, code_counts)
+        y = _readings(group, outputs, location, _output_codes, code_counts)
+        start_s = 0.0
+        if time is not None:
+            check_times(t, time, location)
+            start_s = float(t[0])
+            u, y = to_even_grid(t, u, y, interval, resample_s is not None, time, location)
+        runs.append(
+            IOData.from_arrays(
+                u,
+                y,
+                interval,
+                start_s=start_s,
+                input_names=inputs,
+                output_names=outputs,
+                name=label or name,
+            )
+        )
+    data = runs[0].merge(*runs[1:])
+    codes = [
+        warning("record.codes", subject=column, count=count)
+        for column, count in code_counts.items()
+    ]
+    data = replace(
+        data,
+        runs=tuple(replace(each, epoch=epoch) for each in data.runs),
+        findings=tuple(codes),
+    )
+    return with_hold(data, hold)
+
+
+def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
+    """Return the data with another hold, and findings about it if it is selected.
+
+    Parameters
+    ----------
+    data
+        The record.
+    hold
+        As in :func:`from_frame`.
+    """
+    findings: list[Finding] = []
+    selected: Holds | list[Hold]
+    if hold == "auto":
+        selected, findings = _select_holds(data)
+    else:
+        selected = hold
+    checked = check_hold(selected, len(data.input_names), data.name or "table")
+    return replace(data, hold=checked, findings=(*data.findings, *findings))
+
+
+def _select_holds(data: IOData) -> tuple[list[Hold], list[Finding]]:
+    """Select the hold of each input from its samples.
+
+    Parameters
+    ----------
+    data
+        The record.
+
+    Returns
+    -------
+    holds
+        "zoh" for each input that was set by a computer, else "foh".
+    findings
+        One for each input that does not determine it.
+    """
+    holds: list[Hold] = []
+    findings = []
+    for k, name in enumerate(data.input_names):
+        is_set, step = is_setpoint(np.concatenate([run.u[:, k] for run in data.runs]))
+        hold: Hold = "zoh" if is_set else "foh"
+        holds.append(hold)
+        if step:
+            finding = info if is_set else warning
+            findings.append(
+                finding("record.hold", subject=name, step=step, hold=hold, half_s=data.dt_s / 2)
+            )
+    return holds, findings
+
+
+def _check_columns(
+    frame: pd.DataFrame,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    time: str | None,
+    run: str | None,
+    where: str,
+) -> None:
+    """Raise InputError for columns that are missing, or named twice as input or output.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    inputs, outputs
+        Names of the columns.
+    time, run
+        Columns of the time and of the runs, or None.
+    where
+        Table that errors name.
+
+    Raises
+    ------
+    InputError
+        For columns that are missing, or named twice.
+    """
+    signals = [*inputs, *outputs]
+    for column in signals:
+        if signals.count(column) > 1:
+            raise InputError(
+                f"column {column!r} is named twice",
+                where=where,
+                expected="other columns as inputs and outputs",
+            )
+    if not inputs or not outputs:
+        raise InputError(
+            "no input or no output is named", where=where, expected="at least one of each"
+        )
+    roles: list[tuple[str, str | None]] = [
+        *(("input", column) for column in inputs),
+        *(("output", column) for column in outputs),
+        ("time", time),
+        ("run", run),
+    ]
+    for role, name in roles:
+        if name is not None and name not in frame.columns:
+            raise missing_column_error(f"{role} column", name, [*map(str, frame)], where)
+
+
+def _time_column(names: Sequence[str], where: str, **options: Any) -> TimeColumn:
+    """Return the time column of a table.
+
+    Parameters
+    ----------
+    names
+        Names of the columns.
+    where
+        Table that errors name.
+    options
+        As for :func:`tcdyn.io.times.find_time_column`.
+
+    Returns
+    -------
+    TimeColumn
+        The column and its unit.
+
+    Raises
+    ------
+    InputError
+        Without a time column; it names both ways to give the time.
+    """
+    is_named = options["requested"] is not None or options.get("clock_columns")
+    if not is_named and not any(map(is_time_name, names)):
+        raise InputError(
+            "no time column found",
+            where=where,
+            remedy="name it ({time}) or give the sampling interval ({dt_s})",
+            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
+        )
+    return find_time_column(names, where, **options)
+
+
+def _check_once(names: Sequence[Any], requested: Collection[str | None], where: str) -> None:
+    """Raise InputError where a requested column stands twice."""
+    for name in requested:
+        if name is not None and names.count(name) > 1:
+            raise InputError(
+                f"column {name!r} stands twice", where=where, remedy="rename one of them"
+            )
+
+
+def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
+    """Return the times of the rows.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    clock
+        Its time column.
+    where
+        Table that errors name.
+
+    Returns
+    -------
+    array
+        Times (N,) [s]; repeated stamps of a clock are replaced by an even grid.
+    """
+    is_clock = frame[clock.name].dtype.kind not in "iufb"
+    times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
+    clock.check_step(times_s, is_clock)
+    if len(times_s) <= 2 or not np.isfinite(times_s).all():
+        return times_s
+    steps = np.diff(times_s)
+    if np.mean(steps == 0) <= MAX_REPEATED_STAMPS or not (steps >= 0).all():
+        return times_s
+    even_rows = rows_of_repeated_stamps(times_s)
+    if even_rows is None:
+        return times_s
+    return np.asarray(times_s[0] + even_rows.interval_s * even_rows.grid_indices, dtype=float)
+
+
+def _output_codes(values: Array) -> Flags:
+    """Return the overload and drop-out codes of a column in any unit."""
+    overload = overload_codes(values)
+    return overload | dropout_codes(np.where(overload, np.nan, values))
+
+
+def _readings(
+    frame: pd.DataFrame,
+    columns: Sequence[str],
+    where: str,
+    find_codes: Callable[[Array], Flags],
+    code_counts: dict[str, int],
+) -> Array:
+    """Return columns with their error codes as NaN.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    columns
+        Their names.
+    where
+        Table that errors name.
+    find_codes
+        Function that finds the codes in a column (N,).
+    code_counts
+        Number of codes by column, which is changed.
+
+    Returns
+    -------
+    array
+        Values (N, K).
+    """
+    readings = []
+    for column in columns:
+        values = numbers(frame, column, where)
+        is_code = find_codes(values)
+        if is_code.any():
+            code_counts[column] = code_counts.get(column, 0) + int(is_code.sum())
+        readings.append(np.where(is_code, np.nan, values))
+    return np.column_stack(readings)
+
+
+def is_setpoint(u: Array) -> tuple[bool, float]:
+    """Whether a computer has set the input ``u`` (N,).
+
+    Parameters
+    ----------
+    u
+        The input (N,), NaN is left out.
+
+    Returns
+    -------
+    tuple
+        Whether it was set, and its least step where this cannot be distinguished from a measured
+        input that is rounded to that step, else 0.
+
+    Notes
+    -----
+    An input that was set mostly stays constant, and changes by a twentieth of its range or more,
+    or between two samples that stay. An input that is measured in steps changes, when it is slow,
+    by one step at a time. So does a staircase of equal steps, which counts as set where a step is a
+    twentieth of the range or more.
+
+    ``MIN_JUMP_SHARE`` and ``MIN_ISOLATED_SHARE`` separate coarse readings from set points; a wrong
+    hold shifts the dead time by half a sample. ``tests/identify/test_identify_choose.py`` checks
+    small steps and rounding.
+    """
+    u = u[np.isfinite(u)]
+    change = np.abs(np.diff(u))
+    index = np.flatnonzero(change)
+    if not 0 < len(index) < (1 - MIN_REPEATED_SHARE) * len(change):
+        return False, 0.0
+    changes = change[index]
+    stays = np.concatenate([[True], change == 0, [True]])
+    step = float(changes.min())
+    isolated = float(np.mean(stays[index] & stays[index + 2]))
+    is_large = bool(np.median(changes) > MIN_JUMP_SHARE * np.ptp(u))
+    mostly_one_step = np.mean(changes < 1.5 * step) > 0.5
+    if np.ptp(u) < 2.5 * step or not mostly_one_step:
+        return is_large or isolated > 0.5, 0.0
+    is_isolated = isolated > MIN_ISOLATED_SHARE
+    return is_large and is_isolated, step if is_large or is_isolated else 0.0
+
+
+def from_csv(path: str | Path, **options: Any) -> IOData:
+    """Read input-output data from a file: text of any dialect, TDMS, LVM or Parquet.
+
+    Parameters
+    ----------
+    path
+        The file.
+    options
+        As for :func:`from_frame`.
+
+    Returns
+    -------
+    IOData
+        The data, named after the file.
+    """
+    path = Path(path)
+    requested: set[str] = set()
+    for role in ("input", "output", "time", "run"):
+        names = options.get(role)
+        if isinstance(names, str):
+            requested.add(names)
+        elif names is not None:
+            requested |= set(names)
+    table = open_table(path, (*TIME_COLUMN_NAMES, *requested))
+    clock = None
+    if options.get("time") is not None or options.get("dt_s") is None:
+        clock = _time_column(
+            table.names,
+            path.name,
+            requested=options.get("time"),
+            unit=options.get("time_unit"),
+            unit_row=table.units,
+            clock_columns=table.clock_columns,
+        )
+        requested.add(clock.name)
+    raw = read_requested(table, requested)
+    frame = _frame(table, raw)
+    run = options.get("run")
+    if run is not None and run in raw.data and run not in raw.stamps:
+        frame[run] = _whole_numbers(frame[run])
+    given = {"name": path.name, **options}
+    if clock is not None:
+        unit = options.get("time_unit")
+        if not unit and clock.is_unit_stated and clock.seconds is not None:
+            unit = clock.unit_text
+        if clock.name in raw.stamps:
+            frame[clock.name] = raw.data[clock.name]
+            unit = "s"
+        given |= {"time": clock.name, "time_unit": unit}
+    data = from_frame(frame, **given)
+    lost = [finding for finding in raw.findings if finding.code in LOST_CODES]
+    return replace(data, findings=(*lost, *data.findings))
+
+
+def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
+    """Return a table's columns; those that are not requested stay empty."""
+    return _frame(table, read_requested(table, requested))
+
+
+def read_requested(table: Table, requested: Collection[str]) -> Columns:
+    """Return the requested columns of a table that it has.
+
+    Raises
+    ------
+    InputError
+        For a requested column that stands twice.
+    """
+    _check_once(list(table.names), requested, table.where)
+    return read_all_rows(table, [name for name in table.names if name in requested])
+
+
+def _frame(table: Table, raw: Columns) -> pd.DataFrame:
+    """Return columns as a table: numbers, and text as it is in the file."""
+    columns = {**raw.data, **raw.stamps}
+    names = list(dict.fromkeys(table.names))
+    return pd.DataFrame(columns, columns=names)
+
+
+def _whole_numbers(values: pd.Series) -> pd.Series:
+    """Return numbers of runs without decimals if they have none, so that they name the runs."""
+    is_whole = values.notna().all() and bool((values == values.round()).all())
+    return values.astype(int) if is_whole else values
+
+
+def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -> Array:
+    """Return one column as floats.
+
+    Parameters
+    ----------
+    frame, column
+        The table and its column.
+    where
+        File or table that errors name.
+    clock
+        Whether the column may hold clock times, with or without the date; they become seconds
+        since the first.
+
+    Returns
+    -------
+    array
+        Values (N,), NaN for empty cells.
+
+    Raises
+    ------
+    InputError
+        For text that is not a number, with its row.
+    """
+    values = frame[column]
+    if clock and values.dtype.kind not in "iufb":
+        if values.dtype.kind == "M":
+            return np.asarray((values - values.iloc[0]).dt.total_seconds(), dtype=float)
+        texts = [str(v).strip() for v in values]
+        n_clock = sum(is_stamp(text) for text in texts)
+        if n_clock > 0.5 * len(texts):
+            return TextColumn(column, ".", SampleLocation(where)).numbers(texts, 0)
+    converted = pd.to_numeric(values, errors="coerce")
+    bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
+    if len(bad):
+        raise InputError(
+            f"column {column} row {bad[0] + 1} holds {values.iloc[bad[0]]!r}",
+            where=where,
+            expected="a number or empty",
+        )
+    return converted.to_numpy(dtype=float)
+
+
+def sampling(times: Sequence[Array], where: str) -> float:
+    """Return the sampling interval [s] of several runs, the mean of all steps.
+
+    The mean is not biased by rounded time stamps. A step over missing rows counts as several.
+
+    Parameters
+    ----------
+    times
+        Times of each run [s].
+    where
+        Table that errors name.
+
+    Returns
+    -------
+    float
+        Sampling interval [s].
+
+    Raises
+    ------
+    InputError
+        For fewer than two samples.
+    """
+    steps = np.concatenate([np.diff(t) for t in times])
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    if len(steps) == 0:
+        raise InputError("has fewer than two samples", where=where, expected="a record")
+    median = float(np.median(steps))
+    n_intervals = np.round(steps / median).sum()
+    return float(steps.sum() / n_intervals) if n_intervals > 0 else median
+
+
+def check_times(t: Array, column: str, where: str) -> None:
+    """Raise InputError for missing, repeated and backward times ``t`` (N,) [s].
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    column, where
+        Column and table that errors name.
+
+    Raises
+    ------
+    InputError
+        With the row.
+    """
+    if np.isnan(t).any():
+        row = np.flatnonzero(np.isnan(t))[0] + 1
+        raise InputError(f"column {column} is empty in row {row}", where=where)
+    backward = np.flatnonzero(np.diff(t) <= 0)
+    if len(backward):
+        k = int(backward[0])
+        problem = "repeats" if t[k + 1] == t[k] else "runs backwards"
+        raise InputError(
+            f"column {column} {problem} at row {k + 2} ({t[k]:g} s then {t[k + 1]:g} s)",
+            where=where,
+            expected="increasing time",
+            remedy="name the column that separates the runs, or remove the row",
+        )
+
+
+def to_even_grid(
+    t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str
+) -> tuple[Array, Array]:
+    """Inputs and outputs on an even grid of times.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    u, y
+        Inputs (N, K) and outputs (N, L).
+    dt_s
+        Sampling interval [s].
+    resample
+        Whether all is interpolated linearly; else the times must be on the grid, and gaps become
+        NaN.
+    column, where
+        Column and file that errors name.
+
+    Returns
+    -------
+    u, y
+        Inputs and outputs on the grid.
+
+    Raises
+    ------
+    InputError
+        For times off the grid, or a grid of too many samples.
+
+    Notes
+    -----
+    ``MAX_JITTER`` is the largest error of a time that the fit then ignores.
+    ``tests/identify/test_identify_data.py`` checks gaps and rounded stamps.
+    """
+    position = (t - t[0]) / dt_s
+    if position[-1] > MAX_GRID_SAMPLES:
+        raise InputError(
+            f"a grid of {dt_s:g} s over {t[-1] - t[0]:g} s has {position[-1]:.2g} samples",
+            where=where,
+            expected=f"at most {MAX_GRID_SAMPLES:.0e}",
+            remedy="give a longer sampling interval in seconds",
+        )
+    if resample:
+        grid = t[0] + dt_s * np.arange(int(np.floor(position[-1] + 1e-9)) + 1)
+        inputs = []
+        for values in u.T:
+            finite = np.isfinite(values)
+            inputs.append(np.interp(grid, t[finite], values[finite]))
+        outputs = [np.interp(grid, t, values) for values in y.T]
+        return np.column_stack(inputs), np.column_stack(outputs)
+    index = np.round(position).astype(int)
+    departure = np.abs(position - index)
+    if departure.max() > MAX_JITTER or np.any(np.diff(index) == 0):
+        k = int(np.argmax(departure))
+        raise InputError(
+            f"column {column} is not evenly spaced: row {k + 1} at {t[k]:g} s is "
+            f"{departure[k] * dt_s:.3g} s off a {dt_s:g} s grid",
+            where=where,
+            expected="one sampling interval",
+            remedy="resample it ({resample_s})",
+            parameters={"resample_s": f"{dt_s:.3g}"},
+        )
+    n = index[-1] + 1
+    if n == len(t):
+        return u, y
+    u_even = np.full((n, u.shape[1]), np.nan)
+    y_even = np.full((n, y.shape[1]), np.nan)
+    u_even[index] = u
+    y_even[index] = y
+    return u_even, y_even
