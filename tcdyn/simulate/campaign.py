@@ -23,6 +23,7 @@ from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io import write
+from tcdyn.io.metadata import SIMULATED_KEY
 from tcdyn.io.read import sha256
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig, load_rig, rig_toml
@@ -39,7 +40,7 @@ _INTEGER_COLUMNS = ("contact", "switch", "repeat")  # Columns of a log that are 
 
 
 def write_log(frame: pd.DataFrame, path: Path) -> None:
-    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond.
+    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond; marked as simulated.
 
     Parameters
     ----------
@@ -57,7 +58,8 @@ def write_log(frame: pd.DataFrame, path: Path) -> None:
     decimals = dict.fromkeys(frame, 4) | _DECIMALS
     rounded = frame.astype(float).round(decimals)
     integers = {name: np.int64 for name in _INTEGER_COLUMNS if name in frame}
-    write.write_log(rounded.astype(integers), path)
+    mark = {SIMULATED_KEY: "by tcdyn"}
+    write.write_log(rounded.astype(integers), path, mark)
 
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
