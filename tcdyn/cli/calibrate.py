@@ -21,6 +21,7 @@ from tcdyn.cli.common import (
     exit_status,
     number_option,
     option_groups,
+    source_entry,
     stage_progress,
 )
 from tcdyn.core.errors import InputError
@@ -82,7 +83,8 @@ def calibrate(
 
     target = out or Path(f"{disk}.disk.json")
     fluids = fluid or ["mobil-jet-ii"]
-    check_outputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
+    read_files = [rig, oven, *immersion, *fluids, *(earlier or [])]
+    check_outputs(read_files, reporter.overwrite, out=target, report=report)
     earlier_records = [read_record(path) for path in earlier or []]
     for path, record in zip(earlier or [], earlier_records):
         if record.disk != disk:
@@ -154,7 +156,7 @@ def hole(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.calibrate import log_findings
 
-    check_outputs([log, rig], out=out, report=report)
+    check_outputs([log, rig], reporter.overwrite, out=out, report=report)
     setup = load_rig(rig)
     table = read_log(log, "hole", setup)
     comparison = compare_holes(
@@ -168,6 +170,7 @@ def hole(
     )
     findings = unique((*log_findings(table, comparison.entry), *comparison.findings))
     content = {**comparison.to_dict(), "warnings": list(messages(findings))}
+    content["source"] = source_entry(log)
     if out is not None:
         write_text(out, dump(content))
     if report is not None:

@@ -72,10 +72,6 @@ def follow(
         Path | None,
         typer.Option(help="JSON file with the state: read if it exists, written at the end"),
     ] = None,
-    overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="replace --out if it exists; otherwise this is an error"),
-    ] = False,
     report: Annotated[
         Path | None,
         typer.Option(
@@ -125,7 +121,11 @@ def follow(
         reporter.text("--behind-s is now --delay-s")
         delay_s = behind_s if delay_s is None else delay_s
     rig_table = load_rig(rig) if rig else None
-    check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
+    read_files = [log, rig, *(record or []), *(sensor or [])]
+    check_outputs(
+        read_files, True, out=out, report=report, state=state
+    )  # with --state it continues
+    check_outputs(read_files, reporter.overwrite, report=report)
 
     def announce(followed: RawLog, delay_s: float) -> None:
         count = len(followed.channels.units)
@@ -143,7 +143,7 @@ def follow(
             delay_s=delay_s,
             options=options,
             state=state,
-            overwrite=overwrite,
+            overwrite=reporter.overwrite,
             **of_csv,
             idle_s=idle_s,
             asked_to_stop=stop,

@@ -23,6 +23,7 @@ from tcdyn.cli.common import (
     in_range,
     number_option,
     option_groups,
+    source_entry,
 )
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
@@ -224,7 +225,7 @@ def identify(
     else:
         pages = {y: path.with_suffix(".html") for y, path in json_files.items()}
     for y in outputs:
-        check_outputs([data], out=json_files[y], report=pages[y])
+        check_outputs([data], reporter.overwrite, out=json_files[y], report=pages[y])
     record = from_csv(
         data,
         input=inputs,
@@ -261,6 +262,7 @@ def identify(
         reporter.text(f"{comparison.summary(as_option)}\n{comparison.lag_removal_advice(filter_)}")
         content = comparison.best.identified.to_dict()
         content["averaged"] = comparison.averaged
+        content["source"] = source_entry(data)
         level_dependence = ""
         if narx:
             from tcdyn.identify.narx import temperature_dependence
@@ -340,7 +342,7 @@ def response(
     if len(pair) != 2:
         raise InputError(f"--columns is {columns_!r}", expected="two columns with a comma between")
     path = out or data.with_suffix(".identified.json")
-    check_outputs([data], out=path)
+    check_outputs([data], reporter.overwrite, out=path)
     measured = Response.read(
         data, frequency, (pair[0], pair[1]), form=form, u=u, coherence=coherence, averages=averages
     )
@@ -363,9 +365,10 @@ def response(
         for fit in fits
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
-    write_text(path, dump(best.to_dict()))
+    content = best.to_dict() | {"source": source_entry(data)}
+    write_text(path, dump(content))
     read_identified(path)
-    reporter.json(best.to_dict)
+    reporter.json(lambda: content)
     reporter.text(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
     exit_status(data.name, best.findings)
 

@@ -61,7 +61,7 @@ def simulate_round(
     from tcdyn.simulate.field import disk_fields
     from tcdyn.simulate.truth import draw_truth
 
-    check_picture(out, [rig])
+    check_picture(out, [rig], reporter.overwrite)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
     disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
     save_picture(circumferential_figure([disks[d] for d in DISKS]), out)
@@ -108,7 +108,7 @@ def fit_round(
     if disk is not None:
         check_choice("--disk", disk, DISKS)
     if out is not None:
-        check_picture(out, [rig])
+        check_picture(out, [rig], reporter.overwrite)
     rig_settings = load_rig(rig)
     setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
     stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]
