@@ -3,7 +3,7 @@
 Source: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008), 5.1.2, G.4 and annex
 H.
 
-Used by the signed pages of the certificate (:mod:`tcdyn.report.signed`). Tests:
+Used by the formal part of the certificate (:mod:`tcdyn.report.formal`). Tests:
 ``tests/calibration/test_budget.py``.
 """
 
@@ -15,7 +15,7 @@ from datetime import date
 
 from scipy.special import stdtrit
 
-from tcdyn.core.estimate import Z95
+from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.rig.static_line import StaticLine, static_u
 from tcdyn.rig.tables import TraceabilityTable
 
@@ -95,6 +95,41 @@ class UncertaintyBudget:
     def expanded(self) -> float:
         """Expanded uncertainty U = k u for 95 %."""
         return self.coverage * self.u
+
+
+def expanded_of_skewed(estimate: Estimate) -> tuple[float, float]:
+    """Expanded uncertainty U = k u of an estimate whose distribution may be skewed.
+
+    Parameters
+    ----------
+    estimate
+        Value, standard uncertainty and 95 % interval.
+
+    Returns
+    -------
+    expanded
+        U: the distance from the value to the farther end of the interval, so that value -+ U
+        contains the interval, and covers with a probability of at least 95 %.
+    coverage
+        Coverage factor k = U / u.
+
+    Notes
+    -----
+    Of a normal distribution k is 1.96 (GUM, 6.3.3). JCGM 101:2008, 5.3.3, allows intervals that
+    are not symmetric; U is for users who need one number.
+
+    Examples
+    --------
+    >>> expanded, k = expanded_of_skewed(Estimate(value=0.7, u=0.1, low95=0.55, high95=0.93))
+    >>> round(expanded, 3), round(k, 2)
+    (0.23, 2.3)
+    """
+    above = estimate.high95 - estimate.value
+    below = estimate.value - estimate.low95
+    expanded = max(above, below)
+    if estimate.u == 0.0:
+        return expanded, Z95
+    return expanded, expanded / estimate.u
 
 
 def uncertainty_budget(

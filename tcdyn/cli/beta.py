@@ -107,7 +107,7 @@ def beta(
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
     from tcdyn.workflows.operating_conditions import read_bearing
 
-    check_outputs([log, rig, bearing, *record], out=out, report=report)
+    check_outputs([log, rig, bearing, *record], reporter.overwrite, out=out, report=report)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     names = column_names(log, rig_settings)
@@ -243,6 +243,7 @@ def campaign(
     Example: tcdyn rig campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record
     slow.disk.json --out results
     """
+    from tcdyn.io.write import states_checksum
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
     from tcdyn.rig.disk import channels_left_out
@@ -259,8 +260,11 @@ def campaign(
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
+    read_files = [*logs, rig, bearing, compare, *record, *(curve or ())]
+    # the folder of an earlier run is known by its page
+    overwrite = reporter.overwrite or states_checksum(out / PAGE_FILE, logs)
     for name in OUTPUTS:
-        check_outputs([*logs, rig, bearing, compare, *record, *(curve or ())], out=out / name)
+        check_outputs(read_files, overwrite, out=out / name)
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None

@@ -20,6 +20,7 @@ from tcdyn.cli.common import (
     dump,
     number_option,
     option_groups,
+    source_entry,
     stage_progress,
 )
 from tcdyn.cli.tables import value_and_u
@@ -82,7 +83,8 @@ def calibrate(
 
     target = out or Path(f"{disk}.disk.json")
     fluids = fluid or ["mobil-jet-ii"]
-    check_outputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
+    read_files = [rig, oven, *immersion, *fluids, *(earlier or [])]
+    check_outputs(read_files, reporter.overwrite, out=target, report=report)
     earlier_records = [read_record(path) for path in earlier or []]
     for path, record in zip(earlier or [], earlier_records):
         if record.disk != disk:
@@ -153,7 +155,7 @@ def holes(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.calibrate import log_findings
 
-    check_outputs([log, rig], out=out, report=report)
+    check_outputs([log, rig], reporter.overwrite, out=out, report=report)
     depth, depth_u = value_and_u(depth_mm, "--depth-mm")
     if not (0 < depth < 100 and depth_u < 100):
         raise InputError(f"--depth-mm is {depth_mm}", expected="above 0 and below 100 mm")
@@ -170,6 +172,7 @@ def holes(
     )
     findings = unique((*log_findings(table, comparison.entry), *comparison.findings))
     content = {**comparison.to_dict(), "warnings": list(messages(findings))}
+    content["source"] = source_entry(log)
     if out is not None:
         write_text(out, dump(content))
     if report is not None:

@@ -61,7 +61,7 @@ def simulate_circumference(
     from tcdyn.simulate.field import disk_fields
     from tcdyn.simulate.truth import draw_truth
 
-    check_picture(picture, [rig])
+    check_picture(picture, [rig], reporter.overwrite)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
     disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
     save_picture(circumferential_figure([disks[d] for d in DISKS]), picture)
@@ -107,7 +107,7 @@ def fit_circumference(
 
     if disk is not None:
         check_choice("--disk", disk, DISKS)
-    check_picture(picture, [rig])
+    check_picture(picture, [rig], reporter.overwrite)
     rig_settings = load_rig(rig)
     setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
     stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]

@@ -50,6 +50,12 @@ Verbose = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
 Strict = Annotated[bool, typer.Option("--strict", help="exit with code 1 if there is a warning")]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite", help="replace an existing output also if it was not made from this input"
+    ),
+]
 # The option of disk records, required or not.
 RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
@@ -144,11 +150,14 @@ class Reporter:
         Print warnings and errors only.
     strict
         Exit with code 1 if there is a warning.
+    overwrite
+        Whether the command may replace files that were not made from its inputs.
     """
 
     json_: Json = False
     quiet: Quiet = False
     strict: Strict = False
+    overwrite: Overwrite = False
 
     @property
     def is_silent(self) -> bool:
@@ -410,30 +419,38 @@ def count_progress(
         )
 
 
-def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -> None:
-    """Check, before any work, that no output is an input under any name, or another output.
+def check_outputs(
+    inputs: Iterable[Path | str | None], overwrite: bool, **outputs: Path | None
+) -> None:
+    """Check, before any work, that no output is an input, another output, or a file to protect.
 
     Parameters
     ----------
     inputs
         Files that are read; None where an option was not given.
+    overwrite
+        Whether an output may replace a file that was not made from the inputs.
     **outputs
         Files to write, by their options without the dashes; None where an option was not given.
 
     Raises
     ------
     InputError
-        If an output is one of the other files.
+        If an output is one of the other files under any name, or may not be replaced
+        (``tcdyn.io.write.check_may_replace``).
 
     Examples
     --------
-    >>> check_outputs([None, "log.csv"], out=Path("done.csv"), report=None)
+    >>> check_outputs([None, "log.csv"], False, out=Path("done.csv"), report=None)
     """
-    uses = {Path(path).resolve(): "which is read" for path in inputs if path is not None}
+    from tcdyn.io.write import check_may_replace, file_identity
+
+    files = [path for path in inputs if path is not None]
+    uses = {file_identity(path): "which is read" for path in files}
     for option, path in outputs.items():
         if path is None:
             continue
-        file = path.resolve()
+        file = file_identity(path)
         if file in uses:
             raise InputError(
                 f"--{option} would write over {path}, {uses[file]}",
@@ -441,6 +458,7 @@ def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -
                 remedy=f"change --{option}",
             )
         uses[file] = f"which is --{option}"
+        check_may_replace(path, files, overwrite)
 
 
 def dump(data: Any) -> str:
@@ -450,7 +468,14 @@ def dump(data: Any) -> str:
     return json_text(data)
 
 
-def check_picture(picture: Path | None, inputs: Iterable[Path | None]) -> None:
+def source_entry(path: Path) -> dict[str, str]:
+    """The entry "source" of a JSON result: name and checksum of the file that it was made from."""
+    from tcdyn.io.read import sha256
+
+    return {"file": path.name, "sha256": sha256(path)}
+
+
+def check_picture(picture: Path | None, inputs: Iterable[Path | None], overwrite: bool) -> None:
     """Raise InputError for a picture of another format, or one that is an input.
 
     Parameters
@@ -459,6 +484,8 @@ def check_picture(picture: Path | None, inputs: Iterable[Path | None]) -> None:
         Picture to write; None: none.
     inputs
         Files that the command reads.
+    overwrite
+        Whether it may replace a file.
     """
     if picture is None:
         return
@@ -466,7 +493,7 @@ def check_picture(picture: Path | None, inputs: Iterable[Path | None]) -> None:
         raise InputError(
             f"--picture is {picture}", expected=f"a name ending in {', '.join(PICTURES)}"
         )
-    check_outputs(inputs, picture=picture)
+    check_outputs(inputs, overwrite, picture=picture)
 
 
 def save_picture(picture: Figure, out: Path) -> None:

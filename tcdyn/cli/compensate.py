@@ -203,7 +203,8 @@ def compensate(
         return compensate_any_table(
             log, records, target, [rig, *record], delayed_options, reporter, verbose
         )
-    check_outputs([log, rig, *record], out=target, report=report, covariance=covariance)
+    outputs = {"out": target, "report": report, "covariance": covariance}
+    check_outputs([log, rig, *record], reporter.overwrite, **outputs)
     if comments or dialect != "standard":  # an error before the work
         output_style(**of_csv, table=open_table(log), out=target)
     way = _method(method, criterion, bandwidth_hz, noise_only)

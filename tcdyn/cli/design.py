@@ -98,7 +98,7 @@ def design(
     from tcdyn.design.plans import PlungePlan, StepPlan
     from tcdyn.rig.rigfile import load_rig
 
-    check_outputs([rig, fluid, campaign], out=out)
+    check_outputs([rig, fluid, campaign], reporter.overwrite, out=out)
     if campaign is not None:
         _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, reporter)
         return

@@ -68,10 +68,6 @@ def follow(
         Path | None,
         typer.Option(help="JSON file with the state: read if it exists, written at the end"),
     ] = None,
-    overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="replace --out if it exists; otherwise this is an error"),
-    ] = False,
     report: Annotated[
         Path | None,
         typer.Option(
@@ -118,7 +114,11 @@ def follow(
         records = records_by_disk(record or [])
     check_choice("--dialect", dialect, DIALECTS)
     rig_table = load_rig(rig) if rig else None
-    check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
+    read_files = [log, rig, *(record or []), *(sensor or [])]
+    check_outputs(
+        read_files, True, out=out, report=report, state=state
+    )  # with --state it continues
+    check_outputs(read_files, reporter.overwrite, report=report)
 
     def announce(followed: RawLog, delay_s: float) -> None:
         count = len(followed.channels.units)
@@ -136,7 +136,7 @@ def follow(
             delay_s=delay_s,
             options=options,
             state=state,
-            overwrite=overwrite,
+            overwrite=reporter.overwrite,
             **of_csv,
             idle_s=idle_s,
             asked_to_stop=stop,

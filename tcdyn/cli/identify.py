@@ -22,6 +22,7 @@ from tcdyn.cli.common import (
     in_range,
     number_option,
     option_groups,
+    source_entry,
 )
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
@@ -223,7 +224,7 @@ def identify(
     else:
         pages = {y: path.with_suffix(".html") for y, path in json_files.items()}
     for y in outputs:
-        check_outputs([data], out=json_files[y], report=pages[y])
+        check_outputs([data], reporter.overwrite, out=json_files[y], report=pages[y])
     record = from_csv(
         data,
         input=inputs,
@@ -258,6 +259,7 @@ def identify(
         reporter.text(f"{comparison.summary(as_option)}\n{comparison.lag_removal_advice(filter_)}")
         content = comparison.best.identified.to_dict()
         content["averaged"] = comparison.averaged
+        content["source"] = source_entry(data)
         level_dependence = ""
         if narx:
             from tcdyn.identification.narx import temperature_dependence
@@ -345,7 +347,7 @@ def response(
             f"--column is given {len(pair)} times", expected="twice: magnitude, then phase"
         )
     path = out or data.with_suffix(".identified.json")
-    check_outputs([data], out=path)
+    check_outputs([data], reporter.overwrite, out=path)
     measured = Response.read(
         data,
         frequency,
@@ -374,9 +376,10 @@ def response(
         for fit in fits
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
-    write_text(path, dump(best.to_dict()))
+    content = best.to_dict() | {"source": source_entry(data)}
+    write_text(path, dump(content))
     read_identified(path)
-    reporter.json(best.to_dict)
+    reporter.json(lambda: content)
     reporter.text(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
     reporter.finish(data.name, best.findings)
 

@@ -24,6 +24,7 @@ from tcdyn.cli.common import (
     dump,
     number_option,
     option_groups,
+    source_entry,
 )
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages, unique
@@ -189,12 +190,12 @@ def transducer(
 
     if quantity is not None:
         check_choice("--quantity", quantity, ("load", "friction"))
-    check_outputs([table], out=out)
+    check_outputs([table], reporter.overwrite, out=out)
     points = read_numbers(table, ("volts", "force_N"), optional=("session",))
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
-        write_text(out, dump(line.to_dict()))
+        write_text(out, dump(line.to_dict() | {"source": source_entry(table)}))
     if quantity is None:
         reporter.json(line.to_dict)
         reporter.text(line.summary())

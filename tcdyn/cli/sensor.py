@@ -63,7 +63,19 @@ class SensorOutput:
         file_name = file_name.removesuffix(".json").removesuffix(".sensor")
         return self.name or file_name or "sensor"
 
-    def write(self, sensor: SensorFile, reporter: Reporter, logs: Sequence[Path] = ()) -> None:
+    def check(self, reporter: Reporter, logs: Sequence[Path] = ()) -> None:
+        """Check before any work that the file may be written.
+
+        Parameters
+        ----------
+        reporter
+            Output of the command.
+        logs
+            Tables that are read.
+        """
+        check_outputs(logs, reporter.overwrite, out=self.out)
+
+    def write(self, sensor: SensorFile, reporter: Reporter) -> None:
         """Write the file if one is requested, and report its content.
 
         Parameters
@@ -72,8 +84,6 @@ class SensorOutput:
             Content of the file.
         reporter
             Output of the command.
-        logs
-            Tables that were read; they must not be the output.
 
         Notes
         -----
@@ -83,7 +93,6 @@ class SensorOutput:
         from tcdyn.sensors import read_sensor, write_sensor
 
         if self.out is not None:
-            check_outputs(logs, out=self.out)
             write_sensor(sensor, self.out)
             read_sensor(self.out)
         _report(sensor, reporter, self.out)
@@ -147,6 +156,7 @@ def new(
     """
     from tcdyn.sensors import specified_sensor
 
+    output.check(reporter)
     sensor = specified_sensor(
         output.sensor_name,
         column,
@@ -234,6 +244,7 @@ def plunge(
     from tcdyn.sensors.step_structures import JUNCTIONS
     from tcdyn.sensors.surface_h import BoundaryLayer
 
+    output.check(reporter, logs)
     check_choice("--junction", junction, JUNCTIONS)
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
@@ -268,7 +279,7 @@ def plunge(
             raise problem.at(str(log)) from None
         dips.append(_with_findings(dip, findings, float(t[-1] - t[0])))
     sensor = dips[0] if len(dips) == 1 else pool_dips(dips, output.sensor_name, film)
-    output.write(sensor, reporter, logs)
+    output.write(sensor, reporter)
 
 
 @app.command()
@@ -313,6 +324,7 @@ def pair(
     """
     from tcdyn.sensors.pair import pair_sensor
 
+    output.check(reporter, [log])
     if len(set(column)) != 2 or len(column) != 2:
         raise InputError(
             f"--column is {' and '.join(column)}",
@@ -331,7 +343,7 @@ def pair(
         bare=bare,
         inputs=[_input_file(log)],
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter)
 
 
 @app.command()
@@ -363,6 +375,7 @@ def current(
     """
     from tcdyn.sensors.current import current_sensor
 
+    output.check(reporter, [log])
     t, values, findings, names = _read(log, [column], reading, (current,))
     sensor = current_sensor(
         t,
@@ -373,7 +386,7 @@ def current(
         off_only=off_only,
         inputs=[_input_file(log)],
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter)
 
 
 @app.command()
@@ -394,11 +407,12 @@ def noise(
     """
     from tcdyn.sensors.noise import noise_sensor
 
+    output.check(reporter, [log])
     t, values, findings, names = _read(log, [column], reading)
     sensor = noise_sensor(
         t, values[0], names[0], sensor=output.sensor_name, inputs=[_input_file(log)]
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, [log])
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter)
 
 
 @app.command()
@@ -437,7 +451,7 @@ def touch(
     from tcdyn.sensors.touch import find_touches
     from tcdyn.sensors.units import match_columns
 
-    check_picture(picture, [log])
+    check_picture(picture, [log], reporter.overwrite)
     t, values, findings, names = _read(log, column, reading, several=True)
     stated = []
     for word in order or ():

@@ -88,13 +88,17 @@ class SimulatedRig:
         truth = draw_truth(self.seed, load_rig(self.rig), uncertain=self.uncertain)
         return truth.with_imperfections(CLEAN) if self.clean else truth
 
-    def for_log(self, out: Path) -> RigTruth:
+    def for_log(self, out: Path, reporter: Reporter) -> RigTruth:
         """The true values for a log that is written to ``out``.
+
+        A simulated log may be replaced by another one.
 
         Parameters
         ----------
         out
             CSV to write.
+        reporter
+            Output of the command.
 
         Raises
         ------
@@ -107,7 +111,9 @@ class SimulatedRig:
                 where=str(out),
                 remedy="give a name ending in .csv to --out",
             )
-        check_outputs([self.rig], out=out)
+        overwrite = reporter.overwrite or _is_simulated(out)
+        truth_json, traces = _truth_files(out)
+        check_outputs([self.rig], overwrite, out=out, truth=truth_json, traces=traces)
         return self.truth()
 
 
@@ -120,7 +126,7 @@ def oven(out: Out, disk: Disk = "fast", *, simulated: SimulatedRig, reporter: Re
     """
     from tcdyn.simulate.measure import simulate_oven
 
-    truth = simulated.for_log(out)
+    truth = simulated.for_log(out, reporter)
     _write(out, reporter, *simulate_oven(disk, simulated.seed, truth))
 
 
@@ -153,7 +159,7 @@ def immersion(
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 
     check_choice("--fluid", fluid, FLUIDS)
-    truth = simulated.for_log(out)
+    truth = simulated.for_log(out, reporter)
     options = PlungeOptions(after_s=duration_s)
     frame, truth_values = simulate_plunge(
         disk,
@@ -178,7 +184,9 @@ def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) 
     """
     from tcdyn.simulate.plunge import simulate_hole
 
-    _write(out, reporter, *simulate_hole(seed, SimulatedRig(seed, clean=clean).for_log(out)))
+    _write(
+        out, reporter, *simulate_hole(seed, SimulatedRig(seed, clean=clean).for_log(out, reporter))
+    )
 
 
 @app.command()
@@ -234,7 +242,11 @@ def ehl(
     """
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
-    truth = simulated.for_log(out).with_uneven(bore_contacts(uneven)).with_film_air(film_air_K)
+    truth = (
+        simulated.for_log(out, reporter)
+        .with_uneven(bore_contacts(uneven))
+        .with_film_air(film_air_K)
+    )
     options = EhlOptions(
         beta=beta,
         parting_s=unloading_s,
@@ -348,17 +360,34 @@ def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, 
     truth
         True values, with the table "traces".
     """
+    from tcdyn.io.write import removed_on_failure
     from tcdyn.simulate.campaign import write_json, write_log, write_traces
 
-    truth_json = out.with_suffix(".truth.json")
-    traces = out.with_suffix(".truth.parquet")
-    write_json(truth, truth_json)
-    write_traces(truth["traces"], traces)
-    write_log(frame, out)
+    truth_json, traces = _truth_files(out)
+    with removed_on_failure(truth_json, traces):
+        write_json(truth, truth_json)
+        write_traces(truth["traces"], traces)
+        write_log(frame, out)
     reporter.json(lambda: {"log": out, "rows": len(frame), "truth": truth_json, "traces": traces})
     reporter.text(
         f"wrote {out} ({len(frame)} rows); true values in {truth_json.name} and {traces.name}"
     )
+
+
+def _is_simulated(path: Path) -> bool:
+    """Whether a file is a simulated log, by its metadata."""
+    from tcdyn.io.metadata import SIMULATED_KEY
+    from tcdyn.io.read import open_table
+
+    try:
+        return SIMULATED_KEY in open_table(path).metadata
+    except InputError:
+        return False
+
+
+def _truth_files(out: Path) -> tuple[Path, Path]:
+    """Files of the true values, and of the true traces, of a log."""
+    return out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
 
 
 def _contact_again(text: str) -> tuple[float, float]:

@@ -193,7 +193,7 @@ def compensate_any_table(
     from tcdyn.sensors.table import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table
 
-    check_outputs([log, *files], out=out)
+    check_outputs([log, *files], reporter.overwrite, out=out)
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_table(log, calibrations, out, progress=progress, **options)
     given = calibrations.values() if isinstance(calibrations, Mapping) else calibrations

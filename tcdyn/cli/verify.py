@@ -52,7 +52,7 @@ def verify(
     """
     from tcdyn.verify import verify_rows
 
-    check_outputs([], report=report, out=out)
+    check_outputs([], reporter.overwrite, report=report, out=out)
     rows = verify_rows()
     reporter.json(lambda: {"sentence": summary_text(rows), "classes": by_kind(rows), "rows": rows})
     if not reporter.is_silent:

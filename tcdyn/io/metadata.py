@@ -19,6 +19,7 @@ from tcdyn.core.findings import Finding, warning
 METADATA_ENDING = ".meta.json"  # behind the name of the table
 METADATA_SCHEMA = "tcdyn.table/1"
 COMPENSATED = "compensated"  # value of the entry "tcdyn" of a compensated table
+SIMULATED_KEY = "simulated"  # entry of a log that the simulator wrote
 START_TIME_KEY = "start_time"  # entry with the date and time of the first row, ISO 8601
 # a column of a standard uncertainty, and what may follow its stem in the name of the temperature
 _UNCERTAINTY = re.compile(r"(?P<stem>.+)_u_(?:K|degF)")

@@ -12,8 +12,9 @@ from __future__ import annotations
 import errno
 import io
 import os
+import stat
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,13 +29,18 @@ from pyarrow import csv as pacsv
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import Dialect
 from tcdyn.io.metadata import check_metadata_file_is_ours, metadata_path, metadata_text
-from tcdyn.io.read import CsvTable, Table, open_text
+from tcdyn.io.read import CsvTable, Table, open_text, sha256
 
 # numbers of the errors that a full or read-only file system causes: they get a sentence for the
 # user, any other error of the block is raised as it is
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 # pyarrow writes larger numbers with an exponent; times in milliseconds since 1970 are larger
 LARGEST_PLAIN_NUMBER = 1e10
+# An output is searched for the checksum of its input in its first bytes and in its last ones, where
+# Parquet has its metadata; pages, the largest outputs without metadata, have a few megabytes.
+SEARCHED_BYTES = 1 << 25
+FOOTER_BYTES = 1 << 16
+CHECKSUM_DIGITS = 16  # hexadecimal digits of a checksum that pages state
 DialectName = Literal["standard", "input"]
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 
@@ -140,10 +146,13 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the file cannot be written, for example on a full disk, or is not a file (/dev/null).
+        If the file cannot be written, for example on a full disk, is read-only, or is not a file
+        (/dev/null).
 
     Notes
     -----
+    A file that is replaced keeps its permissions; a new one has those of the umask.
+
     Stopped at any moment, the block leaves the previous file or none. The temporary name starts
     with a dot and keeps the ending, for writers that depend on endings.
 
@@ -163,9 +172,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     try:
         target = Path(path).resolve()
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists() and not target.is_file():
-            kind = "a folder" if target.is_dir() else "no file but a device"
-            raise InputError(f"is {kind}", where=str(path), expected="a file to write")
+        check_writable(target)
+        permissions = 0o666 & ~_umask()
+        if target.exists():
+            permissions = stat.S_IMODE(target.stat().st_mode)
         handle, name = tempfile.mkstemp(
             prefix=f".{target.stem[:40]}.", suffix=target.suffix, dir=target.parent
         )
@@ -179,7 +189,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         yield temporary
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
+        os.chmod(temporary, permissions)
         os.replace(temporary, target)
     except OSError as problem:
         if problem.errno not in FULL:  # it may come from reading in the block
@@ -190,6 +200,170 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()
+
+
+@contextmanager
+def removed_on_failure(*paths: Path) -> Iterator[None]:
+    """Delete those of the files that the block made, if it fails.
+
+    For files that are of use only together. Files that existed before are not deleted.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> first = pathlib.Path(tempfile.mkdtemp()) / "first.txt"
+    >>> with suppress(RuntimeError), removed_on_failure(first):
+    ...     _ = write_text(first, "x")
+    ...     raise RuntimeError
+    >>> first.exists()
+    False
+    """
+    new = [path for path in paths if not path.exists()]
+    try:
+        yield
+    except BaseException:
+        for path in new:
+            with suppress(OSError):
+                path.unlink()
+        raise
+
+
+def check_writable(path: Path) -> None:
+    """Check that a path is free, or a file that its owner may write.
+
+    Parameters
+    ----------
+    path
+        File to write.
+
+    Raises
+    ------
+    InputError
+        For a folder, a device, a name that no file can have, and a read-only file. A rename would
+        replace the last one, too.
+    """
+    try:
+        if not path.exists():
+            return
+        mode = path.stat().st_mode
+    except (OSError, ValueError, RuntimeError) as problem:
+        raise _unwritable(problem, path, "give another name") from None
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no file but a device"
+        raise InputError(f"is {kind}", where=str(path), expected="a file to write")
+    if not mode & stat.S_IWUSR:
+        raise InputError(
+            "is read-only", where=str(path), remedy="make it writable, or give another name"
+        )
+
+
+def check_may_replace(path: Path, inputs: Iterable[Path | str], overwrite: bool = False) -> None:
+    """Check that an output is new, was made from one of the inputs, or is to be overwritten.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    inputs
+        Files that it will be made from.
+    overwrite
+        Whether any file may be replaced that is not read-only.
+
+    Raises
+    ------
+    InputError
+        If the file may not be replaced.
+
+    Notes
+    -----
+    An output that states the checksum of an input was made from it: records, results and pages do,
+    tables of sensors in their metadata; pictures do not. An empty file may be replaced.
+    """
+    check_writable(path)
+    if overwrite or not path.exists() or path.stat().st_size == 0:
+        return
+    if not states_checksum(path, inputs):
+        raise InputError(
+            "exists already, and does not state that it was made from this input",
+            where=str(path),
+            remedy="give another name, or replace it with {overwrite}",
+            parameters={"overwrite": True},
+        )
+
+
+def states_checksum(path: Path, inputs: Iterable[Path | str]) -> bool:
+    """Whether a file, or its file of metadata, contains the SHA-256 of one of the inputs.
+
+    Parameters
+    ----------
+    path
+        The file.
+    inputs
+        The inputs; those that are no files are left out.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> log = write_text(folder / "log.csv", "t,T")
+    >>> result = write_text(folder / "result.json", sha256(log))
+    >>> states_checksum(result, [log]), states_checksum(log, [result])
+    (True, False)
+    """
+    content = b""
+    for file in (path, metadata_path(path)):
+        if file.is_file():
+            with open(file, "rb") as stream:
+                content += stream.read(SEARCHED_BYTES)
+                stream.seek(max(0, file.stat().st_size - FOOTER_BYTES))
+                content += stream.read()
+    checksums = (sha256(file) for file in inputs if Path(file).is_file())
+    return any(checksum[:CHECKSUM_DIGITS].encode() in content for checksum in checksums)
+
+
+def file_identity(path: Path | str) -> tuple[object, ...]:
+    """What two names of one file have in common, links of both kinds included.
+
+    Parameters
+    ----------
+    path
+        The file; it need not exist.
+
+    Returns
+    -------
+    identity
+        Device and number of a file that exists; otherwise its path without links, or as it is if
+        no file can have it.
+    """
+    try:
+        file = Path(path).resolve()
+        if not file.exists():
+            return (file,)
+        status = file.stat()
+    except (OSError, ValueError, RuntimeError):
+        return (path,)
+    return status.st_dev, status.st_ino
+
+
+def check_not_input(path: str | Path, source: str | Path) -> None:
+    """Check that an output is not the file that it is made from, under any name.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    source
+        File that is read.
+
+    Raises
+    ------
+    InputError
+        If they are one file.
+    """
+    if file_identity(path) == file_identity(source):
+        raise InputError(
+            "is the file that is read", where=str(path), expected="another name for the output"
+        )
 
 
 def write_text(path: str | Path, text: str) -> Path:

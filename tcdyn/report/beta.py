@@ -434,5 +434,5 @@ def write_beta_report(
         main_results=main_results,
         lead=lead,
         sources=sources,
-        simulated=bool(truths),
+        marks=["simulated"] if truths else [],
     )

@@ -1,7 +1,7 @@
 """Certificate of a calibrated disk: a verdict on each thermocouple, then the evidence for it.
 
 Written by ``tcdyn rig calibrate --report``. The verdicts come from
-:func:`calibration.compare.check_record`; the signed part is :mod:`tcdyn.report.signed`. Tests:
+:func:`calibration.compare.check_record`; the formal part is :mod:`tcdyn.report.formal`. Tests:
 ``tests/rig/test_record.py``, ``tests/cli/test_calibrate_command.py`` and
 ``tests/calibration/test_budget.py``.
 """
@@ -25,10 +25,11 @@ from tcdyn.core.findings import messages
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
 from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
 from tcdyn.plots.style import panel_figure
+from tcdyn.report.formal import formal_sections, has_oven_lines, marks, tolerance_faults
 from tcdyn.report.page import Section, write_page
-from tcdyn.report.signed import has_oven_lines, signed_sections
 from tcdyn.rig.record import ChainRecord, DiskRecord
 from tcdyn.rig.static_line import reading_u
+from tcdyn.version import __version__
 from tcdyn.workflows.calibrate import CalibrationRun
 
 CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "said")  # first part of codes
@@ -45,7 +46,7 @@ def write_certificate(
 ) -> Path:
     """Write the certificate and return its path.
 
-    The page has verdict, warnings and assumptions, the signed part, then, folded, the evidence for
+    The page has verdict, warnings and assumptions, the formal part, then, folded, the evidence for
     lags and lines.
 
     Parameters
@@ -68,19 +69,20 @@ def write_certificate(
     return write_page(
         path,
         f"Calibration of the {record.disk} disk",
-        [*signed_sections(record, earlier), *folded],
+        [*formal_sections(record, earlier), *folded],
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
-        footer=f"Made {record.created_text}.",
+        marks=marks(record),
+        footer=f"Made {record.created} with tcdyn {__version__}; not signed.",
     )
 
 
 def channel_verdicts(record: DiskRecord) -> dict[str, str]:
     """Return a sentence on each thermocouple: fit to use, or what is wrong with it.
 
-    A gap or an impossible value in a log, or a plunge beyond the oven's range, is no fault of a
-    thermocouple.
+    The rule is :func:`tcdyn.report.formal.decision_rule`. A gap or an impossible value in a log, or
+    a plunge beyond the oven's range, is no fault of a thermocouple.
 
     Parameters
     ----------
@@ -105,7 +107,8 @@ def channel_verdicts(record: DiskRecord) -> dict[str, str]:
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
         faults = [finding for finding in findings if name in finding.channels]
-        verdicts[name] = "; ".join(messages(faults)) or FIT_TO_USE
+        texts = [*messages(faults), *tolerance_faults(record, name)]
+        verdicts[name] = "; ".join(texts) or FIT_TO_USE
     return verdicts
 
 

@@ -233,7 +233,7 @@ def render_page(
     main_results: Sequence[MainResult] = (),
     lead: Section | None = None,
     sources: pd.DataFrame | None = None,
-    simulated: bool = False,
+    marks: Sequence[str] = (),
     footer: str = "",
 ) -> str:
     """Return a page as HTML.
@@ -256,8 +256,8 @@ def render_page(
         Section whose figure follows the verdict.
     sources
         Table of the files that the numbers come from.
-    simulated
-        Whether the title is marked as "simulated".
+    marks
+        Words in a frame beside the title, such as "simulated"; they are printed on each page.
     footer
         Last line; by default version and time.
 
@@ -283,7 +283,7 @@ def render_page(
         main_results=main_results,
         lead=lead,
         sources="" if sources is None else table_html(sources),
-        simulated=simulated,
+        marks=list(marks),
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         plus_minus=has_uncertainty,
     )

@@ -13,11 +13,10 @@ from pathlib import Path
 import pandas as pd
 
 from tcdyn.io.checksum import CHECKSUM_KEY
+from tcdyn.io.write import CHECKSUM_DIGITS
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.workflows.beta import BetaRun
-
-N_DIGITS = 16  # hexadecimal digits of a checksum in the table
 
 Row = tuple[str, str, str, str]  # kind, file, size or day, SHA-256
 
@@ -93,5 +92,5 @@ def to_table(rows: Sequence[Row]) -> pd.DataFrame:
     rows
         Rows of the table.
     """
-    short = [(*row, checksum[:N_DIGITS]) for *row, checksum in rows]
+    short = [(*row, checksum[:CHECKSUM_DIGITS]) for *row, checksum in rows]
     return pd.DataFrame(short, columns=["what", "file", "size or day", "SHA-256 begins"])

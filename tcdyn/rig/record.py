@@ -7,7 +7,6 @@ Tests: ``tests/rig/test_record.py``.
 
 from __future__ import annotations
 
-import getpass
 import json
 from collections.abc import Iterable
 from contextlib import suppress
@@ -287,14 +286,6 @@ class DiskRecord(Result, StrictModel):
 def now_utc() -> str:
     """The present time (UTC, ISO 8601) as records write it."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def user_name() -> str:
-    """Name of the user, for ``created_by``; empty if the system does not give it."""
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):
-        return ""
 
 
 def parse_time(text: str) -> datetime:

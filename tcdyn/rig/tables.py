@@ -389,6 +389,19 @@ def _day(text: str) -> str:
     return text
 
 
+# Entries of [traceability] without which a certificate is a draft: who calibrated, against what,
+# with which instruments (ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1).
+REQUIRED_ENTRIES = (
+    "laboratory",
+    "certificate",
+    "calibrated_by",
+    "reference",
+    "reference_serial",
+    "reference_certificate",
+    "reference_date",
+    "logger",
+    "logger_serial",
+)
 Text = Annotated[str, Field(max_length=200)]
 Day = Annotated[str, Field(max_length=10), AfterValidator(_day)]
 
@@ -406,6 +419,10 @@ class TraceabilityTable(BaseModel):
         Longest time until the next calibration.
     limit_K
         Drift of a channel that requires an earlier calibration.
+    tolerance_K, lag_tolerance_s
+        Largest error of a corrected reading at rest, and of a lag, of a thermocouple that is fit to
+        use. The defaults are chosen by judgement; 1 K is twice the standard uncertainty from which
+        on ``tcdyn rig record check`` warns about a static line.
     """
 
     model_config = STRICT
@@ -416,18 +433,23 @@ class TraceabilityTable(BaseModel):
     place: Text = ""
     procedure: Text = ""
     certificate: Text = ""
+    calibrated_by: Text = ""
     authorised_by: Text = ""
     received: Day = ""
     reference: Text = ""
+    reference_serial: Text = ""
     reference_certificate: Text = ""
     reference_date: Day = ""
     reference_u_K: float = Field(default=float(PRT_U_DEGC), ge=0, lt=5)
     reference_drift_K_per_year: float = Field(default=0.0, ge=0, lt=5)
     logger: Text = ""
+    logger_serial: Text = ""
     logger_certificate: Text = ""
     logger_date: Day = ""
     valid_days: int = Field(default=365, ge=1, le=3653)
     limit_K: float = Field(default=0.5, gt=0, lt=20)
+    tolerance_K: float = Field(default=1.0, gt=0, lt=20)
+    lag_tolerance_s: float = Field(default=0.5, gt=0, lt=1e7)
 
     @model_validator(mode="after")
     def _check_drift(self) -> Self:
@@ -438,6 +460,18 @@ class TraceabilityTable(BaseModel):
                 "the start of the drift"
             )
         return self
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Keys of ``REQUIRED_ENTRIES`` that are not stated.
+
+        Examples
+        --------
+        >>> stated = dict.fromkeys(REQUIRED_ENTRIES, "x") | {"reference_date": "2026-01-01"}
+        >>> TraceabilityTable(**(stated | {"laboratory": " "})).missing
+        ('laboratory',)
+        """
+        return tuple(key for key in REQUIRED_ENTRIES if not getattr(self, key).strip())
 
     def drift_u_K(self, on: date) -> float:
         """Standard uncertainty [K] of the reference's drift until ``on``, uniformly distributed.

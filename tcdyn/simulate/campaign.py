@@ -23,6 +23,7 @@ from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io import write
+from tcdyn.io.metadata import SIMULATED_KEY, metadata_path
 from tcdyn.io.read import sha256
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig, load_rig, rig_toml
@@ -39,7 +40,7 @@ _INTEGER_COLUMNS = ("contact", "switch", "repeat")  # Columns of a log that are 
 
 
 def write_log(frame: pd.DataFrame, path: Path) -> None:
-    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond.
+    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond; marked as simulated.
 
     Parameters
     ----------
@@ -57,7 +58,8 @@ def write_log(frame: pd.DataFrame, path: Path) -> None:
     decimals = dict.fromkeys(frame, 4) | _DECIMALS
     rounded = frame.astype(float).round(decimals)
     integers = {name: np.int64 for name in _INTEGER_COLUMNS if name in frame}
-    write.write_log(rounded.astype(integers), path)
+    mark = {SIMULATED_KEY: "by tcdyn"}
+    write.write_log(rounded.astype(integers), path, mark)
 
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
@@ -228,16 +230,6 @@ def simulate_campaign(
     for name in jobs:
         if (folder / f"{name}.csv").exists() and not _traces(folder, name).exists():
             raise _foreign_file_error(folder, f"{name}.csv")
-    rig_sha256 = _write_rig(folder, nominal_rig)
-
-    true_values: dict[str, dict[str, Any]] = {name: {} for name in jobs}
-    results = parallel_map(partial(_run, folder=folder), [*jobs.items()], n_jobs)
-    for number, (_, result) in enumerate(results, 1):
-        if isinstance(result, Exception):
-            raise result
-        name, true_values[name] = result
-        if progress:
-            progress(name, number, len(jobs))
     n_plunges = len(plunges)
     files = CampaignFiles(
         folder=folder,
@@ -250,9 +242,21 @@ def simulate_campaign(
         truth=folder / "truth" / "truth.json",
         traces={name: _traces(folder, name) for name in jobs},
     )
-    ehl = {test: true_values.pop(f"EHL_{test}") for test in tests}
-    header = {"seed": seed, "rig_sha256": rig_sha256}
-    write_json(header | truth_as_dict(true_rig) | {"tests": ehl} | true_values, files.truth)
+    logs = [folder / f"{name}.csv" for name in jobs]
+    written = [*logs, *map(metadata_path, logs), *files.traces.values(), files.rig, files.truth]
+    with write.removed_on_failure(*written):
+        rig_sha256 = _write_rig(folder, nominal_rig)
+        true_values: dict[str, dict[str, Any]] = {name: {} for name in jobs}
+        results = parallel_map(partial(_run, folder=folder), [*jobs.items()], n_jobs)
+        for number, (_, result) in enumerate(results, 1):
+            if isinstance(result, Exception):
+                raise result
+            name, true_values[name] = result
+            if progress:
+                progress(name, number, len(jobs))
+        ehl = {test: true_values.pop(f"EHL_{test}") for test in tests}
+        header = {"seed": seed, "rig_sha256": rig_sha256}
+        write_json(header | truth_as_dict(true_rig) | {"tests": ehl} | true_values, files.truth)
     return files
 
 

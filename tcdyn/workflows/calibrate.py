@@ -31,6 +31,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, unique, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.metadata import SIMULATED_KEY
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log, read_log
 from tcdyn.rig.record import (
@@ -40,7 +41,6 @@ from tcdyn.rig.record import (
     InputFile,
     now_utc,
     parse_time,
-    user_name,
 )
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, extrapolation_warnings, identity_lines, static_u
@@ -215,7 +215,7 @@ def calibrate_disk(
     record = DiskRecord(
         disk=disk,
         created=now_utc(),
-        created_by=user_name(),
+        created_by=tables.traceability.calibrated_by,
         inputs=inputs,
         static=lines,
         chain=chain_record(fit, structure),
@@ -322,13 +322,25 @@ def _static_lines(
     stated = rig.tables(disk).traceability.shared_u_K(parse_time(now_utc()).date())
     static = fit_static_lines(log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=stated)
     made_from = [InputFile.of_path(log.path, log.sha256)]
-    return static, static.lines, [*log.findings, *static.findings], made_from
+    findings = [*log.findings, *simulated_findings(log), *static.findings]
+    return static, static.lines, findings, made_from
 
 
 def log_findings(log: Log, entry: EntryEvent) -> list[Finding]:
-    """Findings of the log without a bouncing switch that those of the entry report already."""
+    """Findings of a plunge log, and an info if it is simulated.
+
+    A bouncing switch that the findings of the entry report already is left out.
+    """
+    findings = [*log.findings, *simulated_findings(log)]
     entry_reports_bounce = any(f.code == "entry.bounced" for f in entry.findings)
-    return [f for f in log.findings if not (entry_reports_bounce and f.code == "switch.bounces")]
+    return [f for f in findings if not (entry_reports_bounce and f.code == "switch.bounces")]
+
+
+def simulated_findings(log: Log) -> list[Finding]:
+    """An info if the metadata of the log say that it is simulated."""
+    if SIMULATED_KEY in log.metadata:
+        return [info("log.simulated", subject=log.path.name)]
+    return []
 
 
 def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:

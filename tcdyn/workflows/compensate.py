@@ -23,7 +23,14 @@ from tcdyn.core.findings import Finding, info, labelled_messages, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
-from tcdyn.io.write import STANDARD_STYLE, DialectName, OutputStyle, output_style, write_log
+from tcdyn.io.write import (
+    STANDARD_STYLE,
+    DialectName,
+    OutputStyle,
+    check_not_input,
+    output_style,
+    write_log,
+)
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.steady import with_inner_row_at_one_radius
@@ -208,6 +215,7 @@ class CompensatedLog(Result):
             Findings of the log and of all its segments.
         """
         progress("writing")
+        check_not_input(path, self.raw_log.path)
         style = STANDARD_STYLE
         if comments or dialect != "standard":
             style = output_style(dialect, comments, open_table(self.raw_log.path), path)

@@ -18,7 +18,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import sha256
-from tcdyn.io.write import DialectName, output_style
+from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.table import RisingRows, Source, unique_by_subject
@@ -154,6 +154,8 @@ def compensate_table(
     }
     raw = _opened(log, calibrations, rig, options)
     out_path = Path() if callable(out) else Path(out)
+    if not callable(out):
+        check_not_input(out_path, raw.source.path)
     style = output_style(dialect, comments, raw.source.table, out_path)
     notes = dict(raw.notes)
     if raw.source.path.is_file():

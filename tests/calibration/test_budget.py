@@ -16,15 +16,15 @@ from calibration.compare import compare_records
 from calibration.static_lines import fit_static_lines
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import text_with_u
-from tcdyn.report.page import render_page
-from tcdyn.report.signed import (
+from tcdyn.report.formal import (
     budget_table,
     channel_budget,
+    formal_sections,
     next_calibration,
     results,
-    signed_sections,
     temperatures,
 )
+from tcdyn.report.page import render_page
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import load_rig, parse_rig, rig_toml
@@ -189,12 +189,12 @@ def test_degrees_of_freedom_above_a_million_are_printed_as_infinite() -> None:
 
 def test_certificate_states_responsibility_method_and_uncertainty() -> None:
     record = oven_record()
-    page = render_page("Certificate", signed_sections(record))
+    page = render_page("Certificate", formal_sections(record))
     for text in (
         "not stated",
         "drift since",
         "degrees of freedom",
-        "Signatures",
+        "Decision rule",
         "Next calibration",
     ):
         assert text in page, text

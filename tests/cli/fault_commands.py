@@ -270,6 +270,8 @@ class Trial:
             for w in command.words.split()
         ]
         self.words = [str(folder / "o") if w == "o" else w for w in self.words]
+        if command.outputs:
+            self.words.append("--overwrite")
         self.once, self.grows = command.once, command.grows
         self.kept = {name: p.read_bytes() for name, p in self._all()}
         self.before = content(folder)

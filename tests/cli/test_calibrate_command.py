@@ -115,6 +115,16 @@ def test_structures_travel_with_record_summary_and_certificate(said: Said) -> No
     assert "one lag and a dead time" in said.page
 
 
+def test_the_certificate_of_simulated_logs_is_marked_and_names_no_login(said: Said) -> None:
+    """The plunge was saved by another program, without metadata; the oven log has its own."""
+    head = said.page[said.page.index("<h1>") : said.page.index("</h1>")]
+    assert "simulated" in head
+    assert "draft, not a calibration certificate" in head
+    assert "oven_fast.csv is simulated" in said.err
+    assert said.record["created_by"] == ""
+    assert "Authorised by" not in said.page
+
+
 def test_the_certificate_gives_its_verdict_once_and_first(said: Said) -> None:
     page = said.page
     assert page.count("6 of 6 thermocouples fit to use") == 1
@@ -124,7 +134,7 @@ def test_the_certificate_gives_its_verdict_once_and_first(said: Said) -> None:
             "thermocouples fit to use",
             "<h2>Results",
             "<h2>Budget",
-            "<h2>Signatures",
+            "<h2>Budget: lags",
             "<summary>Lags",
         )
     ]

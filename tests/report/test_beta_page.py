@@ -116,13 +116,13 @@ def test_page_states_result_status_sources_and_simulation(
     ).read_text(encoding="utf-8")
     page = page.replace("\u00a0", " ")  # non-breaking spaces
     head = page[page.index("<h1>") : page.index("<section>")]
-    assert '<span class="simulated">' in head
+    assert '<span class="stamp">simulated' in head
     assert typeset(f"<b>β = {partition.combined.estimates['beta']}</b>") in head
     assert '<span class="status sound">' in head
     assert "B3.csv" in head
     assert head.count("<img") == 1
     plain = write_beta_report(tmp_path / "y.html", {"B3": partition}).read_text(encoding="utf-8")
-    assert '<span class="simulated">' not in plain
+    assert '<span class="stamp">' not in plain
     assert page.count("<details>") > page.count("<section>")
 
 

@@ -26,8 +26,8 @@ from tcdyn.report.certificate import (
     certificate_sections,
     certificate_verdict,
 )
+from tcdyn.report.formal import formal_sections
 from tcdyn.report.page import write_page
-from tcdyn.report.signed import signed_sections
 from tcdyn.rig.disk import CHANNELS, Conditioning
 from tcdyn.rig.record import (
     ChainRecord,
@@ -352,7 +352,7 @@ def test_certificate_is_one_page_with_a_result_for_each_thermocouple(tmp_path):
     page = write_page(
         tmp_path / "fast.html",
         "Disk fast",
-        [*signed_sections(RECORD), *certificate_sections(RECORD, oven)],
+        [*formal_sections(RECORD), *certificate_sections(RECORD, oven)],
         verdict=certificate_verdict(RECORD),
         assumptions=certificate_assumptions(RECORD),
     )

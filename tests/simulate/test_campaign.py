@@ -1,6 +1,8 @@
 """Simulated campaign folder: files, formats, true values, and reproducibility by seed."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +10,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from tcdyn.cli.app import run
 from tcdyn.cli.simulate import app
 from tcdyn.core.errors import InputError
+from tcdyn.io.read import open_table
 from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.simulate.campaign import PlannedPlunge, simulate_campaign
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
@@ -27,9 +31,7 @@ def campaign(folder: Path, **changes):  # type: ignore[no-untyped-def]
 
 def test_campaign_folder_holds_the_documented_files(tmp_path: Path) -> None:
     files = campaign(tmp_path)
-    logs = {p.name for p in tmp_path.iterdir() if p.is_file()}
-    assert logs == {
-        "rig.toml",
+    logs = {
         "oven_fast.csv",
         "oven_slow.csv",
         "plunge_fast_1.csv",
@@ -38,6 +40,10 @@ def test_campaign_folder_holds_the_documented_files(tmp_path: Path) -> None:
         "plunge_slow_2.csv",
         "EHL_B3.csv",
     }
+    marks = {f"{name}.meta.json" for name in logs}
+    assert {p.name for p in tmp_path.iterdir() if p.is_file()} == {"rig.toml", *logs, *marks}
+    for name in logs:
+        assert open_table(tmp_path / name).metadata["simulated"] == "by tcdyn"
     assert files.traces["EHL_B3"] == tmp_path / "truth" / "EHL_B3_traces.parquet"
     assert load_rig(files.rig) == load_rig()
     true_values = json.loads(files.truth.read_text())
@@ -67,6 +73,33 @@ def test_logs_read_back_with_the_columns_of_the_true_traces(tmp_path: Path) -> N
 
 
 @pytest.mark.study
+def test_a_full_disk_leaves_nothing_of_a_campaign_or_of_a_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The disk is full at the second log, and in a single log behind its true values."""
+    sync = os.fsync
+    calls = []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) == full_at:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        sync(handle)
+
+    monkeypatch.setattr(os, "fsync", full)
+    full_at = 6
+    with pytest.raises(InputError, match="No space left"):
+        campaign(tmp_path / "lab")
+    assert [p for p in (tmp_path / "lab").rglob("*") if p.is_file()] == []
+    calls.clear()
+    full_at = 3
+    assert run(lambda: app(["oven", "--out", str(tmp_path / "lab" / "o.csv")])) == 2
+    said = capsys.readouterr()
+    assert "No space left" in said.err
+    assert "wrote" not in said.out
+    assert [p for p in (tmp_path / "lab").rglob("*") if p.is_file()] == []
+
+
 def test_file_depends_only_on_the_seed_and_its_own_name(tmp_path: Path) -> None:
     single_test = campaign(tmp_path / "a")
     with_more_tests = campaign(

@@ -68,6 +68,7 @@ READER: dict[str, Message] = {
     "tracks.aligned": _aligned,
     "log.long": "of {count} rows, only those from {begin_s:.7g} to {end_s:.7g} s, around one "
     "unloading, are analysed",
+    "log.simulated": "{subject} is simulated: its metadata say so",
     "time.filled": "{place}: {count} missing time(s) interpolated from the rows before and after",
     "time.few_decimals": "column {subject}: the time stamps have few decimals; rows are taken as "
     "evenly sampled at {rate_Hz:.5g} Hz",

@@ -1,8 +1,9 @@
-"""Signed part of a certificate: identification, results, uncertainty by source, validity, limits.
+"""Formal part of a certificate: identification, results, decision rule, budgets, validity.
 
-Sources: JCGM 100:2008 (GUM), 7.2; ISO/IEC 17025:2017, 7.8.2 and 7.8.4.
+Sources: JCGM 100:2008 (GUM), 7.2; ISO/IEC 17025:2017, 7.8.2, 7.8.4 and 7.8.6; JCGM 106:2012.
 
-Used by :mod:`tcdyn.report.certificate`. Tests: ``tests/calibration/test_budget.py``.
+Used by :mod:`tcdyn.report.certificate`. Tests: ``tests/report/test_certificate.py`` and
+``tests/calibration/test_budget.py``.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from typing import Any
 
 import pandas as pd
 
-from calibration.budget import UncertaintyBudget, uncertainty_budget
+from calibration.budget import UncertaintyBudget, expanded_of_skewed, uncertainty_budget
 from calibration.compare import compare_records
-from tcdyn.core.estimate import rounded_texts, text_with_u
+from tcdyn.core.estimate import Estimate, rounded_texts, text_with_u
 from tcdyn.report.page import Section
 from tcdyn.rig.record import DiskRecord, parse_time
 from tcdyn.rig.tables import YEAR_DAYS
@@ -38,13 +39,105 @@ NOT_MEASURED = (
 ABOUT = (
     "U = k u is the expanded uncertainty for 95 % (GUM, 6.2), k Student's factor at the effective "
     "degrees of freedom (Welch and Satterthwaite). A correction is what was to be added to a "
-    "logged value; lines have it in them."
+    "logged value; lines have it in them. For a lag, U is the farther side of its 95 % interval, so "
+    "the lag lies within U with a probability of at least 95 %; its degrees of freedom are infinite "
+    "(noise of thousands of samples; all else type B)."
 )
+# Title and mark of a certificate that is none.
+DRAFT = "draft, not a calibration certificate"
+SIMULATED = "simulated"
+# Rows of the stored budget of the lags that are sums of others, and the rows of type A.
+LAG_TOTALS = ("everything", "all of the fit")
+LAG_TYPE_A = ("noise alone",)
 
 
 def has_oven_lines(record: DiskRecord) -> bool:
     """Return whether the static lines come from an oven and not from the user."""
     return not any(finding.code == "static.stated" for finding in record.findings)
+
+
+def marks(record: DiskRecord) -> tuple[str, ...]:
+    """Return what stands beside the title: whether the certificate is a draft, or simulated."""
+    draft = (DRAFT,) if draft_reasons(record) else ()
+    return (*draft, SIMULATED) if simulated_files(record) else draft
+
+
+def simulated_files(record: DiskRecord) -> list[str]:
+    """Return the names of the logs that are simulated by their metadata."""
+    return [str(finding.subject) for finding in record.findings if finding.code == "log.simulated"]
+
+
+def draft_reasons(record: DiskRecord) -> list[str]:
+    """Return why the page is no calibration certificate; empty for one that is."""
+    reasons = []
+    missing = record.setup.traceability.missing
+    if missing:
+        reasons.append(f"[traceability] of rig.toml does not state {', '.join(missing)}")
+    if not has_oven_lines(record):
+        reasons.append("without an oven log the readings at rest are not traceable")
+    simulated = simulated_files(record)
+    if simulated:
+        reasons.append(f"simulated: {', '.join(simulated)}")
+    return reasons
+
+
+def tolerance_faults(record: DiskRecord, channel: str) -> list[str]:
+    """Return in what a channel does not meet the decision rule; empty if it meets it.
+
+    Parameters
+    ----------
+    record
+        The record.
+    channel
+        Name of the channel.
+
+    Notes
+    -----
+    Guarded acceptance with the guard band w = U: accepted if |error| <= tolerance - U. The error
+    of a corrected reading, and of a lag that is removed, is estimated as zero, so this is
+    U <= tolerance. Sources: :func:`decision_rule`. U at rest is largest at an end of the range.
+    """
+    stated = record.setup.traceability
+    faults = []
+    expanded_K, t = max(
+        (channel_budget(record, channel, t).expanded, t) for t in record.static[channel].range_degC
+    )
+    if expanded_K > stated.tolerance_K:
+        faults.append(
+            f"U = {expanded_K:.2g} K at {t:.0f} degC exceeds the tolerance of "
+            f"{stated.tolerance_K:g} K"
+        )
+    lag_s = _lag_s(record, channel)
+    if lag_s is None:
+        return faults
+    expanded_s, _ = expanded_of_skewed(lag_s)
+    if expanded_s > stated.lag_tolerance_s:
+        faults.append(
+            f"U = {expanded_s:.2g} s of its lag exceeds the tolerance of "
+            f"{stated.lag_tolerance_s:g} s"
+        )
+    return faults
+
+
+def decision_rule(record: DiskRecord) -> str:
+    """Return the rule by which a thermocouple is fit to use."""
+    stated = record.setup.traceability
+    return (
+        "A thermocouple is fit to use if no finding speaks against it and the error of a corrected "
+        f"reading at rest lies within {stated.tolerance_K:g} K, that of its lag within "
+        f"{stated.lag_tolerance_s:g} s ([traceability] tolerance_K, lag_tolerance_s). Guarded "
+        "acceptance with the guard band w = U (JCGM 106:2012, 8.3.2; ILAC-G8:09/2019, 4.2.2): it is "
+        "accepted if |error| + U does not exceed the tolerance. After correction the error is "
+        "estimated as zero, so U must not exceed it; the probability that an accepted thermocouple "
+        "is beyond its tolerance is then at most 5 %."
+    )
+
+
+def _lag_s(record: DiskRecord, channel: str) -> Estimate | None:
+    """Return the lag of a channel; None if the record does not have it."""
+    if record.chain is None or channel not in record.chain.channels:
+        return None
+    return record.chain.channels[channel].lag_s
 
 
 def calibrated_on(record: DiskRecord) -> date:
@@ -77,7 +170,9 @@ def identification(record: DiskRecord) -> pd.DataFrame:
     channels = ", ".join(record.static)
     if has_oven_lines(record):
         method = OVEN
-        reference = _instrument(t.reference, t.reference_certificate, t.reference_date)
+        reference = _instrument(
+            t.reference, t.reference_serial, t.reference_certificate, t.reference_date
+        )
     else:
         method = NO_OVEN
         reference = "none: no oven, the readings at rest are not traceable"
@@ -91,25 +186,29 @@ def identification(record: DiskRecord) -> pd.DataFrame:
         "Received; calibrated": f"{received}; {calibrated_on(record)}",
         "Procedure": t.procedure or f"{method}; plunges, grey-box fit of the chain",
         "Reference": reference,
-        "Logger": _instrument(t.logger, t.logger_certificate, t.logger_date),
+        "Logger": _instrument(t.logger, t.logger_serial, t.logger_certificate, t.logger_date),
+        "Calibrated by": t.calibrated_by,
         "Software": f"tcdyn {__version__}; checksums of all logs below",
     }
     values = [value or NOT_STATED for value in rows.values()]
     return pd.DataFrame({"": list(rows), "stated": values})
 
 
-def _instrument(name: str, certificate: str, day: str) -> str:
-    """Return an instrument with its certificate and the day of that.
+def _instrument(name: str, serial: str, certificate: str, day: str) -> str:
+    """Return an instrument with its serial number, its certificate and the day of that.
 
     Parameters
     ----------
-    name, certificate, day
+    name, serial, certificate, day
         As in ``[traceability]``; empty: not stated.
     """
-    if not name and not certificate:
+    if not name and not serial and not certificate:
         return NOT_STATED
     certificate_day = day or "a day not stated"
-    return f"{name or NOT_STATED}; certificate {certificate or NOT_STATED} of {certificate_day}"
+    return (
+        f"{name or NOT_STATED}; serial number {serial or NOT_STATED}; certificate "
+        f"{certificate or NOT_STATED} of {certificate_day}"
+    )
 
 
 def temperatures(record: DiskRecord) -> list[float]:
@@ -131,12 +230,15 @@ def results(record: DiskRecord) -> pd.DataFrame:
             row[f"correction at {t:.0f} degC [K]"] = correction_text
             row[f"U at {t:.0f} degC [K]"] = expanded_text
         if record.chain is not None:
-            chain = record.chain.channels.get(channel)
-            row["lag [s]"] = ""
-            row["95 % interval [s]"] = ""
-            if chain is not None:
-                row["lag [s]"] = rounded_texts(chain.lag_s.value, chain.lag_s.u)[0]
-                row["95 % interval [s]"] = chain.lag_s.interval_text
+            row |= dict.fromkeys(("lag [s]", "U of the lag [s]", "k", "95 % interval [s]"), "")
+            lag_s = _lag_s(record, channel)
+            if lag_s is not None:
+                expanded_s, coverage = expanded_of_skewed(lag_s)
+                lag_text, expanded_text = rounded_texts(lag_s.value, expanded_s)
+                row["lag [s]"] = lag_text
+                row["U of the lag [s]"] = expanded_text
+                row["k"] = f"{coverage:.2f}"
+                row["95 % interval [s]"] = lag_s.interval_text
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -162,6 +264,45 @@ def budget_table(budget: UncertaintyBudget) -> pd.DataFrame:
         "degrees of freedom": _freedom(budget.dof),
     }
     return pd.DataFrame([*rows, combined]).fillna("")
+
+
+def lag_budget_table(record: DiskRecord) -> pd.DataFrame:
+    """Return the budget of the common lag and of the differences between channels.
+
+    Empty if the record has none.
+
+    Parameters
+    ----------
+    record
+        The record.
+
+    Notes
+    -----
+    A source counts with the variance that would disappear if it were known. The sources are
+    correlated after the fit, so the sum of their variances differs from the variance of the lag;
+    the row on correlations is that difference, with its sign.
+    """
+    shares = record.fit.get("lag_budget")
+    if record.chain is None or not shares:
+        return pd.DataFrame()
+    common_s = record.chain.common_lag_s
+    total = {"u_common_s": common_s.u, "u_differential_s": shares[0]["u_differential_s"]}
+    sources = [share for share in shares if share["source"] not in LAG_TOTALS]
+    rows = []
+    for share in sources:
+        kind = "A" if share["source"] in LAG_TYPE_A else "B"
+        contributions = (f"{share[key]:.4f}" for key in total)
+        rows.append((share["source"], kind, "infinite", *contributions))
+    correlations = []
+    for key, u in total.items():
+        variance = u**2 - sum(share[key] ** 2 for share in sources)
+        correlations.append(f"{math.copysign(math.sqrt(abs(variance)), variance):.4f}")
+    rows.append(("correlations of the sources", "", "", *correlations))
+    expanded_s, coverage = expanded_of_skewed(common_s)
+    combined = f"combined; U = {expanded_s:.2g} s of the common lag with k = {coverage:.2f}"
+    rows.append((combined, "", "infinite", *(f"{u:.4f}" for u in total.values())))
+    columns = ["source", "type", "degrees of freedom", "common lag [s]", "differences, rms [s]"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _freedom(dof: float) -> str:
@@ -253,10 +394,11 @@ def _largest_change(row: Mapping[Any, Any]) -> float:
     return abs(row["change"]) + row["u"]
 
 
-def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> list[Section]:
+def formal_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> list[Section]:
     """Return the first pages of a certificate.
 
-    Identification, results, budget, validity, signatures and files.
+    Identification, results, decision rule, budgets, validity and files. A draft begins with what it
+    lacks; only a complete certificate has lines for signatures.
 
     Parameters
     ----------
@@ -270,24 +412,36 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
     _, reason = next_calibration(record, earlier)
     changes = "Where the disk, a junction, a cable or the logger is changed, it ends that day."
     files = pd.DataFrame([file.model_dump() for file in record.inputs])
-    calibrated_by = record.created_by or NOT_STATED
-    authorised_by = record.setup.traceability.authorised_by or NOT_STATED
-    signatures = pd.DataFrame(
-        {
-            "": ["Calibrated by", "Authorised by"],
-            "name": [calibrated_by, authorised_by],
-            "date": ["\u2003" * 8, "\u2003" * 8],
-            "signature": ["\u2003" * 14, "\u2003" * 14],
-        }
-    )
-    return [
+    sections = [
         Section("Identification and traceability", table=identification(record)),
         Section("Results", ABOUT, table=results(record)),
+        Section("Decision rule", decision_rule(record)),
         Section(
             f"Budget: channel {channel} at {temperature_degC:.0f} degC, the least certain",
             table=budget_table(budget),
         ),
-        Section("Validity", f"Next calibration {reason}. {changes}\n\n{NOT_MEASURED}"),
-        Section("Signatures", table=signatures),
-        Section("Made from", table=files if len(files) else None),
     ]
+    lag_budget = lag_budget_table(record)
+    if len(lag_budget):
+        sections.append(Section("Budget: lags", table=lag_budget))
+    sections.append(Section("Validity", f"Next calibration {reason}. {changes}\n\n{NOT_MEASURED}"))
+    reasons = draft_reasons(record)
+    if reasons:
+        title = f"{DRAFT[:1].upper()}{DRAFT[1:]}"
+        sections.insert(0, Section(title, f"{'; '.join(reasons)}."))
+    else:
+        sections.append(Section("Signatures", table=_signature_lines(record)))
+    return [*sections, Section("Made from", table=files if len(files) else None)]
+
+
+def _signature_lines(record: DiskRecord) -> pd.DataFrame:
+    """Return empty lines for two signatures, with the names that are stated."""
+    stated = record.setup.traceability
+    return pd.DataFrame(
+        {
+            "": ["Calibrated by", "Authorised by"],
+            "name": [stated.calibrated_by, stated.authorised_by or NOT_STATED],
+            "date": ["\u2003" * 8, "\u2003" * 8],
+            "signature": ["\u2003" * 14, "\u2003" * 14],
+        }
+    )
