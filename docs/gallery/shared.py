@@ -41,6 +41,8 @@ def plot_traces(logged: pd.DataFrame, done: pd.DataFrame, column: str, true: Any
     ax.plot(time_s, value, linewidth=1.0, label="compensated, 95 %")
     ax.plot(time_s, true, "k:", linewidth=0.8, label="true")
     ax.set(xlabel="time [s]", ylabel=f"temperature [{'K' if column.endswith('_K') else '°C'}]")
+    ax.grid(color="#dddddd", linewidth=0.6)
+    ax.spines[["top", "right"]].set_visible(False)
     ax.legend(frameon=False, fontsize="small")
     return ax
 
