@@ -29,7 +29,8 @@ myst_heading_anchors = 3
 exclude_patterns = ["_build", "_lab", "gallery"]
 
 # Pages with code cells are executed when the manual is built, each in a new folder; an error or an exit code other than
-# 0 is a warning, and so fails the build with -W. Their commands find this package. TCDYN_LAB is the folder of `tcdyn demo`.
+# 0 is a warning, and so fails the build with -W. Their commands find this package; TCDYN_LAB is the folder of `tcdyn
+# demo`.
 nb_execution_mode = "force"
 nb_execution_in_temp = True
 nb_execution_show_tb = True
