@@ -48,7 +48,9 @@ sphinx_gallery_conf = {
     "gallery_dirs": "auto_gallery",
     "filename_pattern": r"\.py$",
     "ignore_pattern": r"shared\.py$",
-    "subsection_order": [f"gallery/{name}" for name in ("any", "identification", "disk", "test", "rim")],
+    "subsection_order": [
+        f"gallery/{name}" for name in ("any", "identification", "disk", "test", "rim")
+    ],
     "within_subsection_order": "FileNameSortKey",
     "write_computation_times": False,
     "min_reported_time": 600,
@@ -122,7 +124,17 @@ def _modules(package: str) -> list[str]:
     return [name.removesuffix(".__init__") for name in names]
 
 
-SEARCH_TERMS = ("thermowell", "timestamp", "datetime", "PI", "xarray", "pandas", "dip", "certificate", "German")
+SEARCH_TERMS = (
+    "thermowell",
+    "timestamp",
+    "datetime",
+    "PI",
+    "xarray",
+    "pandas",
+    "dip",
+    "certificate",
+    "German",
+)
 
 
 def make_lab(app: Any) -> None:
