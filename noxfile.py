@@ -81,9 +81,8 @@ def lint(session: nox.Session) -> None:
 
 @nox.session
 def docs(session: nox.Session) -> None:
-    """The manual, with its pictures, into docs/_build."""
+    """The manual into docs/_build: its pages and examples are executed."""
     session.install(".[docs]")
-    session.run("python", "docs/gallery/make.py")
     session.run("sphinx-build", "-W", "--keep-going", "-n", "-q", "-j", "2", "docs", "docs/_build")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import sys
 from importlib import import_module
@@ -9,19 +11,52 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent), str(HERE)]
+sys.path[:0] = [str(HERE.parent), str(HERE / "gallery")]
 
 from docutils import nodes  # noqa: E402
 from latex2mathml.converter import convert  # noqa: E402
+from shared import lab  # noqa: E402
+from sphinx.errors import SphinxError  # noqa: E402
+from sphinx.transforms.post_transforms import SphinxPostTransform  # noqa: E402
 
 from tcdyn.version import __version__ as release  # noqa: E402
 
 project, author, copyright = "tcdyn", "The tcdyn developers", "The tcdyn developers, MIT licence"
 version = release
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb", "sphinx_gallery.gen_gallery"]
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "_lab", "gallery"]
+
+# Pages with code cells are executed when the manual is built, each in a new folder; an error or an exit code other than
+# 0 is a warning, and so fails the build with -W. Their commands find this package; TCDYN_LAB is the folder of `tcdyn
+# demo`.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_show_tb = True
+nb_execution_timeout = 240
+nb_merge_streams = True
+nb_number_source_lines = False
+os.environ |= {
+    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+    "PYTHONPATH": str(HERE.parent),
+    "COLUMNS": "100",
+}
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "auto_gallery",
+    "filename_pattern": r"\.py$",
+    "ignore_pattern": r"shared\.py$",
+    "subsection_order": [
+        f"gallery/{name}" for name in ("any", "identification", "disk", "test", "rim")
+    ],
+    "within_subsection_order": "FileNameSortKey",
+    "write_computation_times": False,
+    "min_reported_time": 600,
+    "parallel": True,
+    "notebook_extensions": [],
+}
 html_theme = "pydata_sphinx_theme"
 html_math_renderer = "mathml"  # rendered by the browser: no script, no network
 html_title = f"tcdyn {release}"
@@ -40,7 +75,7 @@ PAGES_WITHOUT_SUBPAGES = (
     "index",
     "start",
     "which",
-    "gallery/index",
+    "auto_gallery/index",
     "files",
     "glossary",
     "coming-from",
@@ -87,6 +122,36 @@ def _modules(package: str) -> list[str]:
     files = sorted(path.rglob("*.py"), key=lambda p: (len(p.parts), p))
     names = [".".join(p.relative_to(HERE.parent).with_suffix("").parts) for p in files]
     return [name.removesuffix(".__init__") for name in names]
+
+
+SEARCH_TERMS = (
+    "thermowell",
+    "timestamp",
+    "datetime",
+    "PI",
+    "xarray",
+    "pandas",
+    "dip",
+    "certificate",
+    "German",
+)
+
+
+def make_lab(app: Any) -> None:
+    """Make the folder of `tcdyn demo` before the first page and the first example need it."""
+    if app.config.nb_execution_mode != "off":
+        os.environ["TCDYN_LAB"] = str(lab())
+
+
+def check_search(app: Any, error: Exception | None) -> None:
+    """Fail the build if the search does not find what people look for."""
+    if error is None and app.builder.name == "html":
+        text = (app.outdir / "searchindex.js").read_text(encoding="utf-8")
+        terms = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))["terms"]
+        stem = app.builder.indexer.lang.stem
+        missing = [term for term in SEARCH_TERMS if stem(term.lower()) not in terms]
+        if missing:
+            raise SphinxError(f"the search does not find {', '.join(missing)}")
 
 
 def write_reference(*_: Any) -> None:
@@ -170,11 +235,27 @@ def mathml(self: Any, node: Any) -> None:
     raise nodes.SkipNode
 
 
+class ShellCells(SphinxPostTransform):
+    """Show a cell that begins with ``%%sh`` as commands of the shell."""
+
+    default_priority = 1
+
+    def run(self, **kwargs: Any) -> None:
+        """Replace the cells of a page."""
+        for cell in list(self.document.findall(nodes.literal_block)):
+            first, _, commands = cell.astext().partition("\n")
+            if first.startswith("%%sh"):
+                cell.replace_self(nodes.literal_block(commands, commands, language="sh"))
+
+
 def setup(app: Any) -> None:
     """Connect the functions above to the build."""
+    app.add_post_transform(ShellCells)
     app.add_html_math_renderer(
         "mathml", inline_renderers=(mathml, None), block_renderers=(mathml, None)
     )
+    app.connect("builder-inited", make_lab, priority=1)
+    app.connect("build-finished", check_search)
     app.connect("missing-reference", resolve_alias)
     app.connect("builder-inited", write_reference)
     app.connect("autodoc-process-docstring", escape_markup, priority=900)

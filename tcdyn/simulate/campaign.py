@@ -213,6 +213,11 @@ def simulate_campaign(
     The names of the files and of the keys in ``truth.json`` are read by other commands and by
     ``tests/simulate/test_campaign.py``. The order of the jobs may be changed: no file depends on
     it.
+
+    Examples
+    --------
+    >>> files = simulate_campaign("lab", seed=1, tests=("B3", "D4"))  # doctest: +SKIP
+    >>> print(files.summary())  # doctest: +SKIP
     """
     tests = tuple(dict.fromkeys(ehl_test(test).name for test in tests))
     folder = Path(out_dir)

@@ -47,9 +47,11 @@ def examples() -> Iterator[str]:
             )
     for path in (ROOT / "docs").rglob("*.md"):
         yield from re.findall(
-            r"^```python\n(.*?)^```$", path.read_text(encoding="utf-8"), re.S | re.M
+            r"^```(?:python|\{code-cell\} ipython3)\n(.*?)^```$",
+            path.read_text(encoding="utf-8"),
+            re.S | re.M,
         )
-    for path in (ROOT / "docs" / "gallery").glob("*.py"):
+    for path in (ROOT / "docs" / "gallery").rglob("*.py"):
         yield path.read_text(encoding="utf-8")
 
 
