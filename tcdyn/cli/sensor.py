@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from tcdyn.rig.record import InputFile
     from tcdyn.sensors import SensorFile
 
+UNIX_LIMIT = 1e12  # largest instant [s]: Unix times may be in milliseconds
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
@@ -111,20 +113,34 @@ class FilterOptions:
             1e9,
         ),
     ] = None
-    poles: Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")] = 2
+    poles: Annotated[
+        int | None, typer.Option(min=1, max=6, help="poles of that filter (default: 2)")
+    ] = None
     shape: Annotated[
-        str, typer.Option(help="shape of that filter: cascade (of first-order lags) or butterworth")
-    ] = "cascade"
+        str | None,
+        typer.Option(
+            help="shape of that filter: cascade (of first-order lags, the default) or butterworth"
+        ),
+    ] = None
 
     def conditioning(self) -> Conditioning:
         """The filter; ``NO_CONDITIONING`` if none is specified."""
         from tcdyn.chain import NO_CONDITIONING
         from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
-        check_choice("--shape", self.shape, FILTER_SHAPES)
         if self.cutoff_hz is None:
+            _check_needed("--poles", self.poles, "--cutoff-Hz")
+            _check_needed("--shape", self.shape, "--cutoff-Hz")
             return NO_CONDITIONING
-        return Conditioning(self.cutoff_hz, self.poles, self.shape)  # type: ignore[arg-type]
+        shape = self.shape or "cascade"
+        check_choice("--shape", shape, FILTER_SHAPES)
+        return Conditioning(self.cutoff_hz, self.poles or 2, shape)  # type: ignore[arg-type]
+
+
+def _check_needed(option: str, value: object, needed: str) -> None:
+    """Raise InputError if ``option`` has a value that has no effect without ``needed``."""
+    if value is not None:
+        raise InputError(f"{option} is given without {needed}", remedy="give both, or none")
 
 
 @app.command()
@@ -248,8 +264,8 @@ def plunge(
     check_choice("--junction", junction, JUNCTIONS)
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
-    if medium is None and speed_m_s is not None:
-        raise InputError("--speed-m-s is given without --medium", remedy="give both, or none")
+    if medium is None:
+        _check_needed("--speed-m-s", speed_m_s, "--medium")
     film = None
     if medium is not None and diameter_mm is not None:
         film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
@@ -269,7 +285,7 @@ def plunge(
                 names[0],
                 sensor=output.sensor_name,
                 conditioning=known_filter.conditioning(),
-                entry_s=value_and_u(entries[number], "--entry-s") if entries else None,
+                entry_s=value_and_u(entries[number], "--entry-s", UNIX_LIMIT) if entries else None,
                 medium_s=value_and_u(medium_s, "--medium-s"),
                 film=film,
                 junction=junction,  # type: ignore[arg-type]
@@ -296,8 +312,12 @@ def pair(
         ),
     ] = None,
     exponent: Annotated[
-        str, typer.Option("--exponent", help="with --speed: n and its standard uncertainty")
-    ] = "0.5+-0.1",
+        str | None,
+        typer.Option(
+            "--exponent",
+            help="with --speed: n and its standard uncertainty (default: 0.5+-0.1)",
+        ),
+    ] = None,
     flow_step_s: Annotated[
         list[float] | None,
         typer.Option(
@@ -320,11 +340,14 @@ def pair(
     Noise on both is modelled. Both columns of a row are taken as sampled at one instant. If a
     column is repeated or blank between new values, only its new values are used.
 
-    Example: tcdyn sensor pair exhaust.csv --column T1 --column T2 --speed flow_m_s --out pair.sensor.json
+    Example: tcdyn sensor pair exhaust.csv --column T1 --column T2 --speed flow_m_s --out
+    pair.sensor.json
     """
-    from tcdyn.sensors.pair import pair_sensor
+    from tcdyn.sensors.pair import EXPONENT, pair_sensor
 
     output.check(reporter, [log])
+    if speed is None:
+        _check_needed("--exponent", exponent, "--speed")
     if len(set(column)) != 2 or len(column) != 2:
         raise InputError(
             f"--column is {' and '.join(column)}",
@@ -339,7 +362,7 @@ def pair(
         sensor=output.sensor_name,
         speed=values[2] if speed else None,
         changes_s=flow_step_s or (),
-        exponent=value_and_u(exponent, "--exponent"),
+        exponent=EXPONENT if exponent is None else value_and_u(exponent, "--exponent"),
         bare=bare,
         inputs=[_input_file(log)],
     )

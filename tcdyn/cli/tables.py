@@ -110,7 +110,7 @@ class TableReading:
         }
 
 
-def value_and_u(text: str, option: str) -> tuple[float, float]:
+def value_and_u(text: str, option: str, limit: float = 1e9) -> tuple[float, float]:
     """A number and its standard uncertainty from text such as "1.5+-0.1".
 
     Parameters
@@ -119,6 +119,8 @@ def value_and_u(text: str, option: str) -> tuple[float, float]:
         "1.5+-0.1", "1.5 ± 0.1" or "1.5".
     option
         Name of the option, for the message.
+    limit
+        Largest absolute value.
 
     Returns
     -------
@@ -144,10 +146,10 @@ def value_and_u(text: str, option: str) -> tuple[float, float]:
             f"{option} is {text!r:.60}",
             expected="a number, or a number with its uncertainty: 1.5+-0.1",
         ) from None
-    if not (abs(value) <= 1e9 and 0 <= u <= 1e9):
+    if not (abs(value) <= limit and 0 <= u <= limit):
         raise InputError(
             f"{option} is {text!r:.60}",
-            expected="a number within 1e9, its uncertainty not negative",
+            expected=f"a number within {limit:g}, its uncertainty not negative",
         )
     return value, u
 

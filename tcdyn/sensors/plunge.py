@@ -17,6 +17,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
 from tcdyn.sensors.step import MAX_ROWS_IN_RISE, block_means, find_step
@@ -130,6 +131,8 @@ def plunge_sensor(
     """
     dt = float(time_s[1] - time_s[0])
     _check_times(time_s, entry_s, medium_s)
+    spikes = find_spikes(y_degC, SPIKES["plunge"], white_noise_K(y_degC))
+    y_degC = np.where(spikes, np.nan, y_degC)
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
     block = max(round(step.rise_s / dt) // MAX_ROWS_IN_RISE, 1)
     y = block_means(y_degC[step.first : step.last], block)
@@ -174,6 +177,12 @@ def plunge_sensor(
         fit_values |= film.to_fit(lag)
     limit_K = MISFIT_SHARE * abs(step.size_K)
     findings = best.fit.residual_findings(column, white_noise_K(y), limit_K)
+    if spikes.any():
+        count = int(np.count_nonzero(spikes))
+        findings.append(info("sensor.spikes", subject=column, count=count))
+    if step.has_next_event:
+        ends_s = float(time_s[step.last])
+        findings.append(info("sensor.next_event", subject=column, time_s=ends_s))
     findings += _structure_findings(column, record, fitted, weights)
     if entry_s is not None:
         findings += _entry_findings(column, record, best, entry_s)

@@ -24,6 +24,18 @@ BEFORE_SHARE = 0.5
 MOST_RISES_AFTER = 60
 # A later change of this share of the step is another event and ends the record; by judgement.
 NEXT_EVENT_SHARE = 0.15
+# Changes below it are not another event, in standard deviations of the white noise: 8 between two
+# rows occur once in 1e8 pairs.
+NEXT_EVENT_NOISES = 8.0
+RETURN_WINDOW = 5  # rows of the running median in which a return is searched; by judgement
+MIN_RETURN_PEAK = 30.0  # least change, in standard deviations of that median, that can be reversed
+# Of several changes the first one that has this share of the steepest slope is the step, so that a
+# sensor that is taken out as fast as it was put in gives the entry; by judgement.
+STEEP_SHARE = 0.5
+# Share of the change, and standard deviations of the white noise, by which a row may differ from a
+# level that it belongs to; by judgement.
+LEVEL_SHARE = 0.02
+LEVEL_NOISES = 5.0
 MAX_ROWS_IN_RISE = 300  # rows in the time to 63.2 %; more are averaged in blocks; by judgement
 
 
@@ -43,6 +55,8 @@ class Step:
         First guess of the time to 63.2 %.
     before_degC
         Reading before the step.
+    has_next_event
+        Whether the reading changes again at ``last``.
     """
 
     first: int
@@ -51,10 +65,11 @@ class Step:
     size_K: float
     rise_s: float
     before_degC: float
+    has_next_event: bool = False
 
 
 def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
-    """Find where the largest lasting change of ``y`` (N,) begins.
+    """Find where the first steep change of ``y`` (N,) begins, and where the next event ends it.
 
     Parameters
     ----------
@@ -84,35 +99,69 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
     if finite.sum() < MIN_SAMPLES:
         raise InputError(f"only {int(finite.sum())} samples", expected=f"at least {MIN_SAMPLES}")
     filled = np.interp(np.arange(len(y)), np.flatnonzero(finite), y[finite])
-    noise = white_noise_K(filled)
+    noise = white_noise_K(y)
     edge = max(len(y) // 50, 3)
     if entry_s is None:
         start = _step_start(filled, noise, edge)
     else:
         start = int(np.clip(round(entry_s / dt_s), 0, len(y) - 2))
     before = float(np.median(filled[max(start - 5 * edge, 0) : max(start, 1)]))
-    after = float(np.mean(filled[-edge:]))
+    end = start + _rows_to_return(filled[start:] - before, noise)
+    level_rows = slice(max(end - 3 * edge, start + 1), end)
+    after = float(np.median(filled[level_rows]))
     size = after - before
     if abs(size) < MIN_STEP_NOISES * noise:
         raise InputError(
             f"no step: the reading changes by {abs(size):.3g} K, its noise is {noise:.2g} K",
             expected=f"at least {MIN_STEP_NOISES:g} times the noise",
         )
-    share = (filled[start:] - before) / size
+    share = (filled[start:end] - before) / size
     rise = max(int(np.argmax(share >= 0.632)), 2)
-    rows_after = len(y) - start
+    rows_after = end - start
     if rows_after < MIN_RISES_AFTER * rise:
+        what = "record ends" if end == len(y) else "reading changes again"
         raise InputError(
-            f"the record ends {rows_after * dt_s:.3g} s after the step, which is not over",
+            f"the {what} {rows_after * dt_s:.3g} s after the step, which is not over",
             expected="five time constants after the step",
         )
     first = max(start - max(int(BEFORE_SHARE * RISES_AFTER * rise), 20), 0)
-    last = start + _rows_to_fit(filled[start:], rise, abs(size))
-    return Step(first, last, start * dt_s, size, rise * dt_s, before)
+    rows, has_event = _rows_to_fit(filled[start:end], rise, abs(size))
+    has_event |= start + rows == end < len(y)
+    return Step(first, start + rows, start * dt_s, size, rise * dt_s, before, has_event)
 
 
-def _rows_to_fit(after: Array, rise: int, size: float) -> int:
-    """Return the number of rows after the entry that are fitted.
+def _rows_to_return(change: Array, noise: float) -> int:
+    """Return the number of rows until the reading goes back, as that of a sensor taken out again.
+
+    Parameters
+    ----------
+    change
+        Readings from the entry on less the level before (N,) [K].
+    noise
+        White noise [K].
+
+    Returns
+    -------
+    int
+        The rows before the return begins; all where the reading does not go back.
+    """
+    smooth = median_filter(change, RETURN_WINDOW)
+    noise *= float(np.sqrt(0.5 * np.pi / RETURN_WINDOW))  # of the median of a window
+    size = np.abs(smooth)
+    sign = np.sign(smooth[np.argmax(size >= 0.5 * size.max())])
+    peak = np.maximum.accumulate(sign * smooth)
+    fall = peak - sign * smooth
+    limit = np.maximum(NEXT_EVENT_SHARE * peak, NEXT_EVENT_NOISES * noise)
+    returns = (fall > limit) & (peak >= MIN_RETURN_PEAK * noise)
+    if not returns.any():
+        return len(change)
+    first = int(np.argmax(returns))
+    at_level = fall[:first] <= LEVEL_SHARE * peak[:first] + LEVEL_NOISES * noise
+    return int(np.flatnonzero(at_level)[-1]) + 1 if at_level.any() else first
+
+
+def _rows_to_fit(after: Array, rise: int, size: float) -> tuple[int, bool]:
+    """Return the number of rows after the entry that are fitted, and whether an event ends them.
 
     Parameters
     ----------
@@ -125,20 +174,22 @@ def _rows_to_fit(after: Array, rise: int, size: float) -> int:
 
     Returns
     -------
-    int
-        The rows until the next event, at most those of ``MOST_RISES_AFTER``.
+    int, bool
+        The rows until the next event, at most those of ``MOST_RISES_AFTER``; whether there is one.
     """
     count = max(int(RISES_AFTER * rise), 30)
     after = after[: MOST_RISES_AFTER * rise + count]
     if count >= len(after):
-        return len(after)
+        return len(after), False
     level = float(np.median(after[count // 2 : count]))
     departs = np.abs(median_filter(after[count:], 3) - level) > NEXT_EVENT_SHARE * size
-    return count + int(np.argmax(departs)) if departs.any() else len(after)
+    if not departs.any():
+        return len(after), False
+    return count + int(np.argmax(departs)), True
 
 
 def _step_start(filled: Array, noise: float, edge: int) -> int:
-    """Return the last row before the steepest change that is within the noise of the level.
+    """Return the last row before the first steep change that is within the noise of the level.
 
     Parameters
     ----------
@@ -156,17 +207,29 @@ def _step_start(filled: Array, noise: float, edge: int) -> int:
 
     Notes
     -----
-    Within the noise: below five standard deviations of a mean, or 2 % of the change if that is
-    more.
+    The slope is that of means over as many rows as it needs to exceed its noise.
+    Within the noise: below ``LEVEL_NOISES`` standard deviations of a mean, or ``LEVEL_SHARE`` of
+    the change if that is more.
     """
     half = max(len(filled) // 400, 1)
-    window = 2 * half + 1
-    mean = np.convolve(filled, np.ones(window) / window, mode="valid")
-    steep = int(np.argmax(np.abs(mean[2 * half :] - mean[: -2 * half]))) + 2 * half
+    while True:
+        window = 2 * half + 1
+        mean = np.convolve(filled, np.ones(window) / window, mode="valid")
+        slope = np.abs(mean[2 * half :] - mean[: -2 * half])
+        is_steep = slope >= NEXT_EVENT_NOISES * noise / np.sqrt(window)
+        if is_steep.any() or 2 * half > edge:
+            break
+        half *= 2
+    is_steep &= slope >= STEEP_SHARE * slope.max()
+    first = int(np.argmax(is_steep))
+    after_first = np.flatnonzero(~is_steep[first:])
+    last = first + int(after_first[0]) if is_steep.any() and len(after_first) else len(slope)
+    steep = first + int(np.argmax(slope[first:last])) + 2 * half
     sign = np.sign(filled[min(steep + half, len(filled) - 1)] - filled[max(steep - half, 0)])
     level = float(np.median(filled[: max(steep - 2 * half, edge)]))
     rise = sign * (filled[: steep + 1] - level)
-    limit = max(5 * noise / np.sqrt(window), 0.02 * abs(filled[-edge:].mean() - level))
+    change = float(np.max(np.abs(median_filter(filled[steep:], window) - level)))
+    limit = max(LEVEL_NOISES * noise / np.sqrt(window), LEVEL_SHARE * change)
     below = np.flatnonzero(rise < limit)
     return int(below[-1]) if len(below) else 0
 

@@ -26,6 +26,7 @@ QUANTITY_STEP = 1e-3  # the same for quantities of the parameters; chosen by jud
 NOISE_ORDER = 3  # order of differences that the white noise is estimated from; by judgement
 MAX_AR_ORDER = 8  # of the autoregression of the residuals; chosen by judgement
 MAX_STEPS = 40  # of the search, at most; chosen by judgement
+MIN_DIFFERENCES = 20  # without a gap, for an estimate of the noise to 20 %
 MIN_NOISE_K = 1e-9  # least noise [K], so that data without noise can be fitted
 # Residual rms over the noise, beyond which a warning about a misfit is given; chosen by judgement.
 MISFIT_RATIO = 3.0
@@ -288,8 +289,18 @@ def residual_noise(residual: Array, parameters: int) -> tuple[NoiseModel, float]
 
 
 def white_noise_K(y: Array) -> float:
-    """Return the standard deviation of the white noise of readings [K], above zero."""
-    return max(float(white_noise_sd(y[np.isfinite(y)], NOISE_ORDER)), MIN_NOISE_K)
+    """Return the standard deviation of the white noise of readings [K], above zero.
+
+    Differences across a gap contain the signal, and are used only where there are too few others.
+
+    Parameters
+    ----------
+    y
+        Readings (N,) [degC], NaN where missing.
+    """
+    if np.count_nonzero(np.isfinite(np.diff(y, NOISE_ORDER))) < MIN_DIFFERENCES:
+        y = y[np.isfinite(y)]
+    return max(float(white_noise_sd(y, NOISE_ORDER)), MIN_NOISE_K)
 
 
 def bic_weights(bic: Array, prior: Array | float = 1.0) -> Array:

@@ -14,7 +14,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.plunge import plunge_sensor
 from tcdyn.sensors.step import find_step
-from tcdyn.sensors.step_fits import residual_noise
+from tcdyn.sensors.step_fits import residual_noise, white_noise_K
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import STREAMS, BoundaryLayer, Stream
 from tests.cli.test_main_job import tcdyn as run_cli
@@ -58,6 +58,87 @@ def test_a_step_begins_where_the_reading_leaves_its_noise(noise_K: float, down: 
     assert step.before_degC == pytest.approx(90.0 if down else 20.0, abs=0.1)
     assert step.size_K == pytest.approx(-70.0 if down else 70.0, abs=0.2)
     assert step.rise_s == pytest.approx(1.5, abs=0.3)
+
+
+def baths(changes: tuple[tuple[float, float], ...], noise_K: float) -> tuple[Array, Array]:
+    """Time and reading of lags of 1.5 and 0.3 s that move to the bath of each (instant [s], degC)."""
+    fine = np.arange(500 * FINE) * (0.05 / FINE)
+    x = np.full(len(fine), 20.0)
+    for instant_s, temperature in changes:
+        x[fine >= instant_s] = temperature
+    noise = noise_K * np.random.default_rng(1).standard_normal(500)
+    return fine[::FINE], lagged(x, (0.02, 1.5, 0.3), 0.05 / FINE)[::FINE] + noise
+
+
+@pytest.mark.parametrize("noise_K", [0.02, 2.0])
+@pytest.mark.parametrize(
+    ("changes", "entry_s", "size_K"),
+    [
+        (((4.02, 90.0), (16.3, 20.0)), 4.02, 70.0),  # taken out again
+        (((4.02, 90.0), (12.3, 30.0)), 4.02, 70.0),
+        (((2.02, 300.0), (17.3, 20.0)), 2.02, 280.0),
+        (((4.02, 90.0), (12.3, 20.0), (18.0, 90.0)), 4.02, 70.0),  # two dips in one record
+    ],
+)
+def test_the_step_is_the_first_of_several_and_ends_before_the_next(
+    changes: tuple[tuple[float, float], ...], entry_s: float, size_K: float, noise_K: float
+) -> None:
+    _, y = baths(changes, noise_K)
+    step = find_step(y, 0.05)
+    assert step.entry_s == pytest.approx(entry_s, abs=0.5)
+    assert step.size_K == pytest.approx(size_K, abs=3.0)
+    assert step.has_next_event
+    assert 0.05 * step.last == pytest.approx(changes[1][0], abs=0.6)
+
+
+def test_a_sensor_that_is_taken_out_again_and_outliers_do_not_hide_the_step() -> None:
+    t, y = baths(((4.02, 90.0), (16.3, 20.0)), 0.1)
+    y[[30, 140]] += [400.0, -40.0]
+    made = plunge_sensor(t, y, "T1")
+    numbers = {f.code: f.numbers for f in made.findings}
+    assert numbers["sensor.spikes"]["count"] == 2
+    assert numbers["sensor.next_event"]["time_s"] == pytest.approx(16.3, abs=0.2)
+    assert made.chain.channels["T1"].lag_s.value == pytest.approx(1.8, rel=0.12)
+
+
+def test_noise_is_not_estimated_across_gaps() -> None:
+    """Blocks of six rows every 90 rows, on an oscillation; or each tenth row of noise alone."""
+    t = np.arange(9000)
+    y = 10 * np.sin(2 * np.pi * t / 300) + 0.1 * np.random.default_rng(0).standard_normal(len(t))
+    y[t % 90 >= 9] = np.nan
+    y[t % 9 >= 6] = np.nan
+    assert white_noise_K(y) == pytest.approx(0.1, rel=0.15)
+    every_tenth = np.where(
+        t % 10 == 0, 0.1 * np.random.default_rng(0).standard_normal(9000), np.nan
+    )
+    assert white_noise_K(every_tenth) == pytest.approx(0.1, rel=0.15)
+
+
+def test_an_entry_may_be_on_the_unix_clock(tmp_path: Path) -> None:
+    t, y, entry = plunged((1.5, 0.3), 0.05, 500, 0.1, 4)
+    start_s = 1_764_000_000.0
+    log = write(tmp_path / "dip.csv", time_s=start_s + np.round(t, 3), T1_degC=y)
+    out = tmp_path / "p.sensor.json"
+    words = ("sensor", "plunge", log, "--column", "T1", "--out", out)
+    assert run_cli(*words, "--entry-s", f"{start_s + entry:.3f}+-0.01") == 0
+    assert read_sensor(out).fit["entry_s"] == pytest.approx(start_s + entry, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("plunge", "--column", "T1", "--poles", "3"),
+        ("plunge", "--column", "T1", "--shape", "butterworth"),
+        ("pair", "--columns", "T1,T2", "--exponent", "0.5+-0.1"),
+    ],
+)
+def test_an_option_that_would_have_no_effect_is_refused(
+    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t, y, _ = plunged((1.5, 0.3), 0.05, 500, 0.1, 4)
+    log = write(tmp_path / "dip.csv", time_s=np.round(t, 3), T1_degC=y, T2_degC=y)
+    assert run_cli("sensor", words[0], log, *words[1:]) == 2
+    assert f"{words[3]} is given without" in capsys.readouterr().err
 
 
 @pytest.mark.study

@@ -119,6 +119,10 @@ SENSOR: dict[str, Message] = {
     "sensor.medium": "{subject}: the lag of {lag_s:.2g} s is not long compared with that of the "
     "medium's own step, {medium_s:.2g} +- {medium_u_s:.2g} s: much of it may be the medium's; "
     "measure how fast the medium steps and specify it with --medium-s",
+    "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more than the "
+    "noise: taken as missing",
+    "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from there on "
+    "are not used",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
     "for a lag of {lag_s:.3g} s: the final temperature is extrapolated",
     "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and {cooling_s:.3g} s "
