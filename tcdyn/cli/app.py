@@ -25,6 +25,7 @@ from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
 from tcdyn.cli.verify import verify
+from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
 from tcdyn.version import __version__
 
@@ -69,6 +70,7 @@ app.command("response")(response)
 app.add_typer(sensor.app, name="sensor")
 app.command("compensate")(compensate)
 app.command("follow")(follow)
+app.command("view")(view)
 app.command("beta")(beta)
 app.command("campaign")(campaign)
 app.command("design")(design)
