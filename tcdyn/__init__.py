@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.core.errors import InputError
     from tcdyn.identification import IOData, compare, fit
+    from tcdyn.report.view import view
     from tcdyn.rig.disk import Conditioning
     from tcdyn.rig.log import iter_log, read_log, write_log
     from tcdyn.rig.record import read_record, write_record
@@ -58,6 +59,7 @@ __all__ = [
     "run_demo",
     "simulate_campaign",
     "smooth",
+    "view",
     "write_log",
     "write_record",
 ]
@@ -82,6 +84,7 @@ _MODULES = {  # public name: where it is defined
     "run_demo": "tcdyn.workflows",
     "Chain": "tcdyn.chain",
     "smooth": "tcdyn.smoothing",
+    "view": "tcdyn.report.view",
     "IOData": "tcdyn.identification",
     "fit": "tcdyn.identification",
     "compare": "tcdyn.identification",

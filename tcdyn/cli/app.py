@@ -26,6 +26,7 @@ from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
 from tcdyn.cli.verify import verify
+from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
 from tcdyn.version import __version__
 
@@ -86,6 +87,7 @@ rig.add_typer(circumference.app, name="circumference")
 app.add_typer(sensor.app, name="sensor", rich_help_panel=ANY_THERMOCOUPLE)
 app.command("compensate", rich_help_panel=ANY_THERMOCOUPLE)(compensate)
 app.command("follow", rich_help_panel=ANY_THERMOCOUPLE)(follow)
+app.command("view", rich_help_panel=ANY_THERMOCOUPLE)(view)
 app.command("identify", rich_help_panel=IDENTIFICATION)(identify)
 app.command("response", rich_help_panel=IDENTIFICATION)(response)
 app.add_typer(rig, name="rig", rich_help_panel=TWO_DISK_RIG)

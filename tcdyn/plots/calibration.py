@@ -25,14 +25,13 @@ from tcdyn.plots.style import (
     DARK,
     GREY,
     PALE,
-    SERIES_COLOURS,
-    SERIES_LINES,
     SERIES_MARKERS,
     SLOW,
     TRUTH,
     axes_of,
-    every_nth,
     figure,
+    screen_rows,
+    series_style,
     style_axes,
 )
 from tcdyn.rig.log import COMPENSATED, Log
@@ -329,17 +328,17 @@ def draw_log(log: Log, ax: Axes | None = None) -> Axes:
         The same axes.
     """
     ax = axes_of(ax)
-    table = log.frame.iloc[every_nth(len(log.frame))]
     is_oven = log.kind == "oven"
-    x = table["prt_degC" if is_oven else "time_s"]
+    x = log.frame["prt_degC" if is_oven else "time_s"].to_numpy(dtype=float)
     for k, name in enumerate(log.channels):
-        y = table[name]
-        style = SERIES_LINES[(k // 6) % len(SERIES_LINES)]
+        y = log.frame[name].to_numpy(dtype=float)
+        rows = screen_rows(y)
+        colour, style = series_style(k)
         if is_oven:
             y = y - x
             style = "o"
         label = name.removesuffix("_degC").replace("_", " ")
-        ax.plot(x, y, style, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=label)
+        ax.plot(x[rows], y[rows], style, color=colour, linewidth=0.9, markersize=3, label=label)
     if is_oven:
         return style_axes(ax, "PRT [°C]", "logged minus PRT [K]", ncols=2)
     source = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
@@ -406,14 +405,11 @@ def draw_touches(
         The same axes.
     """
     ax = axes_of(ax)
-    rows = every_nth(len(time_s))
     rise_K = readings_degC - np.nanmedian(readings_degC, axis=0)
     for k, column in enumerate(columns):
-        style: dict[str, Any] = {
-            "color": SERIES_COLOURS[k % len(SERIES_COLOURS)],
-            "linestyle": SERIES_LINES[k // len(SERIES_COLOURS) % len(SERIES_LINES)],
-        }
-        ax.plot(time_s[rows], rise_K[rows, k], linewidth=0.9, label=column, **style)
+        colour, style = series_style(k)
+        rows = screen_rows(rise_K[:, k])
+        ax.plot(time_s[rows], rise_K[rows, k], style, color=colour, linewidth=0.9, label=column)
     for number, touch in enumerate(touch_log.touches, 1):
         is_as_stated = touch.expected in ("", touch.column)
         text = f"{number}: {touch.column}"

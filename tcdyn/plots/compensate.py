@@ -6,14 +6,32 @@ Used by the page of ``tcdyn compensate`` (:mod:`tcdyn.report.compensate`) and by
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from tcdyn.plots.style import DARK, FAST, GREY, SLOW, axes_of, every_nth, line_with_band, style_axes
+from tcdyn.plots.style import (
+    DARK,
+    FAST,
+    GREY,
+    MAX_POINTS,
+    SLOW,
+    axes_of,
+    line_with_band,
+    log_axis,
+    screen_rows,
+    series_style,
+    style_axes,
+)
 from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
+from tcdyn.workflows.traces import Trace
+
+WITHOUT_SPIKES = (0.001, 0.999)  # quantiles of a logged trace that its axis shows; judgement
 
 
 def draw_compensated(
@@ -48,14 +66,16 @@ def draw_compensated(
     ax = axes_of(ax)
     low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
     in_window = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
-    plotted = in_window[every_nth(len(in_window))]
-    t = result.time_s[plotted]
     if logged is None:
         y = np.full(len(result.time_s), np.nan)
     else:
         y = np.asarray(logged, dtype=float)
         y = y[:, channel] if y.ndim == 2 else y
-        ax.plot(t, y[plotted], ".", markersize=2, color=GREY, label="as logged")
+        plotted = in_window[screen_rows(y[in_window])]
+        style: dict[str, Any] = {"color": GREY, "label": "as logged"}
+        ax.plot(result.time_s[plotted], y[plotted], ".", markersize=2, **style)
+    plotted = in_window[screen_rows(result.temperature[in_window, channel])]
+    t = result.time_s[plotted]
     x = result.temperature[plotted, channel]
     sd = result.sd[plotted, channel]
     line_with_band(ax, t, x, sd, SLOW, "95 %", linewidth=1.3, label="compensated")
@@ -68,6 +88,49 @@ def draw_compensated(
         if low <= event <= high:
             ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
     return style_axes(ax, "time [s]", "temperature [°C]", loc="best")
+
+
+def draw_traces(traces: Sequence[Trace], y: str, ax: Axes, limit: int = MAX_POINTS) -> Axes:
+    """Plot traces as logged (pale), and compensated with their 95 % bands.
+
+    Parameters
+    ----------
+    traces
+        The traces.
+    y
+        Label of the y axis.
+    ax
+        Axes to plot into.
+    limit
+        Points of each line.
+
+    Returns
+    -------
+    ax
+        The same axes. Spikes of the log do not set its limits.
+    """
+    low = np.inf
+    high = -np.inf
+    for k, trace in enumerate(traces):
+        colour, dashes = series_style(k)
+        rows = screen_rows(trace.logged, limit)
+        style: dict[str, Any] = {"color": colour, "alpha": 0.5, "linewidth": 0.7}
+        ax.plot(trace.time_s[rows], trace.logged[rows], label=f"{trace.name} as logged", **style)
+        values = trace.logged[np.isfinite(trace.logged)]
+        if len(values):
+            values = np.quantile(values, WITHOUT_SPIKES)
+        if len(trace.compensated):
+            rows = screen_rows(trace.compensated, limit)
+            lines = (trace.compensated_s[rows], trace.compensated[rows], trace.u[rows])
+            label = f"{trace.name} compensated"
+            line_with_band(ax, *lines, colour, linestyle=dashes, linewidth=1.2, label=label)
+            values = trace.compensated[np.isfinite(trace.compensated)]
+        low = min([low, *values])
+        high = max([high, *values])
+    if low <= high:
+        margin = 0.1 * (high - low) or 1.0
+        ax.set_ylim(low - margin, high + margin)
+    return style_axes(ax, "time [s]", y, loc="best", ncols=2)
 
 
 def draw_filter_report(report: FilterReport, ax: Axes | None = None) -> Axes:
@@ -130,11 +193,13 @@ def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes | None = None, channel: int 
     ax = axes_of(ax)
     misfit = tradeoff.misfit[:, channel]
     roughness = tradeoff.roughness[:, channel]
-    ax.loglog(misfit, roughness, "o-", markersize=3)
+    ax.plot(misfit, roughness, "o-", markersize=3, color=SLOW)
     log_intensity = np.log(tradeoff.intensity[:, channel])
     log_chosen = np.log(tradeoff.chosen[channel])
     chosen_misfit = np.exp(np.interp(log_chosen, log_intensity, np.log(misfit)))
     chosen_roughness = np.exp(np.interp(log_chosen, log_intensity, np.log(roughness)))
     label = f"chosen by {tradeoff.criterion}"
-    ax.loglog(chosen_misfit, chosen_roughness, "s", label=label)
+    ax.plot(chosen_misfit, chosen_roughness, "s", color=FAST, label=label)
+    log_axis(ax, "x")
+    log_axis(ax, "y")
     return style_axes(ax, "mean square residual [K²]", "roughness [K²/s³]", legend=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +17,16 @@ from numpy.typing import ArrayLike
 
 from tcdyn.heat.modal import spectrum
 from tcdyn.heat.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, axes_of, panel_figure, style_axes
+from tcdyn.plots.style import (
+    DARK,
+    FAST,
+    SLOW,
+    TRUTH,
+    axes_of,
+    log_axis,
+    panel_figure,
+    style_axes,
+)
 from tcdyn.verify import studies
 from tcdyn.verify.rim_rows import TABLE_3_2
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
@@ -144,7 +154,10 @@ def draw_convergence(checks: Sequence[Convergence], ax: Axes | None = None) -> A
     ax = axes_of(ax)
     for check, style in zip(checks, ("o-", "s--", "^:")):
         label = f"{check.title}: order {check.order:.2f}"
-        ax.loglog(check.nodes, check.error_K, style, label=label)
+        ax.plot(check.nodes, check.error_K, style, label=label)
+    log_axis(ax, "x")
+    log_axis(ax, "y")
+    for check in checks:
         ax.set_xticks(check.nodes, [f"{n}" for n in check.nodes])
     ax.minorticks_off()
     return style_axes(ax, "nodes in r", "largest error [K]", legend=True)
@@ -177,9 +190,10 @@ def draw_mesh_errors(
     for k, (name, errors) in enumerate(computed.items()):
         colour, marker, line = styles[k % 3]
         values = getattr(errors, statistic)
-        style = {"color": colour, "marker": marker, "linestyle": line}
-        ax.semilogy(IDEAL_TIMES_S, values, label=f"mesh {name}", **style)
-        ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=colour)
+        style: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": line}
+        ax.plot(IDEAL_TIMES_S, values, label=f"mesh {name}", **style)
+        ax.plot(IDEAL_TIMES_S, published[name], "x", color=colour)
+    log_axis(ax, "y")
     y = f"{statistic} error against mesh IV [%]"
     return style_axes(ax, "time [s]", y, legend_title="crosses: published")
 

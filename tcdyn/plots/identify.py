@@ -31,6 +31,7 @@ from tcdyn.plots.style import (
     TRUTH,
     axes_of,
     figure,
+    log_axis,
     panel_figure,
     style_axes,
 )
@@ -289,8 +290,7 @@ def draw_bode(
     draw_band(bode.magnitude_dB, magnitude)
     draw_band(bode.phase_deg, phase)
     for ax, y in ((magnitude, "magnitude [dB]"), (phase, "phase [deg]")):
-        style_axes(ax, "frequency [Hz]", y).set_xscale("log")
-        ax.grid(True, which="both", alpha=0.25)
+        log_axis(style_axes(ax, "frequency [Hz]", y), "x")
     return magnitude, phase
 
 

@@ -28,8 +28,8 @@ from tcdyn.plots.style import (
     PALE,
     TRUTH,
     axes_of,
-    every_nth,
     line_with_band,
+    screen_rows,
     style_axes,
 )
 from tcdyn.rig.disk import DISKS, DiskSetup
@@ -50,6 +50,7 @@ LEGEND_OVER_LINES: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgeco
 LITERATURE_EXPONENTS = (0.571, 0.8)
 RUNNING_MEAN_S = 0.5  # window of the running mean of the residuals [s]; chosen by judgement
 MIN_PLOTTED_U = 5e-5  # sources with a smaller u(beta) [1] are in the table only; judgement
+N_LEVELS = 20  # of the field of the first harmonic; chosen by judgement
 MIN_SCALE_K = 0.5  # half of the colour range, so that an even disk has one tone; judgement
 ESTIMATOR_MARKERS = (("o", 14), ("s", 9), ("^", 5))  # speed law, cooling fit, joint fit: they nest
 
@@ -165,6 +166,7 @@ def draw_joint_fit(
         }
         measured = blocks.readings_degC[near, k]
         model = blocks.model_degC[near, k]
+        points["gid"] = channel
         upper.plot(t, measured, alpha=0.5, marker=marker, **points)
         upper.plot(t, model, **line)
         residual = measured - model
@@ -493,14 +495,14 @@ def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
         The same axes.
     """
     ax = axes_of(ax)
-    rows = every_nth(len(p.test.time_s), 6000)
-    t = p.test.time_s[rows]
     for disk, record in sorted(p.test.disks.items()):
         width = 1.8 if disk == "fast" else 1
         for channel, style in plotted_channels(record.setup, record.excluded).items():
-            y = record.readings_degC[rows, record.setup.channels.index(channel)]
+            y = record.readings_degC[:, record.setup.channels.index(channel)]
+            rows = screen_rows(y)
             line: dict[str, Any] = {"color": DISK_COLOUR[disk], "linestyle": style}
-            ax.plot(t, y, linewidth=width, label=f"{disk} {channel}", **line)
+            time_s = p.test.time_s[rows]
+            ax.plot(time_s, y[rows], linewidth=width, label=f"{disk} {channel}", **line)
     for event_s in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(event_s, color=TRUTH, linewidth=0.7)
     return style_axes(ax, "time [s]", Y_TEMPERATURE, ncols=2)
@@ -594,17 +596,17 @@ def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axe
     hottest_rad = np.deg2rad(harmonic.hottest_angle_deg.value)
     field = harmonic.amplitude_K.value * np.outer(shape, np.cos(angle - hottest_rad))
     scale = max(float(np.abs(field).max()), MIN_SCALE_K)
-    filled = ax.pcolormesh(
+    filled = ax.contourf(
         np.outer(r, np.cos(angle)),
         np.outer(r, np.sin(angle)),
         field,
+        levels=np.linspace(-scale, scale, N_LEVELS + 1),
         cmap="cividis",
-        vmin=-scale,
-        vmax=scale,
-        shading="gouraud",
-        rasterized=True,
     )
-    ax.figure.colorbar(filled, ax=ax, shrink=0.75, label="above the mean around the disk [K]")
+    ticks = np.linspace(-scale, scale, 5)
+    label = "above the mean around the disk [K]"
+    scale_bar: dict[str, Any] = {"ticks": ticks, "format": "%.2g", "label": label}
+    ax.figure.colorbar(filled, ax=ax, shrink=0.75, **scale_bar)
     for radius in (inner_mm, outer_mm):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
 

@@ -39,7 +39,7 @@ from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.identify import draw_band, draw_correlation, draw_data, draw_fit, draw_step
 from tcdyn.plots.partition import draw_beta_estimates
 from tcdyn.plots.plunge import draw_common_lag, draw_design, draw_holes
-from tcdyn.plots.style import DARK, axes_of, every_nth, style_axes
+from tcdyn.plots.style import DARK, axes_of, screen_rows, style_axes
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log, read_log
 from tcdyn.rig.record import DiskRecord
@@ -97,11 +97,12 @@ def draw_table(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
         raise InputError("the result has no picture", expected="a result with numbers")
     unit = str(numbers.columns[0]).rpartition("_")[2]
     numbers = numbers[[c for c in numbers.columns if str(c).rpartition("_")[2] == unit]]
-    numbers = numbers.iloc[every_nth(len(numbers))]
     is_series = numbers.index.dtype.kind in "fM"
-    x = numbers.index if is_series else [str(label) for label in numbers.index]
+    x = numbers.index if is_series else np.array([str(label) for label in numbers.index])
     for name in numbers.columns:
-        ax.plot(x, numbers[name], "-" if is_series else "o", label=name)
+        values = numbers[name].to_numpy(dtype=float)
+        rows = screen_rows(values)
+        ax.plot(x[rows], values[rows], "-" if is_series else "o", label=name)
     y = str(numbers.columns[0]) if numbers.shape[1] == 1 else ""
     return style_axes(ax, str(numbers.index.name or "row"), y, legend=numbers.shape[1] > 1)
 

@@ -28,8 +28,9 @@ from tcdyn.plots.style import (
     SLOW,
     TRUTH,
     axes_of,
-    every_nth,
+    log_axis,
     panel_figure,
+    screen_rows,
     style_axes,
 )
 
@@ -91,10 +92,11 @@ def draw_record(run: PlungeRun, ax: Axes | None = None, until_s: float | None = 
     ax = axes_of(ax)
     t = run.time_s - run.entry.time_s
     in_window = np.flatnonzero(t <= (t[-1] if until_s is None else until_s))
-    rows = in_window[every_nth(len(in_window))]
     for j, c in enumerate(run.channels):
         style = CHANNEL_STYLE.get(c, "-")
+        rows = in_window[screen_rows(run.readings_degC[in_window, j])]
         ax.plot(t[rows], run.readings_degC[rows, j], ls=style, lw=0.9, label=c)
+    rows = in_window[screen_rows(run.fluid_degC[in_window])]
     ax.plot(t[rows], run.fluid_degC[rows], color=GREY, lw=0.8, label="bath")
     ax.axvline(0.0, color=TRUTH, lw=0.8, ls=":")
     return style_axes(ax, X_ENTRY, "temperature [°C]", ncol=4)
@@ -177,8 +179,9 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes | None = None) -> Axes
     published = model.bath.h_W_m2K(surface.temperature_degC, model.bath_degC)
     after_entry = model.grid_s > 0.01
     t = model.grid_s[after_entry]
-    ax.semilogx(t, surface.h_W_m2K[after_entry], color=FAST, label="fitted")
-    ax.semilogx(t, published[after_entry], color=SLOW, ls="--", label=fit.correlation)
+    ax.plot(t, surface.h_W_m2K[after_entry], color=FAST, label="fitted")
+    ax.plot(t, published[after_entry], color=SLOW, ls="--", label=fit.correlation)
+    log_axis(ax, "x")
     return style_axes(ax, X_ENTRY, "h [W/m²K]", legend=True)
 
 
@@ -267,7 +270,7 @@ def draw_design(design: Design, ax: Axes | None = None) -> Axes:
         common, y + 0.12, xerr=np.abs(spread), fmt="o", color=FAST, capsize=3, label="common lag"
     )
     ax.plot(differential, y - 0.12, "s", color=SLOW, label="differences between channels")
-    ax.set_xscale("log")
+    log_axis(ax, "x")
     for share, line, name in (
         (COMMON_LAG_LIMITS[0], "--", "common lag"),
         (DIFFERENCE_LIMITS[0], ":", "differences"),
@@ -376,8 +379,7 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes | None = None) -> A
     ax.plot(t, np.nanmean(z, axis=1), color=SLOW, linewidth=1.0, label="mean of the channels")
     for limit in (-1.96, 1.96):
         ax.axhline(limit, color=TRUTH, linewidth=0.8, ls="--")
-    ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    log_axis(ax, "x")
     ax.set_ylim(-5, 5)
     inside = 100 * float(np.mean(np.abs(z[np.isfinite(z)]) < 1.96))
     title = f"{fit.runs[run].name}: {inside:.0f} % within the dashed lines"

@@ -8,10 +8,15 @@ can be read in black and white.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from string import ascii_lowercase
+from typing import Any, Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+from numpy.typing import NDArray
+from tsdownsample import MinMaxLTTBDownsampler
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95
@@ -38,6 +43,7 @@ SERIES_LINES = ("-", "--", "-.", ":")
 
 BAND_ALPHA = 0.25  # opacity of a 95 % band; chosen by judgement
 MAX_POINTS = 4000  # points of one curve: more than a page can show; chosen by judgement
+PANEL_LETTER = "panel letter"  # group id of the letter of a panel
 
 
 def figure(
@@ -57,11 +63,19 @@ def figure(
     figure
         The figure.
     axes
-        Its axes in reading order, with the frame of the style.
+        Its axes in reading order, with the frame of the style; several have letters.
     """
     fig = Figure(figsize=(width_in, height_in), layout="constrained")
-    axes = fig.subplots(rows, columns, squeeze=False)
-    return fig, [_style_frame(ax) for ax in axes.ravel()]
+    axes = list(fig.subplots(rows, columns, squeeze=False).ravel())
+    for ax in axes:
+        _style_frame(ax)
+    if len(axes) > 1:
+        for letter, ax in zip(ascii_lowercase, axes):
+            above: dict[str, Any] = {"xytext": (-30, 6), "textcoords": "offset points"}
+            ax.annotate(
+                letter, (0, 1), xycoords="axes fraction", weight="bold", gid=PANEL_LETTER, **above
+            )
+    return fig, axes
 
 
 def axes_of(ax: Axes | None) -> Axes:
@@ -139,17 +153,65 @@ def style_axes(
     return _style_frame(ax)
 
 
-def every_nth(count: int, limit: int = MAX_POINTS) -> slice:
-    """Return a slice that thins ``count`` points to about ``limit``.
+def series_style(k: int) -> tuple[str, str]:
+    """Return colour and line style of the ``k``-th of several series.
+
+    >>> series_style(0), series_style(5)
+    (('#000000', '-'), ('#d1662a', '--'))
+    """
+    n = len(SERIES_COLOURS)
+    return SERIES_COLOURS[k % n], SERIES_LINES[k // n % len(SERIES_LINES)]
+
+
+def log_axis(ax: Axes, name: Literal["x", "y"]) -> None:
+    """Make the axis "x" or "y" logarithmic, with plain numbers at the powers of ten.
 
     Parameters
     ----------
-    count
-        Number of points.
-    limit
-        Number that is wanted.
+    ax
+        Axes to change.
+    name
+        "x" or "y".
     """
-    return slice(None, None, max(count // limit, 1))
+    ax.set(**{f"{name}scale": "log"})
+    axis = ax.xaxis if name == "x" else ax.yaxis
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def screen_rows(values: Array, limit: int = MAX_POINTS) -> NDArray[np.intp]:
+    """Return the rows of a trace that show its shape on a screen.
+
+    Parameters
+    ----------
+    values
+        Values (N,).
+    limit
+        Number of rows that is wanted.
+
+    Returns
+    -------
+    rows
+        Rising indices; all of a trace of at most ``limit`` rows.
+
+    Notes
+    -----
+    MinMaxLTTB (Van Der Donckt et al., arXiv:2305.00332): extremes such as spikes stay. A row
+    without a value is chosen only in a gap; the variant of the library for NaN would choose one
+    from every bin that has one.
+
+    Examples
+    --------
+    >>> spike = np.zeros(100_000)
+    >>> spike[77_777] = 1.0
+    >>> rows = screen_rows(spike)
+    >>> len(rows), 77_777 in rows
+    (4000, True)
+    """
+    if len(values) <= limit:
+        return np.arange(len(values))
+    trace = np.ascontiguousarray(values, dtype=float)
+    return MinMaxLTTBDownsampler().downsample(trace, n_out=limit).astype(np.intp)
 
 
 def line_with_band(
@@ -171,7 +233,7 @@ def line_with_band(
         Keyword arguments of ``Axes.plot`` for the line.
     """
     half_width = Z95 * u
-    ax.fill_between(
-        x, y - half_width, y + half_width, color=colour, alpha=BAND_ALPHA, linewidth=0, label=band
-    )
-    ax.plot(x, y, color=colour, **line)
+    style: dict[str, Any] = {"color": colour, "alpha": BAND_ALPHA, "linewidth": 0, "label": band}
+    group = line.get("label")  # a chart shows and hides both together
+    ax.fill_between(x, y - half_width, y + half_width, gid=group, **style)
+    ax.plot(x, y, color=colour, gid=group, **line)

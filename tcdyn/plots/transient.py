@@ -20,7 +20,16 @@ from tcdyn.core.messages.plunge import probability_text
 from tcdyn.partition.model_forms import ModelForms
 from tcdyn.partition.profile import DEVIANCE_95, intervals
 from tcdyn.partition.sensor_faults import DepthTest
-from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, axes_of, style_axes
+from tcdyn.plots.style import (
+    DISK_COLOUR,
+    DISK_MARKER,
+    GREY,
+    PALE,
+    TRUTH,
+    axes_of,
+    log_axis,
+    style_axes,
+)
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import COLUMN_HEADINGS
 
@@ -63,19 +72,21 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     estimate = profile["estimate"].iloc[0]
     u = profile["u"].iloc[0]
     x = np.linspace(profile["value"].min(), profile["value"].max(), 200)
-    ax.plot(x, ((x - estimate) / u) ** 2, color=GREY, linestyle="--", linewidth=1.2)
     style: dict[str, Any] = {"color": colour, "markersize": 4, "linewidth": 1.4}
-    ax.plot(profile["value"], profile["deviance"], ".-", **style)
-    ax.axhline(DEVIANCE_95, color=TRUTH, linestyle=":", linewidth=0.9)
+    label = "profile: all else refitted"
+    ax.plot(profile["value"], profile["deviance"], ".-", label=label, **style)
+    style = {"color": GREY, "linewidth": 1.2, "label": "standard uncertainty's parabola"}
+    ax.plot(x, ((x - estimate) / u) ** 2, "--", **style)
+    ax.axhline(DEVIANCE_95, color=TRUTH, linestyle=":", linewidth=0.9, label="3.84: 95 %")
     (interval,) = intervals(profile)
     low = interval.profile_low if interval.low95 is None else interval.low95
     high = interval.profile_high if interval.high95 is None else interval.high95
     bar: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "alpha": 0.6}
-    ax.plot([low, high], [DEVIANCE_95, DEVIANCE_95], color=colour, **bar)
-    if interval.low95 is None:
-        ax.plot(low, DEVIANCE_95, "<", color=colour, markersize=8)
-    if interval.high95 is None:
-        ax.plot(high, DEVIANCE_95, ">", color=colour, markersize=8)
+    ends = [DEVIANCE_95, DEVIANCE_95]
+    ax.plot([low, high], ends, color=colour, label="interval of the profile", **bar)
+    for end, marker, limit in ((low, "<", interval.low95), (high, ">", interval.high95)):
+        if limit is None:
+            ax.plot(end, DEVIANCE_95, marker, color=colour, markersize=8)
     ax.set_ylim(0, MAX_DEVIANCE)
     ax.locator_params(axis="x", nbins=4)
     return style_axes(ax, COLUMN_HEADINGS[parameter], "", title=TITLES[fit])
@@ -106,14 +117,10 @@ def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Seque
             draw_profile(table[(table["fit"] == fit) & (table["parameter"] == parameter)], ax)
         for ax in axes_of_fit[len(PANELS[fit]) :]:
             ax.set_axis_off()
+            ax.texts[0].remove()  # letter of a panel that has no axes
         axes_of_fit[0].set_ylabel("deviance [1]")
-    corner = axes[3]
-    corner.plot([], [], ".-", color=TRUTH, label="profile: all else refitted")
-    corner.plot([], [], "--", color=GREY, label="standard uncertainty's parabola")
-    corner.plot([], [], ":", color=TRUTH, label="3.84: 95 %")
-    corner.plot([], [], color=TRUTH, linewidth=3, alpha=0.6, label="interval of the profile")
-    corner.plot([], [], ">", color=TRUTH, markersize=8, label="not bounded by the data")
-    corner.legend(frameon=False, fontsize=8, loc="center left")
+    handles, labels = axes[0].get_legend_handles_labels()
+    axes[3].legend(handles, labels, frameon=False, fontsize=8, loc="center left")
     return axes
 
 
@@ -165,7 +172,7 @@ def draw_window_study(
                 )
     if truth is not None:
         ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
-    ax.set_xscale("log")
+    log_axis(ax, "x")
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()

@@ -41,6 +41,10 @@ from tcdyn.workflows.beta_tables import (
     structures_table,
 )
 
+BETA_DEFINITION = (
+    "β is the share of the frictional heat in the contact that enters the fast disk; the rest, "
+    "1 - β, enters the slow disk."
+)
 # Assumptions of all tests, for the page of a campaign.
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "
@@ -91,7 +95,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     unfolded = [section for section in main if not section.folded]
     folded = [section for section in main if section.folded]
     folded += [replace(section, folded=True) for section in appendix]
-    return [section.with_image() for section in (*unfolded, *folded)]
+    return [section.rendered() for section in (*unfolded, *folded)]
 
 
 def lead_section(p: Partition, truth: float | None = None) -> Section:
@@ -162,7 +166,7 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
             "steel and depths by shares that add to one."
         )
     return [
-        Section("all estimates of β", text, table=estimates_table(p)),
+        Section("all estimates of β", text, table=estimates_table(p, truth)),
         Section(
             "the unloading, as logged and compensated",
             f"Common lag of each disk from the unloading, the record as prior: {lags}.",
@@ -195,7 +199,7 @@ def fit_section(p: Partition) -> Section:
         "their noise, without a trend in time.",
         table=residuals_table(p),
         figure=fig,
-        caption="Above: block means of the readings (points) and the model (lines). Below: "
+        caption="Upper row: block means of the readings (points) and the model (lines). Lower row: "
         "reading minus model; the band is two standard deviations of a block mean, the lines are "
         "running means of half a second, which would show a trend in time.",
     )
@@ -275,7 +279,7 @@ def transient_section(p: Partition) -> Section:
     return Section(
         "does the cooling fit depend on its window, or on the inverse?",
         figure=panel_figure(window_study, comparison, height_in=3.8),
-        caption="Left: beta by the cooling fit against the length of its window. Right: the "
+        caption="a: β by the cooling fit against the length of its window. b: the "
         "cooling fit on compensated traces against the joint fit on lagged ones, which needs "
         "no inverse.",
     )
@@ -298,7 +302,7 @@ def profile_section(p: Partition) -> Section:
         table=table,
         figure=fig,
         caption="Increase of the misfit when one parameter is fixed elsewhere and all others are "
-        "fitted again.",
+        "fitted again. An arrowhead: the data do not bound the interval there.",
     )
 
 
@@ -428,7 +432,7 @@ def write_beta_report(
         path,
         "Heat partition: " + ", ".join(tests),
         sections,
-        verdict="\n\n".join(verdicts),
+        verdict="\n\n".join([BETA_DEFINITION, *verdicts]),
         findings=findings,
         assumptions=assumptions,
         main_results=main_results,

@@ -296,7 +296,7 @@ def _interchange_section(comparison: MapComparison, rig: Rig | None) -> Section:
         text,
         table=pd.DataFrame(rows),
         figure=picture,
-        caption="Compare figure 6.21: temperature of each junction [°C], before (left) and after.",
+        caption="Compare figure 6.21: temperature of each junction [°C], before (a) and after (b).",
     )
 
 

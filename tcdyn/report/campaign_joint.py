@@ -52,9 +52,9 @@ SCATTER_P = 1e-3  # p-value below which a scatter about the line is stated; chos
 MIN_P = 1e-12  # p-values below this are written as "below 1e-12"; chosen by judgement
 # Caption of the figures of exponent and junctions.
 N_CAPTION = (
-    "Left: bars of the tests against each other, band of all together; it may lie outside the "
+    "a: bars of the tests against each other, band of all together; it may lie outside the "
     "points, since common errors shift some tests more than others, and the differences determine "
-    "them. Right: 95 % bars."
+    "them. b: 95 % bars."
 )
 
 

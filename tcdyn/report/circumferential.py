@@ -53,8 +53,7 @@ def unevenness_section(p: Partition) -> Section:
         "budget.",
         table=pd.DataFrame(rows),
         figure=panel_figure(*panels, height_in=4.0),
-        caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is "
-        "hot.",
+        caption="The disks seen along the shaft, junctions at the angles of rig.toml.",
     )
 
 
@@ -66,6 +65,6 @@ def around_section(p: Partition) -> Section:
         "fit with the first harmonic that it estimates. Nothing is measured deeper than "
         "the inner row.",
         figure=circumferential_figure([circumferential_temperature(p, disk) for disk in p.disks]),
-        caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside "
-        "it. Below: the mean across the running surface with its 95 % band.",
+        caption="Upper row: the middle plane, unrolled, with the readings; open junctions lie beside "
+        "it. Lower row: the mean across the running surface with its 95 % band.",
     )

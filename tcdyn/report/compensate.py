@@ -14,18 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.io.read import open_table, read_all_rows
-from tcdyn.plots.compensate import draw_compensated, draw_filter_report
-from tcdyn.plots.style import (
-    DARK,
-    GREY,
-    SLOW,
-    every_nth,
-    figure,
-    line_with_band,
-    panel_figure,
-    style_axes,
-)
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_traces
+from tcdyn.plots.style import DARK, figure, panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, to_table
 from tcdyn.rig.record import DiskRecord
@@ -40,6 +30,7 @@ from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.follow import FollowRun
 from tcdyn.workflows.log_source import Calibrations, RawLog
+from tcdyn.workflows.traces import compensated_traces
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
 # Words for the methods.
@@ -240,7 +231,7 @@ def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Sect
         f"{disk} disk, channel {name}",
         figure=fig,
         caption="Points: as logged, before the static line. Line: at the junction, with its 95 % "
-        f"band. Left: the whole log. Right: {detail}.",
+        f"band. a: the whole log. b: {detail}.",
     )
 
 
@@ -318,36 +309,12 @@ def _followed(log: RawLog, out: Path) -> tuple[Section, int]:
     """Return the section of one channel before and after live compensation, and its row count."""
     names = list(log.channels.units)
     name = next((n for n in names if n.endswith("e_degC")), names[0])
-    time_name = log.source.time
-    name, u_name = log.channels.units[name].names(name)
-    columns = [time_name, name, u_name]
-    compensated = pd.DataFrame(read_all_rows(open_table(out, columns), columns).data)
-    plotted = every_nth(len(compensated))
-    rows = compensated[plotted].astype(float)
-    fig, (ax,) = figure(height_in=4.0)
-    raw = _logged(log.source.path, time_name, name)
-    if raw is not None:
-        raw_rows = raw[every_nth(len(raw))]
-        ax.plot(raw_rows[time_name], raw_rows[name], ".", markersize=2, color=GREY, label="logged")
-    time, x, u = (rows[column].to_numpy() for column in (time_name, name, u_name))
-    line_with_band(ax, time, x, u, SLOW, "95 %", linewidth=1.0, label="compensated")
-    values = compensated[name].to_numpy(dtype=float)
-    values = values[np.isfinite(values)]
-    if len(values):
-        margin = 0.1 * float(np.ptp(values)) + 1.0  # spikes of the log must not set the scale
-        ax.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
-    style_axes(ax, "time [s]", "temperature [°C]", loc="best")
+    traces = compensated_traces(log, out, [name])
+    y = f"temperature [{traces[0].unit}]".replace("degC", "°C")
+    fig = panel_figure(partial(draw_traces, traces, y), height_in=4.0)
     caption = (
-        "Points: as logged, before the static line; spikes may lie outside. Line: at the junction, "
+        "Pale: as logged, before the static line; spikes may lie outside. Line: at the junction, "
         "with its 95 % band."
     )
-    return Section(f"{name}, as it was followed", figure=fig, caption=caption), len(compensated)
-
-
-def _logged(log: Path, time_name: str, name: str) -> pd.DataFrame | None:
-    """Return time and readings of a channel as logged; None if the columns have other names."""
-    try:
-        raw = pd.read_csv(log, comment="#", usecols=[time_name, name], on_bad_lines="skip")
-    except ValueError:
-        return None
-    return raw.apply(pd.to_numeric, errors="coerce")
+    section = Section(f"{traces[0].name}, as it was followed", figure=fig, caption=caption)
+    return section, len(traces[0].compensated)

@@ -150,7 +150,7 @@ def write_identify_report(
             f"{name}: residuals",
             model.sentence,
             figure=residual_figure(best, comparison.validation),
-            caption="Left: measured minus simulated, with disturbances. Middle and right: "
+            caption="a: measured minus simulated, with disturbances. b and c: "
             "residuals after the noise model has removed the disturbances; by chance one lag in "
             "twenty lies outside the grey band.",
         ),

@@ -1,7 +1,9 @@
 """Self-contained HTML pages: main result, warnings, assumptions, sections.
 
 In a table numbers are aligned right and unbroken, text left, and a value and its uncertainty are
-rounded alike.
+rounded alike. A figure stands on the page twice: as charts (:mod:`tcdyn.report.interactive`) and as
+a picture, for print and for browsers without scripts. Charts and the script of Plotly, one copy a
+page, are compressed; the browser inflates them.
 
 Used by every module of ``tcdyn/report`` and by the commands that write a page directly. Limits are
 chosen by judgement. Tests:
@@ -11,8 +13,10 @@ chosen by judgement. Tests:
 from __future__ import annotations
 
 import base64
+import gzip
 import html
 import io
+import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +33,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image, ImageOps
+from plotly.offline import get_plotlyjs
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, text_with_u
@@ -37,6 +42,7 @@ from tcdyn.core.result import Result
 from tcdyn.io.write import write_text
 from tcdyn.plots.pick import draw
 from tcdyn.plots.style import figure as new_figure
+from tcdyn.report.interactive import NotConvertible, convert_figure
 from tcdyn.version import __version__
 
 # Plain text of units and signs, and how a page writes it.
@@ -70,8 +76,8 @@ class Section:
         Paragraphs, with a blank line between them.
     folded
         Whether a click opens the section. It is not printed unless it is open.
-    image
-        The figure as a ``data:`` address, once it is rendered.
+    image, charts
+        The figure as a ``data:`` address and as charts, once it is rendered.
     width_in
         Width of the figure [inch], which limits its size on a narrow screen.
     title
@@ -89,6 +95,7 @@ class Section:
     caption: str = ""
     folded: bool = False
     image: str = ""
+    charts: dict[str, Any] | None = None
     width_in: float = 0.0
 
     @property
@@ -108,13 +115,21 @@ class Section:
         """Whether heading, text and table stay on one printed page."""
         return self.table is None or len(self.table) <= MAX_ROWS_UNBROKEN
 
-    def with_image(self) -> Section:
-        """Return the section with an image instead of its figure."""
+    def rendered(self) -> Section:
+        """Return the section with picture and charts instead of its figure."""
         if self.figure is None:
             return self
         image = figure_data_uri(self.figure)
         width_in = float(self.figure.get_figwidth())
-        return replace(self, figure=None, image=image, width_in=width_in)
+        caption = self.caption
+        charts = None
+        try:
+            charts = convert_figure(self.figure)
+        except NotConvertible as problem:
+            caption = f"{caption} (A picture only: no chart of a {problem}.)".lstrip()
+        return replace(
+            self, figure=None, caption=caption, image=image, charts=charts, width_in=width_in
+        )
 
 
 @dataclass(frozen=True)
@@ -195,16 +210,20 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
 
 
 def _disable_math(figure: Figure) -> None:
-    """Show the text of a figure as it is, except the numbers of logarithmic axes."""
+    """Show the text of a figure as it is."""
     for text in figure.findobj(Text):
-        if "\\math" not in text.get_text():
-            text.set(text=CONTROL.sub(" ", text.get_text()), parse_math=False)
+        text.set(text=CONTROL.sub(" ", text.get_text()), parse_math=False)
 
 
 def _titles(figure: Figure) -> list[Text]:
     """Return the texts of a figure and its axes that are not empty."""
     children = [child for part in (figure, *figure.axes) for child in part.get_children()]
     return [child for child in children if isinstance(child, Text) and child.get_text()]
+
+
+def compressed(text: str) -> str:
+    """Return a text compressed by gzip, in base64."""
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
 def card_html(result: Result) -> str:
@@ -266,8 +285,11 @@ def render_page(
     html
         The complete page.
     """
-    sections = [section.with_image() for section in sections]
-    lead = None if lead is None else lead.with_image()
+    sections = [section.rendered() for section in sections]
+    lead = None if lead is None else lead.rendered()
+    with_figure = [s for s in (lead, *sections) if s is not None and s.charts is not None]
+    charts = {f"figure-{k}": section.charts for k, section in enumerate(with_figure)}
+    figure_ids = {id(section): name for name, section in zip(charts, with_figure)}
     content = [f"{s.text}{s.table_html}{s.caption}" for s in sections]
     has_uncertainty = "+-" in verdict or any("±" in typeset(text) for text in content)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
@@ -286,6 +308,10 @@ def render_page(
         marks=list(marks),
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         plus_minus=has_uncertainty,
+        figure_id=lambda section: figure_ids.get(id(section), ""),
+        charts=compressed(json.dumps(charts, ensure_ascii=False)) if charts else "",
+        script=resources.files("tcdyn.report").joinpath("templates/charts.js").read_text("utf-8"),
+        plotly=compressed(get_plotlyjs()) if charts else "",
     )
     return CONTROL.sub(" ", page)
 

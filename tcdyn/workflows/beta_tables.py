@@ -174,7 +174,7 @@ TWO_SIGMA = 2.0  # two estimates agree below so many standard uncertainties of t
 def estimate_row(
     word: str,
     beta: Estimate,
-    h: Estimate,
+    h: Estimate | None = None,
     lag: Estimate | None = None,
     n: Estimate | None = None,
     reported: bool = True,
@@ -196,10 +196,11 @@ def estimate_row(
     return row if reported else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
 
 
-def estimates_table(partition: Partition) -> pd.DataFrame:
+def estimates_table(partition: Partition, truth: float | None = None) -> pd.DataFrame:
     """beta, h, lag and exponent by every method, the recommended one first.
 
-    Cells have standard uncertainties, beta its 95 % interval as well.
+    Cells have standard uncertainties, beta its 95 % interval as well. With the ``truth`` of a
+    simulation the last two rows are the recommended estimate and the truth.
     """
     answers = partition.estimates
     withheld = partition.impossible
@@ -229,7 +230,11 @@ def estimates_table(partition: Partition) -> pd.DataFrame:
                     reported=key not in withheld,
                 )
             )
-    table = pd.DataFrame(rows)
+    if truth is not None:
+        best = partition.combined.estimates["beta"]
+        rows.append(estimate_row("recommended", best, reported=partition.status != "withheld"))
+        rows.append({"way": "truth of the simulation", "β [1]": f"{truth:.4f}"})
+    table = pd.DataFrame(rows).fillna("")
     return table.drop(columns="exponent n [1]") if partition.single_disk else table
 
 

@@ -218,6 +218,13 @@ def compare_with_truth(
             )
             add(f"{name} {disk} e, rms error raw, 5 s after unloading", "K", raw, None, 0.0)
             add(f"{name} {disk} e, rms error compensated", "K", done, None, 0.0)
+    for name, beta in tests.items():
+        recommended = beta.partition.combined.estimates["beta"]
+        reported = recommended.value
+        if beta.partition.status == "withheld":
+            reported = np.nan
+        true_beta = truth["tests"][name]["beta"]
+        add(f"{name} beta, recommended", "1", reported, recommended.u, true_beta)
     return pd.DataFrame(rows)
 
 

@@ -1,0 +1,152 @@
+"""The page of ``tcdyn view``: every trace of a log, as logged and compensated.
+
+Traces are decimated for the screen (:func:`tcdyn.plots.style.screen_rows`). Test:
+``tests/report/test_view.py``.
+"""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import numpy as np
+
+from tcdyn.core.findings import Finding
+from tcdyn.plots.compensate import draw_traces
+from tcdyn.plots.style import panel_figure
+from tcdyn.report.page import Section, write_page
+from tcdyn.rig.rigfile import Rig
+from tcdyn.sensors.table import open_source
+from tcdyn.sensors.units import unit_in
+from tcdyn.workflows.compensate import compensate_log
+from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.log_source import Calibrations, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.traces import Trace, compensated_traces, read_all
+
+MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
+
+
+def view(
+    log: str | Path,
+    calibrations: Calibrations = (),
+    *,
+    rig: Rig | None = None,
+    out: str | Path | None = None,
+    open_browser: bool = True,
+    progress: Callable[[str], None] = lambda _: None,
+    **reading: Any,
+) -> tuple[Path, tuple[Finding, ...]]:
+    """Write a page with the traces of a log, raw and compensated, and open it in the browser.
+
+    Parameters
+    ----------
+    log
+        A log of the rig, or any table with a column of time.
+    calibrations
+        Records by disk, or sensor files; without them all columns are shown as logged.
+    rig
+        The rig; None: that of the records.
+    out
+        Page to write; by default ``<log>.view.html`` beside the log.
+    open_browser
+        Whether to open the page in the browser.
+    progress
+        Called with the name of each stage.
+    **reading
+        Of any table: ``columns``, ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold``, see
+        :func:`tcdyn.workflows.compensate_table.compensate_table`.
+
+    Returns
+    -------
+    page, findings
+        The page, and the findings of the compensation.
+
+    Raises
+    ------
+    InputError
+        For a log that cannot be read or compensated.
+
+    Examples
+    --------
+    >>> import tcdyn, tempfile
+    >>> from tcdyn.sensors import SensorFile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> t = np.arange(0.0, 60.0, 0.5)
+    >>> rows = np.column_stack([t, 20 + 5 * np.sin(0.2 * t)])
+    >>> np.savetxt(folder / "kiln.csv", rows, delimiter=",", header="time_s,T_degC", comments="")
+    >>> page, findings = tcdyn.view(folder / "kiln.csv", open_browser=False)
+    >>> page.name
+    'kiln.view.html'
+    """
+    path = Path(log)
+    page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
+    findings: tuple[Finding, ...] = ()
+    if calibrations:
+        with TemporaryDirectory() as folder:
+            compensated = Path(folder) / "compensated.parquet"
+            if isinstance(calibrations, dict):
+                done = compensate_log(path, calibrations, rig, progress=progress)
+                _, findings = done.write(compensated, progress)
+            else:
+                table = compensate_table(
+                    path, calibrations, compensated, progress=progress, **reading
+                )
+                findings = table.findings
+            opened = open_log_table(path, calibrations, rig)
+            options = cast(TableOptions, reading)
+            raw = raw_log(path, opened, calibrations, rig, options)
+            traces = compensated_traces(raw, compensated)
+    else:
+        traces = _logged_traces(path, reading)
+    progress("page")
+    limit = MAX_POINTS // (3 * max(len(traces), 1))
+    panels: dict[tuple[str, str], list[Trace]] = {}
+    for trace in traces:
+        panels.setdefault((trace.group, trace.unit), []).append(trace)
+    sections = [_section(group, unit, traces, limit) for (group, unit), traces in panels.items()]
+    content = "as logged and compensated" if calibrations else "as logged"
+    rows = max((len(trace.time_s) for trace in traces), default=0)
+    write_page(
+        page,
+        f"{path.name}: {content}",
+        sections,
+        verdict=f"{len(traces)} traces of {rows} rows. A trace has at most {limit} points here; "
+        "extremes are kept. A click on an entry of the legend hides it, a double click shows it "
+        "alone.",
+        findings=findings,
+    )
+    if open_browser:
+        webbrowser.open(page.resolve().as_uri())
+    return page, findings
+
+
+def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
+    """Return all columns of numbers of a table."""
+    source = open_source(path, reading.get("time"), time_unit=reading.get("time_unit"))
+    names = [name for name in source.table.names if name != source.time]
+    names = list(reading.get("columns") or names)
+    time_s, columns = read_all(source, names)
+    none = np.empty(0)
+    traces = []
+    for name, values in columns.items():
+        if values.dtype != object:
+            unit = unit_in(name) or source.table.units.get(name, "")
+            traces.append(Trace(name, unit, "", time_s, values, none, none, none))
+    return traces
+
+
+def _section(group: str, unit: str, traces: Sequence[Trace], limit: int) -> Section:
+    """Return the section of the traces of one disk and unit."""
+    names = [trace.name for trace in traces]
+    title = f"{group} disk" if group else ", ".join(names)
+    y = f"temperature [{unit}]" if unit else names[0]
+    return Section(
+        title,
+        figure=panel_figure(
+            partial(draw_traces, traces, y.replace("degC", "°C"), limit=limit), height_in=5.0
+        ),
+    )

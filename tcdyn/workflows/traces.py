@@ -1,0 +1,106 @@
+"""Traces of a log as logged and compensated, for figures.
+
+Used by ``tcdyn view`` (:mod:`tcdyn.report.view`) and by the page of ``tcdyn follow``. Test:
+``tests/report/test_view.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tcdyn.core import Array
+from tcdyn.io.read import open_table
+from tcdyn.sensors.table import Source
+from tcdyn.workflows.log_source import RawLog
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One column of a log, and what compensation made of it.
+
+    Attributes
+    ----------
+    name, unit, group
+        Name, unit and disk of the column; the disk is empty for a table.
+    time_s, logged
+        Times (N,) [s] and values (N,) as logged, in the unit.
+    compensated_s, compensated, u
+        Times (M,) [s], values and standard uncertainties (M,); without rows if the trace was not
+        compensated.
+    """
+
+    name: str
+    unit: str
+    group: str
+    time_s: Array
+    logged: Array
+    compensated_s: Array
+    compensated: Array
+    u: Array
+
+
+def compensated_traces(log: RawLog, out: Path, columns: Sequence[str] = ()) -> list[Trace]:
+    """Return columns of a log with their results in the file ``out``.
+
+    Parameters
+    ----------
+    log
+        The log.
+    out
+        Output of its compensation.
+    columns
+        Columns of the log; by default all that are compensated.
+
+    Returns
+    -------
+    traces
+        In the unit of the output.
+    """
+    disk_of = {c.column: group.disk for group in log.channels.groups for c in group.channels}
+    units = {
+        name: unit for name, unit in log.channels.units.items() if name in (columns or disk_of)
+    }
+    references = [
+        unit.reference_junction
+        for unit in units.values()
+        if isinstance(unit.reference_junction, str)
+    ]
+    time_s, logged = read_all(log.source, [*units, *references])
+    output_names = [name for column, unit in units.items() for name in unit.names(column)]
+    result = Source(out, open_table(out, output_names), log.source.clock)
+    compensated_s, compensated = read_all(result, output_names)
+    traces = []
+    for column, unit in units.items():
+        reference = unit.reference_junction
+        cold_degC = logged[reference] if isinstance(reference, str) else reference
+        name, u_name = unit.names(column)
+        values = unit.from_degC(unit.in_degC(logged[column], cold_degC))
+        unit_text = "degC" if unit.name == "mV" else unit.name
+        traces.append(
+            Trace(
+                name,
+                unit_text,
+                disk_of[column],
+                time_s,
+                values,
+                compensated_s,
+                compensated[name],
+                compensated[u_name],
+            )
+        )
+    return traces
+
+
+def read_all(source: Source, columns: Sequence[str]) -> tuple[Array, dict[str, Array]]:
+    """Return the times (N,) [s] of all rows of a table, and its columns (N,)."""
+    times_s = []
+    data: dict[str, list[Array]] = {name: [] for name in columns}
+    for chunk_s, chunk, _ in source.read_chunks(columns):
+        times_s.append(chunk_s)
+        for name, parts in data.items():
+            parts.append(chunk[name])
+    return np.concatenate(times_s), {name: np.concatenate(parts) for name, parts in data.items()}
