@@ -145,7 +145,7 @@ def beta(
     for run in runs:
         if len(runs) > 1:
             reporter.text(f"{run.log.path.stem}:")
-        reporter.text(run.summary())
+        reporter.summary(run.summary())
     for file in files:
         reporter.files(numbers=file)
     reporter.files(report=report)
@@ -153,11 +153,8 @@ def beta(
     for run in runs:
         partition = run.partition
         conclusions = (partition.crosscheck.finding, partition.recommendation)
-        if not reporter.is_silent:  # the summary contains the conclusions
-            reporter.findings(run.log.path.name, partition.analysis_findings)
-        else:
-            reporter.findings(run.log.path.name, [*partition.analysis_findings, *conclusions])
-        is_trusted &= reporter.is_trusted([*partition.analysis_findings, *conclusions])
+        name = run.log.path.name
+        is_trusted &= reporter.report(name, partition.analysis_findings, conclusions)
     if not is_trusted:
         raise typer.Exit(NOT_TRUSTED)
 
@@ -301,10 +298,10 @@ def campaign(
     for outcome in run.failed:
         print(f"tcdyn: {outcome.error}", file=sys.stderr)
     reporter.json(run.card)
-    reporter.text(run.summary())
+    reporter.summary(run.summary())
     reporter.files(**files)
     if all_failed:
         raise typer.Exit(2)
-    reporter.findings("campaign", run.findings)
-    if run.failed or not reporter.is_trusted(run.findings):
+    is_trusted = reporter.report("campaign", run.findings)
+    if run.failed or not is_trusted:
         raise typer.Exit(NOT_TRUSTED)

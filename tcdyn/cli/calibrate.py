@@ -110,7 +110,7 @@ def calibrate(
 
         write_certificate(report, run, earlier_records)
     reporter.json(run.record.to_dict)
-    reporter.text(run.summary())
+    reporter.summary(run.summary())
     reporter.files(record=target, certificate=report)
     reporter.finish(f"{disk} disk", run.findings)
 
@@ -204,6 +204,6 @@ def holes(
             assumptions=[f"all junctions lie {depth:g} +- {depth_u:g} mm deep, at one temperature"],
         )
     reporter.json(lambda: content)
-    reporter.text(comparison.summary())
+    reporter.summary(comparison.summary())
     reporter.files(numbers=out, report=report)
     reporter.finish(log.name, findings)

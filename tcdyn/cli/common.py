@@ -186,7 +186,21 @@ class Reporter:
         if self.json_:
             print(dump(data()), end="")
 
-    def findings(self, name: str, findings: Iterable[Finding]) -> None:
+    def summary(self, text: str) -> None:
+        """Print the summary of a result without its findings, which :meth:`report` prints.
+
+        Parameters
+        ----------
+        text
+            Lines; those of findings begin with their severity.
+        """
+        labels = tuple(f"{severity.value}: " for severity in Severity)
+        lines = text.split("\n")
+        self.text("\n".join(line for line in lines if not line.lstrip().startswith(labels)))
+
+    def report(
+        self, name: str, findings: Iterable[Finding], conclusions: Iterable[Finding] = ()
+    ) -> bool:
         """Print each finding on standard error; silent output leaves out the infos.
 
         Parameters
@@ -195,37 +209,45 @@ class Reporter:
             Log, record or disk that the findings are about.
         findings
             Findings of the command.
+        conclusions
+            Findings that the summary contains; they are printed only if it is not.
+
+        Returns
+        -------
+        bool
+            Whether the result is to be trusted: no error, and with ``--strict`` no warning.
         """
-        for finding in unique(findings):
+        if self.is_silent:
+            findings = (*findings, *conclusions)
+            conclusions = ()
+        printed = unique(findings)
+        for finding in printed:
             if finding.severity is Severity.INFO and self.is_silent:
                 continue
             message = finding.message(as_option)
             subject = "" if name in message else f"{name}: "
             print(f"{finding.severity.value}: {printable(subject + message)}", file=sys.stderr)
-
-    def is_trusted(self, findings: Iterable[Finding]) -> bool:
-        """Whether there is no error among the findings, and with ``--strict`` no warning."""
-        severities = {finding.severity for finding in findings}
+        severities = {finding.severity for finding in (*printed, *conclusions)}
         if self.strict and Severity.WARNING in severities:
             return False
         return Severity.ERROR not in severities
 
-    def finish(self, name: str, findings: Iterable[Finding]) -> None:
+    def finish(
+        self, name: str, findings: Iterable[Finding], conclusions: Iterable[Finding] = ()
+    ) -> None:
         """Print the findings; exit with code 1 if the result is not to be trusted.
 
         Parameters
         ----------
-        name, findings
-            As of :meth:`findings`.
+        name, findings, conclusions
+            As of :meth:`report`.
 
         Raises
         ------
         typer.Exit
             With code 1.
         """
-        found = unique(findings)
-        self.findings(name, found)
-        if not self.is_trusted(found):
+        if not self.report(name, findings, conclusions):
             raise typer.Exit(NOT_TRUSTED)
 
     def files(self, **written: Path | None) -> None:

@@ -148,7 +148,7 @@ def _report(result: Design | PlannedCampaign, out: Path | None, reporter: Report
         Output of the command.
     """
     reporter.json(result.to_dict)
-    reporter.text(result.summary())
+    reporter.summary(result.summary())
     if out is not None:
         reporter.text(f"\nwrote {out}")
 

@@ -256,7 +256,8 @@ def identify(
                 one_output, model_list, held_out=held_out, progress=progress, **fit_settings
             )
         comparisons[y] = comparison
-        reporter.text(f"{comparison.summary(as_option)}\n{comparison.lag_removal_advice(filter_)}")
+        reporter.summary(comparison.summary(as_option))
+        reporter.text(comparison.lag_removal_advice(filter_))
         content = comparison.best.identified.to_dict()
         content["averaged"] = comparison.averaged
         content["source"] = source_entry(data)
@@ -276,10 +277,11 @@ def identify(
     reporter.json(lambda: contents[outputs[0]] if len(outputs) == 1 else contents)
     if len(outputs) > 1:
         reporter.text(joint_table(comparisons).to_string(index=False))
-    findings = []
-    for comparison in comparisons.values():
-        findings += [comparison.conclusion, *comparison.best.findings]
-    reporter.finish(data.name, findings)
+    reporter.finish(
+        data.name,
+        [finding for comparison in comparisons.values() for finding in comparison.best.findings],
+        [comparison.conclusion for comparison in comparisons.values()],
+    )
 
 
 @option_groups
@@ -380,7 +382,8 @@ def response(
     write_text(path, dump(content))
     read_identified(path)
     reporter.json(lambda: content)
-    reporter.text(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
+    reporter.summary(best.summary(as_option))
+    reporter.text(f"\n{table.to_string(index=False)}\nwrote {path}")
     reporter.finish(data.name, best.findings)
 
 

@@ -198,7 +198,7 @@ def transducer(
         write_text(out, dump(line.to_dict() | {"source": source_entry(table)}))
     if quantity is None:
         reporter.json(line.to_dict)
-        reporter.text(line.summary())
+        reporter.summary(line.summary())
     else:
         u = line.gain_u_rel(weight_u_rel)
         comments = line.summary().splitlines()

@@ -487,7 +487,7 @@ def touch(
 
         save_picture(panel_figure(partial(draw_touches, result, t, readings, names)), picture)
     reporter.json(result.to_dict)
-    reporter.text(result.summary())
+    reporter.summary(result.summary())
     reporter.files(picture=picture)
     reporter.finish(log.name, [*findings, *result.findings])
 
@@ -505,7 +505,7 @@ def _report(sensor: SensorFile, reporter: Reporter, out: Path | None = None) -> 
         File that was written; None: none.
     """
     reporter.json(sensor.to_dict)
-    reporter.text(sensor.summary(with_findings=False))
+    reporter.summary(sensor.summary())
     reporter.files(sensor=out)
     reporter.finish(sensor.sensor, sensor.findings)
 

@@ -298,7 +298,7 @@ def campaign(
             progress=progress,
         )
     reporter.json(lambda: files)
-    reporter.text(files.summary())
+    reporter.summary(files.summary())
 
 
 @option_groups

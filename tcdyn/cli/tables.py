@@ -202,5 +202,5 @@ def compensate_any_table(
     from_files = [finding for calibration in given for finding in calibration.findings]
     findings = unique_by_subject([*from_files, *done.findings])
     reporter.json(done.to_dict)
-    reporter.text(done.summary())
+    reporter.summary(done.summary())
     reporter.finish(log.name, findings)

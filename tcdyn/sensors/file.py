@@ -202,18 +202,8 @@ class SensorFile(Result, StrictModel):
         """Standard uncertainty (M,) of the largest time constant at fixed lag [s]."""
         return np.array([c.split_u_s for c in self.chain.channels.values()])
 
-    def summary(self, with_findings: bool = True) -> str:
+    def summary(self) -> str:
         """Method, lag and what limits it, times of the step response, dips, and findings.
-
-        Parameters
-        ----------
-        with_findings
-            Whether the findings are listed at the end.
-
-        Returns
-        -------
-        text
-            Lines separated by line feeds.
 
         Notes
         -----
@@ -249,9 +239,7 @@ class SensorFile(Result, StrictModel):
                 lines.append(f"  {key}: {Estimate(**value)}")
             elif isinstance(value, float):
                 lines.append(f"  {key}: {value:.4g}")
-        if with_findings:
-            lines += labelled_messages(self.findings)
-        return "\n".join(lines)
+        return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def to_frame(self) -> pd.DataFrame:
         """Numbers of lag and times of the step response, one row a column."""

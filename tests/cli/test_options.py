@@ -397,7 +397,7 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
         == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
     )
     findings = [found, warning("said", text="D4: the baseline=trend of a file")]
-    Reporter().findings("D4", findings)
+    assert Reporter().report("D4", findings)
     assert capsys.readouterr().err == (
         "warning: D4: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
         "warning: D4: the baseline=trend of a file\n"
