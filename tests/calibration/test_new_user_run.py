@@ -226,11 +226,13 @@ def test_gain_of_a_friction_transducer_gives_the_uncertainty_of_the_rig_file(tmp
     assert "load or friction" in capsys.readouterr().err
 
 
-def test_sessions_with_different_gains_end_with_exit_code_1(tmp_path):
+def test_sessions_with_different_gains_end_with_a_warning(tmp_path, capsys):
     volts, force, session = sessions(0, twist=0.01)
     path = tmp_path / "weights.csv"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
-    assert tcdyn("rig", "transducer", path, "-q") == 1
+    assert tcdyn("rig", "transducer", path, "-q") == 0
+    assert capsys.readouterr().err.startswith("warning: weights.csv: ")
+    assert tcdyn("rig", "transducer", path, "-q", "--strict") == 1
 
 
 def test_channels_that_deviate_before_a_plunge_are_named_only_for_a_disk_at_rest():

@@ -27,8 +27,11 @@ LONG = {
     "rig calibrate",
     "rig beta",
     "compensate",
+    "view",
 }  # several stages, each worth a line with --verbose
-KIND = re.compile(r"^list\[|\]$| \| None")  # a repeated or optional value is of the same kind
+KIND = re.compile(
+    r"^list\[|^<class '|'>$|\]$| \| None"
+)  # a repeated or optional value is of the same kind
 
 
 def commands(group: Any = None, words: str = "") -> dict[str, typer.core.TyperCommand]:

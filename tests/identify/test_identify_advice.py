@@ -70,7 +70,7 @@ def test_no_model_is_recommended_if_all_miss_dynamics() -> None:
     )
     assert advice.startswith("None of these models is good enough")
     assert "Recommended" not in advice
-    assert "models=P3,P3D" in advice
+    assert "models=['P3', 'P3D']" in advice
     # no linear model is left to try
     assert "narx=True" in advice_text(row("P1", 0.0, p_input=1e-6))
 

@@ -187,15 +187,14 @@ def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_
             "--out",
             tmp_path / "b.json",
         )
-        == 1
+        == 0
     )
     assert "times the stated uncertainty" in capsys.readouterr().err
-    wrong_form = ("re,im", "--form", "magnitude")
     for columns_and_options, message in (
-        (wrong_form, "a magnitude of -"),
-        (("m",), "two columns"),
-        (("m,q",), "no column 'q'"),
-        (("m,p", "--form", "polar"), "--form"),
+        (("re", "--column", "im", "--form", "magnitude"), "a magnitude of -"),
+        (("m",), "expected twice"),
+        (("m", "--column", "q"), "no column 'q'"),
+        (("m", "--column", "p", "--form", "polar"), "--form"),
     ):
         assert tcdyn(*common, *columns_and_options) == 2
         assert message in capsys.readouterr().err

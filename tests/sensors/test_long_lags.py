@@ -143,7 +143,7 @@ def test_a_dead_time_of_minutes_is_written_and_read(tmp_path: Path) -> None:
         "new",
         "--tau-s",
         "900+-10",
-        "--delay-s",
+        "--dead-time-s",
         "240+-5",
         "--column",
         "T",

@@ -549,8 +549,9 @@ def test_the_commands_write_a_file_and_a_table(
     assert said["rows"] == 600
     assert held(written(tmp_path / "out.csv"), "T1_degC", "T1_u_K", x)[1] > 0.9
     assert (
-        run_cli("sensor", "new", "--tau-s", "1.5", "--column", "T1", "--out", probe) == 1
-    )  # no uncertainty: look
+        run_cli("sensor", "new", "--tau-s", "1.5", "--column", "T1", "--out", probe, "--overwrite")
+        == 0
+    )  # no uncertainty: a warning
     assert "without an uncertainty" in capsys.readouterr().err
     assert run_cli("sensor", "new", "--tau-s", "fast", "--column", "T1", "--out", probe) == 2
     assert run_cli("sensor", "show", probe) == 0

@@ -240,7 +240,7 @@ def _no_model(
     objection = OBJECTIONS[against].format(fit_percent=fit_percent)
     steps = _remedies(troubles, option)
     if untried:
-        steps.append(f"compare others ({option('models', untried)})")
+        steps.append(f"compare others ({option('models', list(untried))})")
     else:
         steps.append(f"test with {option('narx', True)} whether it is linear")
     text = (
