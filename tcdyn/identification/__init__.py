@@ -53,7 +53,13 @@ True
 """
 
 from tcdyn.chain.rational import simulate
-from tcdyn.identification.comparison import CANDIDATES, Comparison, compare, joint_table
+from tcdyn.identification.comparison import (
+    CANDIDATES,
+    Comparison,
+    compare,
+    identify,
+    joint_table,
+)
 from tcdyn.identification.experiment import prbs_input, step_input
 from tcdyn.identification.fit import fit
 from tcdyn.identification.frequency import Response, fit_response
@@ -101,6 +107,7 @@ __all__ = [
     "from_csv",
     "from_frame",
     "held_out_score",
+    "identify",
     "impulse_response",
     "joint_table",
     "percent_times",

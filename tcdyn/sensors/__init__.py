@@ -20,6 +20,12 @@ from tcdyn.sensors.file import (
     step_times,
     write_sensor,
 )
+from tcdyn.sensors.measure import (
+    sensor_from_current,
+    sensor_from_dip,
+    sensor_from_noise,
+    sensor_from_pair,
+)
 from tcdyn.sensors.units import Unit
 
 __all__ = [
@@ -28,6 +34,10 @@ __all__ = [
     "from_identified",
     "read_sensor",
     "sensor_file",
+    "sensor_from_current",
+    "sensor_from_dip",
+    "sensor_from_noise",
+    "sensor_from_pair",
     "specified_sensor",
     "step_times",
     "write_sensor",
