@@ -1,15 +1,4 @@
-"""Thermocouples outside the rig: their file, and methods to determine their lag.
-
->>> import tempfile
->>> from pathlib import Path
->>> from tcdyn.chain import Chain
->>> from tcdyn.sensors import read_sensor, sensor_file, write_sensor
->>> probe = sensor_file("probe", {"T1": Chain(1.5)}, "stated", [[0.1**2]], [0.0])
->>> with tempfile.TemporaryDirectory() as folder:
-...     again = read_sensor(write_sensor(probe, Path(folder) / "probe.sensor.json"))
->>> again.sensor, again.chain.channels["T1"].lag_s.value
-('probe', 1.5)
-"""
+"""Thermocouples outside the rig: their file, and methods to determine their lag."""
 
 from tcdyn.sensors.file import (
     SensorFile,
