@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from importlib import import_module
+from inspect import isclass, isfunction
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,15 @@ from tcdyn.version import __version__ as release  # noqa: E402
 
 project, author, copyright = "tcdyn", "The tcdyn developers", "The tcdyn developers, MIT licence"
 version = release
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "myst_nb",
+    "sphinx_gallery.gen_gallery",
+]
+templates_path = ["_templates"]
+autosummary_ignore_module_all = False
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "_lab", "gallery"]
@@ -96,7 +105,19 @@ python_maximum_signature_line_length = 88
 # Annotations name types of other packages and private types; the roles {func}, {meth}, {mod} in the pages are checked.
 nitpick_ignore_regex = [("py:(class|data|obj|exc|attr)", ".*")]
 
-REFERENCE_PAGES = {  # heading of a page, and the modules or packages on it
+# Modules whose names are public; each name has its own page, under the first module that has it.
+PUBLIC_MODULES = (
+    "tcdyn",
+    "tcdyn.chain",
+    "tcdyn.smoothing",
+    "tcdyn.identification",
+    "tcdyn.sensors",
+    "tcdyn.estimation",
+    "tcdyn.campaign",
+    "tcdyn.workflows",
+    "tcdyn.plots",
+)
+REFERENCE_PAGES = {  # heading of a page of internals, and the modules or packages on it
     "calibration": ["calibration"],
     "immersion": ["immersion"],
     "core": ["tcdyn.core"],
@@ -106,7 +127,7 @@ REFERENCE_PAGES = {  # heading of a page, and the modules or packages on it
     "chain": ["tcdyn.chain"],
     "heat": ["tcdyn.heat"],
     "smoothing": ["tcdyn.smoothing"],
-    "identify": ["tcdyn.identification"],
+    "identification": ["tcdyn.identification"],
     "sensors": ["tcdyn.sensors"],
     "partition": ["tcdyn.partition", "tcdyn.campaign"],
     "design": ["tcdyn.design", "tcdyn.simulate", "tcdyn.verify"],
@@ -154,10 +175,40 @@ def check_search(app: Any, error: Exception | None) -> None:
             raise SphinxError(f"the search does not find {', '.join(missing)}")
 
 
+def public_names(module_name: str, listed: set[int]) -> list[str]:
+    """Public functions and classes of a module that are not yet in ``listed``, and add them to it."""
+    module = import_module(module_name)
+    names = []
+    for name in module.__all__:
+        item = getattr(module, name)
+        if (isclass(item) or isfunction(item)) and id(item) not in listed:
+            listed.add(id(item))
+            names.append(f"{module_name}.{name}")
+    return names
+
+
+def _write(file: Path, lines: list[str]) -> None:
+    """Write a page if its text differs."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    text = "\n".join(lines)
+    if not file.exists() or file.read_text(encoding="utf-8") != text:
+        file.write_text(text, encoding="utf-8")
+
+
 def write_reference(*_: Any) -> None:
-    """Write a reference page for each group of packages, so that new modules appear without being listed."""
+    """Write the list of public names, and a page of internals for each group of packages.
+
+    New names and modules appear without being listed.
+    """
+    page = ["# Public names", ""]
+    listed: set[int] = set()
+    for module_name in PUBLIC_MODULES:
+        page += [f"## {module_name}", "", "```{eval-rst}", ".. autosummary::"]
+        page += ["   :toctree: names", "   :nosignatures:", ""]
+        page += [f"   {name}" for name in public_names(module_name, listed)]
+        page += ["```", ""]
+    _write(HERE / "reference" / "public.md", page)
     folder = HERE / "reference" / "packages"
-    folder.mkdir(parents=True, exist_ok=True)
     for title, packages in REFERENCE_PAGES.items():
         page = [f"# {title}", ""]
         for module in (m for package in packages for m in _modules(package)):
@@ -169,9 +220,7 @@ def write_reference(*_: Any) -> None:
                 "   :members:",
             ]
             page += ["   :ignore-module-all:", "```", ""]
-        file, text = folder / f"{title}.md", "\n".join(page)
-        if not file.exists() or file.read_text(encoding="utf-8") != text:
-            file.write_text(text, encoding="utf-8")
+        _write(folder / f"{title}.md", page)
 
 
 def escape_markup(
@@ -257,5 +306,5 @@ def setup(app: Any) -> None:
     app.connect("builder-inited", make_lab, priority=1)
     app.connect("build-finished", check_search)
     app.connect("missing-reference", resolve_alias)
-    app.connect("builder-inited", write_reference)
+    app.connect("config-inited", write_reference)  # before the files are listed
     app.connect("autodoc-process-docstring", escape_markup, priority=900)

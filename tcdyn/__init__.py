@@ -19,12 +19,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.core.errors import InputError
-    from tcdyn.identification import IOData, compare, fit
+    from tcdyn.identification import IOData, compare, fit, identify
     from tcdyn.report.view import view
     from tcdyn.rig.disk import Conditioning
     from tcdyn.rig.log import iter_log, read_log, write_log
     from tcdyn.rig.record import read_record, write_record
     from tcdyn.rig.rigfile import load_rig
+    from tcdyn.sensors import (
+        read_sensor,
+        sensor_from_current,
+        sensor_from_dip,
+        sensor_from_noise,
+        sensor_from_pair,
+    )
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.smoothing import smooth
     from tcdyn.version import __version__
@@ -52,11 +59,17 @@ __all__ = [
     "estimate_beta",
     "estimate_one_disk",
     "fit",
+    "identify",
     "iter_log",
     "load_rig",
     "read_log",
     "read_record",
+    "read_sensor",
     "run_demo",
+    "sensor_from_current",
+    "sensor_from_dip",
+    "sensor_from_noise",
+    "sensor_from_pair",
     "simulate_campaign",
     "smooth",
     "view",
@@ -88,6 +101,12 @@ _MODULES = {  # public name: where it is defined
     "IOData": "tcdyn.identification",
     "fit": "tcdyn.identification",
     "compare": "tcdyn.identification",
+    "identify": "tcdyn.identification",
+    "read_sensor": "tcdyn.sensors",
+    "sensor_from_current": "tcdyn.sensors",
+    "sensor_from_dip": "tcdyn.sensors",
+    "sensor_from_noise": "tcdyn.sensors",
+    "sensor_from_pair": "tcdyn.sensors",
 }
 
 _SUBPACKAGES = (

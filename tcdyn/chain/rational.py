@@ -512,6 +512,12 @@ def simulate(
     Returns
     -------
     Output, (N,).
+
+    Examples
+    --------
+    >>> from tcdyn.chain import Chain
+    >>> simulate(Chain(1.0).rational, np.array([0.0, 1.0, 1.0, 1.0]), 1.0, "zoh").round(3)
+    array([0.   , 0.   , 0.632, 0.865])
     """
     system = realise(model, sensitivities=False)
     return simulate_rows(system, np.asarray(u, dtype=float), dt_s, model.delay_s, hold, start)[0]

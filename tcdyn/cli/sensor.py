@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,11 +25,9 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.tables import TableReading, value_and_u
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, warning
 
 if TYPE_CHECKING:
     from tcdyn.rig.disk import Conditioning
-    from tcdyn.rig.record import InputFile
     from tcdyn.sensors import SensorFile
 
 UNIX_LIMIT = 1e12  # largest instant [s]: Unix times may be in milliseconds
@@ -255,46 +253,24 @@ def plunge(
     Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water
     --diameter-mm 3
     """
-    from tcdyn.sensors.dips import pool_dips
-    from tcdyn.sensors.plunge import plunge_sensor
-    from tcdyn.sensors.step_structures import JUNCTIONS
-    from tcdyn.sensors.surface_h import BoundaryLayer
+    from tcdyn.sensors import sensor_from_dip
 
     output.check(reporter, logs)
-    check_choice("--junction", junction, JUNCTIONS)
-    if (medium is None) != (diameter_mm is None):
-        raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
-    if medium is None:
-        _check_needed("--speed-m-s", speed_m_s, "--medium")
-    film = None
-    if medium is not None and diameter_mm is not None:
-        film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
-    entries = entry_s or []
-    if entries and len(entries) != len(logs):
-        raise InputError(
-            f"--entry-s is given {len(entries)} times for {len(logs)} dips",
-            expected="once for each dip, or not at all",
-        )
-    dips = []
-    for number, log in enumerate(logs):
-        t, values, findings, names = _read(log, [column], reading)
-        try:
-            dip = plunge_sensor(
-                t,
-                values[0],
-                names[0],
-                sensor=output.sensor_name,
-                conditioning=known_filter.conditioning(),
-                entry_s=value_and_u(entries[number], "--entry-s", UNIX_LIMIT) if entries else None,
-                medium_s=value_and_u(medium_s, "--medium-s"),
-                film=film,
-                junction=junction,  # type: ignore[arg-type]
-                inputs=[_input_file(log)],
-            )
-        except InputError as problem:
-            raise problem.at(str(log)) from None
-        dips.append(_with_findings(dip, findings, float(t[-1] - t[0])))
-    sensor = dips[0] if len(dips) == 1 else pool_dips(dips, output.sensor_name, film)
+    sensor = sensor_from_dip(
+        list(logs),
+        column,
+        name=output.sensor_name,
+        entry_s=[value_and_u(text, "--entry-s", UNIX_LIMIT) for text in entry_s]
+        if entry_s
+        else None,
+        medium_s=value_and_u(medium_s, "--medium-s"),
+        medium=medium,
+        diameter_mm=diameter_mm,
+        speed_m_s=speed_m_s,
+        junction=junction,  # type: ignore[arg-type]
+        conditioning=known_filter.conditioning(),
+        **reading.options(),
+    )
     output.write(sensor, reporter)
 
 
@@ -343,30 +319,20 @@ def pair(
     Example: tcdyn sensor pair exhaust.csv --column T1 --column T2 --speed flow_m_s --out
     pair.sensor.json
     """
-    from tcdyn.sensors.pair import EXPONENT, pair_sensor
+    from tcdyn.sensors import sensor_from_pair
 
     output.check(reporter, [log])
-    if speed is None:
-        _check_needed("--exponent", exponent, "--speed")
-    if len(set(column)) != 2 or len(column) != 2:
-        raise InputError(
-            f"--column is {' and '.join(column)}",
-            expected="two columns: --column T1 --column T2",
-        )
-    t, values, findings, names = _read(log, column, reading, (speed,) if speed else ())
-    sensor = pair_sensor(
-        t,
-        values[0],
-        values[1],
-        (names[0], names[1]),
-        sensor=output.sensor_name,
-        speed=values[2] if speed else None,
-        changes_s=flow_step_s or (),
-        exponent=EXPONENT if exponent is None else value_and_u(exponent, "--exponent"),
+    sensor = sensor_from_pair(
+        log,
+        column,
+        name=output.sensor_name,
+        speed=speed,
+        exponent=None if exponent is None else value_and_u(exponent, "--exponent"),
+        flow_steps_s=flow_step_s or (),
         bare=bare,
-        inputs=[_input_file(log)],
+        **reading.options(),
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter)
+    output.write(sensor, reporter)
 
 
 @app.command()
@@ -396,20 +362,13 @@ def current(
 
     Example: tcdyn sensor current lcsr.csv --column R1 --current I_mA --out pipe.sensor.json
     """
-    from tcdyn.sensors.current import current_sensor
+    from tcdyn.sensors import sensor_from_current
 
     output.check(reporter, [log])
-    t, values, findings, names = _read(log, [column], reading, (current,))
-    sensor = current_sensor(
-        t,
-        values[0],
-        values[1],
-        names[0],
-        sensor=output.sensor_name,
-        off_only=off_only,
-        inputs=[_input_file(log)],
+    sensor = sensor_from_current(
+        log, column, current, name=output.sensor_name, off_only=off_only, **reading.options()
     )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter)
+    output.write(sensor, reporter)
 
 
 @app.command()
@@ -428,14 +387,11 @@ def noise(
 
     Example: tcdyn sensor noise steady.csv --column T1 --out pipe.sensor.json
     """
-    from tcdyn.sensors.noise import noise_sensor
+    from tcdyn.sensors import sensor_from_noise
 
     output.check(reporter, [log])
-    t, values, findings, names = _read(log, [column], reading)
-    sensor = noise_sensor(
-        t, values[0], names[0], sensor=output.sensor_name, inputs=[_input_file(log)]
-    )
-    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter)
+    sensor = sensor_from_noise(log, column, name=output.sensor_name, **reading.options())
+    output.write(sensor, reporter)
 
 
 @app.command()
@@ -471,15 +427,18 @@ def touch(
 
     import numpy as np
 
+    from tcdyn.sensors.measure import read_readings
     from tcdyn.sensors.touch import find_touches
     from tcdyn.sensors.units import match_columns
 
     check_picture(picture, [log], reporter.overwrite)
-    t, values, findings, names = _read(log, column, reading, several=True)
+    table = read_readings(log, column, several=True, **reading.options())
     stated = []
     for word in order or ():
-        stated += match_columns(word, names, str(log))
-    readings = np.column_stack(values)
+        stated += match_columns(word, table.names, str(log))
+    t = table.time_s
+    names = table.names
+    readings = np.column_stack(table.values)
     result = find_touches(t, readings, names, touch_s=touch_s, order=stated)
     if picture is not None:
         from tcdyn.plots.calibration import draw_touches
@@ -489,7 +448,7 @@ def touch(
     reporter.json(result.to_dict)
     reporter.summary(result.summary())
     reporter.files(picture=picture)
-    reporter.finish(log.name, [*findings, *result.findings])
+    reporter.finish(log.name, [*table.findings, *result.findings])
 
 
 def _report(sensor: SensorFile, reporter: Reporter, out: Path | None = None) -> None:
@@ -508,100 +467,3 @@ def _report(sensor: SensorFile, reporter: Reporter, out: Path | None = None) -> 
     reporter.summary(sensor.summary())
     reporter.files(sensor=out)
     reporter.finish(sensor.sensor, sensor.findings)
-
-
-def _read(
-    log: Path,
-    columns: list[str],
-    reading: TableReading,
-    plain: tuple[str, ...] = (),
-    *,
-    several: bool = False,
-) -> tuple[Any, list[Any], list[Finding], list[str]]:
-    """Read columns of a table.
-
-    Parameters
-    ----------
-    log
-        The table.
-    columns
-        Columns of temperatures, or patterns that match one each.
-    reading
-        Options for time and units.
-    plain
-        Columns that are not temperatures.
-    several
-        Whether a pattern of ``columns`` may match several.
-
-    Returns
-    -------
-    tuple
-        Even times [s]; the ``columns`` as temperatures [degC], followed by the columns ``plain`` as
-        logged; findings; names of the columns.
-    """
-    from tcdyn.sensors.table import open_source, read_columns
-    from tcdyn.sensors.units import cold_column, match_columns, units_of
-
-    options = reading.options()
-    opened = open_source(log, reading.time, [*columns, *plain], reading.time_unit)
-    candidates = [name for name in opened.table.names if name != opened.time]
-    names = []
-    for pattern in (*columns, *plain):
-        matches = match_columns(pattern, candidates, opened.table.where)
-        if len(matches) > 1 and not several:
-            raise InputError(
-                f"{pattern!r} matches {len(matches)} columns",
-                where=str(log),
-                expected="one",
-                remedy=f"for example name {matches[0]!r}",
-            )
-        names += matches
-    if several:
-        names = list(dict.fromkeys(names))
-    cold = cold_column(options["cold"], opened.table.names, opened.table.where)
-    units, unit_findings = units_of(
-        names[: len(names) - len(plain)],
-        options["unit"],
-        options["couple"],
-        cold,
-        opened.table.units,
-    )
-    t, values, findings = read_columns(log, names, units, opened.time, reading.time_unit)
-    return t, [values[name] for name in names], [*unit_findings, *findings], names
-
-
-def _input_file(log: Path) -> InputFile:
-    """Name and checksum of the table, for the sensor file."""
-    from tcdyn.io.read import sha256
-    from tcdyn.rig.record import InputFile
-
-    return InputFile.of_path(log, sha256(log))
-
-
-def _with_findings(sensor: SensorFile, findings: list[Finding], duration_s: float) -> SensorFile:
-    """The sensor with the findings of the reader in front of those of the fit.
-
-    A warning is added for each lag whose standard uncertainty exceeds the length of the record,
-    ``duration_s``.
-
-    Parameters
-    ----------
-    sensor
-        Result of the fit.
-    findings
-        Findings of the reader.
-    duration_s
-        Length of the record.
-    """
-    from tcdyn.sensors.table import unique_by_subject
-
-    all_findings = list(findings)
-    for column, channel in sensor.chain.channels.items():
-        u_s = channel.lag_s.u
-        if u_s > duration_s:
-            all_findings.append(
-                warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
-            )
-    return sensor.model_copy(
-        update={"findings": [*unique_by_subject(all_findings), *sensor.findings]}
-    )

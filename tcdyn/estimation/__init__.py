@@ -54,6 +54,7 @@ from tcdyn.estimation.levenberg_marquardt import (
     minimise_constrained,
     robust_covariance,
 )
+from tcdyn.estimation.likelihood_profile import Profile, first_crossing, profile
 from tcdyn.estimation.linear_elimination import eliminate_linear
 from tcdyn.estimation.problem import (
     Evaluate,
@@ -66,7 +67,6 @@ from tcdyn.estimation.problem import (
     orthonormal_basis,
     slow_variance_factor,
 )
-from tcdyn.estimation.profile import Profile, first_crossing, profile
 
 __all__ = [
     "Evaluate",

@@ -1,6 +1,6 @@
 """Closed-loop check: whether an input is computed from the output, as by a controller.
 
-From such a record no plant can be identified. ``tcdyn.identification.fit.fit`` and
+From such a record no plant can be identified. ``tcdyn.identification.fitting.fit`` and
 ``tcdyn.identification.comparison.compare`` call it. The thresholds come from
 ``tests/identify/closed_loop_study.py``; ``tests/identify/test_identify_closed_loop.py`` checks
 loops that must be recognised and open loops that must not.

@@ -25,7 +25,7 @@ from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
-from tcdyn.identification.fit import add_findings, fit
+from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, Task, split_held_out
 from tcdyn.identification.identified import Identified, from_control
 from tcdyn.identification.iodata import Holds, IOData, as_data
@@ -51,7 +51,7 @@ from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, average_noise, bic
 from tcdyn.identification.shared_poles import best_common_pole_fit
 from tcdyn.identification.tables import from_csv, from_frame, with_hold
-from tcdyn.identification.validate import (
+from tcdyn.identification.validation import (
     Validation,
     explains_little,
     has_coloured_residuals,
@@ -261,6 +261,18 @@ def compare(
     the held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import simulate
+    >>> u = np.repeat([20.0, 80.0, 20.0], 60)
+    >>> truth = process("P1").rational({"Kp": 1.0, "Tp1": 0.75})
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(0).normal(0, 0.2, len(u))
+    >>> data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+
+    >>> comparison = compare(data, "P1", "P1D")
+    >>> comparison.recommended, [*comparison.to_frame().index]
+    ('P1', ['P1', 'P1D'])
     """
     data = as_data(data)
     for name in {"weights", "start"} & set(options):
@@ -814,6 +826,17 @@ def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
     -------
     DataFrame
         Model, gain, lag, scores and severity of the conclusion, as texts.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import simulate
+    >>> u = np.repeat([20.0, 80.0, 20.0], 60)
+    >>> truth = process("P1").rational({"Kp": 1.0, "Tp1": 0.75})
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(0).normal(0, 0.2, len(u))
+    >>> data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+
+    >>> joint_table({"y": compare(data, "P1")})["model"].tolist()
+    ['P1']
     """
     rows = []
     for output, comparison in comparisons.items():

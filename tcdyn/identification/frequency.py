@@ -33,7 +33,7 @@ from tcdyn.identification.models import Model, as_model
 from tcdyn.identification.search import criteria, search_findings
 from tcdyn.identification.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
 from tcdyn.identification.tables import numbers, read_columns
-from tcdyn.identification.validate import ALARM_P
+from tcdyn.identification.validation import ALARM_P
 from tcdyn.io.read import open_table
 
 # Grids and settings of the search, chosen by judgement.

@@ -17,7 +17,7 @@ from scipy.special import fdtrc
 
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import correlation_length
-from tcdyn.identification.fit import fit
+from tcdyn.identification.fitting import fit
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import Fit
 from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES, split_segments
@@ -87,6 +87,19 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
         Rms error in the output's unit.
     percent
         NRMSE fit percent; 100 is perfect, 0 as bad as the mean.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import IOData, fit, process, simulate
+    >>> u = np.repeat([20.0, 80.0, 20.0], 60)
+    >>> truth = process("P1").rational({"Kp": 1.0, "Tp1": 0.75})
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(0).normal(0, 0.2, len(u))
+    >>> data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(1).normal(0, 0.2, len(u))
+    >>> new_data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+    >>> held_out_score(fit(data, "P1"), new_data)[1] > 98
+    True
     """
     return held_out_statistics(result, test, from_s)[:2]
 

@@ -460,6 +460,17 @@ def read_identified(path: str | Path) -> Identified:
     ------
     InputError
         Where the file cannot be read or is no identified model.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from tcdyn.identification import process
+    >>> model = Identified.of(process("P1"), {"Kp": 2.0, "Tp1": 0.8}, np.diag([1e-4, 1e-4]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "model.identified.json"
+    ...     _ = path.write_text(model.to_json(), encoding="utf-8")
+    ...     read_identified(path).theta["Tp1"]
+    0.8
     """
     try:
         return Identified.from_json(Path(path).read_text(encoding="utf-8"))
@@ -492,6 +503,13 @@ def from_control(
     InputError
         For a discrete or unstable system, several outputs, no static gain, or more zeros than
         poles.
+
+    Examples
+    --------
+    >>> import control
+    >>> model = from_control(control.tf([1.0], [0.75, 1.0]), delay_s=0.12)
+    >>> round(model.lag_s.value, 2)
+    0.87
     """
     import control
 

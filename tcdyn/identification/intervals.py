@@ -23,7 +23,7 @@ from tcdyn.estimation import profile as likelihood_profile
 from tcdyn.identification.models import base_name, input_suffix
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit, first_moment
-from tcdyn.identification.validate import ALARM_P, whiteness
+from tcdyn.identification.validation import ALARM_P, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]  # kind of the covariance
 
@@ -92,6 +92,18 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     -----
     The deviance is in units of the reported variance, sandwich covariance and rounding included.
     The limit is from Student's t.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import IOData, fit, process, simulate
+    >>> u = np.repeat([20.0, 80.0, 20.0], 60)
+    >>> truth = process("P1").rational({"Kp": 1.0, "Tp1": 0.75})
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(0).normal(0, 0.2, len(u))
+    >>> data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+
+    >>> estimate, is_closed = profile(fit(data, "P1"), "Tp1")
+    >>> estimate.contains(0.75), is_closed
+    (True, True)
     """
     problem = fit.problem
     e = fit.innovation

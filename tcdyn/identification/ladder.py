@@ -17,14 +17,14 @@ from itertools import count
 from typing import Any
 
 from tcdyn.core.errors import InputError
-from tcdyn.identification.fit import fit
+from tcdyn.identification.fitting import fit
 from tcdyn.identification.heldout import SCORING_OPTIONS, Progress
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import NO_MODEL, Model, as_model, as_template, several
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, bic, select_setting
 from tcdyn.identification.starting_values import single_input_problem, starts
-from tcdyn.identification.validate import has_clean_residuals
+from tcdyn.identification.validation import has_clean_residuals
 
 # Structures of one input that are always fitted: the others are their neighbours.
 FIRST_STRUCTURES = ("P1D", "P2D", "P2DZ", "P2DU", "P3D")

@@ -12,7 +12,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.identification.fit import fit
+from tcdyn.identification.fitting import fit
 from tcdyn.identification.heldout import SCORING_OPTIONS
 from tcdyn.identification.iodata import IOData, Run, check_hold
 from tcdyn.identification.ladder import Ladder

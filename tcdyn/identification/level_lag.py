@@ -19,7 +19,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.estimation import Optimum, Problem, minimise
-from tcdyn.identification.fit import fit
+from tcdyn.identification.fitting import fit
 from tcdyn.identification.intervals import innovation_covariance
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import Fit, criteria

@@ -515,6 +515,11 @@ def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **optio
     -------
     Model
         The structure.
+
+    Examples
+    --------
+    >>> chain_model("P2").names
+    ('Kp', 'Tp1', 'Tp2')
     """
     defaults = {"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning}
     return process(name, **{**defaults, **options})

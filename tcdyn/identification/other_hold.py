@@ -17,7 +17,7 @@ from tcdyn.identification.recommendation import DECISIVE_BIC
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, bic
 from tcdyn.identification.tables import is_setpoint
-from tcdyn.identification.validate import is_undriven
+from tcdyn.identification.validation import is_undriven
 
 # Half a sample over the standard uncertainty of the dead time, below which a wrong hold does not
 # matter: an error of 0.5 u lowers the coverage of a 95 % interval of a normal distribution to 92 %.

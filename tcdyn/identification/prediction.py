@@ -17,7 +17,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import Fit
-from tcdyn.identification.validate import fit_percent, fit_states
+from tcdyn.identification.validation import fit_percent, fit_states
 
 
 @dataclass(frozen=True, repr=False)

@@ -122,7 +122,7 @@ class IdentificationProblem:
     5. with ``trend`` the drift of each run, over the length of the longest segment.
 
     The order of x is computed in ``offset_and_state_slices``, ``past_level_index`` and
-    ``_offset_and_drift``, and it is read in ``tcdyn.identification.fit.final_offset`` and
+    ``_offset_and_drift``, and it is read in ``tcdyn.identification.fitting.final_offset`` and
     ``tcdyn.identification.disturbance.linearise``. A new kind of unknown goes to one of these ends.
     ``tests/identify/test_identify_disturbance.py`` fails where a column of the Jacobian is at a
     wrong position.

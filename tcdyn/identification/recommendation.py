@@ -21,7 +21,7 @@ from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.identification.identified import Identified
 from tcdyn.identification.models import NO_MODEL
 from tcdyn.identification.search import Fit
-from tcdyn.identification.validate import ALARM_P
+from tcdyn.identification.validation import ALARM_P
 from tcdyn.rig.disk import Conditioning
 
 # Thresholds of the selection, chosen by judgement.

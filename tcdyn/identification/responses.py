@@ -234,6 +234,14 @@ def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
     -------
     Band
         The step response.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import Identified, process
+    >>> model = Identified.of(process("P1"), {"Kp": 2.0, "Tp1": 0.8}, np.diag([1e-4, 1e-4]))
+
+    >>> step_band(model, np.array([0.0, 20.0])).value.round(3)
+    array([0., 2.])
     """
     t = step_times(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
     y, jacobian = step_rows(model, t)
@@ -263,6 +271,14 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
     Notes
     -----
     dt_q = -d(y/K)/dtheta / slope at the crossing.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import Identified, process
+    >>> model = Identified.of(process("P1"), {"Kp": 2.0, "Tp1": 0.8}, np.diag([1e-4, 1e-4]))
+
+    >>> {name: round(t.value, 2) for name, t in percent_times(model).items()}
+    {'t50': 0.55, 't63.2': 0.8, 't90': 1.84}
     """
     if model.model.integrators:
         raise InputError(f"{model.model.name} integrates: its step response has no final value")
@@ -304,6 +320,14 @@ def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
     Notes
     -----
     d(20 lg|G|) = 20/ln 10 Re(dG/G), d(phase) = Im(dG/G).
+
+    Examples
+    --------
+    >>> from tcdyn.identification import Identified, process
+    >>> model = Identified.of(process("P1"), {"Kp": 2.0, "Tp1": 0.8}, np.diag([1e-4, 1e-4]))
+
+    >>> bode_band(model, np.array([1e-4])).magnitude_dB.value.round(1)
+    array([6.])
     """
     g = model.rational
     if frequency_Hz is None:
@@ -380,6 +404,14 @@ def roots_of(model: Dynamics) -> list[Root]:
     -----
     A root r of p(s) = sum c_k s^k changes by dr = -(sum r^k dc_k)/p'(r); valid for distinct roots.
     The poles at zero of an integrator are exact.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import Identified, process
+    >>> model = Identified.of(process("P1"), {"Kp": 2.0, "Tp1": 0.8}, np.diag([1e-4, 1e-4]))
+
+    >>> [round(-1 / root.value.real, 2) for root in roots_of(model)]
+    [0.8]
     """
     m = model.model
     roots = [Root("pole", 0j, np.zeros((2, 2)))] * m.integrators

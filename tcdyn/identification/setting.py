@@ -17,7 +17,7 @@ from tcdyn.identification.disturbance import Baseline, NoiseName
 from tcdyn.identification.models import Model
 from tcdyn.identification.problem import Initial
 from tcdyn.identification.search import Fit
-from tcdyn.identification.validate import has_clean_residuals, has_coloured_residuals, is_undriven
+from tcdyn.identification.validation import has_clean_residuals, has_coloured_residuals, is_undriven
 
 # Thresholds, chosen by judgement.
 MIN_SETTING_GAIN = 6.0  # BIC that a change of the setting must gain

@@ -17,13 +17,13 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.identification.fit import fit
+from tcdyn.identification.fitting import fit
 from tcdyn.identification.heldout import SCORING_OPTIONS, Task, block_held_out_rms
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import Model, as_template, base_name, several, transfer
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit, make_problem
-from tcdyn.identification.validate import has_coloured_residuals
+from tcdyn.identification.validation import has_coloured_residuals
 
 MAX_POLES = 5  # largest number of common poles
 MAX_ERROR_RATIO = 1.05  # each held-out error over that of the current model, at most

@@ -427,6 +427,17 @@ def write_log(
     ------
     InputError
         For another ending, or a file that cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> table = pd.DataFrame({"time_s": [0.0, 0.1], "T1_degC": [20.0, 20.1]})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     print(write_log(table, Path(folder) / "log.csv").read_text(encoding="utf-8"))
+    time_s,T1_degC
+    0,20
+    0.1,20.1
+    <BLANKLINE>
     """
     target = Path(path)
     plain = _plain_metadata(metadata or {})

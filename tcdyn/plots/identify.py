@@ -20,7 +20,7 @@ from tcdyn.identification.identified import Identified
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.responses import Band, Root, bode_band, percent_times, roots_of, step_band
 from tcdyn.identification.search import Fit
-from tcdyn.identification.validate import ResidualTest, Validation
+from tcdyn.identification.validation import ResidualTest, Validation
 from tcdyn.plots.style import (
     BAND_ALPHA,
     DARK,

@@ -30,7 +30,7 @@ from tcdyn.identification.identified import Identified
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.responses import Band, BodeBand
 from tcdyn.identification.search import Fit
-from tcdyn.identification.validate import Validation
+from tcdyn.identification.validation import Validation
 from tcdyn.partition.analyse import Partition
 from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals

@@ -72,6 +72,11 @@ class Conditioning:
     -----
     The simulator has its own filters (``tcdyn/simulate/measure.py``); a new shape needs an entry
     there, too, for a test. Test: ``tests/rig/test_record.py``.
+
+    Examples
+    --------
+    >>> round(Conditioning(cutoff_Hz=4.0, poles=2).lag_s, 4)
+    0.0796
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT

@@ -417,6 +417,13 @@ def iter_log(
     in start or rate are read at once.
 
     ``MAX_ROWS_IN_MEMORY`` decides whether a file is read once or twice; no result depends on it.
+
+    Examples
+    --------
+    >>> from tcdyn import load_rig  # doctest: +SKIP
+    >>> log = iter_log("EHL_B3.csv", "ehl", load_rig("rig.toml"))  # doctest: +SKIP
+    >>> sum(len(chunk.frame) for chunk in log) == log.rows  # doctest: +SKIP
+    True
     """
     if kind == "oven":
         raise InputError(

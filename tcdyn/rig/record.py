@@ -308,6 +308,12 @@ def write_record(record: DiskRecord, path: str | Path) -> Path:
     -------
     path
         The same path.
+
+    Examples
+    --------
+    >>> record = read_record("fast.disk.json")  # doctest: +SKIP
+    >>> write_record(record, "copy.disk.json").name  # doctest: +SKIP
+    'copy.disk.json'
     """
     return write_text(path, record.to_json())
 
@@ -325,6 +331,11 @@ def read_record(path: str | Path) -> DiskRecord:
     InputError
         An unknown schema, a missing or unknown key, or an impossible value; the message names the
         key.
+
+    Examples
+    --------
+    >>> read_record("fast.disk.json").disk  # doctest: +SKIP
+    'fast'
     """
     data = read_json(path, "a disk record", "tcdyn rig calibrate", "*.disk.json")
     return parse_record(data, str(path))

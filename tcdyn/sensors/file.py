@@ -309,6 +309,12 @@ def sensor_file(
     InputError
         For a lag whose uncertainty is not finite, or is zero although it was measured, and for a
         lag that a file cannot hold.
+
+    Examples
+    --------
+    >>> probe = sensor_file("probe", {"T1": Chain(1.5)}, "stated", np.array([[0.01]]), [0.0])
+    >>> probe.to_frame()[["lag_s", "lag_u_s"]].round(3).values.tolist()
+    [[1.5, 0.1]]
     """
     variances = np.diag(lag_covariance)
     for (name, chain), variance in zip(chains.items(), variances):
@@ -516,6 +522,14 @@ def read_sensor(path: str | Path) -> SensorFile:
     ------
     InputError
         For another file; it names the key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> probe = specified_sensor("probe", ["T1"], [(1.5, 0.1)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     print(read_sensor(probe.write(Path(folder) / "probe.sensor.json")).chain.channels["T1"].lag_s)
+    1.50 +- 0.10
     """
     where = str(path)
     expected = "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`"
@@ -555,6 +569,14 @@ def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     -------
     Path
         The path.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> probe = specified_sensor("probe", ["T1"], [(1.5, 0.1)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_sensor(probe, Path(folder) / "probe.sensor.json").name
+    'probe.sensor.json'
     """
     return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
@@ -579,6 +601,13 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
     ------
     InputError
         For a model that is no chain (a zero and pole form, an integrator).
+
+    Examples
+    --------
+    >>> from tcdyn.identification import Identified, process
+    >>> model = Identified.of(process("P1"), {"Kp": 1.0, "Tp1": 0.8}, np.diag([1e-6, 1e-4]))
+    >>> from_identified(model).method
+    'identify'
     """
     column = model.output_name
     chain = model.chain(_fixed_filter(model))

@@ -248,7 +248,7 @@ def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:
 
 
 def read_columns(
-    path: str | Path,
+    table: str | Path | Source,
     columns: Sequence[str],
     units: Mapping[str, Unit] | None = None,
     time: str | None = None,
@@ -258,14 +258,14 @@ def read_columns(
 
     Parameters
     ----------
-    path
-        The table.
+    table
+        The table, or its opened source.
     columns
         Columns to read.
     units
         Units of the columns that are converted to degrees Celsius.
     time, time_unit
-        Time column and its unit; None: found.
+        Time column of the table and its unit; None: found.
 
     Returns
     -------
@@ -277,8 +277,8 @@ def read_columns(
     InputError
         For a missing column, time that does not rise, or fewer than ten rows.
     """
-    source = open_source(path, time, columns, time_unit)
-    where = display_path(Path(path))
+    source = table if isinstance(table, Source) else open_source(table, time, columns, time_unit)
+    where = display_path(source.path)
     for name in columns:
         if name not in source.table.names:
             raise missing_column_error("column", name, source.table.names, source.table.where)

@@ -216,8 +216,11 @@ def simulate_campaign(
 
     Examples
     --------
-    >>> files = simulate_campaign("lab", seed=1, tests=("B3", "D4"))  # doctest: +SKIP
-    >>> print(files.summary())  # doctest: +SKIP
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = simulate_campaign(folder, tests=(), plunges=())
+    ...     sorted(files.ovens), files.ovens["fast"].name
+    (['fast', 'slow'], 'oven_fast.csv')
     """
     tests = tuple(dict.fromkeys(ehl_test(test).name for test in tests))
     folder = Path(out_dir)

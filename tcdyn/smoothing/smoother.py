@@ -436,6 +436,15 @@ def deconvolve(
     The penalty is that of ``smooth`` with a constant intensity: weight = noise variance /
     intensity. Only the choice of the weight differs, in
     ``tcdyn.smoothing.process_noise.tradeoff_curve``.
+
+    Examples
+    --------
+    >>> t = 0.1 * np.arange(200)
+    >>> reading = Chain(0.5).response(20 + np.sin(t), 0.1)
+    >>> noise = np.random.default_rng(0).normal(0, 0.01, 200)
+    >>> result, tradeoff = deconvolve(reading + noise, 0.1, 0.5)
+    >>> bool(abs(result.temperature[100, 0] - 20 - np.sin(10.0)) < 0.1)
+    True
     """
     record = record_of(y, dt_s, chains, (), noise_sd, names)
     tradeoff = tradeoff_curve(record, criterion, trials)
@@ -493,6 +502,13 @@ def window_covariance(
     lag_sensitivity_i lag_sensitivity_k u(lag)^2; its division into parts adds a similar term. The
     uncertainty of the static line, one error at all times, is not included: the user knows whether
     it cancels.
+
+    Examples
+    --------
+    >>> reading = 20 + np.random.default_rng(0).normal(0, 0.1, 100)
+    >>> result = smooth(reading, 0.1, Chain(0.5), find_events=False)
+    >>> window_covariance(reading, 0.1, Chain(0.5), result, 0, 40, 44).shape
+    (4, 4)
     """
     data = np.asarray(y, dtype=float)
     if not 0 <= first < last <= len(data) or not result.intensities:

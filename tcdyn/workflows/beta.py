@@ -163,6 +163,16 @@ def estimate_beta(
     A channel that is dead, missing or lost for long is left out too, with a finding, as long as the
     remaining channels determine beta. Both speeds are needed for one disk, too: the heat is
     friction times sliding speed.
+
+    Examples
+    --------
+    >>> from tcdyn import load_rig, read_record  # doctest: +SKIP
+    >>> rig = load_rig("rig.toml")  # doctest: +SKIP
+    >>> records = {disk: read_record(f"{disk}.disk.json") for disk in ("fast", "slow")}  # doctest: +SKIP
+
+    >>> run = estimate_beta("EHL_B3.csv", rig, records)  # doctest: +SKIP
+    >>> list(run.to_frame().loc["both beta"].index)  # doctest: +SKIP
+    ['value', 'u', 'low95', 'high95', 'unit']
     """
     rig = rig or rig_from_records(records)
     skipped = _columns_without_record(log, rig, records)
@@ -208,6 +218,18 @@ def estimate_one_disk(
         As for :func:`estimate_beta`.
     records
         The record of one disk.
+
+    Examples
+    --------
+    >>> from tcdyn import load_rig, read_record  # doctest: +SKIP
+    >>> records = {"slow": read_record("slow.disk.json")}  # doctest: +SKIP
+    >>> rig = load_rig("rig.toml")  # doctest: +SKIP
+    >>> import pandas as pd
+    >>> log = pd.read_csv("EHL_B3.csv", comment="#")  # doctest: +SKIP
+    >>> fast = [f"fast_{channel}_degC" for channel in "abcdef"]
+    >>> log.drop(columns=fast).to_csv("slow_B3.csv", index=False)  # doctest: +SKIP
+    >>> estimate_one_disk("slow_B3.csv", rig, records).partition.disks  # doctest: +SKIP
+    ('slow',)
     """
     return estimate_beta(log, rig, records, **options)
 

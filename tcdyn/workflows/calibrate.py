@@ -161,6 +161,15 @@ def calibrate_disk(
     ------
     InputError
         With file and location, for anything that cannot be used.
+
+    Examples
+    --------
+    >>> from tcdyn import load_rig, write_record  # doctest: +SKIP
+    >>> rig = load_rig("rig.toml")  # doctest: +SKIP
+    >>> plunges = ["plunge_fast_1.csv", "plunge_fast_2.csv"]  # doctest: +SKIP
+    >>> run = calibrate_disk(rig, "fast", "oven_fast.csv", plunges, ["mobil-jet-ii"])  # doctest: +SKIP
+    >>> write_record(run.record, "fast.disk.json").name  # doctest: +SKIP
+    'fast.disk.json'
     """
     if disk not in DISKS:
         raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))

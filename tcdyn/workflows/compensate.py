@@ -336,6 +336,16 @@ def compensate_log(
     Notes
     -----
     The metadata of the log is carried over.
+
+    Examples
+    --------
+    >>> from tcdyn import load_rig, read_record  # doctest: +SKIP
+    >>> rig = load_rig("rig.toml")  # doctest: +SKIP
+    >>> records = {disk: read_record(f"{disk}.disk.json") for disk in ("fast", "slow")}  # doctest: +SKIP
+
+    >>> done = compensate_log("EHL_B3.csv", records, rig)  # doctest: +SKIP
+    >>> "fast_a_u_K" in done.to_frame()  # doctest: +SKIP
+    True
     """
     if not records:
         raise InputError(

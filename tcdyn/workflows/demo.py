@@ -121,6 +121,12 @@ def run_demo(
     Notes
     -----
     No stage reads the truth; it is read last, for the ``comparison``.
+
+    Examples
+    --------
+    >>> demo = run_demo("demo")  # doctest: +SKIP
+    >>> list(demo.to_frame())  # doctest: +SKIP
+    ['unit', 'estimate', 'u', 'truth']
     """
     folder = Path(out)
     progress("simulating the campaign")

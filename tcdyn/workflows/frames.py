@@ -9,20 +9,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
-from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import SampleLocation, messages, warnings_and_errors
-from tcdyn.io.metadata import START_TIME_KEY, check_not_compensated
-from tcdyn.io.table import Columns, Table, in_chunks
-from tcdyn.io.times import TimeColumn, find_time_column
+from tcdyn.core.findings import messages, warnings_and_errors
 from tcdyn.sensors.file import SensorFile, read_sensor
+from tcdyn.sensors.frame import frame_source
 from tcdyn.sensors.table import Source
 from tcdyn.sensors.units import match_columns
 from tcdyn.workflows.compensate_table import compensate_table
@@ -84,6 +79,7 @@ def compensate_frame(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from tcdyn.sensors import sensor_file
     >>> from tcdyn.chain import Chain
     >>> probe = sensor_file("probe", {"T_degC": Chain(5.0)}, "stated", np.array([[0.01]]), [0.0])
@@ -227,122 +223,6 @@ def _compensated(
     result.attrs.update(metadata)
     result.attrs[WARNINGS_KEY] = list(serious)
     return result
-
-
-def frame_source(
-    frame: pd.DataFrame,
-    time: str | None = None,
-    time_unit: str | None = None,
-    units: Mapping[str, str] | None = None,
-) -> Source:
-    """The numeric columns of a frame as a source of rows, with its time.
-
-    Parameters
-    ----------
-    frame
-        The table.
-    time, time_unit
-        Column of the time (None: the index), and its unit.
-    units
-        Units by column.
-
-    Raises
-    ------
-    InputError
-        If there is no time, its unit is not clear, or the frame is compensated already.
-    """
-    where = "the DataFrame"
-    metadata = {str(k): v for k, v in frame.attrs.items() if isinstance(v, str)}
-    check_not_compensated([str(label) for label in frame.columns], metadata, where)
-    units = units or {}
-    data: dict[str, Array] = {}
-    for label in frame.columns:
-        numbers = _numbers(frame[label])
-        if numbers is not None:
-            data[str(label)] = numbers
-    times, name = _time_values(frame, time, time_unit, list(data), where)
-    kind = times.dtype.kind
-    if kind in "Mm":
-        clock = TimeColumn(name, 1.0, True, "s", where)
-        instants = pd.Series(times)
-        first = instants.iloc[0] if len(instants) else pd.NaT
-        if kind == "M" and not pd.isna(first):
-            metadata[START_TIME_KEY] = first.isoformat()
-        elapsed: Any = instants - first
-        data[name] = np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)
-    else:
-        clock = find_time_column([name], where, requested=name, unit=time_unit, unit_row=units)
-        data[name] = np.asarray(times, dtype=float)
-    columns = Columns(data, SampleLocation(where))
-    chunks = partial(in_chunks, columns)
-    table = Table(where, tuple(data), metadata, chunks, units=units)
-    return Source(Path("DataFrame"), table, clock)
-
-
-def _numbers(column: pd.Series) -> Array | None:
-    """The column as floats; None if it holds no numbers."""
-    if column.dtype.kind in "fiub":
-        return column.to_numpy(dtype=float, na_value=np.nan)
-    return None
-
-
-def _time_values(
-    frame: pd.DataFrame,
-    time: str | None,
-    time_unit: str | None,
-    names: Sequence[str],
-    where: str,
-) -> tuple[pd.Index[Any], str]:
-    """Times of the rows, and a name for them.
-
-    Parameters
-    ----------
-    frame
-        The table.
-    time, time_unit
-        Column of the time (None: the index, or a column with such a name), and its unit.
-    names
-        Names of the numeric columns.
-    where
-        The table, for messages.
-
-    Raises
-    ------
-    InputError
-        For a column that is missing, and an index that is no time.
-    """
-    index = frame.index
-    numbers_rows = index.dtype.kind in "iu" and index.name is None and time_unit is None
-    if time is None and numbers_rows:
-        candidates = [str(n) for n in frame.columns if str(n) in names or _is_time(frame[n])]
-        time = find_time_column(candidates, where).name
-    if time is not None:
-        labels = {str(label): label for label in frame.columns}
-        if time not in labels:
-            find_time_column(list(labels), where, requested=time)  # raises, with similar names
-        return _as_index(frame[labels[time]], time, where), time
-    name = str(index.name or "index")
-    while name in names:
-        name = f"{name} of the index"
-    return _as_index(index, name, where), name
-
-
-def _is_time(column: pd.Series) -> bool:
-    """Whether a column holds dates or durations."""
-    return column.dtype.kind in "Mm"
-
-
-def _as_index(values: pd.Series | pd.Index[Any], name: str, where: str) -> pd.Index[Any]:
-    """Times as numbers, dates or durations; InputError for anything else."""
-    index = pd.Index(values)
-    if index.dtype.kind not in "fiuMm":
-        raise InputError(
-            f"the time {name!r} holds {index.dtype}",
-            where=where,
-            expected="numbers, dates or durations",
-            remedy="convert it, for example with pandas.to_datetime",
-        )
-    return index
 
 
 def _check_numeric(

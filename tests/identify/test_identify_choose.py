@@ -23,7 +23,7 @@ from tcdyn.identification import (
     process,
     simulate,
 )
-from tcdyn.identification.validate import validate
+from tcdyn.identification.validation import validate
 from tcdyn.report.dynamics import input_noise_text, interval_text
 from tests.identify.test_identify_several import plant
 

@@ -22,7 +22,7 @@ from tcdyn.identification import (
     transfer,
     validate,
 )
-from tcdyn.identification.fit import final_offset, parameter_findings
+from tcdyn.identification.fitting import final_offset, parameter_findings
 from tcdyn.identification.models import as_model
 from tcdyn.identification.search import make_problem
 from tcdyn.rig.disk import Conditioning

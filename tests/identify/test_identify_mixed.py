@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from tcdyn.core.findings import warning
 from tcdyn.identification import IOData, fit
 from tcdyn.identification.models import as_model, several
-from tcdyn.identification.validate import confirm
+from tcdyn.identification.validation import confirm
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
 DT_S = 0.1

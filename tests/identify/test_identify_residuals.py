@@ -23,7 +23,7 @@ from tcdyn.identification.level_lag import LevelLagProblem
 from tcdyn.identification.models import as_model, several
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import make_problem, residual_sd, sort_lags
-from tcdyn.identification.validate import (
+from tcdyn.identification.validation import (
     MAX_SAMPLING_SHARE,
     drift,
     fit_percent,

@@ -55,6 +55,14 @@ def examples() -> Iterator[str]:
         yield path.read_text(encoding="utf-8")
 
 
+def test_functions_of_the_usual_modules_have_an_example_in_their_docstring() -> None:
+    for module_name in ("tcdyn", "tcdyn.smoothing", "tcdyn.identification", "tcdyn.sensors"):
+        module = import_module(module_name)
+        functions = [getattr(module, name) for name in module.__all__]
+        functions = [function for function in functions if inspect.isfunction(function)]
+        assert [f.__name__ for f in functions if ">>>" not in (f.__doc__ or "")] == []
+
+
 def test_every_public_name_is_used_in_an_example() -> None:
     called = set(re.findall(r"\b[A-Za-z_]\w*\b", "\n".join(examples())))
     returned_classes = set()  # classes that a called function returns need no example of their own

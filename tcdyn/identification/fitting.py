@@ -69,7 +69,7 @@ from tcdyn.identification.starting_values import (
     solve_linear_parameters,
     starts,
 )
-from tcdyn.identification.validate import has_coloured_residuals, validate
+from tcdyn.identification.validation import has_coloured_residuals, validate
 
 Intervals = Literal["auto", "quadratic", "profile"]  # kind of the intervals
 

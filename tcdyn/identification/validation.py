@@ -182,6 +182,17 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     Coloured innovations are whitened by an autoregression before the input test, or its p would be
     wrong. Lags and shifts may be changed; ``tests/identify/test_identify_results.py`` fails where
     the false alarms are no longer near nominal.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import IOData, fit, process, simulate
+    >>> u = np.repeat([20.0, 80.0, 20.0], 60)
+    >>> truth = process("P1").rational({"Kp": 1.0, "Tp1": 0.75})
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(0).normal(0, 0.2, len(u))
+    >>> data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+
+    >>> validate(fit(data, "P1")).dynamics_missing
+    False
     """
     problem = fit.problem
     slices = problem.residual_slices
@@ -281,6 +292,18 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     would change the parameters, of covariance C, is compared with the covariance C_0 of the fit:
     d'(C + C_0)^-1 d is chi-squared with one degree of freedom for each parameter. C is robust
     where residuals are coloured.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import IOData, fit, process, simulate
+    >>> u = np.repeat([20.0, 80.0, 20.0], 60)
+    >>> truth = process("P1").rational({"Kp": 1.0, "Tp1": 0.75})
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(0).normal(0, 0.2, len(u))
+    >>> data = IOData.from_arrays(u, y, 0.05, hold="zoh")
+
+    >>> y = simulate(truth, u, 0.05, "zoh") + np.random.default_rng(1).normal(0, 0.2, len(u))
+    >>> confirm(fit(data, "P1"), IOData.from_arrays(u, y, 0.05, hold="zoh")).dynamics_missing
+    False
     """
     problem, x = fit_states(fit, data)
     k = problem.n_model

@@ -1,0 +1,548 @@
+"""The lag of a sensor from a table: a dip, a pair, a current step, or the noise of the process.
+
+A table is a file, a DataFrame, a Series or arrays. ``tcdyn sensor`` calls the same functions. The
+estimators are in the other modules of the package. Tests: ``tests/sensors/test_measure.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from tcdyn.chain import NO_CONDITIONING
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, warning
+from tcdyn.io.read import sha256
+from tcdyn.rig.disk import Conditioning
+from tcdyn.rig.record import InputFile
+from tcdyn.sensors.current import current_sensor
+from tcdyn.sensors.dips import pool_dips
+from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.frame import frame_source
+from tcdyn.sensors.noise import noise_sensor
+from tcdyn.sensors.pair import EXPONENT, pair_sensor
+from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
+from tcdyn.sensors.step_structures import JUNCTIONS, Junction
+from tcdyn.sensors.surface_h import BoundaryLayer
+from tcdyn.sensors.table import open_source, read_columns, unique_by_subject
+from tcdyn.sensors.units import cold_column, match_columns, units_of
+
+# A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
+TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
+ValueWithU = float | tuple[float, float]  # a value, or a value with its standard uncertainty
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Columns of a table on even times.
+
+    Attributes
+    ----------
+    time_s
+        Even times (N,) [s].
+    values
+        Temperatures (N,) [degC], then other columns (N,) as they are.
+    names
+        Names of these columns.
+    findings
+        Findings of the reader.
+    inputs
+        The file; empty for data in memory.
+    """
+
+    time_s: Array
+    values: tuple[Array, ...]
+    names: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    inputs: tuple[InputFile, ...]
+
+
+def read_readings(
+    data: TableLike,
+    columns: Sequence[str],
+    others: Sequence[str] = (),
+    *,
+    time: str | None = None,
+    time_unit: str | None = None,
+    unit: Mapping[str, str] | str = "",
+    couple: str = "",
+    cold: float | str = 0.0,
+    several: bool = False,
+) -> Readings:
+    """Read columns of a table of any kind.
+
+    Parameters
+    ----------
+    data
+        A file, a DataFrame, a Series, or a tuple of times [s] and arrays (N,) that ``columns`` and
+        ``others`` name.
+    columns
+        Columns of temperatures, or patterns that match one each; none: the only column.
+    others
+        Columns that are not temperatures.
+    time, time_unit, unit, couple, cold
+        As for ``tcdyn.workflows.compensate_table.compensate_table``.
+    several
+        Whether a pattern may match several columns.
+
+    Raises
+    ------
+    InputError
+        For columns that are missing or not clear, and times that cannot be used.
+    """
+    if isinstance(data, tuple):
+        data = _frame_of_arrays(data, [*columns, *others])
+    if isinstance(data, pd.Series):
+        data = data.to_frame("reading" if data.name is None else data.name)
+    inputs: tuple[InputFile, ...] = ()
+    if isinstance(data, pd.DataFrame):
+        source = frame_source(data, time, time_unit)
+    elif isinstance(data, str | Path):
+        source = open_source(data, time, [*columns, *others], time_unit)
+        inputs = (InputFile.of_path(Path(data), sha256(Path(data))),)
+    else:
+        raise InputError(
+            f"the data are a {type(data).__name__}",
+            expected="a file, a DataFrame, a Series over time, or a tuple of times and arrays",
+        )
+    where = source.table.where
+    candidates = [name for name in source.table.names if name != source.time]
+    if not columns:
+        columns = [name for name in candidates if name not in others]
+        if len(columns) != 1:
+            raise InputError(
+                f"{len(columns)} columns",
+                where=where,
+                expected="the name of one",
+                remedy="give {column}",
+                parameters={"column": columns[0] if columns else "NAME"},
+            )
+    names: list[str] = []
+    for pattern in (*columns, *others):
+        matches = match_columns(pattern, candidates, where)
+        if len(matches) > 1 and not several:
+            raise InputError(
+                f"{pattern!r} matches {len(matches)} columns",
+                where=where,
+                expected="one",
+                remedy=f"for example name {matches[0]!r}",
+            )
+        names += matches
+    if several:
+        names = list(dict.fromkeys(names))
+    reference = cold_column(cold, source.table.names, where)
+    temperatures = names[: len(names) - len(others)]
+    units, unit_findings = units_of(temperatures, unit, couple, reference, source.table.units)
+    time_s, values, findings = read_columns(source, names, units)
+    return Readings(
+        time_s,
+        tuple(values[name] for name in names),
+        tuple(names),
+        (*unit_findings, *findings),
+        inputs,
+    )
+
+
+def _frame_of_arrays(data: tuple[ArrayLike, ...], names: Sequence[str]) -> pd.DataFrame:
+    """Times [s] and arrays as a table.
+
+    Raises
+    ------
+    InputError
+        For another number of arrays than of names, or unequal lengths.
+    """
+    arrays = [np.asarray(values, dtype=float) for values in data]
+    names = names or ["reading"]
+    if len(arrays) != len(names) + 1 or len({np.shape(a) for a in arrays}) != 1:
+        shapes = ", ".join(str(np.shape(a)) for a in arrays)
+        raise InputError(
+            f"{len(arrays)} arrays of the shapes {shapes}",
+            expected=f"times in seconds and {len(names)} more of the same length (N,)",
+        )
+    return pd.DataFrame(dict(zip(names, arrays[1:])), pd.Index(arrays[0], name="time_s"))
+
+
+def sensor_from_dip(
+    data: TableLike | list[Any],
+    column: str | None = None,
+    *,
+    name: str = "sensor",
+    entry_s: ValueWithU | Sequence[ValueWithU] | None = None,
+    medium_s: ValueWithU = MEDIUM_S,
+    medium: str | None = None,
+    diameter_mm: float | None = None,
+    speed_m_s: float | None = None,
+    junction: Junction = "axis",
+    conditioning: Conditioning = NO_CONDITIONING,
+    **reading: Any,
+) -> SensorFile:
+    """Lag, t50, t63.2 and t90 of a sensor from one temperature step (a dip), or from several.
+
+    Parameters
+    ----------
+    data
+        The dip: a file, a DataFrame, a Series over time, or a tuple of times [s] and readings
+        [degC]; or a list of several dips of one sensor. The uncertainty then includes the spread
+        between dips.
+    column
+        Column of the sensor; None: the only one.
+    name
+        Name of the sensor.
+    entry_s
+        Instant of entry on the clock of the table [s], with its standard uncertainty (12.3, 0.02);
+        with several dips a list of them. None: it is estimated.
+    medium_s
+        Time constant of the temperature step itself [s] with its standard uncertainty; it is no
+        part of the lag.
+    medium, diameter_mm, speed_m_s
+        "water" (0.4 m/s) or "air" (3 m/s), diameter of the sheath [mm], and another speed.
+    junction
+        "axis" (insulated, in the axis of the sheath) or "sheath" (welded to it).
+    conditioning
+        A known filter after the sensor.
+    reading
+        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
+        :func:`tcdyn.compensate_frame`.
+
+    Returns
+    -------
+    SensorFile
+        The result; ``write(path)`` makes the sensor file.
+
+    Raises
+    ------
+    InputError
+        For a table without a step that can be used.
+
+    Examples
+    --------
+    >>> t = 0.05 * np.arange(600)
+    >>> rise = np.where(t > 5, 1 - np.exp(-(t - 5) / 1.5), 0.0)
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.05, len(t))
+    >>> dip = pd.Series(20 + 60 * rise + noise, pd.Index(t, name="time_s"), name="T1_degC")
+    >>> probe = sensor_from_dip(dip, name="probe", entry_s=5.0)
+    >>> probe.sensor, probe.columns
+    ('probe', ['T1_degC'])
+    >>> abs(probe.chain.channels["T1_degC"].lag_s.value - 1.5) < 0.1
+    True
+    """
+    if junction not in JUNCTIONS:
+        raise InputError(f"junction is {junction!r}", expected=" or ".join(JUNCTIONS))
+    film = _boundary_layer(medium, diameter_mm, speed_m_s)
+    tables = data if isinstance(data, list) else [data]
+    entries = [None] * len(tables) if entry_s is None else _entries(entry_s)
+    if len(entries) != len(tables):
+        raise InputError(
+            f"{{entry_s}} is given {len(entries)} times for {len(tables)} dips",
+            expected="once for each dip, or not at all",
+            parameters={"entry_s": None},
+        )
+    dips = []
+    for table, entry in zip(tables, entries):
+        dip = read_readings(table, _listed(column), **reading)
+
+        fit = partial(
+            plunge_sensor,
+            dip.time_s,
+            dip.values[0],
+            dip.names[0],
+            sensor=name,
+            conditioning=conditioning,
+            entry_s=entry,
+            medium_s=_with_u(medium_s),
+            film=film,
+            junction=junction,
+            inputs=list(dip.inputs),
+        )
+        dips.append(_measured(dip, fit))
+    return dips[0] if len(dips) == 1 else pool_dips(dips, name, film)
+
+
+def sensor_from_pair(
+    data: TableLike,
+    columns: tuple[str, str] | Sequence[str] = (),
+    *,
+    name: str = "pair",
+    speed: str | None = None,
+    exponent: ValueWithU | None = None,
+    flow_steps_s: Sequence[float] = (),
+    bare: bool = False,
+    **reading: Any,
+) -> SensorFile:
+    """Lags of two thermocouples of different size in one fluid, without a reference.
+
+    Parameters
+    ----------
+    data
+        A file, a DataFrame, or a tuple of times [s], both readings [degC] and the speed if any.
+    columns
+        The two columns; of a DataFrame with two columns they need not be named.
+    name
+        Name of the pair.
+    speed
+        Column of the speed v of the flow: lags are proportional to v^-n.
+    exponent
+        n with its standard uncertainty; None: (0.5, 0.1).
+    flow_steps_s
+        Instants of steps of the flow on the clock of the table [s]; lags are constant between them.
+    bare
+        Both are bare wires, which have one lag each.
+    reading
+        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
+        :func:`tcdyn.compensate_frame`.
+
+    Returns
+    -------
+    SensorFile
+        The result for both columns.
+
+    Raises
+    ------
+    InputError
+        For a table from which the lags cannot be determined.
+
+    Examples
+    --------
+    >>> from tcdyn.chain import Chain
+    >>> t = 0.02 * np.arange(1500)
+    >>> rng = np.random.default_rng(0)
+    >>> gas = 400 + np.cumsum(rng.normal(0.0, 4.0, len(t)))
+    >>> wires = {f"T{k}": Chain(lag).response(gas, 0.02) for k, lag in ((1, 0.1), (2, 0.3))}
+    >>> table = pd.DataFrame(wires, pd.Index(t, name="time_s")) + rng.normal(0, 0.1, (len(t), 2))
+    >>> pair = sensor_from_pair(table, bare=True, unit="degC")
+    >>> [round(pair.chain.channels[name].lag_s.value, 1) for name in pair.columns]
+    [0.1, 0.3]
+    """
+    others = [] if speed is None else [speed]
+    if speed is None and exponent is not None:
+        raise InputError(
+            "{exponent} is given without {speed}",
+            remedy="give both, or none",
+            parameters={"exponent": None, "speed": None},
+        )
+    named = list(columns)
+    if not named and isinstance(data, pd.DataFrame):
+        named = [
+            str(label) for label in data.columns if str(label) not in (speed, reading.get("time"))
+        ]
+    elif not named and isinstance(data, tuple):
+        named = ["first", "second"]
+    if len(named) != 2 or named[0] == named[1]:
+        raise InputError(
+            f"the columns are {' and '.join(named) or 'not named'}", expected="two columns"
+        )
+    table = read_readings(data, named, others, **reading)
+
+    fit = partial(
+        pair_sensor,
+        table.time_s,
+        table.values[0],
+        table.values[1],
+        (table.names[0], table.names[1]),
+        sensor=name,
+        speed=table.values[2] if speed else None,
+        changes_s=flow_steps_s,
+        exponent=EXPONENT if exponent is None else _with_u(exponent),
+        bare=bare,
+        inputs=list(table.inputs),
+    )
+    return _measured(table, fit)
+
+
+def sensor_from_current(
+    data: TableLike,
+    column: str | None = None,
+    current: str = "current",
+    *,
+    name: str = "sensor",
+    off_only: bool = False,
+    **reading: Any,
+) -> SensorFile:
+    """Lag in place from a loop current step (LCSR), converted to that of a plunge.
+
+    Parameters
+    ----------
+    data
+        A file, a DataFrame, or a tuple of times [s], readings [degC] and current.
+    column
+        Column of the sensor; None: the only one beside the current.
+    current
+        Column of the heating current, in any unit.
+    name
+        Name of the sensor.
+    off_only
+        Use only rows without current, as a thermocouple cannot be read while heated.
+    reading
+        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
+        :func:`tcdyn.compensate_frame`.
+
+    Returns
+    -------
+    SensorFile
+        The result.
+
+    Raises
+    ------
+    InputError
+        For a table without a response to the current that can be used.
+
+    Examples
+    --------
+    >>> from tcdyn.chain import Chain
+    >>> t = 0.4 * np.arange(120)
+    >>> on = ((t > 3) & (t < 25)).astype(float)
+    >>> heat = 8 * Chain([3.0, 0.4]).response(on, 0.4, "zoh")
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.02, len(t))
+    >>> sensor = sensor_from_current((t, 200 + heat + noise, on))  # doctest: +SKIP
+    >>> sensor.chain.channels["reading"].lag_s.contains(3.4)  # doctest: +SKIP
+    True
+    """
+    columns = _listed(column) or (["reading"] if isinstance(data, tuple) else [])
+    table = read_readings(data, columns, [current], **reading)
+
+    fit = partial(
+        current_sensor,
+        table.time_s,
+        table.values[0],
+        table.values[1],
+        table.names[0],
+        sensor=name,
+        off_only=off_only,
+        inputs=list(table.inputs),
+    )
+    return _measured(table, fit)
+
+
+def sensor_from_noise(
+    data: TableLike, column: str | None = None, *, name: str = "sensor", **reading: Any
+) -> SensorFile:
+    """Lag in place from the noise of the process at constant conditions.
+
+    Parameters
+    ----------
+    data
+        A file, a DataFrame, a Series over time, or a tuple of times [s] and readings [degC].
+    column
+        Column of the sensor; None: the only one.
+    name
+        Name of the sensor.
+    reading
+        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
+        :func:`tcdyn.compensate_frame`.
+
+    Returns
+    -------
+    SensorFile
+        The result; warnings report conditions that are not constant.
+
+    Raises
+    ------
+    InputError
+        For a record that is too short.
+
+    Examples
+    --------
+    >>> from tcdyn.chain import Chain
+    >>> rng = np.random.default_rng(0)
+    >>> reading = Chain(1.0).response(rng.normal(300.0, 5.0, 20000), 0.02)[::5]
+    >>> reading += rng.normal(0.0, 0.01, len(reading))
+    >>> sensor = sensor_from_noise((0.1 * np.arange(len(reading)), reading), "T1")
+    >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
+    True
+    """
+    table = read_readings(data, _listed(column), **reading)
+
+    fit = partial(
+        noise_sensor,
+        table.time_s,
+        table.values[0],
+        table.names[0],
+        sensor=name,
+        inputs=list(table.inputs),
+    )
+    return _measured(table, fit)
+
+
+def _listed(column: str | None) -> list[str]:
+    """The column as a list; empty for None."""
+    return [] if column is None else [column]
+
+
+def _with_u(value: ValueWithU) -> tuple[float, float]:
+    """A value with its standard uncertainty, zero if it has none."""
+    if isinstance(value, int | float):
+        return float(value), 0.0
+    return float(value[0]), float(value[1])
+
+
+def _entries(entry_s: ValueWithU | Sequence[ValueWithU]) -> list[tuple[float, float]]:
+    """Instants of entry: a list has several, a number or a tuple is one."""
+    listed: Any = entry_s if isinstance(entry_s, list) else [entry_s]
+    return [_with_u(entry) for entry in listed]
+
+
+def _boundary_layer(
+    medium: str | None, diameter_mm: float | None, speed_m_s: float | None
+) -> BoundaryLayer | None:
+    """The boundary layer of a dip; None without a medium.
+
+    Raises
+    ------
+    InputError
+        If one of medium and diameter is missing, or a speed has no medium.
+    """
+    if (medium is None) != (diameter_mm is None):
+        raise InputError(
+            "{medium} and {diameter_mm} go together",
+            remedy="give both, or none",
+            parameters={"medium": None, "diameter_mm": None},
+        )
+    if medium is None or diameter_mm is None:
+        if speed_m_s is not None:
+            raise InputError(
+                "{speed_m_s} is given without {medium}",
+                remedy="give both, or none",
+                parameters={"speed_m_s": None, "medium": None},
+            )
+        return None
+    return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
+
+
+def _measured(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
+    """The result of a fit, with the findings of the reader in front.
+
+    A warning is added for each lag whose standard uncertainty exceeds the length of the record.
+
+    Parameters
+    ----------
+    table
+        The columns that are fitted.
+    fit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        That of the fit, with the name of the file.
+    """
+    try:
+        sensor = fit()
+    except InputError as problem:
+        raise problem.at(table.inputs[0].file if table.inputs else "") from None
+    findings = list(table.findings)
+    duration_s = float(table.time_s[-1] - table.time_s[0])
+    for column, channel in sensor.chain.channels.items():
+        u_s = channel.lag_s.u
+        if u_s > duration_s:
+            findings.append(
+                warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
+            )
+    return sensor.model_copy(update={"findings": [*unique_by_subject(findings), *sensor.findings]})
