@@ -7,6 +7,7 @@ Tests: ``tests/cli/test_progress.py`` and ``tests/cli/test_options.py``.
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -381,17 +382,20 @@ def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -
     Raises
     ------
     InputError
-        If an output is one of the other files.
+        If an output is one of the other files, or has no name.
 
     Examples
     --------
     >>> check_outputs([None, "log.csv"], out=Path("done.csv"), report=None)
     """
-    uses = {Path(path).resolve(): "which is read" for path in inputs if path is not None}
+    # realpath and not resolve, which raises RuntimeError for links in a circle
+    uses = {os.path.realpath(path): "which is read" for path in inputs if path is not None}
     for option, path in outputs.items():
         if path is None:
             continue
-        file = path.resolve()
+        file = os.path.realpath(path)
+        if not path.name:
+            raise InputError(f"--{option} is {path}, a folder", expected="a file to write")
         if file in uses:
             raise InputError(
                 f"--{option} would write over {path}, {uses[file]}",

@@ -25,7 +25,7 @@ from tcdyn.cli.common import (
     save_picture,
 )
 from tcdyn.cli.tables import TableReading, value_and_u
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, warning
 
 if TYPE_CHECKING:
@@ -62,9 +62,11 @@ class SensorOutput:
     @property
     def sensor_name(self) -> str:
         """Name of the sensor, by default that of its file."""
+        from tcdyn.sensors.file import MAX_NAME
+
         file_name = "" if self.out is None else self.out.name
         file_name = file_name.removesuffix(".json").removesuffix(".sensor")
-        return self.name or file_name or "sensor"
+        return self.name or utf8(file_name)[:MAX_NAME] or "sensor"
 
     def write(self, sensor: SensorFile, reporter: Reporter, logs: Sequence[Path] = ()) -> None:
         """Write the file if one is requested, and report its content; exit code 1 for a warning.
