@@ -458,7 +458,7 @@ def check_outputs(
     Raises
     ------
     InputError
-        If an output is one of the other files under any name, or may not be replaced
+        If an output is one of the other files under any name, has no name, or may not be replaced
         (``tcdyn.io.write.check_may_replace``).
 
     Examples
@@ -472,6 +472,8 @@ def check_outputs(
     for option, path in outputs.items():
         if path is None:
             continue
+        if not path.name:
+            raise InputError(f"--{option} is {path}, a folder", expected="a file to write")
         file = file_identity(path)
         if file in uses:
             raise InputError(

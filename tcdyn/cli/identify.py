@@ -424,6 +424,8 @@ def _files_of_outputs(path: Path, outputs: list[str]) -> dict[str, Path]:
     files
         By output.
     """
+    if not path.name:
+        raise InputError(f"{path} is a folder", expected="a file to write")
     if len(outputs) == 1:
         return {outputs[0]: path}
     stem, dot, ending = path.name.partition(".")

@@ -24,7 +24,7 @@ from tcdyn.cli.common import (
     save_picture,
 )
 from tcdyn.cli.tables import TableReading, value_and_u
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 
 if TYPE_CHECKING:
     from tcdyn.rig.disk import Conditioning
@@ -59,9 +59,11 @@ class SensorOutput:
     @property
     def sensor_name(self) -> str:
         """Name of the sensor, by default that of its file."""
+        from tcdyn.sensors.file import MAX_NAME
+
         file_name = "" if self.out is None else self.out.name
         file_name = file_name.removesuffix(".json").removesuffix(".sensor")
-        return self.name or file_name or "sensor"
+        return self.name or utf8(file_name)[:MAX_NAME] or "sensor"
 
     def check(self, reporter: Reporter, logs: Sequence[Path] = ()) -> None:
         """Check before any work that the file may be written.

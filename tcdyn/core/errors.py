@@ -47,6 +47,15 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def utf8(text: str) -> str:
+    """The text with escapes for what is not UTF-8, such as single bytes in the name of a file.
+
+    >>> utf8("caf\udce9.csv"), utf8("café.csv")
+    ('caf\\udce9.csv', 'café.csv')
+    """
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 class InputError(ValueError):
     """Input that cannot be used.
 

@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
+from tcdyn.core.errors import utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, messages
 
@@ -202,7 +203,8 @@ def json_text(value: Any) -> str:
 def jsonable(value: Any) -> Any:
     """Convert to what JSON can hold.
 
-    Arrays become lists, tables lists of rows, paths text; NaN and infinity become None.
+    Arrays become lists, tables lists of rows, paths text; NaN and infinity become None. Bytes of a
+    name that are not UTF-8 become escapes.
 
     Raises
     ------
@@ -216,8 +218,10 @@ def jsonable(value: Any) -> Any:
     >>> jsonable(pd.DataFrame({"a": [1]}))
     [{'a': 1}]
     """
-    if value is None or isinstance(value, bool | int | str):
+    if value is None or isinstance(value, bool | int):
         return value
+    if isinstance(value, str):
+        return utf8(value)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, np.generic | np.ndarray):
@@ -231,11 +235,11 @@ def jsonable(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(k): jsonable(v) for k, v in value.items()}
+        return {jsonable(str(k)): jsonable(v) for k, v in value.items()}
     if isinstance(value, list | tuple | Set):
         return [jsonable(v) for v in value]
     if isinstance(value, PathLike):
-        return fspath(value)
+        return jsonable(fspath(value))
     if isinstance(value, date):
         return value.isoformat()
     raise TypeError(f"a {type(value).__name__} has no form in JSON")

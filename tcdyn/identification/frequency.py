@@ -22,7 +22,7 @@ from scipy.special import chdtrc
 
 from tcdyn.chain.rational import Complex
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result, jsonable
@@ -243,7 +243,7 @@ class Response(Result):
         """
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
         frame = read_columns(open_table(path, names), names)
-        where = Path(path).name
+        where = utf8(Path(path).name)
         for name in names:
             if name not in frame:
                 expected = ", ".join(map(str, frame.columns))

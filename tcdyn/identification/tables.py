@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core import Array, Flags
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.core.labels import seconds_of_index
 from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold
@@ -474,7 +474,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     if options.get("time") is not None or options.get("dt_s") is None:
         clock = _time_column(
             table.names,
-            path.name,
+            utf8(path.name),
             requested=options.get("time"),
             unit=options.get("time_unit"),
             unit_row=table.units,
@@ -486,7 +486,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     run = options.get("run")
     if run is not None and run in raw.data and run not in raw.stamps:
         frame[run] = _whole_numbers(frame[run])
-    given = {"name": path.name, **options}
+    given = {"name": utf8(path.name), **options}
     if clock is not None:
         unit = options.get("time_unit")
         if not unit and clock.is_unit_stated and clock.seconds is not None:

@@ -423,6 +423,11 @@ def _parquet_chunks(
     names = list(dict.fromkeys(wanted))
     reader = _ParquetReader(where)
     try:
+        with pq.ParquetFile(path) as file:
+            schema = file.schema_arrow
+        for name in names:
+            if pa.types.is_nested(schema.field(name).type):
+                raise reader.no_numbers(name, schema.field(name).type)
         # dictionaries: repeated texts take no memory
         with pq.ParquetFile(path, read_dictionary=names) as file:
             for batch in file.iter_batches(rows, columns=names):
@@ -493,9 +498,13 @@ class _ParquetReader:
                 if text_column.clock or text_column.words:
                     stamps[name] = np.array(cells, dtype=object)
             else:
-                raise InputError(f"column {name} holds {kind}, not numbers", where=self.where)
+                raise self.no_numbers(name, kind)
         self.rows_done += batch.num_rows
         return Columns(data, self.location, (), stamps)
+
+    def no_numbers(self, name: str, kind: pa.DataType) -> InputError:
+        """The error for a column of a type that is neither numbers nor text."""
+        return InputError(f"column {name} holds {kind}, not numbers", where=self.where)
 
     def findings(self) -> list[Finding]:
         """Findings about the text columns; InputError for a column with too few numbers."""

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from tcdyn.core.errors import InputError, first_validation_error
+from tcdyn.core.errors import InputError, first_validation_error, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns, json_text
@@ -55,7 +55,7 @@ class InputFile(StrictModel):
     @classmethod
     def of_path(cls, path: Path, sha256: str) -> InputFile:
         """The file at ``path``, by its name without the folder, and the SHA-256 of its bytes."""
-        return cls(file=path.name, sha256=sha256)
+        return cls(file=utf8(path.name), sha256=sha256)
 
 
 Lag = Annotated[float, Field(ge=0, lt=MAX_LAG_S)]

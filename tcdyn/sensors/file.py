@@ -19,7 +19,7 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
@@ -49,6 +49,7 @@ IDENTIFIED_SCHEMA = "tcdyn.identified/"  # Beginning of the schema of a file of 
 SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}
 # Methods whose lag always has an uncertainty above zero.
 MEASURED = ("plunge", "pair", "current", "noise")
+MAX_NAME = 80  # characters of a sensor's name; chosen by judgement
 MIN_LAG_S = 1e-6  # least lag that can be specified [s], if it is not zero; chosen by judgement
 # Relative difference of two standard uncertainties that must agree in a file; chosen by judgement.
 MAX_U_DIFFERENCE_REL = 0.5
@@ -136,7 +137,7 @@ class SensorFile(Result, StrictModel):
     """
 
     schema_: Literal["tcdyn.sensor/1"] = Field(default=SCHEMA, alias="schema")
-    sensor: str = Field(min_length=1, max_length=80)
+    sensor: str = Field(min_length=1, max_length=MAX_NAME)
     created: str = Field(default_factory=now_utc)
     method: Method
     inputs: list[InputFile] = Field(default_factory=list)
@@ -308,7 +309,7 @@ def sensor_file(
     ------
     InputError
         For a lag whose uncertainty is not finite, or is zero although it was measured, and for a
-        lag that a file cannot hold.
+        lag or a name that a file cannot hold.
 
     Examples
     --------
@@ -316,6 +317,13 @@ def sensor_file(
     >>> probe.to_frame()[["lag_s", "lag_u_s"]].round(3).values.tolist()
     [[1.5, 0.1]]
     """
+    if not 0 < len(sensor) <= MAX_NAME:
+        raise InputError(
+            f"a sensor's name of {len(sensor)} characters", expected=f"1 to {MAX_NAME}"
+        )
+    for name in (sensor, *chains):
+        if name != utf8(name):
+            raise InputError(f"the name {utf8(name)} is not UTF-8", expected="another name")
     variances = np.diag(lag_covariance)
     for (name, chain), variance in zip(chains.items(), variances):
         if not np.isfinite(variance) or (variance <= 0 and method in MEASURED):

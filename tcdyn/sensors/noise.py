@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy import signal
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import approx_fprime, minimize
 from scipy.special import chdtrc
 
@@ -43,6 +44,12 @@ MIN_RECORD_LAGS = 300.0  # length of the record in lags; chosen by judgement
 # segments (Welch 1967), and bins that carry one piece of information.
 OVERLAP_FACTOR = 36 / 38
 TAPER_FACTOR = 35 / 18
+# Power over that of the lowest bins from which on bins are not fitted: there the spectrum is that of
+# the shortest lags of the sensor and of the fluid, of which the model has only the sum
+# (`python -m tests.sensors.layered_study noise`); and bins that are averaged to find it.
+NEGLIGIBLE_POWER = 3e-3
+SMOOTHED_BINS = 9
+MIN_BINS = 20  # least number of bins that are fitted; chosen by judgement
 BANDS = 12  # of the goodness-of-fit test of the spectrum; chosen by judgement
 MISFIT_P_VALUE = 0.001  # p-value of that test below which a warning is given; chosen by judgement
 # Ratio of the variances of two quarters beyond which the record is not stationary; by judgement.
@@ -214,7 +221,8 @@ def segments(y: Array, length: int, dt_s: float) -> Periodogram:
     Returns
     -------
     Periodogram
-        Without the two lowest bins, which lack what the mean removed.
+        Without the two lowest bins, which lack what the mean removed, and without those from which
+        on the power is negligible.
     """
     window = np.hanning(length)
     window = window / np.sqrt(np.sum(window**2))
@@ -223,7 +231,10 @@ def segments(y: Array, length: int, dt_s: float) -> Periodogram:
         segment = y[start : start + length]
         powers.append(np.abs(np.fft.rfft(window * (segment - segment.mean()))) ** 2)
     power = np.mean(powers, axis=0)
-    used = slice(2, (length - 1) // 2)  # the lowest bins lack what the mean removed
+    smooth = uniform_filter1d(power[2 : (length - 1) // 2], SMOOTHED_BINS)
+    is_negligible = smooth < NEGLIGIBLE_POWER * smooth[0]
+    n_used = int(np.argmax(is_negligible)) if is_negligible.any() else len(smooth)
+    used = slice(2, 2 + max(n_used, MIN_BINS))
     return Periodogram(
         power[used],
         2 * np.pi * np.arange(len(power))[used] / length,

@@ -5,6 +5,7 @@ two sides is a sum of noises whose covariance is known for each (tau1, tau2). Ge
 squares with that covariance is the maximum likelihood of both traces with x free at every sample.
 Ordinary least squares of one trace on the other would be biased by the noise of the regressor.
 Where the data require it, each side gets the shorter lags of conduction inside the sensor too.
+Gain and offset of the second sensor relative to the first are free, with priors.
 
 ``tcdyn sensor`` uses it. ``tests/sensors/test_sensor_in_place.py`` checks bias and coverage,
 ``tests/sensors/test_pair_updates.py`` channels that are updated more slowly than the rows.
@@ -67,6 +68,16 @@ SINGULAR_RESIDUAL = 1e3  # whitened residual of parameters that cannot be comput
 # Standard uncertainty of the lags where the data do not require second lags but do not exclude them
 # either, over the change of the lags by second lags (`python -m tests.sensors.layered_study pair`).
 UNSHOWN_REL = 0.5
+# Standard deviations of the priors of the second sensor's gain, less 1, and offset [K], relative to
+# the first: twice the root of two of the tolerance of class 1 in IEC 60584-1, 0.4 % or 1.5 K.
+GAIN_SD = 0.01
+OFFSET_SD_K = 4.0
+# Largest standard uncertainty of a free gain over that of its prior: with more the record does not
+# determine it, and it is taken as 1 with the uncertainty of the prior; by judgement.
+DETERMINED_GAIN = 0.5
+KNOWN_GAIN_SD = 1e-6  # standard deviation of the prior of a gain that is not free
+MIN_SCALE_K = 1e-3  # least standard deviation of a trace [K]; chosen by judgement
+GAIN_U = 3.0  # standard uncertainties by which a gain that is reported differs from 1
 N_STARTS = 3  # starts of the fit; chosen by judgement
 SECOND_STARTS = (0.05, 0.2)  # second lag over the first at the start of the fit; by judgement
 MISFIT_RATIO = 1.5  # mean square of the residuals beyond which a warning is given; by judgement
@@ -97,6 +108,8 @@ class PairData:
         in some rows only; None where each row has both.
     second_lags
         Each sensor has a second lag and further ones; otherwise one lag.
+    gain
+        Prior of the second sensor's gain less 1, mean and standard deviation.
     """
 
     first: Array
@@ -109,17 +122,41 @@ class PairData:
     exponent: tuple[float, float]
     intervals: Intervals | None = None
     second_lags: bool = False
+    gain: tuple[float, float] = (0.0, GAIN_SD)
 
     def prior_residuals(self, theta: Array) -> Array:
-        """Return the residuals of the priors of exponent and second lags (P - 2 segments,)."""
+        """Return the residuals of the priors of all but the first lags (P - 2 segments,)."""
         mean, sd = self.exponent
+        gain, offset = theta[2 * self.segments : self.before_exponent]
+        offset_sd = OFFSET_SD_K / max(self.second_scale[1], MIN_SCALE_K)
         n_second = 2 * self.second_lags
         after_exponent = len(theta) - n_second
-        exponents = theta[2 * self.segments : after_exponent]
+        exponents = theta[self.before_exponent : after_exponent]
         first = theta[2 * self.segments - 2 : 2 * self.segments][:n_second]
         log_ratio = theta[after_exponent:] - first
         mean_ratio, sd_ratio = LOG_SECOND_RATIO
-        return np.r_[(exponents - mean) / sd, (log_ratio - mean_ratio) / sd_ratio]
+        return np.r_[
+            (gain - self.gain[0]) / self.gain[1],
+            offset / offset_sd,
+            (exponents - mean) / sd,
+            (log_ratio - mean_ratio) / sd_ratio,
+        ]
+
+    @property
+    def before_exponent(self) -> int:
+        """Number of parameters before the exponent: first lags, gain and offset."""
+        return 2 * self.segments + 2
+
+    @property
+    def second_scale(self) -> tuple[float, float]:
+        """Mean and standard deviation of the second trace [degC, K]."""
+        return float(np.nanmean(self.second)), float(np.nanstd(self.second))
+
+    def second_like_first(self, theta: Array) -> Array:
+        """Return the second trace (N,) without its gain and offset relative to the first [degC]."""
+        gain, offset = theta[2 * self.segments : self.before_exponent]
+        mean, sd = self.second_scale
+        return np.asarray(mean + (self.second - mean) / (1 + gain) - offset * sd)
 
 
 @one_blas_thread
@@ -242,15 +279,18 @@ def pair_sensor(
             remedy="log both columns faster, at one rate",
         )
     best = _fit(averaged, theta)
+    fitted = averaged
     unshown_s = np.zeros(n_lags)
     if averaged.intervals is None and not bare:
         two = replace(averaged, second_lags=True)
         two_lags = _fit(two, _minimise(two, _starts(two, exponents)))
         if _requires_second(best, two_lags):
             best = two_lags
+            fitted = two
         else:
             difference_s = _total_lags(two_lags, n_lags)[0] - np.exp(theta[:n_lags])
             unshown_s = UNSHOWN_REL * difference_s
+    best, gain, by_gain_s = _with_gain(fitted, best)
     covariance = best.covariance
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined(", ".join(columns))
@@ -259,6 +299,18 @@ def pair_sensor(
     if np.any(unshown_s**2 > np.diag(lag_covariance)):
         limited_by = "second lags, which the data do not exclude; bare wires have none (--bare)"
     lag_covariance += np.outer(unshown_s, unshown_s)
+    if np.any(by_gain_s**2 > np.diag(lag_covariance)):
+        limited_by = "the gain of one sensor relative to the other, which the record does not show"
+    lag_covariance += np.outer(by_gain_s, by_gain_s)
+    if abs(gain.value - 1) > GAIN_U * gain.u:
+        finding = info(
+            "sensor.pair_gain",
+            subject=columns[1],
+            other=columns[0],
+            percent=100 * (gain.value - 1),
+            u=100 * gain.u,
+        )
+        findings.append(finding)
     findings += _lag_findings(averaged, taus, lag_covariance, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
     log_covariance = (lag_covariance / np.outer(taus, taus))[last, last]
@@ -269,12 +321,14 @@ def pair_sensor(
         "noise_K": list(averaged.noise_K),
         "limited_by": limited_by,
         "ratio": Estimate.normal(ratio, ratio_u).model_dump(),
+        "gain": gain.model_dump(),
     }
     subject = ", ".join(columns)
     if speed is not None:
-        exponent_u = np.sqrt(covariance[n_lags, n_lags])
+        k = averaged.before_exponent
+        exponent_u = np.sqrt(covariance[k, k])
         median = float(np.nanmedian(speed))
-        fit["exponent"] = Estimate.normal(best.theta[n_lags], exponent_u).model_dump()
+        fit["exponent"] = Estimate.normal(best.theta[k], exponent_u).model_dump()
         fit["speed_median"] = median
         findings.append(warning("sensor.pair_flow", subject=subject, what=f"speed {median:.4g}"))
     if changes_s:
@@ -515,8 +569,9 @@ def whitened(data: PairData, theta: Array) -> Array:
     data
         The traces.
     theta
-        (log tau1, log tau2) of each segment, then n if it is free, then the logarithms of the
-        second lags if there are some.
+        (log tau1, log tau2) of each segment, then gain less 1 and offset (over the standard
+        deviation of the trace) of the second sensor, then n if it is free, then the logarithms of
+        the second lags if there are some.
 
     Returns
     -------
@@ -532,15 +587,16 @@ def whitened(data: PairData, theta: Array) -> Array:
     ``tcdyn.sensors.sparse_rows.interval_residuals`` has the same weights for channels with missing
     values; ``tests/sensors/test_pair_updates.py`` compares it with full least squares.
     """
+    second = data.second_like_first(theta)
     if data.intervals is not None:
         lags = np.stack([_lag_in_rows(data, theta, k) for k in (0, 1)])
-        traces = np.stack([data.first, data.second])
+        traces = np.stack([data.first, second])
         return interval_residuals(0.5 - lags, 0.5 + lags, traces, data.noise_K, data.intervals)
     sides = [_side_weights(data, theta, k) for k in (0, 1)]
     size, n = sides[0].shape
     residual = np.zeros(n)
     for j in range(size):
-        residual += sides[0][j] * data.first[j : n + j] - sides[1][j] * data.second[j : n + j]
+        residual += sides[0][j] * data.first[j : n + j] - sides[1][j] * second[j : n + j]
     used = np.isfinite(residual) & (data.segment[size - 1 :] == data.segment[:n])
     band = np.zeros((size, n))
     for weights, noise_K in zip(sides, data.noise_K):
@@ -611,7 +667,7 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
         Lag over the interval (N - 1,).
     """
     n_lags = 2 * data.segments
-    power = theta[n_lags : len(theta) - 2 * data.second_lags].sum()
+    power = theta[data.before_exponent : len(theta) - 2 * data.second_lags].sum()
     log_tau = theta[channel:n_lags:2][data.segment] - power * data.log_speed
     return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
@@ -641,7 +697,7 @@ def _starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     grid = np.geomspace(2 * data.dt_s, duration_s / 8, 12)
     averaged = averaged_rows(data, max(len(data.first) // 3000, 1))
     candidates = [
-        np.r_[np.tile(pair, data.segments), exponents, np.add(pair, np.log(ratio))]
+        np.r_[np.tile(pair, data.segments), 0.0, 0.0, exponents, np.add(pair, np.log(ratio))]
         for pair, ratio in product(permutations(np.log(grid), 2), SECOND_STARTS)
     ]
     if not data.second_lags:
@@ -826,6 +882,42 @@ def _total_lags(fit: _Fit, n_lags: int) -> tuple[Array, Array]:
         jacobian[:, -2:] = np.tile(np.diag(inner_s), (n_lags // 2, 1))
     covariance = jacobian @ fit.covariance @ jacobian.T + (FURTHER_REL * inner_s.sum()) ** 2
     return values[:n_lags] + np.tile(inner_s, n_lags // 2), covariance
+
+
+def _with_gain(data: PairData, fit: _Fit) -> tuple[_Fit, Estimate, Array]:
+    """Return a fit whose gain is free if the record determines it, else 1.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    fit
+        The fit with a free gain.
+
+    Returns
+    -------
+    fit
+        The fit.
+    gain
+        The second sensor's gain relative to the first.
+    shift_s
+        Change of the total lags by one standard uncertainty of a gain that is not free (n_lags,).
+    """
+    n_lags = 2 * data.segments
+    gain_u = float(np.sqrt(fit.covariance[n_lags, n_lags]))
+    if gain_u < DETERMINED_GAIN * GAIN_SD:
+        return fit, Estimate.normal(1 + fit.theta[n_lags], gain_u), np.zeros(n_lags)
+
+    def with_gain(gain: float) -> _Fit:
+        """Return the fit with this gain less 1."""
+        known = replace(data, gain=(gain, KNOWN_GAIN_SD))
+        start = fit.theta.copy()
+        start[n_lags] = gain
+        return _fit(known, _minimise(known, [start]))
+
+    smaller, known, larger = (with_gain(gain) for gain in (-GAIN_SD, 0.0, GAIN_SD))
+    shift_s = 0.5 * (_total_lags(larger, n_lags)[0] - _total_lags(smaller, n_lags)[0])
+    return known, Estimate.normal(1.0, GAIN_SD), shift_s
 
 
 def _lag_findings(

@@ -59,6 +59,10 @@ FEW_DECIMALS_SHARE = 0.02
 # Share of repeated time stamps above which they are the clock's resolution and not double rows;
 # chosen by judgement.
 MOSTLY_REPEATED = 0.3
+# Rows of the even times of a record up to which any share may be missing, and rows of even times for
+# each row of the table above it: bounds the memory. By judgement.
+MAX_GRID_ROWS = 1_000_000
+MAX_GRID_SHARE = 50
 # Relative standard uncertainty of a rate from which a warning is given: lags are wrong by as much;
 # by judgement.
 UNSURE_RATE = 0.01
@@ -408,7 +412,7 @@ def even_times(
     Raises
     ------
     InputError
-        For time that is missing, runs backward, or fewer than ten rows.
+        For time that is missing, runs backward, fewer than ten rows, or nearly all rows missing.
 
     Notes
     -----
@@ -447,6 +451,14 @@ def even_times(
     if np.abs(deviation).max() > 0.6:  # the steps do not add up: each row to its nearest position
         place = np.maximum.accumulate(np.rint(position))
         rounded = position - place
+    if place[-1] > max(MAX_GRID_ROWS, MAX_GRID_SHARE * len(time_s)):
+        raise InputError(
+            f"{len(time_s)} rows at an interval of {dt:.3g} s in {time_s[-1] - time_s[0]:.3g} s: most "
+            "rows are missing",
+            where=where,
+            expected=f"one row in {MAX_GRID_SHARE:g} at least",
+            remedy="check the unit of the time, or cut the table at its gaps",
+        )
     stray = float(np.sqrt(np.mean(rounded**2)))
     if stray > UNEVEN:
         findings.append(warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt))

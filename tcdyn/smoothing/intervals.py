@@ -94,7 +94,7 @@ def knots_for(
     -----
     Listed events and starts of bursts are knots. The allowed length is that of the channel with the
     highest corner frequency, from the highest of the proposed intensities; it is evaluated about
-    once a second, and at 60 times after each event, where a burst decays.
+    once a second, at most once a sample, and at 60 times after each event, where a burst decays.
 
     What may be changed: these numbers of times, as long as a decaying burst is resolved. All knots
     but events must lie on sample times, because ``tcdyn.smoothing.state_space.interval_model``
@@ -105,7 +105,8 @@ def knots_for(
     n_samples = len(record.y)
     end = (n_samples - 1) * dt
     start = -float(np.ceil(max(s.delay_s for s in record.sensors) / dt - 1e-9)) * dt
-    times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
+    once_a_second = int(end - start)
+    times = [np.linspace(start, end, max(min(once_a_second, n_samples), 8))]
     starts = {b.start_s for proposed in proposals for q in proposed for b in q.bursts}
     stops = sorted(event for event in {*record.events_s, *starts} if start < event < end)
     for event in stops:

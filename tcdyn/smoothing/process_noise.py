@@ -247,6 +247,8 @@ def _stands_out(record: Record, noise_var: Array, intensity: Array) -> Flags:
     for c, chain in enumerate(record.chains):
         y = record.y[:, c] - record.y[:, c].mean()
         power = np.abs(np.fft.rfft((y - t @ y / (t @ t) * t) * _taper(n))) ** 2
+        if not noise_var[c] > 0:  # it could not be estimated
+            continue
         corner = corner_rad_s(chain, np.array(intensity[c] / (noise_var[c] * record.dt_s)))
         above = power[w > corner]
         out[c] = len(above) > 0 and above.max() > noise_var[c] * np.log(n / LINE_CHANCE)

@@ -47,6 +47,9 @@ from tcdyn.smoothing.roughness import refined, unresolved_var, with_least_risk
 from tcdyn.smoothing.rts import rts_smooth
 from tcdyn.smoothing.state_space import Smoothed, full_model, likelihood, smooth_record
 
+# lags between two rows, beyond which a reading has no memory of the one before in double
+# precision: exp(-100) = 4e-44
+MAX_LAGS_IN_ROW = 100.0
 # degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
 # Chosen by judgement
 STUDENT_DOF = 4.0
@@ -259,12 +262,7 @@ def _smoothed_without_spikes(
         Where the noise could not be estimated.
     """
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
-        lag_s = max(c.lag_s for c in record.chains)
-        raise InputError(
-            f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow "
-            f"for a lag of {lag_s:.4g} s",
-            expected="several rows in one lag",
-        )
+        raise _too_slow(record)
     fit = smooth_record(record, noise_var, intensities)
     spikes = _spikes(fit)
     if spikes.any():
@@ -278,6 +276,8 @@ def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent
     The third result is ``remaining_jump``. The fourth is whether there were large ones before the
     intensities were adapted to them.
     """
+    if record.dt_s > MAX_LAGS_IN_ROW * max(c.lag_s for c in record.chains):
+        raise _too_slow(record)
     start_var = record.noise_sd**2
     intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
     fit = _smoothed_without_spikes(record, noise_var, intensities)
@@ -287,6 +287,16 @@ def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
     fit = refined(fit)
     return with_least_risk(fit), detected_events, remaining_jump(fit), contradicts
+
+
+def _too_slow(record: Record) -> InputError:
+    """The error for rows so far apart that the noise cannot be estimated."""
+    lag_s = max(c.lag_s for c in record.chains)
+    return InputError(
+        f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow "
+        f"for a lag of {lag_s:.4g} s",
+        expected="several rows in one lag",
+    )
 
 
 def _evidence(fit: Smoothed) -> float:

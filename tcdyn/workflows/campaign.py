@@ -23,7 +23,7 @@ from tcdyn.campaign import (
 )
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, info
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
@@ -263,7 +263,7 @@ def run_campaign(
         else:
             jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
-    for job, answer in parallel_map(work, [path.resolve() for _, path in jobs], workers, dask):
+    for job, answer in parallel_map(work, [path.absolute() for _, path in jobs], workers, dask):
         i, path = jobs[job]
         if isinstance(answer, Exception):
             answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]
@@ -385,7 +385,7 @@ def stage_name(path: Path, stage: int) -> str:
     >>> stage_name(Path("EHL_D4.csv"), 0), stage_name(Path("EHL_D4.csv"), 2)
     ('EHL_D4', 'EHL_D4.2')
     """
-    return path.stem + (f".{stage}" if stage else "")
+    return utf8(path.stem) + (f".{stage}" if stage else "")
 
 
 def _answer_file(path: Path, folder: Path, stage: int) -> Path:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
@@ -187,7 +188,7 @@ def follow(
             where=str(out),
             expected=".csv: only a text file grows in place",
         )
-    if log.resolve() == out.resolve():
+    if os.path.realpath(log) == os.path.realpath(out):
         raise InputError(
             "log and output are the same file",
             where=str(out),
@@ -414,7 +415,7 @@ def _key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, A
         texts = {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(calibrations)}
     return {
         "schema": STATE_SCHEMA,
-        "log": raw.source.path.name,
+        "log": utf8(raw.source.path.name),
         "records": {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()},
         "units": {name: vars(unit) for name, unit in raw.channels.units.items()},
         "channels": list(raw.channels.units),

@@ -177,26 +177,7 @@ def test_an_exponent_without_an_uncertainty_is_an_error_of_the_command(
     tmp_path: Path, capsys
 ) -> None:  # type: ignore[no-untyped-def]
     t, a, b = recorded(8, 300)
-    speed = np.linspace(1.0, 2.0, len(t))
-    log = write(tmp_path / "gas.csv", time_s=t.round(3), A_degC=a, B_degC=b, v_m_s=speed)
-    out = tmp_path / "pair.sensor.json"
-    assert (
-        run_cli(
-            "sensor",
-            "pair",
-            log,
-            "--column",
-            "A",
-            "--column",
-            "B",
-            "--speed",
-            "v_m_s",
-            "--exponent",
-            "0.5",
-            "--out",
-            out,
-        )
-        == 2
-    )
+    log = write(tmp_path / "gas.csv", time_s=t.round(3), A_degC=a, B_degC=b, v=1 + t)
+    words = ("--column", "A", "--column", "B", "--speed", "v", "--exponent", "0.5")
+    assert run_cli("sensor", "pair", log, *words) == 2
     assert "0.5+-0.1" in capsys.readouterr().err
-    assert not out.exists()

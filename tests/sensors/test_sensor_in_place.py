@@ -13,11 +13,11 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.current import CORE_HEAT, MODES, current_sensor, cylinder_modes
-from tcdyn.sensors.noise import _lags, noise_sensor
+from tcdyn.sensors.noise import _lags, noise_sensor, segments
 from tcdyn.sensors.pair import pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.layered_study import KINDS
-from tests.sensors.layered_world import AIR_K, MEDIA, layered
+from tests.sensors.layered_world import AIR_K, MEDIA, drawn, layered
 from tests.sensors.sensor_study import DRAWS, noise
 from tests.sensors.sensor_world import (
     FINE,
@@ -79,6 +79,63 @@ def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:
     for count in (0, 1, 3):
         with pytest.raises(InputError, match=f"B holds {count} numbers"):
             pair_sensor(t, a, np.where(np.arange(len(b)) < count, b, np.nan), ("A", "B"))
+
+
+@pytest.mark.parametrize(("gain", "offset_K"), [(1.01, 0.0), (0.985, -2.0)])
+def test_gain_and_offset_between_the_sensors_of_a_pair_do_not_shift_the_lags(
+    gain: float, offset_K: float
+) -> None:
+    t, a, b, _ = two_in_a_gas(1, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))
+    made = pair_sensor(t, a, 300 + gain * (b - 300) + offset_K, ("A", "B"), bare=True)
+    for column, true_s in (("A", 0.15), ("B", 0.5)):
+        lag = made.chain.channels[column].lag_s
+        assert lag.contains(true_s)
+        assert lag.u < 0.01 * true_s
+    assert Estimate(**made.fit["gain"]).contains(gain)
+    (finding,) = made.findings
+    assert finding.code == "sensor.pair_gain"
+
+
+def test_a_pair_whose_gain_the_record_does_not_determine_names_it_as_the_limit() -> None:
+    """A fluid of one frequency has one ratio of amplitudes and one difference of phase."""
+    fine = np.arange(1500 * FINE) * (0.02 / FINE)
+    x = 300 + 20 * np.sin(2.0 * fine)
+    noise_K = 0.3 * np.random.default_rng(0).standard_normal((2, 1500))
+    a, b = (lagged(x, (tau,), 0.02 / FINE)[::FINE] for tau in (0.15, 0.5))
+    made = pair_sensor(fine[::FINE], a + noise_K[0], b + noise_K[1], ("A", "B"), bare=True)
+    assert made.fit["limited_by"].startswith("the gain")
+    for column, true_s in (("A", 0.15), ("B", 0.5)):
+        assert made.chain.channels[column].lag_s.contains(true_s)
+    assert Estimate(**made.fit["gain"]).u == pytest.approx(0.01)
+
+
+def test_bins_of_negligible_power_are_not_fitted() -> None:
+    """Two lags: with 40 of 998 bins the spectrum falls to a four-hundredth."""
+    _, y = fluctuating(0, (1.0, 0.5), 0.02, 20_000, 1e-6)
+    bins = segments(y - y.mean(), 2000, 0.02)
+    w = bins.w / 0.02
+    power = 1 / ((1 + w**2) * (1 + (0.5 * w) ** 2))
+    assert power[-1] / power[0] == pytest.approx(3e-3, rel=0.5)
+    _, loud = fluctuating(0, (1.0, 0.5), 0.02, 20_000, 2.0)
+    assert len(segments(loud - loud.mean(), 2000, 0.02).w) == 2000 // 2 - 3
+
+
+@pytest.mark.study
+def test_noise_of_layered_sensors_with_a_quiet_logger_is_not_biased() -> None:
+    """Six draws with noise of the logger of a thousandth of the fluctuations."""
+    errors = []
+    for k in range(6):
+        rng = np.random.default_rng(7100 + k)
+        sensor = drawn(rng, list(MEDIA)[k % 3])
+        dt = sensor.times_s()[1] / 15
+        lead = int(20 * sensor.lag_s / dt)
+        x = rng.standard_normal((15_000 + lead) * FINE)
+        y = sensor.follow(x, dt / FINE)[lead * FINE :: FINE]
+        y = y / np.std(y) + 1e-3 * rng.standard_normal(len(y))
+        lag = Estimate(**noise_sensor(np.arange(len(y)) * dt, y, "T").fit["lag_s"])
+        errors.append((lag.value - sensor.lag_s) / lag.u)
+    assert abs(np.mean(errors)) < 1.5
+    assert np.max(np.abs(errors)) < 4
 
 
 def test_the_modes_of_a_cylinder_add_to_its_lag() -> None:

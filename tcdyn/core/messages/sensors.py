@@ -131,6 +131,8 @@ SENSOR: dict[str, Message] = {
     "sensor.pair_difference": "{subject}: the traces determine the difference of the lags, "
     "{difference_s:.3g} +- {u_s:.2g} s, but hardly the lags themselves: the fluid changed too "
     "slowly for their ratio",
+    "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % larger "
+    "than that of {other}: the lags are those of two sensors of different gain",
     "sensor.pair_slower": "{subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
     "used, as sampled at the time of their row",
