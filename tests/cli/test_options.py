@@ -29,6 +29,7 @@ PRINT_NUMBERS = {
     "identify",
     "compensate",
     "follow",
+    "view",
     "beta",
     "campaign",
     "design",
@@ -64,6 +65,7 @@ LONG = {
     "calibrate",
     "beta",
     "compensate",
+    "view",
 }  # several stages, each worth a line with --verbose
 
 

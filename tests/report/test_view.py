@@ -109,7 +109,7 @@ def test_trace_of_many_rows_is_decimated_and_keeps_its_spike(tmp_path: Path) -> 
 def test_options_that_exclude_each_other_are_an_error(kiln: Path) -> None:
     sensor = kiln.with_name("probe.sensor.json")
     assert command("view", kiln, "--sensor", sensor, "--record", sensor, "--no-open") == 2
+    out = kiln.with_name("done.csv")
+    command("compensate", kiln, "--sensor", sensor, "--out", out, "-q")
     with pytest.raises(InputError, match="compensated"):
-        out = kiln.with_name("done.csv")
-        command("compensate", kiln, "--sensor", sensor, "--out", out, "-q")
         tcdyn.view(out, open_browser=False)
