@@ -29,9 +29,9 @@ from tcdyn.plots.style import (
     SLOW,
     TRUTH,
     axes_of,
+    channel_style,
     figure,
     screen_rows,
-    series_style,
     style_axes,
 )
 from tcdyn.rig.log import COMPENSATED, Log
@@ -146,7 +146,9 @@ def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
     line = next(iter(oven.lines.values()))
     t = np.linspace(*line.range_degC, 100)
     band = 1.96 * static_u(line, t)
-    ax.fill_between(t, -band, band, color=PALE, zorder=0, label="95 % of a line")
+    ax.fill_between(
+        t, -band, band, color=PALE, zorder=0, label="95 % of the line, not of the points"
+    )
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
     above: dict[str, Any] = {
         "ncols": 7,
@@ -333,7 +335,7 @@ def draw_log(log: Log, ax: Axes | None = None) -> Axes:
     for k, name in enumerate(log.channels):
         y = log.frame[name].to_numpy(dtype=float)
         rows = screen_rows(y)
-        colour, style = series_style(k)
+        colour, style = channel_style(k)
         if is_oven:
             y = y - x
             style = "o"
@@ -407,7 +409,7 @@ def draw_touches(
     ax = axes_of(ax)
     rise_K = readings_degC - np.nanmedian(readings_degC, axis=0)
     for k, column in enumerate(columns):
-        colour, style = series_style(k)
+        colour, style = channel_style(k)
         rows = screen_rows(rise_K[:, k])
         ax.plot(time_s[rows], rise_K[rows, k], style, color=colour, linewidth=0.9, label=column)
     for number, touch in enumerate(touch_log.touches, 1):

@@ -20,12 +20,13 @@ from tcdyn.plots.style import (
     MAX_POINTS,
     SLOW,
     axes_of,
+    channel_style,
     line_with_band,
     log_axis,
     screen_rows,
-    series_style,
     style_axes,
 )
+from tcdyn.sensors.units import without_unit
 from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
@@ -112,17 +113,21 @@ def draw_traces(traces: Sequence[Trace], y: str, ax: Axes, limit: int = MAX_POIN
     low = np.inf
     high = -np.inf
     for k, trace in enumerate(traces):
-        colour, dashes = series_style(k)
+        colour, dashes = channel_style(k)
         rows = screen_rows(trace.logged, limit)
-        style: dict[str, Any] = {"color": colour, "alpha": 0.5, "linewidth": 0.7}
-        ax.plot(trace.time_s[rows], trace.logged[rows], label=f"{trace.name} as logged", **style)
+        name = without_unit(trace.name)
+        style: dict[str, Any] = {"color": colour, "linewidth": 1.0, "label": name}
+        is_compensated = len(trace.compensated) > 0
+        if is_compensated:
+            style |= {"alpha": 0.5, "linewidth": 0.7, "label": f"{name} as logged"}
+        ax.plot(trace.time_s[rows], trace.logged[rows], **style)
         values = trace.logged[np.isfinite(trace.logged)]
         if len(values):
             values = np.quantile(values, WITHOUT_SPIKES)
-        if len(trace.compensated):
+        if is_compensated:
             rows = screen_rows(trace.compensated, limit)
             lines = (trace.compensated_s[rows], trace.compensated[rows], trace.u[rows])
-            label = f"{trace.name} compensated"
+            label = f"{name} compensated"
             line_with_band(ax, *lines, colour, linestyle=dashes, linewidth=1.2, label=label)
             values = trace.compensated[np.isfinite(trace.compensated)]
         low = min([low, *values])

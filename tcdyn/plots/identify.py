@@ -105,9 +105,8 @@ def draw_fit(fit: Fit, ax: Axes | None = None, segment: int = 0) -> Axes:
     input_axis.set_ylabel(f"{input_label} (dashed)", color=FAST)
 
     title = f"fit {model.statistics['fit_percent']:.2f} %"
-    # Without a fixed y the title stands above the power of ten of the axis.
-    ax.set_title(title, loc="left", fontsize="medium")
-    return style_axes(ax, "time [s]", label(model.output_name, model.output_unit), loc="best")
+    y = label(model.output_name, model.output_unit)
+    return style_axes(ax, "time [s]", y, title=title, loc="best")
 
 
 def _input_style(hold: str) -> dict[str, Any]:

@@ -217,7 +217,8 @@ def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None)
     ax.set_xlim(0, h_max)
     x = "heat transfer coefficient of the disk [W/m²K]"
     y = "heat partition β (share of the fast disk) [1]"
-    return style_axes(ax, x, y, ncols=2, markerscale=0.7)
+    below: dict[str, Any] = {"ncols": 2, "loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
+    return style_axes(ax, x, y, markerscale=0.7, **below)
 
 
 def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) -> None:

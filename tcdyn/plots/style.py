@@ -36,6 +36,10 @@ CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f"
 DARK = "#444444"
 PALE = "#e6e6e6"
 
+# Channels of a log: six colours that colour-blind readers can tell apart (Okabe and Ito 2008), then
+# the same ones with other line styles.
+CHANNEL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
 # Groups of tests.
 SERIES_COLOURS = (TRUTH, FAST, SLOW, GREY)
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -144,8 +148,7 @@ def style_axes(
     """
     ax.set(xlabel=x, ylabel=y)
     if title:
-        # A fixed y saves matplotlib the search for a position.
-        ax.set_title(title, loc="left", fontsize="medium", y=1.0)
+        ax.set_title(title, loc="left", fontsize="medium")
     if "legend_title" in legend_options:
         legend_options["title"] = legend_options.pop("legend_title")
     if legend or legend_options:
@@ -153,14 +156,14 @@ def style_axes(
     return _style_frame(ax)
 
 
-def series_style(k: int) -> tuple[str, str]:
-    """Return colour and line style of the ``k``-th of several series.
+def channel_style(k: int) -> tuple[str, str]:
+    """Return colour and line style of the ``k``-th channel of a log.
 
-    >>> series_style(0), series_style(5)
-    (('#000000', '-'), ('#d1662a', '--'))
+    >>> channel_style(0), channel_style(7)
+    (('#0072b2', '-'), ('#d55e00', '--'))
     """
-    n = len(SERIES_COLOURS)
-    return SERIES_COLOURS[k % n], SERIES_LINES[k // n % len(SERIES_LINES)]
+    n = len(CHANNEL_COLOURS)
+    return CHANNEL_COLOURS[k % n], SERIES_LINES[k // n % len(SERIES_LINES)]
 
 
 def log_axis(ax: Axes, name: Literal["x", "y"]) -> None:

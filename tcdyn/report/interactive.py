@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgba
@@ -253,17 +254,18 @@ class _Converter:
 
     def _name(self, artist: Any, item: dict[str, Any]) -> None:
         """Give a trace or shape its group, and one of each group its entry in the legend."""
-        group = _label(artist)
+        label = _label(artist)
+        group = label
         if not group and isinstance(artist, Line2D):
             group = self.label_of_style.get(_style(artist), "")
-        if not isinstance(artist, ErrorbarContainer | BarContainer):
+        if isinstance(artist, Artist):
             group = artist.get_gid() or group
-        item["showlegend"] = bool(_label(artist)) and group not in self.named
-        if not group:
-            return
-        item |= {"legendgroup": group, "name": group}
-        if item["showlegend"]:
-            self.named.add(group)
+        # A band with a label of its own belongs to its line, which has the entry.
+        item["showlegend"] = bool(label) and label == group and group not in self.named
+        if group:
+            item |= {"legendgroup": group, "name": group}
+            if item["showlegend"]:
+                self.named.add(group)
 
     def _line_trace(self, line: Line2D) -> Trace:
         """Return a line, markers, or both."""

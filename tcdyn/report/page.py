@@ -27,12 +27,9 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from PIL import Image, ImageOps
 from plotly.offline import get_plotlyjs
 
 from tcdyn.core.errors import InputError
@@ -165,7 +162,7 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     Parameters
     ----------
     figure
-        The figure; canvas and resolution are restored.
+        The figure.
     dpi
         Resolution.
 
@@ -173,52 +170,16 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     -------
     uri
         PNG, base64.
-
-    Notes
-    -----
-    A figure that its layout does not contain is saved by matplotlib with ``bbox_inches="tight"``,
-    which is slower. The size of the image must not depend on which of the two was used:
-    ``tests/report/test_page.py``.
     """
-    _disable_math(figure)
-    original_canvas = figure.canvas
-    original_dpi = figure.dpi
-    canvas = FigureCanvasAgg(figure)
-    figure.set_dpi(dpi)
-    canvas.draw()
-    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    left, top, right, bottom = ImageOps.invert(picture).getbbox() or (0, 0, *picture.size)
-    # Titles may be wider than the figure: the layout does not take them into account.
-    boxes = [text.get_window_extent() for text in _titles(figure)]
-    first_x = min([left, *(box.x0 for box in boxes)])
-    last_x = max([right, *(box.x1 for box in boxes)])
-    fits = min(first_x, top, picture.width - last_x, picture.height - bottom) > 0
-    figure.set_canvas(original_canvas)
-    figure.set_dpi(original_dpi)
-    buffer = io.BytesIO()
-    if fits and figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0):
-        cropped = picture.crop((left, top, right, bottom))
-        framed = ImageOps.expand(cropped, round(MARGIN_IN * dpi), "white")
-        framed.save(buffer, "png", compress_level=COMPRESSION)
-    else:
-        options: dict[str, Any] = {
-            "metadata": {"Software": None},
-            "pil_kwargs": {"compress_level": COMPRESSION},
-        }
-        figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **options)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
-def _disable_math(figure: Figure) -> None:
-    """Show the text of a figure as it is."""
     for text in figure.findobj(Text):
         text.set(text=CONTROL.sub(" ", text.get_text()), parse_math=False)
-
-
-def _titles(figure: Figure) -> list[Text]:
-    """Return the texts of a figure and its axes that are not empty."""
-    children = [child for part in (figure, *figure.axes) for child in part.get_children()]
-    return [child for child in children if isinstance(child, Text) and child.get_text()]
+    buffer = io.BytesIO()
+    size: dict[str, Any] = {"dpi": dpi, "bbox_inches": "tight", "pad_inches": MARGIN_IN}
+    metadata = {"Software": None}
+    figure.savefig(
+        buffer, format="png", metadata=metadata, pil_kwargs={"compress_level": COMPRESSION}, **size
+    )
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def compressed(text: str) -> str:

@@ -104,19 +104,18 @@ def view(
         traces = _logged_traces(path, reading)
     progress("page")
     limit = MAX_POINTS // (3 * max(len(traces), 1))
-    panels: dict[tuple[str, str], list[Trace]] = {}
+    panels: dict[str, list[Trace]] = {}
     for trace in traces:
-        panels.setdefault((trace.group, trace.unit), []).append(trace)
-    sections = [_section(group, unit, traces, limit) for (group, unit), traces in panels.items()]
+        panels.setdefault(_panel_key(trace), []).append(trace)
+    sections = [_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
     content = "as logged and compensated" if calibrations else "as logged"
     rows = max((len(trace.time_s) for trace in traces), default=0)
     write_page(
         page,
         f"{path.name}: {content}",
         sections,
-        verdict=f"{len(traces)} traces of {rows} rows. A trace has at most {limit} points here; "
-        "extremes are kept. A click on an entry of the legend hides it, a double click shows it "
-        "alone.",
+        verdict=f"{rows:,} rows. A line has at most {limit:,} points here; its extremes are kept. "
+        "A click on an entry of the legend hides it, a double click shows it alone.",
         findings=findings,
     )
     if open_browser:
@@ -139,14 +138,19 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     return traces
 
 
-def _section(group: str, unit: str, traces: Sequence[Trace], limit: int) -> Section:
-    """Return the section of the traces of one disk and unit."""
-    names = [trace.name for trace in traces]
-    title = f"{group} disk" if group else ", ".join(names)
-    y = f"temperature [{unit}]" if unit else names[0]
-    return Section(
-        title,
-        figure=panel_figure(
-            partial(draw_traces, traces, y.replace("degC", "°C"), limit=limit), height_in=5.0
-        ),
-    )
+def _panel_key(trace: Trace) -> str:
+    """Return what the traces of one figure have in common: disk and unit, or the end of the name."""
+    return f"{trace.group} {trace.unit or trace.name.rpartition('_')[2]}"
+
+
+def _section(traces: Sequence[Trace], limit: int) -> Section:
+    """Return the section of traces of one disk and unit."""
+    names = ", ".join(trace.name for trace in traces)
+    first = traces[0]
+    title = names
+    y = names
+    if first.unit:
+        title = f"{first.group} disk" if first.group else "Temperatures"
+        y = f"temperature [{first.unit}]".replace("degC", "°C")
+    draw = partial(draw_traces, traces, y, limit=limit)
+    return Section(title, figure=panel_figure(draw, height_in=5.0))

@@ -1,13 +1,15 @@
-"""Pages of every kind in a real browser: they are drawn, need no network, and log no console
-message."""
+"""Pages of every kind in a real browser: charts zoom and switch, narrow screens, dark mode, print.
+
+Chromium is controlled by Selenium, offline.
+"""
 
 from __future__ import annotations
 
 import re
 import shutil
-import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,7 +27,18 @@ from tests.report.test_campaign_page import programme_table
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+DRIVER = shutil.which("chromedriver")
+MAX_BYTES = 6_000_000  # of a page, so that it can be sent by mail
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 
 
 def record_options(campaign: Campaign) -> list[object]:
@@ -112,30 +125,55 @@ def verify(_: Campaign, __: Partition, page: Path) -> int:
     return tcdyn("verify", "--report", page, "-q")
 
 
-PAGES = (beta, campaign_page, certificate, compensate, design, identify, demo, verify)
+def view(campaign: Campaign, _: Partition, page: Path) -> int:
+    log = campaign.files.ehl["B3"]
+    return tcdyn("view", log, *record_options(campaign), "--no-open", "--out", page, "-q")
 
 
-def chromium(*arguments: object) -> str:
-    """Standard error of the browser."""
-    flags = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-quic",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--enable-logging=stderr",
-    ]
-    process = subprocess.run(
-        [str(BROWSER), *flags, *(str(w) for w in arguments)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    return process.stderr
+PAGES = (beta, campaign_page, certificate, compensate, design, identify, demo, verify, view)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A headless browser without a network."""
+    if BROWSER is None or DRIVER is None:
+        pytest.skip("no Chromium with chromedriver on this machine")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="needs the extra 'test'")
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+    driver.execute_cdp_cmd("Network.enable", {})
+    offline = {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0}
+    driver.execute_cdp_cmd("Network.emulateNetworkConditions", offline)
+    yield driver
+    driver.quit()
+
+
+def show(browser: Any, page: Path, width: int = 1100, **media: str) -> None:
+    """Open a page, all sections unfolded, and wait until every chart is drawn."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    kind = media.pop("media", "")
+    features = [{"name": "prefers-color-scheme", "value": media.get("scheme", "light")}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": kind, "features": features})
+    size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(page.as_uri())
+    browser.execute_script("document.querySelectorAll('details').forEach(e => { e.open = true })")
+    browser.execute_script("document.body.style.display = 'flow-root'")
+    undrawn = "return document.querySelector('figure:not(.interactive)')"
+
+    def all_drawn(driver: Any) -> bool:
+        """Scroll to the next figure that is not drawn yet."""
+        figure = driver.execute_script(undrawn)
+        if figure is not None:
+            driver.execute_script("arguments[0].scrollIntoView()", figure)
+        return figure is None
+
+    WebDriverWait(browser, 60, poll_frequency=0.2).until(all_drawn)
 
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda make: make.__name__)
@@ -151,27 +189,101 @@ def page(
     return path
 
 
-@needs_browser
-def test_page_opens_in_a_browser_without_console_messages(page: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "page.png"
-    profile = f"--user-data-dir={tmp_path / 'profile'}"
-    log = chromium(profile, "--window-size=1100,3000", f"--screenshot={picture}", page.as_uri())
-    assert "CONSOLE" not in log
-    assert picture.stat().st_size > 60_000  # an empty page has a few kilobytes
+@pytest.mark.e2e
+def test_zoom_changes_the_range_of_an_axis(browser: Any, page: Path) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    show(browser, page)
+    chart = browser.find_element("css selector", ".chart")
+    area = chart.find_element("css selector", ".nsewdrag")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
+    axis_range = "return arguments[0].layout.xaxis.range.map(Number)"
+    before = browser.execute_script(axis_range, chart)
+    drag = ActionChains(browser).move_to_element_with_offset(area, -60, -30).click_and_hold()
+    drag.move_by_offset(120, 60).release().perform()
+    zoomed = browser.execute_script(axis_range, chart)
+    assert abs(zoomed[1] - zoomed[0]) < 0.5 * abs(before[1] - before[0])
+
+
+@pytest.mark.e2e
+def test_entry_of_the_legend_hides_its_trace(browser: Any, page: Path) -> None:
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    show(browser, page)
+    entries = browser.find_elements("css selector", ".chart .legendtoggle")
+    hidden = """return [...document.querySelectorAll('.chart')].reduce((n, chart) => n
+        + [...chart.data, ...(chart.layout.shapes || [])].filter(
+            item => item.visible === 'legendonly').length, 0)"""
+    assert entries
+    assert browser.execute_script(hidden) == 0
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", entries[0])
+    entries[0].click()
+    # the click counts when no second one has followed
+    WebDriverWait(browser, 20).until(lambda driver: driver.execute_script(hidden) >= 1)
+
+
+@pytest.mark.e2e
+def test_narrow_screen_has_no_horizontal_overflow(browser: Any, page: Path) -> None:
+    show(browser, page, width=400)
+    widths = "return [document.documentElement.scrollWidth, document.body.scrollWidth, innerWidth]"
+    full, body, window = browser.execute_script(widths)
+    assert max(full, body) <= window == 400
+    ends = """return [...document.querySelectorAll('.chart .main-svg')].map(
+        e => e.getBoundingClientRect().right)"""
+    assert max(browser.execute_script(ends)) <= 400
+
+
+@pytest.mark.e2e
+def test_dark_mode_changes_background_and_text(browser: Any, page: Path) -> None:
+    colours = "const s = getComputedStyle(document.body); return [s.backgroundColor, s.color]"
+    show(browser, page)
+    light = browser.execute_script(colours)
+    show(browser, page, scheme="dark")
+    dark = browser.execute_script(colours)
+
+    def brightness(colour: str) -> float:
+        """Mean of the three colours."""
+        return sum(map(int, re.findall(r"\d+", colour)[:3])) / 3
+
+    assert brightness(light[0]) > 200 > 60 > brightness(dark[0])
+    assert brightness(light[1]) < 60 < 200 < brightness(dark[1])
+
+
+@pytest.mark.e2e
+def test_print_shows_the_pictures_and_not_the_charts(browser: Any, page: Path) -> None:
+    displays = """return ['.picture', '.charts'].map(name => [...new Set(
+        [...document.querySelectorAll(name)].map(e => getComputedStyle(e).display))])"""
+    show(browser, page)
+    assert browser.execute_script(displays) == [["none"], ["grid"]]
+    media = {"media": "print", "features": []}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    assert browser.execute_script(displays) == [["block"], ["none"]]
+
+
+@pytest.mark.e2e
+def test_page_has_no_console_messages_and_no_figure_without_charts(
+    browser: Any, page: Path
+) -> None:
+    browser.get_log("browser")
+    show(browser, page)
+    assert browser.get_log("browser") == []
+    assert "A picture only" not in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.e2e
 def test_page_is_one_file_with_result_and_assumptions_first(page: Path) -> None:
     html = page.read_text(encoding="utf-8")
-    assert "<script" not in html
+    assert page.stat().st_size < MAX_BYTES
+    assert html.count('id="plotly"') == 1
     assert not re.search(r'(src|href)="(?!data:)', html)
     assert "url(" not in html
     first = html.index("<h2>")
     assert html.index('class="verdict"') < first
-    # a page computed from published figures of the thesis states its assumptions in each row
-    if "Published numbers" not in html:
+    # a page computed from published figures of the thesis states its assumptions in each row, and
+    # one that only shows traces has none
+    if "Published numbers" not in html and "as logged and compensated</title>" not in html:
         assert html.index('class="assumptions"') < first
     body = html[html.index("<body>") :]
-    assert "+-" not in body
+    assert "+-" not in body.partition('<script type="text/plain"')[0]
     # raw column names
     assert not re.search(r"<th[^>]*>(u_)?[a-z]+(_[a-z]+)*_(s|degC|percent|rms)</th>", body)

@@ -36,12 +36,13 @@ def test_number_is_not_separated_from_its_sign_or_unit_at_a_line_end() -> None:
 
 
 def test_picture_scrolls_at_a_readable_size_and_prints_with_its_heading() -> None:
+    """Where no script runs, and on paper."""
     fig, (ax,) = figure(1, 1, width_in=8.5)
     ax.plot([0, 1])
     page = render_page("B3", [Section("x", figure=fig, caption="what to see")])
     assert '<div class="keep">\n<h2>x</h2>' in page
     assert (
-        page.index('<div class="scroll"><img')
+        page.index('<div class="scroll picture"><img')
         < page.index('style="--in: 8.5"')
         < page.index("<figcaption>what")
     )

@@ -39,15 +39,16 @@ function draw(figure, content) {
   figure.classList.add("interactive");
   const touch = matchMedia("(pointer: coarse)").matches;
   const axis = { automargin: true, zeroline: false, gridcolor: "#ddd", linecolor: "#888", ticks: "outside", exponentformat: "none", tickmode: "auto" };
-  const legend = { orientation: "h", xref: "container", yref: "container", x: 0, y: 0, yanchor: "bottom", font: { size: 11 } };
+  const legend = { orientation: "h", xref: "container", yref: "container", x: 0, y: 0, yanchor: "bottom", font: { size: 11 }, itemsizing: "constant" };
   for (const chart of content.charts) {
     const [box, plot] = panel(chart);
     grid.append(box);
     const width = plot.clientWidth;
+    const above = chart.layout.annotations.filter((text) => text.yref.endsWith("domain") && text.y >= 1);
     const layout = {
       ...structuredClone(chart.layout),
       height: chart.height,
-      margin: { l: 8, r: 8, t: 30, b: 8 },
+      margin: { l: 8, r: 8, t: 30 + Math.max(0, ...above.map((text) => text.yshift + 12)), b: 8 },
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: "#1a1a1a" },
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
