@@ -27,7 +27,7 @@ from tcdyn.cli.common import (
     print_first_warning,
     stage_progress,
 )
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import warnings_and_errors
 
 Bearing = Annotated[
@@ -293,7 +293,7 @@ def campaign(
     if "report" in files:
         write_campaign_report(files["report"], run, record_rows(records, record))
     for outcome in run.failed:
-        print(f"tcdyn: {outcome.error}", file=sys.stderr)
+        print(f"tcdyn: {printable(str(outcome.error))}", file=sys.stderr)
     reporter.json(run.card)
     reporter.findings(run.findings)
     reporter.text(run.summary())

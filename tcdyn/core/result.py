@@ -10,6 +10,7 @@ import dataclasses
 import html
 import json
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence, Set
 from datetime import date
@@ -21,6 +22,9 @@ import pandas as pd
 from pydantic import BaseModel
 
 from tcdyn.core.findings import Finding, messages
+
+# Characters that control a terminal, or the direction of its text, and that JSON allows as they are.
+TERMINAL_CONTROL = re.compile("[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 # Most rows of a table in a notebook; chosen by judgement.
 MOST_ROWS = 30
@@ -74,8 +78,15 @@ class Result(ABC):
 
 
 def json_text(value: Any) -> str:
-    """``value`` as the text of a JSON file; NaN and infinity are null."""
-    return json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    """``value`` as the text of a JSON file; NaN and infinity are null.
+
+    Characters that control a terminal are escaped.
+
+    >>> json_text("\\x1b[31m \\x9b31m \\u202e")
+    '"\\\\u001b[31m \\\\u009b31m \\\\u202e"\\n'
+    """
+    text = json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return TERMINAL_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def jsonable(value: Any) -> Any:
