@@ -29,6 +29,7 @@ from tcdyn.core.result import Result, jsonable
 from tcdyn.identify.iodata import Holds, hold_of_each, hold_text
 from tcdyn.identify.models import KnownDynamics, Model, several, transfer
 from tcdyn.identify.responses import Dynamics, percent_times
+from tcdyn.io.read import check_no_device
 from tcdyn.rig.disk import Conditioning
 
 if TYPE_CHECKING:
@@ -449,6 +450,7 @@ def read_identified(path: str | Path) -> Identified:
     InputError
         Where the file cannot be read or is no identified model.
     """
+    check_no_device(path)
     try:
         return Identified.from_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
