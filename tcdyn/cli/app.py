@@ -24,6 +24,7 @@ from tcdyn.cli.compensate import compensate
 from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
+from tcdyn.cli.streams import message_stream
 from tcdyn.cli.verify import verify
 from tcdyn.core.errors import InputError, printable
 from tcdyn.version import __version__
@@ -199,6 +200,7 @@ def _internal_error(problem: BaseException) -> int:
 
 def main() -> None:
     """Run the command of ``sys.argv``; ends with SystemExit."""
+    sys.stderr = message_stream(sys.stderr)
     code = run(app)
     try:
         sys.stdout.flush()
