@@ -12,6 +12,7 @@ import pandas as pd
 from tcdyn.campaign.result import JoinedCampaign
 from tcdyn.core.errors import printable
 from tcdyn.core.estimate import rounded_texts
+from tcdyn.io.write import table_csv
 from tcdyn.rig.disk import DISKS
 
 # Headings of the LaTeX table, by column.
@@ -89,7 +90,7 @@ def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
 
 def paper_csv(joined: JoinedCampaign) -> str:
     """The table ``paper_table`` as CSV text, numbers with eight digits."""
-    return str(paper_table(joined).to_csv(index=False, float_format="%.8g", lineterminator="\n"))
+    return table_csv(paper_table(joined), "%.8g")
 
 
 def paper_latex(joined: JoinedCampaign) -> str:

@@ -25,6 +25,7 @@ from tcdyn.cli.compensate import compensate
 from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
+from tcdyn.cli.streams import message_stream
 from tcdyn.cli.verify import verify
 from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
@@ -276,6 +277,7 @@ def _stop_as_with_ctrl_c() -> None:
 def main() -> None:
     """Run the command of ``sys.argv``; ends with SystemExit."""
     _stop_as_with_ctrl_c()
+    sys.stderr = message_stream(sys.stderr)
     code = run(app)
     try:
         sys.stdout.flush()

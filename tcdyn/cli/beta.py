@@ -27,7 +27,7 @@ from tcdyn.cli.common import (
     option_groups,
     stage_progress,
 )
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, printable
 
 Bearing = Annotated[
     Path | None,
@@ -296,7 +296,7 @@ def campaign(
     if "report" in files:
         write_campaign_report(files["report"], run, record_rows(records, record))
     for outcome in run.failed:
-        print(f"tcdyn: {outcome.error}", file=sys.stderr)
+        print(f"tcdyn: {printable(str(outcome.error))}", file=sys.stderr)
     reporter.json(run.card)
     reporter.summary(run.summary())
     reporter.files(**files)

@@ -385,12 +385,13 @@ def stage_progress(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str
     if console is None:
         yield lambda stage: print(f"... {printable(stage)}", file=sys.stderr)
         return
+    from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=None)
-        yield lambda stage: bar.update(task, description=stage)
+        yield lambda stage: bar.update(task, description=escape(printable(stage)))
 
 
 @contextmanager
@@ -417,6 +418,7 @@ def count_progress(
             f"... {done} of {count}: {printable(name)}", file=sys.stderr
         )
         return
+    from rich.markup import escape
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -437,7 +439,7 @@ def count_progress(
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, done, count: bar.update(
-            task, completed=done, total=count, description=name
+            task, completed=done, total=count, description=escape(printable(name))
         )
 
 

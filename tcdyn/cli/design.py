@@ -182,7 +182,7 @@ def _campaign(
         ``out`` is no CSV.
     """
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
-    from tcdyn.io.write import write_text
+    from tcdyn.io.write import table_csv, write_text
     from tcdyn.rig.rigfile import load_rig
 
     if out is not None and out.suffix.lower() != ".csv":
@@ -194,7 +194,7 @@ def _campaign(
     logging = Logging(rate_Hz=rate_Hz, noise_K=noise_K)
     prediction = predict_campaign(read_plan(plan), load_rig(rig), logging)
     if out is not None:
-        write_text(out, prediction.table().to_csv(index=False))
+        write_text(out, table_csv(prediction.table()))
     _report(prediction, out, reporter)
 
 
@@ -215,10 +215,10 @@ def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
     InputError
         Another ending.
     """
-    from tcdyn.io.write import write_text
+    from tcdyn.io.write import table_csv, write_text
 
     if out.suffix.lower() == ".csv":
-        write_text(out, result.table().to_csv(index=False))
+        write_text(out, table_csv(result.table()))
         return
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(

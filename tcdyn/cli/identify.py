@@ -217,6 +217,10 @@ def identify(
             expected="one input",
             remedy="leave it out",
         )
+    if narx:  # an error before the work
+        from tcdyn.identification.narx import frols_with_polynomials
+
+        frols_with_polynomials()
     base = out or data.with_suffix(".identified.json")
     json_files = _files_of_outputs(base, outputs)
     if report:

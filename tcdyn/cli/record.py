@@ -26,7 +26,7 @@ from tcdyn.cli.common import (
     option_groups,
     source_entry,
 )
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import messages, unique
 
 app = typer.Typer(
@@ -65,7 +65,7 @@ def _show(record: DiskRecord) -> None:
     from tcdyn.rig.static_line import lines_table
 
     console = Console()
-    console.print(f"disk {record.disk}, made {record.created_text}")
+    _print_line(console, f"disk {record.disk}, made {record.created_text}")
     lines = lines_table(record.static).set_axis(
         ["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1
     )
@@ -73,9 +73,12 @@ def _show(record: DiskRecord) -> None:
     if record.chain is not None:
         console.print(rich_table(_chain_rows(record.chain), f"Chain ({record.chain.structure})"))
     for item in record.inputs:
-        console.print(
-            f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False
-        )
+        _print_line(console, f"from {item.file}  sha256 {item.sha256[:16]}...")
+
+
+def _print_line(console: Console, text: str) -> None:
+    """Print a text from a file as it is, with control characters escaped."""
+    console.print(printable(text), markup=False, highlight=False)
 
 
 @app.command()
@@ -102,9 +105,9 @@ def diff(
     rows = difference.table if every else difference.significant
     if len(rows):
         console.print(rich_table(_diff_rows(rows)))
-    console.print(difference.sentence())
+    _print_line(console, difference.sentence())
     for note in difference.notes:
-        console.print(f"info: {note}", markup=False, highlight=False)
+        _print_line(console, f"info: {note}")
 
 
 @app.command()
@@ -293,9 +296,14 @@ def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
     title
         Title above it.
     """
-    table = Table(title=title, title_justify="left")
+    table = Table(title=_cell(title), title_justify="left")
     for k, name in enumerate(rows.columns):
-        table.add_column(escape(str(name)), justify="left" if k == 0 else "right")
+        table.add_column(_cell(name), justify="left" if k == 0 else "right")
     for row in rows.itertuples(index=False):
-        table.add_row(*(escape(str(v)) for v in row))
+        table.add_row(*(_cell(value) for value in row))
     return table
+
+
+def _cell(value: object) -> str:
+    """A value as text of a table, without control characters and markup."""
+    return escape(printable(str(value)))

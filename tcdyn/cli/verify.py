@@ -58,9 +58,9 @@ def verify(
     if not reporter.is_silent:
         _print(rows, why)
     if out is not None:
-        from tcdyn.io.write import write_text
+        from tcdyn.io.write import table_csv, write_text
 
-        write_text(out, _frame(rows).to_csv(index=False))
+        write_text(out, table_csv(_frame(rows)))
     if report is not None:
         _report(rows, report)
     if any(row.failed for row in rows):

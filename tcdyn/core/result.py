@@ -10,6 +10,7 @@ import dataclasses
 import html
 import json
 import math
+import re
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence, Set
@@ -29,6 +30,8 @@ from tcdyn.core.findings import Finding, messages
 if TYPE_CHECKING:
     import xarray as xr
 
+# Characters that control a terminal, or the direction of its text, and that JSON allows as they are.
+TERMINAL_CONTROL = re.compile("[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 # Chosen by judgement.
 MOST_ROWS = 30  # of a table in a notebook
 HEADLINE_LENGTH = 200  # characters of the headline in the representation of a result
@@ -196,8 +199,15 @@ def estimate_columns(name: str, unit: str, estimate: Estimate | None) -> dict[st
 
 
 def json_text(value: Any) -> str:
-    """``value`` as the text of a JSON file; NaN and infinity are null."""
-    return json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    """``value`` as the text of a JSON file; NaN and infinity are null.
+
+    Characters that control a terminal are escaped.
+
+    >>> json_text("\\x1b[31m \\x9b31m \\u202e")
+    '"\\\\u001b[31m \\\\u009b31m \\\\u202e"\\n'
+    """
+    text = json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return TERMINAL_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def jsonable(value: Any) -> Any:

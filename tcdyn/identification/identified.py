@@ -31,6 +31,7 @@ from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.identification.iodata import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
+from tcdyn.io.read import check_no_device
 from tcdyn.rig.disk import Conditioning
 
 if TYPE_CHECKING:
@@ -472,6 +473,7 @@ def read_identified(path: str | Path) -> Identified:
     ...     read_identified(path).theta["Tp1"]
     0.8
     """
+    check_no_device(path)
     try:
         return Identified.from_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:

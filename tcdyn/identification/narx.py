@@ -355,10 +355,7 @@ def narx(
     More lags or a higher degree give more candidate terms; the lag of the result is valid only
     where the terms reach over the memory of the system at this sampling interval.
     """
-    from sysidentpy.basis_function import Polynomial
-    from sysidentpy.model_structure_selection import FROLS
-    from sysidentpy.parameter_estimation import LeastSquares
-
+    frols = frols_with_polynomials()
     run = data.runs[0]
     if any(np.isnan(r.u).any() or np.isnan(r.y).any() for r in data.runs):
         raise InputError(
@@ -378,16 +375,7 @@ def narx(
     x = ((u - u_scale[0]) / u_scale[1])[:, None]
     z = ((y - y_scale[0]) / y_scale[1])[:, None]
     with warnings.catch_warnings(action="ignore"):
-        model = FROLS(
-            ylag=lags,
-            xlag=lags,
-            order_selection=True,
-            info_criteria="bic",
-            n_info_values=max_terms,
-            estimator=LeastSquares(),
-            basis_function=Polynomial(degree=degree),
-            model_type="NARMAX",
-        )
+        model = frols(degree, lags, max_terms)
         model.fit(X=x[:n_train], y=z[:n_train])
     codes = np.atleast_2d(model.final_model).astype(int).tolist()
     terms = tuple(tuple(_signal_and_lag(code) for code in row if code) for row in codes)
@@ -402,6 +390,46 @@ def narx(
         simulated_percent=nrmse_percent(y[:n_train], simulated[:n_train]),
         held_out_percent=nrmse_percent(y[n_train:], simulated[n_train:]),
     )
+
+
+def frols_with_polynomials() -> Callable[[int, int, int], Any]:
+    """A function of degree, lags and number of terms that returns a FROLS model of sysidentpy.
+
+    Raises
+    ------
+    InputError
+        If sysidentpy cannot be imported, here or with this version of numpy.
+
+    Notes
+    -----
+    sysidentpy limits the version of numpy; everything else works without it. It is imported here
+    only. Test: ``tests/identify/test_without_sysidentpy.py``.
+    """
+    try:
+        from sysidentpy.basis_function import Polynomial
+        from sysidentpy.model_structure_selection import FROLS
+        from sysidentpy.parameter_estimation import LeastSquares
+    except (ImportError, AttributeError, ValueError) as problem:
+        raise InputError(
+            f"NARX models need sysidentpy, which cannot be imported ({problem})",
+            where="narx",
+            remedy="install it (python -m pip install sysidentpy), or leave out {narx}",
+            parameters={"narx": None},
+        ) from None
+
+    def model(degree: int, lags: int, max_terms: int) -> Any:
+        return FROLS(
+            ylag=lags,
+            xlag=lags,
+            order_selection=True,
+            info_criteria="bic",
+            n_info_values=max_terms,
+            estimator=LeastSquares(),
+            basis_function=Polynomial(degree=degree),
+            model_type="NARMAX",
+        )
+
+    return model
 
 
 def _signal_and_lag(code: int) -> tuple[str, int]:

@@ -370,7 +370,7 @@ def parquet_table(path: Path, where: str) -> Table:
         ``FREE_BYTES`` and ``UNPACKED_RATIO`` times its size.
     """
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             schema = file.schema_arrow
             rows = file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as problem:
@@ -429,7 +429,7 @@ def _parquet_chunks(
             if pa.types.is_nested(schema.field(name).type):
                 raise reader.no_numbers(name, schema.field(name).type)
         # dictionaries: repeated texts take no memory
-        with pq.ParquetFile(path, read_dictionary=names) as file:
+        with pq.ParquetFile(path, read_dictionary=names, page_checksum_verification=True) as file:
             for batch in file.iter_batches(rows, columns=names):
                 yield reader.columns(batch, names)
     except InputError:

@@ -190,8 +190,9 @@ def _first_bytes(file: Path, where: str) -> bytes:
     Raises
     ------
     InputError
-        For a file that is missing, a folder, cannot be read, or is empty.
+        For a file that is missing, a folder, a pipe or device, cannot be read, or is empty.
     """
+    check_no_device(file)
     try:
         with open(file, "rb") as stream:
             head = stream.read(64)
@@ -209,6 +210,37 @@ def _first_bytes(file: Path, where: str) -> bytes:
     if not head:
         raise InputError("the file is empty", where=where, expected="a log")
     return head
+
+
+def check_no_device(path: str | Path) -> None:
+    """Check that an input is no pipe and no device, from which reading may never end.
+
+    Parameters
+    ----------
+    path
+        The file; it need not exist.
+
+    Raises
+    ------
+    InputError
+        For a pipe, a socket or a device.
+
+    Examples
+    --------
+    >>> check_no_device("no such file")
+    """
+    file = Path(path)
+    try:
+        is_special = file.exists() and not file.is_file() and not file.is_dir()
+    except (OSError, ValueError):  # the reader has the message
+        return
+    if is_special:
+        raise InputError(
+            "is a pipe or a device",
+            where=display_path(file),
+            expected="a file, which can be read more than once",
+            remedy="save its content to a file",
+        )
 
 
 def read_numbers(
@@ -267,6 +299,7 @@ def sha256(path: str | Path) -> str:
     InputError
         If the file cannot be read.
     """
+    check_no_device(path)
     try:
         with open(path, "rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -86,7 +86,7 @@ _DATE = (
     r"|(?:19|20)\d{6})"  # 20211126
 )
 _WEEKDAY = r"(?:[^\W\d_]{2,10}\.?,?\s+)?"
-_ZONE = rf"(?:{'|'.join(_ZONES)}|(?:UTC|GMT)?[+-]\d{{1,2}}(?::?\d\d)?)"
+_ZONE = rf"(?:{'|'.join(_ZONES)}|(?:UTC|GMT)?[+\-−]\d{{1,2}}(?::?\d\d)?)"
 _CLOCK = (
     r"(?:(?P<days>\d{1,4})(?:[:.]|\s?d(?:ays?)?,?\s?))??"
     r"(?P<hour>\d{1,3}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3})?"
@@ -206,7 +206,7 @@ def _zone_s(zone: str | None) -> float | None:
     digits = re.sub(r"\D", "", zone)
     hours = float(digits[:2] if len(digits) in (2, 4) else digits[:1])
     minutes = float(digits[-2:]) if len(digits) > 2 else 0.0
-    sign = -1.0 if "-" in zone else 1.0
+    sign = -1.0 if "-" in zone or "−" in zone else 1.0
     return sign * (SECONDS_PER_HOUR * hours + 60 * minutes)
 
 

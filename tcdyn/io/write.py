@@ -41,6 +41,7 @@ LARGEST_PLAIN_NUMBER = 1e10
 SEARCHED_BYTES = 1 << 25
 FOOTER_BYTES = 1 << 16
 CHECKSUM_DIGITS = 16  # hexadecimal digits of a checksum that pages state
+FORMULA_STARTS = ("=", "+", "-", "@")  # first characters of a formula in spreadsheets
 DialectName = Literal["standard", "input"]
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 
@@ -584,7 +585,7 @@ def _csv_with_metadata(
     with atomic_path(file) as temporary_metadata, atomic_path(target) as temporary:
         temporary.write_bytes(_encoded(header, style))
         yield temporary
-        written_names = [_one_line(name) for name in names]
+        written_names = [_header_name(name) for name in names]
         content = metadata_text(written_names, metadata)
         temporary_metadata.write_text(content, encoding="utf-8", newline="\n")
         file.unlink(missing_ok=True)
@@ -625,7 +626,7 @@ def _parquet_appender(
         default = pa.string() if name in text else pa.float64()
         types_of_all.append((name, types.get(name, default)))
     schema = pa.schema(types_of_all, metadata=dict(metadata))
-    with pq.ParquetWriter(path, schema) as writer:
+    with pq.ParquetWriter(path, schema, write_page_checksum=True) as writer:
 
         def append(frame: pd.DataFrame) -> None:
             """Append the rows of a table."""
@@ -696,12 +697,47 @@ def _csv_cells(values: NDArray[Any]) -> pa.Array:
 def header_line(names: Sequence[str], separator: str = ",") -> str:
     """Header line of a CSV file.
 
-    Names with a separator or a quotation mark are quoted (RFC 4180).
+    Names with a separator or a quotation mark are quoted (RFC 4180); one that a spreadsheet would
+    calculate is neutralised.
 
-    >>> header_line(["time_s", "oven, left"])
-    'time_s,"oven, left"\\n'
+    >>> print(header_line(["time_s", "oven, left", "=1+1"]), end="")
+    time_s,"oven, left",'=1+1
     """
-    return separator.join(_quoted(_one_line(name), separator) for name in names) + "\n"
+    return separator.join(_quoted(_header_name(name), separator) for name in names) + "\n"
+
+
+def _header_name(name: object) -> str:
+    """The name of a column as it is in the header of a CSV file."""
+    return without_formula(_one_line(name))
+
+
+def without_formula(text: str) -> str:
+    """A text that a spreadsheet does not take for a formula: an apostrophe before =, +, - and @.
+
+    >>> without_formula("=1+1"), without_formula("T1")
+    ("'=1+1", 'T1')
+    """
+    return f"'{text}" if text.startswith(FORMULA_STARTS) else text
+
+
+def table_csv(table: pd.DataFrame, float_format: str | None = None) -> str:
+    """A table of results as CSV text, without formulas in headers and texts.
+
+    Parameters
+    ----------
+    table
+        The table.
+    float_format
+        Format of its numbers, as for ``DataFrame.to_csv``.
+
+    Examples
+    --------
+    >>> table_csv(pd.DataFrame({"log": ["@a.csv"], "beta": [-0.5]}))
+    "log,beta\\n'@a.csv,-0.5\\n"
+    """
+    safe = table.map(lambda cell: without_formula(cell) if isinstance(cell, str) else cell)
+    safe.columns = [without_formula(str(name)) for name in table.columns]
+    return str(safe.to_csv(index=False, float_format=float_format, lineterminator="\n"))
 
 
 def _quoted(name: str, separator: str) -> str:
@@ -734,7 +770,8 @@ def _write_parquet(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str])
     """Write a table as Parquet with its metadata as key-value pairs of the file."""
     from pyarrow import parquet as pq
 
-    pq.write_table(_arrow(frame).replace_schema_metadata(dict(metadata)), path)
+    table = _arrow(frame).replace_schema_metadata(dict(metadata))
+    pq.write_table(table, path, write_page_checksum=True)
 
 
 def _write_tdms(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:

@@ -24,6 +24,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns, json_text
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
+from tcdyn.io.read import check_no_device
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.rigfile import RigTables
@@ -356,6 +357,7 @@ def read_json(path: str | Path, expected: str, writer: str, called: str = "file"
     InputError
         No such file, or no JSON.
     """
+    check_no_device(path)
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         return json.loads(text, object_pairs_hook=_without_repeated_keys)

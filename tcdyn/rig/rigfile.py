@@ -27,6 +27,7 @@ from pydantic import (
 from tcdyn.core.errors import InputError, first_validation_error
 from tcdyn.core.findings import CHANNEL_NAME
 from tcdyn.core.result import Result
+from tcdyn.io.read import check_no_device
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, Conditioning, DiskSetup, Junction
 from tcdyn.rig.press_fit import NO_FIT, PressFit
@@ -311,6 +312,7 @@ def load_rig(path: str | Path | None = None) -> Rig:
     """
     if path is None:
         return parse_rig({}, "rig.toml")
+    check_no_device(path)
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         if DEEP_KEY.search(text):

@@ -29,7 +29,7 @@ from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import sha256
-from tcdyn.io.write import write_text
+from tcdyn.io.write import table_csv, write_text
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
 from tcdyn.workflows.campaign_results import (
@@ -44,7 +44,6 @@ from tcdyn.workflows.campaign_table import (
     campaign_table,
     comparison_table,
     read_compared,
-    table_csv,
     table_row,
 )
 
@@ -279,7 +278,7 @@ def run_campaign(
     ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
     table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
     if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
-        write_text(folder / TABLE_FILE, table_csv(table))
+        write_text(folder / TABLE_FILE, table_csv(table, "%.8g"))
     interchange = None if interchanged is None else _compare_interchange(ordered, interchanged)
     campaign = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
     if campaign is not None:

@@ -14,6 +14,7 @@ from typing import Any
 from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, CHECKSUM_KEY, verify_checksum
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
+from tcdyn.io.read import check_no_device
 
 RESULT_SUFFIX = ".beta.json"  # of the file of one test
 LOG_PREFIX = "EHL_"  # in front of a log's name, left out where many are counted
@@ -61,6 +62,7 @@ def read_given_result(path: Path, rig: str) -> dict[str, Any]:
     InputError
         If it cannot be read, was changed, or is of another rig or other records.
     """
+    check_no_device(path)
     try:
         data = read_result(path)
     except InputError:

@@ -126,11 +126,6 @@ def campaign_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=table_columns())
 
 
-def table_csv(table: pd.DataFrame) -> str:
-    """The table as CSV text: eight digits, so that rounding of the last bits does not show."""
-    return str(table.to_csv(index=False, float_format="%.8g", lineterminator="\n"))
-
-
 def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
     """Group (N,) of nearly equal sliding speed for each test (N,) [m/s], from 0 for the slowest.
 

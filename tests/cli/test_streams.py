@@ -1,0 +1,60 @@
+"""Exit code and standard output do not depend on whether standard error can be written."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tcdyn.cli.app import app, run
+from tcdyn.cli.streams import message_stream
+from tests.cli.fault_commands import small_files
+
+COMMAND = [sys.executable, "-m", "tcdyn.cli.app"]
+FULL = Path("/dev/full")
+
+
+def words_of(folder: Path) -> dict[str, list[str]]:
+    """A command that warns, one with bad input and one with a wrong option, by name."""
+    files = small_files(folder)
+    table = str(files["table"])
+    sensor = ["--sensor", str(files["sensor"])]
+    return {
+        "warns": ["compensate", table, *sensor, "--delay-s", "5", "--out", f"{folder}/o.csv"],
+        "bad input": ["compensate", table, "--sensor", "none.json"],
+        "wrong option": ["compensate", table, "--no-such-option"],
+    }
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this machine")
+@pytest.mark.parametrize("name", ["warns", "bad input"])
+def test_a_full_standard_error_changes_nothing(
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = words_of(tmp_path)[name]
+    code = run(lambda: app(words))
+    sound = capsys.readouterr()
+    assert sound.err
+    with FULL.open("w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stderr", message_stream(full))
+        assert run(lambda: app(words)) == code
+    assert capsys.readouterr().out == sound.out
+
+
+@pytest.mark.e2e
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this machine")
+@pytest.mark.parametrize("name", ["warns", "bad input", "wrong option"])
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-"])
+def test_a_process_with_a_full_or_closed_standard_error_ends_as_without(
+    name: str, redirection: str, tmp_path: Path
+) -> None:
+    words = [*COMMAND, *words_of(tmp_path)[name]]
+    sound = subprocess.run(words, capture_output=True, text=True)
+    shell = ["bash", "-c", f'"$@" {redirection}', "bash", *words]
+    faulty = subprocess.run(shell, stdout=subprocess.PIPE, text=True)
+    assert (faulty.returncode, faulty.stdout) == (sound.returncode, sound.stdout)
