@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import sys
+import tempfile
 from importlib import import_module
 from inspect import isclass, isfunction
 from pathlib import Path
@@ -39,7 +41,7 @@ exclude_patterns = ["_build", "_lab", "gallery"]
 
 # Pages with code cells are executed when the manual is built, each in a new folder; an error or an exit code other than
 # 0 is a warning, and so fails the build with -W. Their commands find this package; TCDYN_LAB is the folder of `tcdyn
-# demo`.
+# demo`. The pages are plain notebooks; `shell_cells.py` runs their commands here.
 nb_execution_mode = "force"
 nb_execution_in_temp = True
 nb_execution_show_tb = True
@@ -50,7 +52,11 @@ os.environ |= {
     "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
     "PYTHONPATH": str(HERE.parent),
     "COLUMNS": "100",
+    "IPYTHONDIR": tempfile.mkdtemp(),
 }
+startup = Path(os.environ["IPYTHONDIR"]) / "profile_default" / "startup"
+startup.mkdir(parents=True)
+shutil.copy(HERE / "shell_cells.py", startup)
 
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
