@@ -54,6 +54,7 @@ os.environ |= {
     "COLUMNS": "100",
     "IPYTHONDIR": tempfile.mkdtemp(),
 }
+os.environ.pop("MPLBACKEND", None)  # kernels show figures below their cells
 startup = Path(os.environ["IPYTHONDIR"]) / "profile_default" / "startup"
 startup.mkdir(parents=True)
 shutil.copy(HERE / "shell_cells.py", startup)
