@@ -72,6 +72,7 @@ sphinx_gallery_conf = {
     "min_reported_time": 600,
     "parallel": True,
     "notebook_extensions": [],
+    "capture_repr": (),  # no "<Axes ..>" below a figure
 }
 html_theme = "pydata_sphinx_theme"
 html_math_renderer = "mathml"  # rendered by the browser: no script, no network
