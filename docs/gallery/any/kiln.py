@@ -18,5 +18,5 @@ kiln = {f"T{k}_degC": 600 + 0.05 * t + 40 * np.sin(t / 250 + k / 3) for k in ran
 read = {k: lagged(true, 5.0, 60.0) + rng.normal(0, 0.5, len(t)) for k, true in kiln.items()}
 
 sensor = specified_sensor("K3", list(kiln), taus_s=[(60.0, 3.0)])
-log = pd.DataFrame(read, index=t)
-plot_traces(log, compensate_frame(log, sensor, time_unit="s"), "T3_degC", kiln["T3_degC"])
+log = pd.DataFrame(read, index=pd.Index(t, name="time_s"))
+plot_traces(log, compensate_frame(log, sensor), "T3_degC", kiln["T3_degC"])

@@ -10,18 +10,19 @@ import numpy as np
 import pandas as pd
 from shared import lagged, plot_traces
 
-from tcdyn import compensate_frame
-from tcdyn.sensors.current import current_sensor
+from tcdyn import compensate_frame, sensor_from_current
 
 dt, rng = 0.1, np.random.default_rng(2015)
 t = np.arange(0, 180, dt)
 on = np.where((t > 20) & (t < 80), 1.0, 0.0)
 warmed = 290 + 4 * lagged(on, dt, 6.0) + 1.5 * lagged(on, dt, 0.7)
-sensor = current_sensor(t, warmed + rng.normal(0, 0.02, len(t)), 60 * on, "R1_degC")
+heated = {"R1_degC": warmed + rng.normal(0, 0.02, len(t)), "I_mA": 60 * on}
+time = pd.Index(t, name="time_s")
+sensor = sensor_from_current(pd.DataFrame(heated, index=time), current="I_mA")
 print(sensor.summary())
 
 pipe = 290 + 12 * (1 - np.exp(-np.clip(t - 60, 0, None) / 4))
 logged = lagged(pipe, dt, 6.0, 0.7, 0.5) + rng.normal(0, 0.02, len(t))
-log = pd.DataFrame({"R1_degC": logged}, index=t)
-ax = plot_traces(log, compensate_frame(log, sensor, time_unit="s"), "R1_degC", pipe)
+log = pd.DataFrame({"R1_degC": logged}, index=time)
+ax = plot_traces(log, compensate_frame(log, sensor), "R1_degC", pipe)
 ax.set_xlim(40, 120)
