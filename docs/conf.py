@@ -257,8 +257,11 @@ def resolve_alias(app: Any, env: Any, node: Any, text: Any) -> Any:
     """Resolve a re-exported or imported name (``tcdyn.smooth``) to the place where it is defined."""
     if node.get("refdomain") != "py":
         return None
-    target, module = node["reftarget"], node.get("py:module")
-    for name in (target, f"{module}.{target}"):
+    target = node["reftarget"]
+    # a page of a public name refers to the module in which the name is defined
+    documented = _object_at(node["refdoc"].rpartition("/")[2])
+    modules = (node.get("py:module"), getattr(documented, "__module__", ""), *PUBLIC_MODULES)
+    for name in (target, *(f"{module}.{target}" for module in modules)):
         thing = _object_at(name)
         definition = f"{getattr(thing, '__module__', '')}.{getattr(thing, '__qualname__', '')}"
         if thing is not None and definition != target:

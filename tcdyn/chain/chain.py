@@ -31,6 +31,7 @@ from tcdyn.chain.rational import (
 )
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.labels import with_labels
 from tcdyn.core.result import Result
 from tcdyn.rig.disk import Conditioning
 
@@ -325,7 +326,8 @@ class Chain(Result):
         Parameters
         ----------
         u
-            Input (N,) or (N, M), one column a channel; the response has the same shape.
+            Input (N,) or (N, M), one column a channel; the response has the same shape, and the
+            labels of a Series or DataFrame.
         dt_s
             Sampling interval [s].
         hold
@@ -338,11 +340,13 @@ class Chain(Result):
         -------
         Response, in the shape and unit of ``u``.
         """
-        u = np.asarray(u, dtype=float)
+        values = np.asarray(u, dtype=float)
         system = realise(self.rational, sensitivities=False)
-        table = u.reshape(len(u), -1)
+        table = values.reshape(len(values), -1)
         columns = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
-        return np.stack(columns, axis=1).reshape(u.shape)
+        response = np.stack(columns, axis=1).reshape(values.shape)
+        labelled: NDArray[np.float64] = with_labels(response, u)
+        return labelled
 
     def discrete(
         self, dt_s: float, hold: Hold = "foh"

@@ -98,6 +98,15 @@ def even_interval_s(index: pd.Index[Any], where: str) -> float | None:
     return interval_s
 
 
+def with_labels(values: Array, template: Any) -> Any:
+    """``values`` as a Series or DataFrame with the labels of ``template``, if that is one."""
+    if isinstance(template, pd.Series):
+        return pd.Series(values, template.index, name=template.name)
+    if isinstance(template, pd.DataFrame):
+        return pd.DataFrame(values, template.index, template.columns)
+    return values
+
+
 def labels_of(values: Any) -> tuple[str, ...]:
     """Names of the columns of a DataFrame, or of a Series; empty for others, or without a name."""
     if isinstance(values, pd.DataFrame):

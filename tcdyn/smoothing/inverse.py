@@ -22,6 +22,7 @@ from tcdyn.chain import Chain, discretised
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
+from tcdyn.core.labels import labels_of
 from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.record import Compensated, channel_names, record_of
@@ -195,7 +196,7 @@ def invert(
     record = record_of(y, dt_s, chains, (), noise_sd, names)
     sd = record.noise_sd
     x, lag, slope, sd_noise = np.empty((4, *record.y.shape))
-    names = channel_names(names, len(sd))
+    names = names or labels_of(y) or channel_names(None, len(sd))
     for c, chain in enumerate(record.chains):
         f = proper_inverse(chain, dt_s, bandwidth_Hz)
         x[:, c] = f(record.y[:, c])
@@ -218,7 +219,7 @@ def invert(
         method=f"proper inverse, {bandwidth_Hz:g} Hz",
         findings=record.findings,
     )
-    return result.with_undetermined(record.y, names)
+    return result.with_undetermined(record.y, names).with_labels(y, names)
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:

@@ -25,6 +25,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import text_with_u
 from tcdyn.core.findings import Finding, info_or_warning, warning
+from tcdyn.core.labels import common_index, labels_of
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import (
     SPIKES,
@@ -513,6 +514,14 @@ class Compensated(Result):
             split,
             time_s=np.arange(n, dtype=np.float64) * dt_s,
             **fields,
+        )
+
+    def with_labels(self, y: Any, names: Sequence[str] | None) -> Compensated:
+        """The result with ``names``, or those of the readings ``y``, and with their index."""
+        return replace(
+            self,
+            names=tuple(names or labels_of(y)),
+            index=common_index([y], "the readings"),
         )
 
     def with_undetermined(self, y: Array, names: Sequence[str]) -> Compensated:

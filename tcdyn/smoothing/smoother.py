@@ -234,10 +234,9 @@ def smooth(
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=tuple(intensities),
-        names=tuple(names or ()),
-        index=index,
     )
-    return result.with_undetermined(record.y, channel_names(names, n_channels))
+    result = result.with_undetermined(record.y, channel_names(names, n_channels))
+    return result.with_labels(y, names)
 
 
 def _as_intensities(
@@ -467,7 +466,8 @@ def deconvolve(
         split_u_s=split_u_s,
         static_u=static_u,
     )
-    return replace(result, method=f"regularised deconvolution, weight by {criterion}"), tradeoff
+    result = replace(result, method=f"regularised deconvolution, weight by {criterion}")
+    return result.with_labels(y, names), tradeoff
 
 
 @one_blas_thread

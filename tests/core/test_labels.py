@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.core.labels import common_index, even_interval_s, labels_of, seconds_of_index
+from tcdyn.smoothing import deconvolve, invert, smooth
 
 
 def test_interval_is_that_of_clock_times_durations_and_numbers() -> None:
@@ -41,3 +43,22 @@ def test_labels_are_those_of_columns_and_series() -> None:
     assert labels_of(pd.DataFrame({"a": [1], 2: [3]})) == ("a", "2")
     assert labels_of(pd.Series([1.0], name="T")) == ("T",)
     assert labels_of(pd.Series([1.0])) == labels_of([1.0]) == ()
+
+
+def test_responses_and_compensated_traces_have_the_index_of_the_readings() -> None:
+    index = pd.date_range("2026-03-01", periods=60, freq="100ms")
+    table = pd.DataFrame(
+        {"a": np.linspace(20.0, 30.0, 60), "b": np.linspace(30.0, 20.0, 60)}, index
+    )
+    readings = Chain(0.5).response(table, 0.1)
+    pd.testing.assert_index_equal(readings.columns, table.columns)
+    assert Chain(0.5).response(table["a"], 0.1).equals(readings["a"])
+    readings += np.random.default_rng(0).normal(0.0, 0.05, readings.shape)
+    for result in (
+        smooth(readings, None, 0.5, find_events=False),
+        deconvolve(readings, 0.1, 0.5)[0],
+        invert(readings, 0.1, 0.5, 1.0),
+    ):
+        frame = result.to_frame()
+        assert frame.index.equals(index)
+        assert list(frame) == ["a_degC", "a_u_K", "b_degC", "b_u_K"]
