@@ -184,11 +184,14 @@ class _Converter:
         self.y_name = y_name
         self.layout = layout
         self.named: set[str] = set()
-        # Error bars and bars have the label of their container.
+        # Error bars and bars belong to the label of their container; the first has the entry.
         self.label_of: dict[int, str] = {}
+        self.group_of: dict[int, str] = {}
         for container in ax.containers:
+            label = _label(container)
             members = container.get_children()
-            self.label_of |= {id(member): _label(container) for member in members}
+            self.group_of |= {id(member): label for member in members}
+            self.label_of[id(container[0] or members[0])] = label
         # An artist without a label belongs to the labelled one of the same style.
         self.label_of_style: dict[tuple[str, ...], str] = {}
         for line in ax.lines:
@@ -253,10 +256,9 @@ class _Converter:
     def _name(self, artist: Any, item: dict[str, Any]) -> None:
         """Give a trace or shape its group, and one of each group its entry in the legend."""
         label = self.label_of.get(id(artist), "") or _label(artist)
-        group = label
+        group = artist.get_gid() or label or self.group_of.get(id(artist), "")
         if not group and isinstance(artist, Line2D):
             group = self.label_of_style.get(_style(artist), "")
-        group = artist.get_gid() or group
         # A band with a label of its own belongs to its line, which has the entry.
         item["showlegend"] = bool(label) and label == group and group not in self.named
         if group:

@@ -71,7 +71,8 @@ def test_error_bars_have_their_ends_and_are_switched_with_their_markers() -> Non
 
     traces = chart_of(draw)["data"]
     assert {trace["legendgroup"] for trace in traces} == {"95 %"}
-    assert sum(trace["showlegend"] for trace in traces) == 1
+    (entry,) = [trace for trace in traces if trace["showlegend"]]
+    assert entry["marker"]["symbol"] == "diamond"
     points = {(x, y) for trace in traces for x, y in zip(trace["x"], trace["y"]) if x is not None}
     assert points == {(0.7, 1.0), (0.69, 1.0), (0.72, 1.0)}
     for trace in traces:
