@@ -20,6 +20,7 @@ from tcdyn.plots.style import DARK, figure, panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, to_table
 from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.rigfile import Rig
 from tcdyn.smoothing.inverse import (
     proper_inverse,
     report_inverse,
@@ -30,7 +31,7 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.follow import FollowRun
-from tcdyn.workflows.log_source import Calibrations, RawLog
+from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
 from tcdyn.workflows.traces import compensated_traces
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
@@ -162,15 +163,19 @@ def write_follow_report(
     out: Path,
     records: Calibrations,
     files: Sequence[Path] = (),
+    rig: Rig | None = None,
+    options: TableOptions | None = None,
 ) -> Path:
     """Write the page of a log that was compensated live, and return its path.
 
     It has one channel before and after, and the noise and uncertainty of all. ``out``: the output
-    of the run; ``files``: those of the records, in their order.
+    of the run; ``files``: those of the records, in their order; ``rig`` and ``options``: those of
+    the run.
     """
-    log = run.log
-    assert log is not None  # a run that never saw the header of its log has no page
-    name = log.source.path.name
+    assert run.log is not None  # a run that never saw the header of its log has no page
+    log_path = run.log.source.path
+    name = log_path.name
+    log = raw_log(log_path, open_log_table(log_path, records, rig), records, rig, options or {})
     notes = {**log.notes, "delay_s": f"{run.delay_s:g}"}
     assumptions: list[str] = []
     sources = [("log", name, f"{run.rows_written} rows followed", "")]
