@@ -147,7 +147,7 @@ def follow(
     if report is not None and done.log is not None:
         from tcdyn.report.compensate import write_follow_report
 
-        page = write_follow_report(report, done, out, records, record or ())
+        page = write_follow_report(report, done, out, records, record or (), rig_table, options)
         reporter.files(report=page)
     reporter.finish(log.name, done.findings)
 

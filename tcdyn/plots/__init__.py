@@ -26,7 +26,6 @@ from tcdyn.plots.conduction import (
     draw_comparison,
     draw_convergence,
     draw_field,
-    draw_map_errors,
     draw_mesh_errors,
     draw_profiles,
 )
@@ -95,7 +94,6 @@ __all__ = [
     "draw_lines",
     "draw_log",
     "draw_map",
-    "draw_map_errors",
     "draw_mesh_errors",
     "draw_middle_plane",
     "draw_oven_residuals",

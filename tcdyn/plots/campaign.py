@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from tcdyn.campaign import JoinedCampaign
@@ -289,9 +290,9 @@ def draw_junction_map(
     depth_mm = [1e3 * setup.junctions[c].depth_m for c in names]
     levels = [temperature_degC[f"{setup.name}_{c}"] for c in names]
     low, high = limits_degC or (min(levels), max(levels))
-    colours: dict[str, Any] = {"cmap": "cividis", "vmin": low, "vmax": high}
-    ax.scatter(z_mm, depth_mm, c=levels, s=160, edgecolors=TRUTH, **colours)
     for name, x, y, level in zip(names, z_mm, depth_mm, levels):
+        shade = colormaps["cividis"]((level - low) / (high - low or 1.0))
+        ax.plot(x, y, "o", color=shade, markeredgecolor=TRUTH, markersize=12)
         label = f"{name} {level:.1f}"
         ax.annotate(label, (x, y), (0, -13), textcoords="offset points", ha="center", va="top")
     ax.set_xlim(0, 1e3 * setup.width_m)

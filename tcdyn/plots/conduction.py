@@ -198,45 +198,6 @@ def draw_mesh_errors(
     return style_axes(ax, "time [s]", y, legend_title="crosses: published")
 
 
-def draw_map_errors(
-    error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes | None = None
-) -> Axes:
-    """Plot a steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
-
-    The map of a test is ``tcdyn.plots.partition.draw_map``.
-
-    Parameters
-    ----------
-    error_K
-        Misfit (H, B) [K].
-    h_W_m2K
-        Heat transfer coefficients (H,).
-    share
-        Shares of the heat (B,).
-    ax
-        Axes to plot into; None: those of a new figure.
-
-    Returns
-    -------
-    ax
-        The same axes.
-
-    Examples
-    --------
-    >>> import matplotlib.pyplot as plt
-    >>> h_W_m2K = np.linspace(5.0, 40.0, 8)
-    >>> share = np.linspace(0.3, 0.7, 5)
-    >>> misfit_K = np.abs(h_W_m2K[:, None] - 20.0) / 10.0 + 20.0 * np.abs(share - 0.45)
-    >>> draw_map_errors(misfit_K, h_W_m2K, share, plt.figure().subplots()).get_xlabel()
-    'h [W/m²K]'
-    """
-    ax = axes_of(ax)
-    misfit = np.asarray(error_K).T
-    filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), misfit, levels=20, cmap="viridis")
-    ax.figure.colorbar(filled, ax=ax, label="misfit [K]")
-    return style_axes(ax, "h [W/m²K]", "share of the heat")
-
-
 def verify_figures() -> dict[str, Figure]:
     """Return the figures of the verification report by caption."""
     checks = (studies.transient_check(), studies.steady_check())

@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from tcdyn.core.errors import InputError
 from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_traces
 from tcdyn.plots.style import DARK, figure, panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, to_table
 from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.rigfile import Rig
 from tcdyn.smoothing.inverse import (
     proper_inverse,
     report_inverse,
@@ -29,7 +31,7 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.follow import FollowRun
-from tcdyn.workflows.log_source import Calibrations, RawLog
+from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
 from tcdyn.workflows.traces import compensated_traces
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
@@ -161,24 +163,27 @@ def write_follow_report(
     out: Path,
     records: Calibrations,
     files: Sequence[Path] = (),
+    rig: Rig | None = None,
+    options: TableOptions | None = None,
 ) -> Path:
     """Write the page of a log that was compensated live, and return its path.
 
     It has one channel before and after, and the noise and uncertainty of all. ``out``: the output
-    of the run; ``files``: those of the records, in their order.
+    of the run; ``files``: those of the records, in their order; ``rig`` and ``options``: those of
+    the run.
     """
-    log = run.log
-    assert log is not None  # a run that never saw the header of its log has no page
-    name = log.source.path.name
-    trace, n_rows = _followed(log, out)
+    assert run.log is not None  # a run that never saw the header of its log has no page
+    log_path = run.log.source.path
+    name = log_path.name
+    log = raw_log(log_path, open_log_table(log_path, records, rig), records, rig, options or {})
     notes = {**log.notes, "delay_s": f"{run.delay_s:g}"}
     assumptions: list[str] = []
-    sources = [("log", name, f"{n_rows} rows followed", "")]
+    sources = [("log", name, f"{run.rows_written} rows followed", "")]
     if isinstance(records, Mapping):
         assumptions = compensation_assumptions(records, "smoother")
         sources += record_rows(records, files)
     sections = [
-        trace,
+        _followed(log, out),
         Section("Noise and uncertainty of each channel", table=run.numbers.round(4)),
         Section(
             "Metadata of the output",
@@ -305,16 +310,18 @@ def _filter_section(
     )
 
 
-def _followed(log: RawLog, out: Path) -> tuple[Section, int]:
-    """Return the section of one channel before and after live compensation, and its row count."""
+def _followed(log: RawLog, out: Path) -> Section:
+    """Return the section of one channel before and after live compensation."""
     names = list(log.channels.units)
     name = next((n for n in names if n.endswith("e_degC")), names[0])
-    traces = compensated_traces(log, out, [name])
+    try:
+        traces = compensated_traces(log, out, [name])
+    except InputError as problem:  # the log was changed, or its last row is not complete
+        return Section(name, f"No figure: the log cannot be read again ({problem}).")
     y = f"temperature [{traces[0].unit}]".replace("degC", "°C")
     fig = panel_figure(partial(draw_traces, traces, y), height_in=4.0)
     caption = (
         "Pale: as logged, before the static line; spikes may lie outside. Line: at the junction, "
         "with its 95 % band."
     )
-    section = Section(f"{traces[0].name}, as it was followed", figure=fig, caption=caption)
-    return section, len(traces[0].compensated)
+    return Section(f"{traces[0].name}, as it was followed", figure=fig, caption=caption)

@@ -14,11 +14,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgba
-from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -28,6 +26,7 @@ from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedLocator
 from numpy.typing import ArrayLike
 
+from tcdyn.core import Array
 from tcdyn.plots.style import PANEL_LETTER
 
 PX_PER_INCH = 100.0  # a figure of 8.5 to 10 inches fills the width of a page
@@ -48,6 +47,8 @@ MARKERS = {
     "X": "x",
     "x": "x-thin",
     "*": "star",
+    "|": "line-ns",
+    "_": "line-ew",
 }
 UNIT = re.compile(r"\[([^\]]*)\]")
 
@@ -183,6 +184,14 @@ class _Converter:
         self.y_name = y_name
         self.layout = layout
         self.named: set[str] = set()
+        # Error bars and bars belong to the label of their container; the first has the entry.
+        self.label_of: dict[int, str] = {}
+        self.group_of: dict[int, str] = {}
+        for container in ax.containers:
+            label = _label(container)
+            members = container.get_children()
+            self.group_of |= {id(member): label for member in members}
+            self.label_of[id(container[0] or members[0])] = label
         # An artist without a label belongs to the labelled one of the same style.
         self.label_of_style: dict[tuple[str, ...], str] = {}
         for line in ax.lines:
@@ -191,24 +200,13 @@ class _Converter:
 
     def traces(self) -> list[Trace]:
         """Return the traces in the order in which they are drawn."""
-        traces: list[tuple[float, Trace]] = []
-        members: set[int] = set()
-        for container in self.ax.containers:
-            members |= {id(artist) for artist in _members(container)}
-            zorder = max(artist.get_zorder() for artist in _members(container))
-            if isinstance(container, ErrorbarContainer):
-                traces.append((zorder, self._error_bars(container)))
-            elif isinstance(container, BarContainer):
-                traces.append((zorder, self._bars(container)))
-            else:
-                raise NotConvertible(type(container).__name__)
-        for artist in (*self.ax.patches, *self.ax.collections, *self.ax.lines, *self.ax.images):
-            if id(artist) not in members and artist.get_visible():
-                traces += [(artist.get_zorder(), trace) for trace in self._traces_of(artist)]
+        artists = [*self.ax.patches, *self.ax.collections, *self.ax.lines, *self.ax.images]
+        artists.sort(key=lambda artist: artist.get_zorder())
+        traces = [trace for artist in artists for trace in self._traces_of(artist)]
         for text in self.ax.texts:
             if text.get_gid() != PANEL_LETTER and text.get_text():
                 self.layout["annotations"].append(self._annotation(text))
-        return [trace for _, trace in sorted(traces, key=lambda pair: pair[0])]
+        return traces
 
     def _traces_of(self, artist: Any) -> Iterable[Trace]:
         """Return the traces of an artist; of one across the axes none, but a shape."""
@@ -225,7 +223,7 @@ class _Converter:
             return ()
         if isinstance(artist, Patch):
             path = artist.get_patch_transform().transform_path(artist.get_path())
-            return (self._area(artist, [path], artist.get_facecolor()),)
+            return (self._area(artist, [path], artist.get_facecolor(), artist.get_edgecolor()),)
         if isinstance(artist, ContourSet):
             return self._levels(artist)
         if isinstance(artist, PolyCollection):
@@ -234,32 +232,33 @@ class _Converter:
             colour = artist.get_color()[0]
             width = float(np.ravel(artist.get_linewidth())[0])
             return (self._outline(artist, artist.get_paths(), colour, width),)
-        if isinstance(artist, PathCollection):
-            return (self._scatter(artist),)
         raise NotConvertible(type(artist).__name__)
 
     def _trace(self, artist: Any, x: ArrayLike, y: ArrayLike, **options: Any) -> Trace:
         """Return a trace with name, group and hover text."""
-        trace: Trace = {"x": _numbers(x), "y": _numbers(y), "yaxis": self.y_name, **options}
-        trace.setdefault("type", "scatter")
+        trace: Trace = {"type": "scatter", "yaxis": self.y_name, **options}
         self._name(artist, trace)
+        hover = []
+        for name, values in (("x", x), ("y", y)):
+            trace[name] = _numbers(values)
+            axis = self._layout_of(name)
+            names = _names(axis, np.asarray(values, dtype=float))
+            if names:
+                trace["text"] = names
+                hover.append("%{text}")
+            else:
+                hover.append(f"%{{{name}:.5~g}} {_unit(axis['title']['text'])}".rstrip())
         if "hoverinfo" not in trace:
             name = trace.get("legendgroup", "")
-            x_text = _hover("x", self.layout["xaxis"])
-            y_text = _hover("y", self.layout[f"yaxis{self.y_name[1:]}"])
-            trace["hovertemplate"] = f"{x_text}<br>{y_text}<extra>{name}</extra>"
-            if "text" in trace:
-                trace["hovertemplate"] = f"%{{text}}<extra>{name}</extra>"
+            trace["hovertemplate"] = f"{'<br>'.join(hover)}<extra>{name}</extra>"
         return trace
 
     def _name(self, artist: Any, item: dict[str, Any]) -> None:
         """Give a trace or shape its group, and one of each group its entry in the legend."""
-        label = _label(artist)
-        group = label
+        label = self.label_of.get(id(artist), "") or _label(artist)
+        group = artist.get_gid() or label or self.group_of.get(id(artist), "")
         if not group and isinstance(artist, Line2D):
             group = self.label_of_style.get(_style(artist), "")
-        if isinstance(artist, Artist):
-            group = artist.get_gid() or group
         # A band with a label of its own belongs to its line, which has the entry.
         item["showlegend"] = bool(label) and label == group and group not in self.named
         if group:
@@ -282,68 +281,6 @@ class _Converter:
         if not len(x):  # only an entry of the legend
             x = y = np.array([np.nan])
         return self._trace(line, x, y, mode="+".join(modes) or "none", **options)
-
-    def _error_bars(self, container: Any) -> Trace:
-        """Return markers with error bars, whose hover text has the ends of the bars."""
-        line, _, collections = container.lines
-        segments = [np.array(collection.get_segments()) for collection in collections]
-        if line is None:
-            x, y = segments[0].mean(axis=1).T
-            colour = collections[0].get_color()[0]
-            options: Trace = {"marker": {"opacity": 0.0, "color": to_hex(colour)}}
-        else:
-            x, y = np.asarray(line.get_xydata(), dtype=float).T
-            colour = line.get_color()
-            options = {"marker": _marker(line) or {"opacity": 0.0}}
-        names = [
-            name for name, has in (("x", container.has_xerr), ("y", container.has_yerr)) if has
-        ]
-        texts = [
-            [_point_text(value, self._layout_of(name)) for value in values]
-            for name, values in (("x", x), ("y", y))
-        ]
-        for name, ends, collection in zip(names, segments, collections):
-            index = "xy".index(name)
-            low, high = ends[:, 0, index], ends[:, 1, index]
-            centre = (x, y)[index]
-            options[f"error_{name}"] = {
-                "array": _numbers(high - centre),
-                "arrayminus": _numbers(centre - low),
-                "color": to_hex(collection.get_color()[0]),
-                "thickness": 1.3 * float(collection.get_linewidth()[0]),
-                "width": 3,
-            }
-            texts[index] = [
-                f"{text} ({a:.4g} to {b:.4g})" for text, a, b in zip(texts[index], low, high)
-            ]
-        text = [f"{a}<br>{b}" for a, b in zip(*texts)]
-        return self._trace(container, x, y, mode="markers", text=text, **options)
-
-    def _bars(self, container: Any) -> Trace:
-        """Return bars."""
-        first = container.patches[0]
-        is_vertical = container.orientation == "vertical"
-        corner = np.array([bar.get_xy() for bar in container.patches], dtype=float)
-        size = np.array([(bar.get_width(), bar.get_height()) for bar in container.patches])
-        middle = corner + size / 2
-        across, along = (0, 1) if is_vertical else (1, 0)
-        positions = [middle[:, 0], middle[:, 1]]
-        positions[along] = size[:, along]
-        marker: dict[str, Any] = {
-            "color": _rgba(first.get_facecolor()),
-            "line": {"color": _rgba(first.get_edgecolor()), "width": 1},
-        }
-        if first.get_hatch():
-            marker["pattern"] = {"shape": "/", "fgcolor": to_hex(first.get_edgecolor())}
-        return self._trace(
-            container,
-            *positions,
-            type="bar",
-            orientation="v" if is_vertical else "h",
-            width=_numbers(size[:, across]),
-            base=_numbers(corner[:, along]),
-            marker=marker,
-        )
 
     def _levels(self, contours: Any) -> list[Trace]:
         """Return one trace for each level of a contour plot, named by its values."""
@@ -373,37 +310,20 @@ class _Converter:
             traces.append(_colour_scale(shades, levels[0], levels[-1], label))
         return traces
 
-    def _area(self, artist: Any, paths: Sequence[Path], colour: Any) -> Trace:
-        """Return closed outlines that are filled."""
+    def _area(self, artist: Any, paths: Sequence[Path], colour: Any, edge: Any = None) -> Trace:
+        """Return closed outlines that are filled; only those with an edge have hover text."""
         x, y = _joined(polygon for path in paths for polygon in path.to_polygons())
-        return self._trace(
-            artist,
-            x,
-            y,
-            mode="lines",
-            line={"width": 0.5 if to_rgba(colour)[3] == 1.0 else 0, "color": to_hex(colour)},
-            fill="toself",
-            fillcolor=_rgba(colour),
-            hoverinfo="skip",
-        )
+        line = {"width": 0.5 if to_rgba(colour)[3] == 1.0 else 0, "color": to_hex(edge or colour)}
+        style: Trace = {"mode": "lines", "line": line, "fill": "toself", "fillcolor": _rgba(colour)}
+        if edge is None:
+            style["hoverinfo"] = "skip"
+        return self._trace(artist, x, y, **style)
 
     def _outline(self, artist: Any, paths: Sequence[Path], colour: Any, width: float) -> Trace:
         """Return lines that are not connected with each other."""
         x, y = _joined(p for path in paths for p in path.to_polygons(closed_only=False))
         line = {"color": to_hex(colour), "width": 1.3 * width}
         return self._trace(artist, x, y, mode="lines", line=line)
-
-    def _scatter(self, points: Any) -> Trace:
-        """Return the markers of ``Axes.scatter``."""
-        x, y = np.asarray(points.get_offsets(), dtype=float).T
-        colours = [_rgba(colour) for colour in points.get_facecolor()]
-        marker = {
-            "color": colours if len(colours) == len(x) else colours[0],
-            "size": _numbers(1.3 * np.sqrt(points.get_sizes()))
-            * (len(x) // len(points.get_sizes())),
-            "line": {"width": 1, "color": to_hex(points.get_edgecolor()[0])},
-        }
-        return self._trace(points, x, y, mode="markers", marker=marker)
 
     def _shape(
         self, kind: str, artist: Any, across: Sequence[bool], ends: Any, style: dict[str, Any]
@@ -456,14 +376,6 @@ class _Converter:
     def _layout_of(self, name: str) -> dict[str, Any]:
         """Return the layout of the axis "x" or "y"."""
         return self.layout["xaxis" if name == "x" else f"yaxis{self.y_name[1:]}"]
-
-
-def _members(container: Any) -> list[Any]:
-    """Return the artists of a container."""
-    if isinstance(container, BarContainer):
-        return list(container.patches)
-    line, caps, bars = container.lines
-    return [artist for artist in (line, *caps, *bars) if artist is not None]
 
 
 def _label(artist: Any) -> str:
@@ -535,18 +447,13 @@ def _unit(label: str) -> str:
     return found[1] if found and found[1] != "1" else ""
 
 
-def _hover(name: str, axis: dict[str, Any]) -> str:
-    """Return the template of a coordinate with its unit."""
-    return f"%{{{name}:.5~g}} {_unit(axis['title']['text'])}".rstrip()
-
-
-def _point_text(value: float, axis: dict[str, Any]) -> str:
-    """Return a coordinate with its unit, or the label of its tick on an axis of names."""
+def _names(axis: dict[str, Any], values: Array) -> list[str]:
+    """Return the labels of the ticks nearest to ``values``; empty for an axis of numbers."""
     ticks = axis.get("ticktext", [])
-    if ticks and not re.match(r"[-−\d.]", ticks[0]):
-        nearest = int(np.argmin(np.abs(np.array(axis["tickvals"]) - value)))
-        return str(ticks[nearest])
-    return f"{value:.5g} {_unit(axis['title']['text'])}".rstrip()
+    if not ticks or re.match(r"[-−\d.]", ticks[0]):
+        return []
+    nearest = np.abs(np.subtract.outer(values, axis["tickvals"])).argmin(axis=1)
+    return [ticks[k] for k in nearest]
 
 
 def _colour_scale(shades: Any, low: float, high: float, label: str) -> Trace:

@@ -23,7 +23,6 @@ def test_every_plot_returns_the_given_axes(rim, points):
         (plots.draw_comparison, (comparison,)),
         (plots.draw_convergence, ([Convergence("c", (9, 17), (0.4, 0.1))],)),
         (plots.draw_mesh_errors, (errors, {"I": (1.0, 0.5, 0.2, 0.1)})),
-        (plots.draw_map_errors, (np.ones((3, 4)) * np.arange(4), [1, 2, 3], [0.1, 0.2, 0.3, 0.4])),
     ):
         ax = axes()
         assert draw(*args, ax) is ax

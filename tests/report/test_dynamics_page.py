@@ -4,8 +4,6 @@ band."""
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -15,8 +13,8 @@ from tcdyn.identification import IOData, compare
 from tcdyn.report.compensate import _followed
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
-from tcdyn.sensors.units import Unit
-from tcdyn.workflows.log_source import RawLog
+from tcdyn.sensors.file import specified_sensor
+from tcdyn.workflows.log_source import open_log_table, raw_log
 from tests.identify.identify_cases import PLAIN, case_a
 
 
@@ -40,18 +38,18 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     tmp_path: Path, marks: tuple[str, str]
 ) -> None:
     """Readings from 20 to 60 degC with u of 0.5 K: half the band is 1.96 u; the margin is a tenth
-    of 40 K plus one."""
+    of 40 K. A spike of the log does not count."""
     t = np.linspace(0.0, 10.0, 5)
     x = np.array([20.0, 30.0, 60.0, 50.0, 40.0])
     frame = pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5})
     frame.to_csv(tmp_path / "o.csv", index=False, sep=marks[0], decimal=marks[1])
-    source = SimpleNamespace(path=tmp_path / "log.csv", time="time_s")
-    channels = SimpleNamespace(units={"e_degC": Unit()})
-    log = cast(RawLog, SimpleNamespace(source=source, channels=channels))
-    # other column names: no readings are plotted
-    (tmp_path / "log.csv").write_text("t,T\n0,20\n", encoding="utf-8")
-    section, rows = _followed(log, tmp_path / "o.csv")
-    assert rows == 5
+    readings = np.array([20.0, 30.0, 999.0, 50.0, 40.0])
+    logged = pd.DataFrame({"time_s": t, "e_degC": readings})
+    logged.to_csv(tmp_path / "log.csv", index=False, sep=marks[0], decimal=marks[1])
+    sensor = specified_sensor("probe", ["e_degC"], [(1.0, 0.1)])
+    table = open_log_table(tmp_path / "log.csv", [sensor], None)
+    log = raw_log(tmp_path / "log.csv", table, [sensor], None, {})
+    section = _followed(log, tmp_path / "o.csv")
     assert section.figure is not None
     (ax,) = section.figure.axes
     corners = ax.collections[0].get_paths()[0].vertices
@@ -59,7 +57,7 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
         ends = corners[np.isclose(corners[:, 0], time), 1]
         # 1.95996
         assert (ends.min(), ends.max()) == pytest.approx((value - 0.98, value + 0.98), abs=1e-4)
-    assert ax.get_ylim() == pytest.approx((15.0, 65.0))
+    assert ax.get_ylim() == pytest.approx((16.0, 64.0))
 
 
 def test_page_of_an_unrelated_output_says_so_and_has_no_response(tmp_path: Path) -> None:

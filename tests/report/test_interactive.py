@@ -63,24 +63,34 @@ def test_unlabelled_line_belongs_to_the_entry_of_its_style() -> None:
     assert "legendgroup" not in second
 
 
-def test_error_bars_have_both_ends_in_length_and_in_words() -> None:
+def test_error_bars_have_their_ends_and_are_switched_with_their_markers() -> None:
     def draw(ax: Any) -> None:
-        ax.errorbar([0.7], [1.0], xerr=[[0.01], [0.02]], fmt="D", label="joint fit")
+        ax.errorbar([0.7], [1.0], xerr=[[0.01], [0.02]], fmt="D", capsize=3, label="95 %")
         ax.set_yticks([0.0, 1.0], ["speed law", "joint fit"])
         style_axes(ax, "beta [1]", "")
 
-    (bar,) = chart_of(draw)["data"]
-    assert bar["error_x"]["array"] == pytest.approx([0.02])
-    assert bar["error_x"]["arrayminus"] == pytest.approx([0.01])
-    assert bar["text"] == ["0.7 (0.69 to 0.72)<br>joint fit"]
+    traces = chart_of(draw)["data"]
+    assert {trace["legendgroup"] for trace in traces} == {"95 %"}
+    (entry,) = [trace for trace in traces if trace["showlegend"]]
+    assert entry["marker"]["symbol"] == "diamond"
+    points = {(x, y) for trace in traces for x, y in zip(trace["x"], trace["y"]) if x is not None}
+    assert points == {(0.7, 1.0), (0.69, 1.0), (0.72, 1.0)}
+    for trace in traces:
+        assert trace["text"][0] == "joint fit"
+        assert trace["hovertemplate"] == "%{x:.5~g}<br>%{text}<extra>95 %</extra>"
 
 
-def test_bars_stand_at_their_positions_with_their_lengths() -> None:
-    (upright,) = chart_of(lambda ax: ax.bar([0.0, 1.0], [3.0, 5.0], width=0.5))["data"]
-    assert (upright["x"], upright["y"], upright["width"]) == ([0.0, 1.0], [3.0, 5.0], [0.5, 0.5])
-    (lying,) = chart_of(lambda ax: ax.barh([2.0], [0.1], hatch="////"))["data"]
-    assert (lying["orientation"], lying["x"], lying["y"]) == ("h", [0.1], [2.0])
-    assert lying["marker"]["pattern"]["shape"] == "/"
+def test_bars_are_rectangles_at_their_positions_with_their_lengths() -> None:
+    chart = chart_of(lambda ax: ax.barh([0.0, 1.0], [3.0, 5.0], height=0.5, label="u"))
+    first, second = chart["data"]
+    assert {(x, y) for x, y in zip(second["x"], second["y"]) if x is not None} == {
+        (0.0, 0.75),
+        (0.0, 1.25),
+        (5.0, 0.75),
+        (5.0, 1.25),
+    }
+    assert [trace["showlegend"] for trace in (first, second)] == [True, False]
+    assert first["legendgroup"] == second["legendgroup"] == "u"
 
 
 def test_lines_and_bands_across_the_axes_are_shapes_with_an_entry() -> None:

@@ -39,7 +39,7 @@ function draw(figure, content) {
   figure.classList.add("interactive");
   const touch = matchMedia("(pointer: coarse)").matches;
   const axis = { automargin: true, zeroline: false, gridcolor: "#ddd", linecolor: "#888", ticks: "outside", exponentformat: "none", tickmode: "auto" };
-  const legend = { orientation: "h", xref: "container", yref: "container", x: 0, y: 0, yanchor: "bottom", font: { size: 11 }, itemsizing: "constant" };
+  const legend = { orientation: "h", xref: "container", yref: "container", x: 0, y: 0, yanchor: "bottom", font: { size: 11 } };
   for (const chart of content.charts) {
     const [box, plot] = panel(chart);
     grid.append(box);
@@ -63,7 +63,7 @@ function draw(figure, content) {
       const settings = { ...axis, ...given };
       if (given.ticktext) {
         settings.tickmode = "array";
-        const room = isX ? width / given.ticktext.length / 7 : width / 14;
+        const room = isX ? width / given.ticktext.length / 7 : width / 13;
         settings.ticktext = given.ticktext.map((text) => wrap(text, Math.max(room, 9)));
         const lines = Math.max(...settings.ticktext.map((text) => text.split("<br>").length));
         if (!isX) layout.height = Math.max(layout.height, 16 * lines * given.ticktext.length + 140);
