@@ -303,7 +303,7 @@ def pair_sensor(
         limited_by = "the gain of one sensor relative to the other, which the record does not show"
     lag_covariance += np.outer(by_gain_s, by_gain_s)
     if abs(gain.value - 1) > GAIN_U * gain.u:
-        shown = {"percent": 100 * (gain.value - 1), "u": 100 * gain.u}
+        shown: dict[str, Any] = {"percent": 100 * (gain.value - 1), "u": 100 * gain.u}
         findings.append(info("sensor.pair_gain", subject=columns[1], other=columns[0], **shown))
     findings += _lag_findings(averaged, taus, lag_covariance, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
