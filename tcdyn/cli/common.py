@@ -405,6 +405,31 @@ def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -
         uses[file] = f"which is --{option}"
 
 
+def beside(file: Path, ending: str) -> Path:
+    """The default output: the name of the input with another ending.
+
+    Parameters
+    ----------
+    file
+        File that is read.
+    ending
+        What replaces its ending.
+
+    Raises
+    ------
+    InputError
+        If it has no name.
+
+    Examples
+    --------
+    >>> beside(Path("log.csv"), ".identified.json").name
+    'log.identified.json'
+    """
+    if not file.name:
+        raise InputError(f"{file} is a folder", expected="a file")
+    return file.with_suffix(ending)
+
+
 def print_first_warning(name: str, findings: Iterable[Finding]) -> bool:
     """Print the first warning or error on standard error, also under --quiet and --json.
 

@@ -15,6 +15,7 @@ import typer
 from tcdyn.cli.common import (
     Reporter,
     as_option,
+    beside,
     check_choice,
     check_outputs,
     count_progress,
@@ -217,7 +218,7 @@ def identify(
             expected="one input",
             remedy="leave it out",
         )
-    base = out or data.with_suffix(".identified.json")
+    base = out or beside(data, ".identified.json")
     json_files = _files_of_outputs(base, outputs)
     if report:
         pages = _files_of_outputs(report, outputs)
@@ -339,7 +340,7 @@ def response(
     pair = _columns("--columns", columns_)
     if len(pair) != 2:
         raise InputError(f"--columns is {columns_!r}", expected="two columns with a comma between")
-    path = out or data.with_suffix(".identified.json")
+    path = out or beside(data, ".identified.json")
     check_outputs([data], out=path)
     measured = Response.read(
         data, frequency, (pair[0], pair[1]), form=form, u=u, coherence=coherence, averages=averages

@@ -18,6 +18,7 @@ from tcdyn.cli.common import (
     Disk,
     Reporter,
     Verbose,
+    beside,
     check_choice,
     check_outputs,
     count_progress,
@@ -351,8 +352,8 @@ def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, 
     """
     from tcdyn.simulate.campaign import write_json, write_log, write_traces
 
-    truth_json = out.with_suffix(".truth.json")
-    traces = out.with_suffix(".truth.parquet")
+    truth_json = beside(out, ".truth.json")
+    traces = beside(out, ".truth.parquet")
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
     write_log(frame, out)

@@ -385,7 +385,7 @@ def absurd_options(world: World, command: str, choices: list[tuple[int, int]]) -
 
     def value(parameter: Any, number: int) -> str:
         """A value for a parameter: an input or an output for a path, else any text."""
-        is_path = "Path" in str(parameter.bare_type)
+        is_path = "Path" in parameter.bare_type()
         if is_path and parameter.name in ("out", "report", "csv", "covariance", "state"):
             return OUTPUTS[number % len(OUTPUTS)]
         if is_path and number % 4:
