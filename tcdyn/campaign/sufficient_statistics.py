@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.compare import LOG_TABLES
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import DAMAGED, InputError
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum, matches_checksum
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord
@@ -172,7 +172,7 @@ class SufficientStatistics:
             consistent &= bool(
                 np.isfinite(statistics.rows).all() and np.isfinite(statistics.rhs).all()
             )
-        except (KeyError, TypeError, ValueError, AttributeError):
+        except DAMAGED:
             consistent = False
         if not consistent:
             raise InputError(

@@ -487,6 +487,31 @@ def check_outputs(
         check_may_replace(path, files, overwrite)
 
 
+def beside(file: Path, ending: str) -> Path:
+    """The default output: the name of the input with another ending.
+
+    Parameters
+    ----------
+    file
+        File that is read.
+    ending
+        What replaces its ending.
+
+    Raises
+    ------
+    InputError
+        If it has no name.
+
+    Examples
+    --------
+    >>> beside(Path("log.csv"), ".identified.json").name
+    'log.identified.json'
+    """
+    if not file.name:
+        raise InputError(f"{file} is a folder", expected="a file")
+    return file.with_suffix(ending)
+
+
 def dump(data: Any) -> str:
     """Text of a JSON file, as for all files and ``--json``; NaN is null."""
     from tcdyn.core.result import json_text

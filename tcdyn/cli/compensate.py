@@ -16,6 +16,7 @@ from tcdyn.cli.common import (
     Reporter,
     RigFileOrRecords,
     Verbose,
+    beside,
     check_choice,
     check_outputs,
     dump,
@@ -146,7 +147,7 @@ def compensate(
 
     check_choice("--dialect", dialect, DIALECTS)
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
-    target = out or log.with_name(f"{log.stem}.compensated.csv")
+    target = out or beside(log, ".compensated.csv")
     if sensor:
         rig_options = {
             "--record": record,

@@ -15,6 +15,7 @@ import typer
 from tcdyn.cli.common import (
     Reporter,
     as_option,
+    beside,
     check_choice,
     check_outputs,
     count_progress,
@@ -221,7 +222,7 @@ def identify(
         from tcdyn.identification.narx import frols_with_polynomials
 
         frols_with_polynomials()
-    base = out or data.with_suffix(".identified.json")
+    base = out or beside(data, ".identified.json")
     json_files = _files_of_outputs(base, outputs)
     if report:
         pages = _files_of_outputs(report, outputs)
@@ -352,7 +353,7 @@ def response(
         raise InputError(
             f"--column is given {len(pair)} times", expected="twice: magnitude, then phase"
         )
-    path = out or data.with_suffix(".identified.json")
+    path = out or beside(data, ".identified.json")
     check_outputs([data], reporter.overwrite, out=path)
     measured = Response.read(
         data,

@@ -18,6 +18,7 @@ from tcdyn.cli.common import (
     Disk,
     Reporter,
     Verbose,
+    beside,
     check_choice,
     check_outputs,
     count_progress,
@@ -387,7 +388,7 @@ def _is_simulated(path: Path) -> bool:
 
 def _truth_files(out: Path) -> tuple[Path, Path]:
     """Files of the true values, and of the true traces, of a log."""
-    return out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
+    return beside(out, ".truth.json"), beside(out, ".truth.parquet")
 
 
 def _contact_again(text: str) -> tuple[float, float]:

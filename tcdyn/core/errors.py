@@ -47,6 +47,10 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+# Exceptions of code that takes the content of a file apart, where it is not what it should be.
+DAMAGED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
+
+
 def utf8(text: str) -> str:
     """The text with escapes for what is not UTF-8, such as single bytes in the name of a file.
 

@@ -19,7 +19,7 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from tcdyn.core import Array
-from tcdyn.core.errors import Spelling, as_argument
+from tcdyn.core.errors import DAMAGED, Spelling, as_argument
 from tcdyn.core.messages import MESSAGES, message_text
 
 # Name of a thermocouple of a disk: a letter, or letters with a number.
@@ -175,7 +175,7 @@ class Finding:
                 dict(stored.get("numbers", {})),
                 str(stored["sentence"]),
             )
-        except (KeyError, TypeError, AttributeError) as problem:
+        except DAMAGED as problem:
             raise ValueError(f"not a finding: {problem!r}") from None
 
     @classmethod

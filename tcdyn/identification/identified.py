@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import InitialState, simulate
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError, Spelling, as_argument
+from tcdyn.core.errors import DAMAGED, InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.labels import common_index, even_interval_s
@@ -413,6 +413,16 @@ class Identified(Dynamics, Result):
                 expected=f"schema {SCHEMA}",
                 remedy="tcdyn identify writes it",
             )
+        try:
+            return cls._from_dict(d)
+        except InputError:
+            raise
+        except DAMAGED as problem:
+            raise InputError(f"is damaged ({problem!r})", where="identified model") from None
+
+    @classmethod
+    def _from_dict(cls, d: Mapping[str, Any]) -> Identified:
+        """The model of the content of a file."""
         model = _model_from_dict(d["model"])
         size = len(model.free)
         fields = {key: d[key] for key in PLAIN_KEYS}

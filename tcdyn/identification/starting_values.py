@@ -75,7 +75,7 @@ def stabilise(den: Array) -> Array:
     roots = np.where(roots.real > 0, -roots.conj(), roots)
     floor = 1e-6 * np.max(np.abs(roots), initial=0.0)  # a constant has no roots
     roots = np.where(np.abs(roots.real) < floor, roots - floor, roots)
-    polynomial = np.poly(roots).real[::-1]
+    polynomial = np.atleast_1d(np.poly(roots)).real[::-1]
     return polynomial / polynomial[0]
 
 

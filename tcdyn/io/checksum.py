@@ -61,7 +61,7 @@ def checksum_findings(data: Mapping[str, Any], where: str) -> list[Finding]:
 def checksum(plain: Mapping[str, Any]) -> str:
     """SHA-256 of a JSON object; the order of keys and line breaks do not matter."""
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _without_checksum(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError, utf8
+from tcdyn.core.errors import DAMAGED, InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
@@ -551,7 +551,7 @@ def read_sensor(path: str | Path) -> SensorFile:
             return from_identified(model, Path(path).name)
         except InputError as problem:
             raise problem.at(where) from None
-        except (KeyError, TypeError, ValueError) as problem:
+        except DAMAGED as problem:
             raise InputError(f"is damaged ({problem!r})", where=where, expected=expected) from None
     if schema != SCHEMA:
         raise InputError(

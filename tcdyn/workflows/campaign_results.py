@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, CHECKSUM_KEY, verify_checksum
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import DAMAGED, InputError
 from tcdyn.core.findings import Finding
 from tcdyn.io.read import check_no_device
 
@@ -67,7 +67,7 @@ def read_given_result(path: Path, rig: str) -> dict[str, Any]:
         data = read_result(path)
     except InputError:
         raise
-    except (OSError, ValueError, RecursionError) as problem:
+    except (OSError, *DAMAGED) as problem:
         raise InputError(
             f"cannot be read ({type(problem).__name__})", where=path.name, remedy=ANALYSE_AGAIN
         ) from None

@@ -1,0 +1,152 @@
+"""Mutated inputs and absurd options: exit code 0, 1 or 2, and no traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tcdyn.sensors import read_sensor, specified_sensor
+from tcdyn.workflows.compensate_table import compensate_table
+from tests.cli.fault_commands import small_files
+from tests.cli.fuzz import COMMANDS, WORDS, World, absurd_options, fuzzed_input
+from tests.cli.test_main_job import tcdyn
+
+NUMBER = st.integers(0, 1 << 30)
+# About 30 s each; `python -m tests.cli.fuzz inputs 2000 SEED` runs more.
+BUDGET = settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return World.made(tmp_path_factory.mktemp("fuzz"))
+
+
+@pytest.mark.e2e
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@given(
+    st.sampled_from(list(WORDS)), NUMBER, st.lists(st.tuples(NUMBER, NUMBER, NUMBER), max_size=3)
+)
+@BUDGET
+def test_a_mutated_input_ends_with_0_1_or_2(
+    world: World, command: str, which: int, edits: list[tuple[int, int, int]]
+) -> None:
+    done = fuzzed_input(world, command, which, edits)
+    assert done.is_sound, (done.words, done.error)
+
+
+@pytest.mark.e2e
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@given(st.sampled_from(COMMANDS), st.lists(st.tuples(NUMBER, NUMBER), max_size=3))
+@BUDGET
+def test_absurd_options_end_with_0_1_or_2(
+    world: World, command: str, choices: list[tuple[int, int]]
+) -> None:
+    done = absurd_options(world, command, choices)
+    assert done.is_sound, (done.words, done.error)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return small_files(tmp_path_factory.mktemp("small"))
+
+
+@pytest.mark.parametrize("where", ["log", "out", "folder", "sensor"])
+def test_links_in_a_circle_are_told(
+    small: dict[str, Path], tmp_path: Path, where: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.csv").symlink_to("b.csv")
+    (tmp_path / "b.csv").symlink_to("a.csv")
+    circle = tmp_path / "a.csv"
+    log = circle if where == "log" else small["table"]
+    out = {"out": circle, "folder": circle / "o.csv"}.get(where, tmp_path / "o.csv")
+    sensor = circle if where == "sensor" else small["sensor"]
+    assert tcdyn("compensate", log, "--sensor", sensor, "--out", out, "-q") == 2
+    assert "a.csv" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are Unicode")
+def test_a_name_that_is_not_utf8_is_read_and_told_with_escapes(
+    small: dict[str, Path], tmp_path: Path
+) -> None:
+    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/lo\xffg.csv"))
+    rows = small["table"].read_bytes().splitlines(keepends=True)
+    log.write_bytes(b"".join(rows[:80]))
+    out = tmp_path / "o.csv"
+    state = tmp_path / "s.json"
+    words = ("--sensor", small["sensor"], "--out", out, "--state", state, "--idle-s", "0", "-q")
+    assert tcdyn("follow", log, *words) == 0
+    assert "lo\\udcffg.csv" in state.read_text(encoding="utf-8").replace("\\\\", "\\")
+    assert tcdyn("follow", log, *words) == 0
+    probe = Path(os.fsdecode(os.fsencode(tmp_path) + b"/p\xff.sensor.json"))
+    assert tcdyn("sensor", "new", "--tau-s", "1+-0.1", "--column", "T1", "--out", probe, "-q") == 0
+    assert read_sensor(probe).sensor == "p\\udcff"
+    assert tcdyn("sensor", "new", "--tau-s", "1+-0.1", "--column", "T\udcff", "--out", out) == 2
+
+
+def test_names_of_a_sensor_have_a_limit(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("sensor", "new", "--tau-s", "1+-0.1", "--column", "T1", "--name")
+    assert tcdyn(*words, "x" * 81) == 2
+    assert "1 to 80" in capsys.readouterr().err
+    assert tcdyn(*words, "x" * 80) == 0
+
+
+def test_an_output_without_a_name_is_refused_before_any_work(
+    small: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--input", "u", "--output", "T1_degC", "--models", "P1")
+    assert tcdyn("identify", small["table"], *words, "--out", "/") == 2
+    assert "/ is a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("cell", [[1.0, 2.0], {"a": 1}])
+def test_a_nested_column_of_parquet_is_refused(
+    tmp_path: Path, cell: object, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "nested.parquet"
+    pd.DataFrame({"time_s": np.arange(50.0), "T1_degC": [cell] * 50}).to_parquet(log)
+    assert tcdyn("sensor", "noise", log, "--column", "T1_degC") == 2
+    assert "column T1_degC holds" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("factor", [1e6, 1e7])
+def test_rows_far_beyond_the_lag_take_no_memory_and_are_told(tmp_path: Path, factor: float) -> None:
+    """Stamps in microseconds called seconds: 1,200 rows, the lag is 1.5 s."""
+    t = 0.1 * np.arange(1200)
+    log = tmp_path / "us.csv"
+    pd.DataFrame({"time_s": t * factor, "T1_degC": 20 + 5 * np.sin(t / 7)}).to_csv(log, index=False)
+    done = compensate_table(log, [specified_sensor("s", ["T1"], [(1.5, 0.1)])], tmp_path / "o.csv")
+    assert {"sensor.slow", "sensor.left"} <= {f.code for f in done.findings}
+    assert "too slow for a lag of 1.5 s" in " ".join(f.sentence for f in done.findings)
+    assert pd.read_csv(tmp_path / "o.csv")["T1_degC"].isna().all()
+
+
+def test_a_grid_that_is_nearly_empty_is_refused(
+    small: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.cumsum(np.where(np.arange(1200) % 2, 1e-6, 1.0))
+    log = tmp_path / "pairs.csv"
+    pd.DataFrame({"time_s": t, "T1_degC": 20 + np.sin(t)}).to_csv(log, index=False)
+    out = tmp_path / "o.csv"
+    assert tcdyn("compensate", log, "--sensor", small["sensor"], "--out", out, "-q") == 2
+    assert "most rows are missing" in capsys.readouterr().err
+
+
+def test_a_constant_frequency_response_is_no_internal_error(tmp_path: Path) -> None:
+    f = np.geomspace(0.01, 10, 40)
+    table = tmp_path / "bode.csv"
+    pd.DataFrame({"frequency_Hz": f, "gain": 1 + 0 * f, "phase": 0 * f}).to_csv(table, index=False)
+    words = ("--columns", "gain,phase", "--models", "P1,P2", "--out", tmp_path / "r.json")
+    assert tcdyn("response", table, *words) in (0, 1, 2)
