@@ -32,7 +32,7 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     """Commands that write ``out`` in a moment, by name."""
     return {
         "compensate": ["compensate", world["table"], "--sensor", world["sensor"], "--out", out],
-        "response": f"response {world['bode']} --columns gain,phase --models P1 --out {out}".split(),
+        "response": f"response {world['bode']} --column gain --column phase --model P1 --out {out}".split(),
         "transducer": ["transducer", world["weights"], "--out", out],
     }
 
@@ -166,11 +166,11 @@ def test_files_of_use_only_together_go_together_if_one_fails(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "words",
     [
-        "calibrate --immersion {dip} --line-u-K 1",
+        "rig calibrate --immersion {dip} --reading-u-K 1",
         "simulate oven --out o.csv",
         "simulate immersion --out o.csv",
-        "spot {spot}",
-        "round fit --out o.png",
+        "rig line {spot}",
+        "rig circumference fit --picture o.png",
     ],
 )
 def test_no_command_makes_a_path_from_an_unknown_disk(
@@ -188,7 +188,7 @@ def test_no_command_makes_a_path_from_an_unknown_disk(
     assert "fast or slow" in capsys.readouterr().err
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
     with pytest.raises(InputError, match="fast or slow"):
-        calibrate_disk(load_rig(), disk, None, [world["dip"]], ["water"], line_u_K=1.0)
+        calibrate_disk(load_rig(), disk, None, [world["dip"]], ["water"], reading_u_K=1.0)
     with pytest.raises(InputError, match="A1 to D4"):
         simulate_campaign(tmp_path / "lab", tests=[f"../{disk}"])
 
