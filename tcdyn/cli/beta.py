@@ -132,6 +132,9 @@ def beta(
             files = _output_files(out, len(runs))
         # computed once, and only where it is written: it may include the likelihood profiles
         contents = cache(lambda: [run.to_dict() for run in runs])
+        if len(files) > 1:  # names that only the unloadings in the log determine
+            for file in files:
+                check_outputs([log], reporter.overwrite, out=file)
         for k, file in enumerate(files):
             write_text(file, dump(contents()[k]))
         if report is not None:

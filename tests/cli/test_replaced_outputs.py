@@ -8,9 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from tcdyn.cli.identify import _files_of_outputs
 from tcdyn.core.errors import InputError
 from tcdyn.io.write import atomic_path, check_may_replace, removed_on_failure, write_text
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.sensors import read_sensor
+from tcdyn.simulate.campaign import simulate_campaign
+from tcdyn.workflows import calibrate_disk
 from tcdyn.workflows.compensate_table import compensate_table
 from tests.cli.fault_commands import small_files
 from tests.cli.test_main_job import tcdyn
@@ -28,7 +32,7 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     """Commands that write ``out`` in a moment, by name."""
     return {
         "compensate": ["compensate", world["table"], "--sensor", world["sensor"], "--out", out],
-        "response": f"response {world['bode']} --columns gain,phase --models P1 --out {out}".split(),
+        "response": f"response {world['bode']} --column gain --column phase --model P1 --out {out}".split(),
         "transducer": ["transducer", world["weights"], "--out", out],
     }
 
@@ -156,3 +160,42 @@ def test_files_of_use_only_together_go_together_if_one_fails(tmp_path: Path) -> 
     with pytest.raises(OSError):
         fail()
     assert list(tmp_path.iterdir()) == [old]
+
+
+@pytest.mark.parametrize("disk", ["fsat", "../../x", "/tmp/x", "", "fast "])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "rig calibrate --immersion {dip} --reading-u-K 1",
+        "simulate oven --out o.csv",
+        "simulate immersion --out o.csv",
+        "rig line {spot}",
+        "rig circumference fit --picture o.png",
+    ],
+)
+def test_no_command_makes_a_path_from_an_unknown_disk(
+    world: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+    disk: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    inner = tmp_path / "a" / "b"
+    inner.mkdir(parents=True)
+    monkeypatch.chdir(inner)
+    assert tcdyn(*words.format(**world).split(), "--disk", disk) == 2
+    assert "fast or slow" in capsys.readouterr().err
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+    with pytest.raises(InputError, match="fast or slow"):
+        calibrate_disk(load_rig(), disk, None, [world["dip"]], ["water"], reading_u_K=1.0)
+    with pytest.raises(InputError, match="A1 to D4"):
+        simulate_campaign(tmp_path / "lab", tests=[f"../{disk}"])
+
+
+def test_files_of_several_outputs_stay_in_the_folder(tmp_path: Path) -> None:
+    outputs = ["../../T1", "/T 2", "..", "T\x003"]
+    files = _files_of_outputs(tmp_path / "a.json", outputs)
+    assert {path.parent for path in files.values()} == {tmp_path}
+    with pytest.raises(InputError, match="one name"):
+        _files_of_outputs(tmp_path / "a.json", ["T 1", "T/1"])

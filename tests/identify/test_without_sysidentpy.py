@@ -48,7 +48,7 @@ def test_narx_without_sysidentpy_says_what_to_install(
 @pytest.mark.e2e
 def test_all_modules_and_identify_work_without_sysidentpy(tmp_path: Path) -> None:
     table = small_files(tmp_path)["table"]
-    words = ["identify", table, "--input", "u", "--output", "T1_degC", "--models", "P1", "-q"]
+    words = ["identify", table, "--input", "u", "--output", "T1_degC", "--model", "P1", "-q"]
     done = subprocess.run(
         [sys.executable, "-c", IMPORT_ALL, *map(str, words)], capture_output=True, text=True
     )

@@ -33,7 +33,7 @@ def test_escape_sequences_of_a_record_are_printed_escaped(
     record = RECORD.model_copy(update={"created_by": RED}).model_dump(mode="json", by_alias=True)
     record = type(RECORD).model_validate({**record, "inputs": inputs, "warnings": [RED]})
     path = write_record(record, tmp_path / "fast.disk.json")
-    tcdyn("record", command, path, *option)
+    tcdyn("rig", "record", command, path, *option)
     said = capsys.readouterr()
     assert command == "check" or "owner" in said.out
     assert not {"\x1b", "\x9b"} & set(said.out + said.err)

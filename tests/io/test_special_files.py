@@ -35,10 +35,10 @@ def test_no_reader_waits_for_a_pipe(tmp_path: Path, read: object) -> None:
     [
         "identify {pipe} --input a --output b",
         "sensor noise {pipe} --column T",
-        "calibrate --disk fast --immersion {pipe} --line-u-K 1",
-        "record show {pipe}",
-        "beta {pipe} --record {pipe}",
-        "campaign {pipe} --record {pipe} --out {out}",
+        "rig calibrate --disk fast --immersion {pipe} --reading-u-K 1",
+        "rig record show {pipe}",
+        "rig beta {pipe} --record {pipe}",
+        "rig campaign {pipe} --record {pipe} --out {out}",
     ],
 )
 def test_a_pipe_as_input_is_bad_input(
