@@ -261,7 +261,7 @@ def resolve_alias(app: Any, env: Any, node: Any, text: Any) -> Any:
     # a page of a public name refers to the module in which the name is defined
     documented = _object_at(node["refdoc"].rpartition("/")[2])
     modules = (node.get("py:module"), getattr(documented, "__module__", ""), *PUBLIC_MODULES)
-    for name in (target, *(f"{module}.{target}" for module in modules)):
+    for name in (target, *(f"{module}.{target}" for module in modules if module)):
         thing = _object_at(name)
         definition = f"{getattr(thing, '__module__', '')}.{getattr(thing, '__qualname__', '')}"
         if thing is not None and definition != target:
