@@ -6,7 +6,7 @@ Written by ``tcdyn rig campaign``. The sections on the joint posterior are in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,41 @@ ESTIMATORS = (
     "as logged. They agree where the largest difference between two estimates, z in its standard "
     "uncertainties, is no more than chance allows."
 )
+
+
+# Columns of the tables: title, and digits; None: as the uncertainty has them.
+ESTIMATES: dict[str, tuple[str, int | None]] = {
+    "beta": ("speed law", None),
+    "beta_cooling_fast": ("cooling fit, fast disk", None),
+    "beta_cooling_slow": ("cooling fit, slow disk", None),
+    "beta_joint_fast": ("joint fit, fast disk", None),
+    "beta_joint_slow": ("joint fit, slow disk", None),
+    "beta_both": ("joint fit, both disks", None),
+}
+HEAT_TRANSFER: dict[str, tuple[str, int | None]] = {
+    "h_fast_W_m2K": ("h fast [W/m²K]", None),
+    "h_slow_W_m2K": ("h slow [W/m²K]", None),
+    "lag_joint_fast_s": ("common lag fast [s]", None),
+    "lag_joint_slow_s": ("common lag slow [s]", None),
+    "exponent": ("implied exponent n [1]", None),
+}
+CONDITIONS: dict[str, tuple[str, int | None]] = {
+    "load_N": ("load [N]", 0),
+    "sliding_speed_m_s": ("sliding speed [m/s]", 2),
+    "entraining_speed_m_s": ("entraining speed [m/s]", 2),
+    "friction_N": ("friction [N]", 2),
+    "friction_coefficient": ("μ [1]", 4),
+    "delta_T_us_K_m_s": ("ΔT u_s [K m/s]", None),
+    "warnings": ("warnings and notes", 0),
+}
+TEMPERATURES: dict[str, tuple[str, int | None]] = {
+    "fast_a_degC": ("fast disk, a [°C]", 1),
+    "fast_bulk_degC": ("fast disk, bulk [°C]", 1),
+    "fast_surface_max_degC": ("fast disk, hottest surface [°C]", None),
+    "slow_a_degC": ("slow disk, a [°C]", 1),
+    "slow_bulk_degC": ("slow disk, bulk [°C]", 1),
+    "slow_surface_max_degC": ("slow disk, hottest surface [°C]", None),
+}
 
 
 def write_campaign_report(
@@ -105,10 +140,9 @@ def _test_sections(table: pd.DataFrame, compared: pd.DataFrame | None) -> list[S
     good = table[table["error"] == ""]
     if not len(good):
         return []
-    heat_transfer = heat_transfer_table(good)
     sections = [
         Section("β of each test, all estimates", ESTIMATORS, partition_table(good)),
-        Section("Heat transfer, lags and exponent of each test", table=heat_transfer),
+        Section("Heat transfer, lags and exponent of each test", table=_table(good, HEAT_TRANSFER)),
     ]
     if len(good) > 1:
         sections += campaign_pictures(table, compared)
@@ -116,8 +150,8 @@ def _test_sections(table: pd.DataFrame, compared: pd.DataFrame | None) -> list[S
         sections.append(comparison_section(table, compared))
     about_conditions = DELTA_T_US if len(good) == 1 else ""
     about_temperatures = "a and bulk (mean of all junctions): steady segment."
-    sections.append(Section("Conditions", about_conditions, condition_table(good)))
-    sections.append(Section("Temperatures", about_temperatures, temperature_table(good)))
+    sections.append(Section("Conditions", about_conditions, _table(good, CONDITIONS)))
+    sections.append(Section("Temperatures", about_temperatures, _table(good, TEMPERATURES)))
     lines = trend_lines(table)
     if len(lines):
         text = "Least squares; the slope's uncertainty is that of the scatter about the line."
@@ -327,64 +361,33 @@ def campaign_verdict(run: CampaignRun) -> str:
 
 def partition_table(good: pd.DataFrame) -> pd.DataFrame:
     """Return all estimates of beta with the result of the cross-check, as tables 7.1 and 7.3."""
-    titles = {
-        "beta": "speed law",
-        "beta_cooling_fast": "cooling fit, fast disk",
-        "beta_cooling_slow": "cooling fit, slow disk",
-        "beta_joint_fast": "joint fit, fast disk",
-        "beta_joint_slow": "joint fit, slow disk",
-        "beta_both": "joint fit, both disks",
-    }
-    columns = {title: _cells_of_estimate(good, name) for name, title in titles.items()}
-    agree = [f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])]
-    return pd.DataFrame({"test": good["test"].to_list(), **columns, "agree, largest z": agree})
+    table = _table(good, ESTIMATES)
+    table["agree, largest z"] = [
+        f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])
+    ]
+    return table
 
 
-def heat_transfer_table(good: pd.DataFrame) -> pd.DataFrame:
-    """Return h by the speed law, lags by the unloading, and the exponent of the joint fit."""
-    titles = {
-        "h_fast_W_m2K": "h fast [W/m²K]",
-        "h_slow_W_m2K": "h slow [W/m²K]",
-        "lag_joint_fast_s": "common lag fast [s]",
-        "lag_joint_slow_s": "common lag slow [s]",
-        "exponent": "implied exponent n [1]",
-    }
-    columns = {title: _cells_of_estimate(good, name) for name, title in titles.items()}
-    return pd.DataFrame({"test": good["test"].to_list(), **columns})
+def _table(good: pd.DataFrame, columns: Mapping[str, tuple[str, int | None]]) -> pd.DataFrame:
+    """Return columns of the table of a campaign, with one row for each test.
 
-
-def condition_table(good: pd.DataFrame) -> pd.DataFrame:
-    """Return load, speeds and friction, as table 7.2."""
-    formats = {
-        "load_N": ("load [N]", 0),
-        "sliding_speed_m_s": ("sliding speed [m/s]", 2),
-        "entraining_speed_m_s": ("entraining speed [m/s]", 2),
-        "friction_N": ("friction [N]", 2),
-        "friction_coefficient": ("μ [1]", 4),
-    }
-    columns = {"test": good["test"].to_list()}
-    for name, (title, digits) in formats.items():
-        columns[title] = [f"{value:.{digits}f}" for value in good[name]]
-    columns["ΔT u_s [K m/s]"] = _cells_of_estimate(good, "delta_T_us_K_m_s")
-    columns["warnings and notes"] = [f"{count:.0f}" for count in good["warnings"]]
-    return pd.DataFrame(columns)
-
-
-def temperature_table(good: pd.DataFrame) -> pd.DataFrame:
-    """Return steady temperatures of a, of the bulk and of the hottest surface, of both disks."""
-    columns = {"test": good["test"].to_list()}
-    for disk in DISKS:
-        columns[f"{disk} disk, a [°C]"] = _temperature_cells(good[f"{disk}_a_degC"])
-        columns[f"{disk} disk, bulk [°C]"] = _temperature_cells(good[f"{disk}_bulk_degC"])
-        columns[f"{disk} disk, hottest surface [°C]"] = _cells_of_estimate(
-            good, f"{disk}_surface_max_degC"
-        )
-    return pd.DataFrame(columns)
-
-
-def _temperature_cells(values: pd.Series) -> list[str]:
-    """Return temperatures with one decimal; "left out" for nan."""
-    return [LEFT_OUT_TEXT if np.isnan(value) else f"{value:.1f}" for value in values]
+    Parameters
+    ----------
+    good
+        Table of the analysed tests.
+    columns
+        Title and digits of each column; without digits its uncertainty, the column ``u_<name>``,
+        decides them.
+    """
+    cells = {"test": good["test"].to_list()}
+    for name, (title, digits) in columns.items():
+        if digits is None:
+            cells[title] = cells_with_u(good[name], good[f"u_{name}"])
+        else:
+            cells[title] = [
+                LEFT_OUT_TEXT if np.isnan(value) else f"{value:.{digits}f}" for value in good[name]
+            ]
+    return pd.DataFrame(cells)
 
 
 def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
@@ -406,16 +409,3 @@ def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def _cells_of_estimate(good: pd.DataFrame, name: str) -> list[str]:
-    """Return the cells of a column with its uncertainty.
-
-    Parameters
-    ----------
-    good
-        Table of the analysed tests.
-    name
-        Column; that of the uncertainty is ``u_<name>``.
-    """
-    return cells_with_u(good[name], good[f"u_{name}"])

@@ -9,6 +9,7 @@ used: it has neither bands nor error bars, contours or legends, and one fixed si
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -130,7 +131,7 @@ def _chart(axes: Sequence[Axes], height: float) -> dict[str, Any]:
         layout["yaxis"] |= {"scaleanchor": "x"}
     legend = main.get_legend()
     if legend is not None:
-        layout["legend"] = {"title": {"text": legend.get_title().get_text()}}
+        layout["legend"] = {"title": {"text": _plain(legend.get_title().get_text())}}
     spec = main.get_subplotspec()
     letters = [text.get_text() for text in main.texts if text.get_gid() == PANEL_LETTER]
     return {
@@ -150,7 +151,7 @@ def _axis(ax: Axes, name: str) -> dict[str, Any]:
     axis = ax.xaxis if name == "x" else ax.yaxis
     limits = np.asarray(axis.get_view_interval(), dtype=float)
     result: dict[str, Any] = {
-        "title": {"text": axis.get_label_text()},
+        "title": {"text": _plain(axis.get_label_text())},
         "visible": bool(ax.axison),
         "showgrid": any(line.get_visible() for line in axis.get_gridlines()),
     }
@@ -162,7 +163,7 @@ def _axis(ax: Axes, name: str) -> dict[str, Any]:
     result["range"] = _numbers(limits)
     if isinstance(axis.get_major_locator(), FixedLocator):
         result["tickvals"] = _numbers(axis.get_ticklocs())
-        result["ticktext"] = [label.get_text() for label in axis.get_ticklabels()]
+        result["ticktext"] = [_plain(label.get_text()) for label in axis.get_ticklabels()]
     return result
 
 
@@ -256,7 +257,7 @@ class _Converter:
     def _name(self, artist: Any, item: dict[str, Any]) -> None:
         """Give a trace or shape its group, and one of each group its entry in the legend."""
         label = self.label_of.get(id(artist), "") or _label(artist)
-        group = artist.get_gid() or label or self.group_of.get(id(artist), "")
+        group = _plain(artist.get_gid()) or label or self.group_of.get(id(artist), "")
         if not group and isinstance(artist, Line2D):
             group = self.label_of_style.get(_style(artist), "")
         # A band with a label of its own belongs to its line, which has the entry.
@@ -287,7 +288,7 @@ class _Converter:
         unit = ""
         scale = contours.colorbar
         if scale is not None:
-            label = scale.ax.get_ylabel()
+            label = _plain(scale.ax.get_ylabel())
             unit = _unit(label)
         levels = [float(level) for level in contours.levels]
         traces = []
@@ -358,7 +359,7 @@ class _Converter:
         anchors = {"center": "middle", "center_baseline": "middle", "baseline": "bottom"}
         vertical = text.get_verticalalignment()
         return {
-            "text": text.get_text().replace("\n", "<br>"),
+            "text": _plain(text.get_text()).replace("\n", "<br>"),
             "x": values[0],
             "y": values[1],
             "xref": "x" if in_data[0] else "x domain",
@@ -380,8 +381,13 @@ class _Converter:
 
 def _label(artist: Any) -> str:
     """Return the entry of an artist in the legend; empty without one."""
-    label = str(artist.get_label() or "")
+    label = _plain(artist.get_label())
     return "" if label.startswith("_") else label
+
+
+def _plain(text: Any) -> str:
+    """Return text that Plotly, which knows some HTML, shows as it is."""
+    return html.escape(str(text or ""), quote=False)
 
 
 def _style(line: Line2D) -> tuple[str, ...]:

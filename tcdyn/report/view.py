@@ -7,7 +7,7 @@ Traces are decimated for the screen (:func:`tcdyn.plots.style.screen_rows`). Tes
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -88,7 +88,7 @@ def view(
     if calibrations:
         with TemporaryDirectory() as folder:
             compensated = Path(folder) / "compensated.parquet"
-            if isinstance(calibrations, dict):
+            if isinstance(calibrations, Mapping):
                 done = compensate_log(path, calibrations, rig, progress=progress)
                 _, findings = done.write(compensated, progress)
             else:

@@ -149,6 +149,12 @@ def test_right_axis_is_in_the_chart_of_its_left_axis_and_panels_have_letters() -
     assert first["layout"]["yaxis2"]["overlaying"] == "y"
 
 
+def test_names_of_columns_are_shown_as_they_are() -> None:
+    """Plotly would take ``<i>`` for italics, and drop an unknown tag."""
+    chart = chart_of(lambda ax: line_with_band(ax, *np.ones((3, 2)), "k", label="T<i>1 & 2"))
+    assert {trace["name"] for trace in chart["data"]} == {"T&lt;i&gt;1 &amp; 2"}
+
+
 def test_artist_without_a_counterpart_is_named() -> None:
     with pytest.raises(NotConvertible, match="AxesImage"):
         chart_of(lambda ax: ax.imshow(np.eye(3)))
