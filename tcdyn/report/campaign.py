@@ -106,7 +106,7 @@ def write_campaign_report(
         joined = None
     sections = []
     if run.failed:
-        errors = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
+        errors = pd.DataFrame([{"log": o.log_name, "why": o.error} for o in run.failed])
         sections.append(Section("Logs that could not be analysed", table=errors))
     if run.interchange is not None:
         sections.append(_interchange_section(run.interchange, run.rig))
@@ -175,7 +175,7 @@ def _source_sections(
     records
         Rows of the records.
     """
-    logs = [("log", o.log.name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data]
+    logs = [("log", o.log_name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data]
     if not logs:
         return []
     return [Section("Source files", table=sources([*logs, *records]), folded=True)]

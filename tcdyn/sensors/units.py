@@ -211,7 +211,8 @@ def units_of(
     Raises
     ------
     InputError
-        For a unit in the row below the header that is not known.
+        For a unit in the row below the header that is not known, and for a type of thermocouple or
+        a reference junction without a column in mV.
 
     Examples
     --------
@@ -244,6 +245,13 @@ def units_of(
             assumed.append(name)
             unit = "degC"
         units[name] = Unit(unit, couple if unit == "mV" else "", cold)
+    if (couple or cold) and not any(unit.name == "mV" for unit in units.values()):
+        raise InputError(
+            "a thermocouple type or a reference junction is given, but no column is in mV",
+            expected="{unit}",
+            remedy="or leave {couple} and {cold_junction} out",
+            parameters={"unit": "mV", "couple": None, "cold_junction": None},
+        )
     if assumed:
         subject = ", ".join(assumed)
         findings.append(info("sensor.unit_assumed", subject=subject, count=len(assumed)))

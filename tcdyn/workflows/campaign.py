@@ -83,8 +83,13 @@ class LogOutcome:
     def name(self) -> str:
         """Name of the log without its ending, with the number of the loading if any."""
         if self.log.name.endswith(RESULT_SUFFIX):
-            return self.log.name.removesuffix(RESULT_SUFFIX)
+            return self.log_name.removesuffix(RESULT_SUFFIX)
         return stage_name(self.log, self.stage)
+
+    @property
+    def log_name(self) -> str:
+        """Name of the log as text: with escapes for what is not UTF-8."""
+        return utf8(self.log.name)
 
 
 @dataclass(frozen=True, repr=False)
@@ -269,7 +274,7 @@ def run_campaign(
         outcomes[i] = []
         for stage, one in enumerate(answer, 1) if len(answer) > 1 else [(0, answer[0])]:
             if isinstance(one, str):
-                outcomes[i].append(LogOutcome(path, None, one, stage=stage))
+                outcomes[i].append(LogOutcome(path, None, utf8(one), stage=stage))
             else:
                 outcomes[i].append(LogOutcome(path, one, stage=stage))
                 file = _answer_file(path, folder, stage)

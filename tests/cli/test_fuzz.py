@@ -150,3 +150,30 @@ def test_a_constant_frequency_response_is_no_internal_error(tmp_path: Path) -> N
     pd.DataFrame({"frequency_Hz": f, "gain": 1 + 0 * f, "phase": 0 * f}).to_csv(table, index=False)
     words = ("--columns", "gain,phase", "--models", "P1,P2", "--out", tmp_path / "r.json")
     assert tcdyn("response", table, *words) in (0, 1, 2)
+
+
+@pytest.mark.e2e
+def test_a_log_with_an_odd_name_does_not_end_a_campaign(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three logs that cannot be analysed: a short one, one whose name is not UTF-8, a link in a circle."""
+    rows = world.files["ehl"].read_bytes()
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/lo\xffg.csv"))
+    for path in (tmp_path / "short.csv", odd):
+        path.write_bytes(rows)
+    circle = tmp_path / "circle.csv"
+    circle.symlink_to("circle.csv")
+    records = ("--record", world.files["fast"], "--record", world.files["slow"])
+    words = ("--rig", world.files["rig"], *records, "--out", tmp_path / "out", "--workers", "1")
+    assert tcdyn("campaign", tmp_path / "short.csv", odd, circle, *words) in (1, 2)
+    table = pd.read_csv(tmp_path / "out" / "campaign.csv")
+    assert len(table) == 3
+
+
+@pytest.mark.parametrize("option", ["--couple", "--cold-junction"])
+def test_options_of_millivolts_need_a_column_in_millivolts(
+    small: dict[str, Path], option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    value = "K" if option == "--couple" else "20"
+    assert tcdyn("sensor", "noise", small["table"], "--column", "T1_degC", option, value) == 2
+    assert "no column is in mV" in capsys.readouterr().err
