@@ -16,9 +16,11 @@ from typing import Any, cast
 import numpy as np
 
 from tcdyn.core.findings import Finding
+from tcdyn.io.read import sha256
 from tcdyn.plots.compensate import draw_traces
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
+from tcdyn.report.sources import to_table
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.table import open_source
 from tcdyn.sensors.units import unit_in
@@ -117,6 +119,7 @@ def view(
         verdict=f"{rows:,} rows. A line has at most {limit:,} points here; its extremes are kept. "
         "A click on an entry of the legend hides it, a double click shows it alone.",
         findings=findings,
+        sources=to_table([("log", path.name, f"{rows} rows", sha256(path))]),
     )
     if open_browser:
         webbrowser.open(page.resolve().as_uri())

@@ -33,6 +33,7 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     return {
         "compensate": ["compensate", world["table"], "--sensor", world["sensor"], "--out", out],
         "response": f"response {world['bode']} --column gain --column phase --model P1 --out {out}".split(),
+        "view": ["view", world["table"], "--no-open", "--out", out],
         "transducer": ["transducer", world["weights"], "--out", out],
     }
 
@@ -43,6 +44,7 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
         ("compensate", "o.csv"),
         ("compensate", "o.parquet"),
         ("response", "o.json"),
+        ("view", "o.html"),
         ("transducer", "o.json"),
     ],
 )
