@@ -152,28 +152,30 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     driver.quit()
 
 
-def show(browser: Any, page: Path, width: int = 1100, **media: str) -> None:
-    """Open a page, all sections unfolded, and wait until every chart is drawn."""
+def show(
+    browser: Any, page: Path, width: int = 1100, scheme: str = "light", *, all_figures: bool = False
+) -> None:
+    """Open a page and wait until its first figure, or each one, is drawn as a chart."""
     from selenium.webdriver.support.wait import WebDriverWait
 
-    kind = media.pop("media", "")
-    features = [{"name": "prefers-color-scheme", "value": media.get("scheme", "light")}]
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": kind, "features": features})
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": features})
     size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get("about:blank")
+    browser.get_log("browser")
     browser.get(page.as_uri())
     browser.execute_script("document.querySelectorAll('details').forEach(e => { e.open = true })")
-    browser.execute_script("document.body.style.display = 'flow-root'")
-    undrawn = "return document.querySelector('figure:not(.interactive)')"
+    of_interest = "figure:not(.interactive)" if all_figures else "figure:first-of-type"
 
-    def all_drawn(driver: Any) -> bool:
+    def is_drawn(driver: Any) -> bool:
         """Scroll to the next figure that is not drawn yet."""
-        figure = driver.execute_script(undrawn)
-        if figure is not None:
-            driver.execute_script("arguments[0].scrollIntoView()", figure)
-        return figure is None
+        script = """const figure = document.querySelector(arguments[0]);
+            if (!figure || figure.classList.contains('interactive')) return true;
+            figure.scrollIntoView(); return false"""
+        return bool(driver.execute_script(script, of_interest))
 
-    WebDriverWait(browser, 60, poll_frequency=0.2).until(all_drawn)
+    WebDriverWait(browser, 120, poll_frequency=0.3).until(is_drawn)
 
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda make: make.__name__)
@@ -224,7 +226,7 @@ def test_entry_of_the_legend_hides_its_trace(browser: Any, page: Path) -> None:
 
 @pytest.mark.e2e
 def test_narrow_screen_has_no_horizontal_overflow(browser: Any, page: Path) -> None:
-    show(browser, page, width=400)
+    show(browser, page, width=400, all_figures=True)
     widths = "return [document.documentElement.scrollWidth, document.body.scrollWidth, innerWidth]"
     full, body, window = browser.execute_script(widths)
     assert max(full, body) <= window == 400
@@ -251,7 +253,7 @@ def test_dark_mode_changes_background_and_text(browser: Any, page: Path) -> None
 
 @pytest.mark.e2e
 def test_print_shows_the_pictures_and_not_the_charts(browser: Any, page: Path) -> None:
-    displays = """return ['.picture', '.charts'].map(name => [...new Set(
+    displays = """return ['.interactive .picture', '.charts'].map(name => [...new Set(
         [...document.querySelectorAll(name)].map(e => getComputedStyle(e).display))])"""
     show(browser, page)
     assert browser.execute_script(displays) == [["none"], ["grid"]]
@@ -264,8 +266,7 @@ def test_print_shows_the_pictures_and_not_the_charts(browser: Any, page: Path) -
 def test_page_has_no_console_messages_and_no_figure_without_charts(
     browser: Any, page: Path
 ) -> None:
-    browser.get_log("browser")
-    show(browser, page)
+    show(browser, page, all_figures=True)
     assert browser.get_log("browser") == []
     assert "A picture only" not in page.read_text(encoding="utf-8")
 
