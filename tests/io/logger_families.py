@@ -359,7 +359,15 @@ def _hobo() -> None:
                 ";", number_of, stamps("%d-%m-%Y", 60.0), stamps("%H:%M:%S", 60.0), T1, decimal=","
             ),
         ],
-        by_pandas([1, 2], [3], "%d-%m-%Y %H:%M:%S", sep=";", decimal=",", skiprows=1),
+        by_pandas(
+            [1, 2],
+            [3],
+            "%d-%m-%Y %H:%M:%S",
+            sep=";",
+            decimal=",",
+            skiprows=1,
+            encoding="cp1252",
+        ),
         columns=("Temp, °C",),
         encoding="cp1252",
     )
