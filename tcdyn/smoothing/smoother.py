@@ -275,7 +275,8 @@ def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent
     The third result is ``remaining_jump``. The fourth is whether there were large ones before the
     intensities were adapted to them.
     """
-    if record.dt_s > MAX_LAGS_IN_ROW * max(c.lag_s for c in record.chains):
+    lag_s = max(c.lag_s for c in record.chains)  # 0 where the lag is to be left in
+    if 0 < lag_s * MAX_LAGS_IN_ROW < record.dt_s:
         raise _too_slow(record)
     start_var = record.noise_sd**2
     intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
