@@ -60,8 +60,8 @@ WORDS = {
     "compensate, identified": "compensate {table} --sensor {identified} --column T1_degC --out o.csv",
     "follow, state": "follow {table} --sensor {sensor} --out {followed} --state {state} --delay-s 2 --idle-s 0",
     "compensate --record": "compensate {plunge} --record {fast} --out o.csv",
-    "beta --record": "beta {ehl} --record {fast} --record {slow} --rig {rig} --out o.json",
-    "calibrate": "calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json",
+    "beta --record": "rig beta {ehl} --record {fast} --record {slow} --rig {rig} --out o.json",
+    "calibrate": "rig calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json",
 }
 # Cells of a table, and values of a JSON or TOML file.
 CELLS = (
@@ -137,8 +137,8 @@ OPTION_VALUES = (
 LEFT_OUT = {
     "demo",
     "verify",
-    "campaign",
-    "design",
+    "view",
+    "rig campaign",
     "simulate campaign",
     "simulate ehl",
     "rig design",
@@ -194,7 +194,7 @@ class World:
             "u",
             "--output",
             "T1_degC",
-            "--models",
+            "--model",
             "P1",
             "--report",
             folder / "i.html",

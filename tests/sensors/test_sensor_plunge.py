@@ -129,7 +129,7 @@ def test_an_entry_may_be_on_the_unix_clock(tmp_path: Path) -> None:
     [
         ("plunge", "--column", "T1", "--poles", "3"),
         ("plunge", "--column", "T1", "--shape", "butterworth"),
-        ("pair", "--columns", "T1,T2", "--exponent", "0.5+-0.1"),
+        ("pair", "--column", "T1", "--exponent", "0.5+-0.1", "--column", "T2"),
     ],
 )
 def test_an_option_that_would_have_no_effect_is_refused(
