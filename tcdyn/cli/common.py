@@ -349,10 +349,8 @@ def _terminal() -> Any:
     """Standard error where it is a terminal, None elsewhere."""
     from rich.console import Console
 
-    console = Console(stderr=True)
-    if console.is_terminal:
-        return console
-    return None
+    # not Console.is_terminal: notebooks set FORCE_COLOR, which it takes for a terminal
+    return Console(stderr=True) if sys.stderr.isatty() else None
 
 
 @contextmanager

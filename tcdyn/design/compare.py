@@ -236,10 +236,10 @@ class Design(Result):
                 if p.high_s > p.low_s
                 else "",
                 "of the lag": f"{100 * p.u_common_s / lag:.2g} %",
-                "told": common_lag_grade(p, lag),
+                "determined": common_lag_grade(p, lag),
                 "differences, u [s]": f"{p.u_differential_s:.3f}",
                 "of the lag ": f"{100 * p.u_differential_s / lag:.2g} %",
-                "told ": differences_grade(p, lag),
+                "determined ": differences_grade(p, lag),
             }
             for p in self.predictions
         )

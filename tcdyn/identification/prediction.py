@@ -102,6 +102,10 @@ def predict(fit: Fit, data: IOData, steps: int | None = 1) -> Prediction:
     """
     if steps is not None and steps < 1:
         raise InputError(f"predict: steps is {steps}", expected="1 or more, or None")
+    if not isinstance(fit, Fit):
+        raise InputError(
+            f"predict: a {type(fit).__name__}", expected="the result of fit, with a linear model"
+        )
     problem, x = fit_states(fit, data)
     outputs = problem.outputs(x)
     rows = problem.evaluate(x)

@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from scipy.special import ndtri, stdtrit
 
 from tcdyn.core import Array
@@ -382,6 +382,11 @@ YEAR_DAYS = 365.25
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)
 
 
+def _text_of_day(day: Any) -> Any:
+    """A date of TOML as text; other values as they are."""
+    return day.isoformat() if isinstance(day, date) else day
+
+
 def _day(text: str) -> str:
     """Check that a text is a date, or empty."""
     if text:
@@ -403,7 +408,7 @@ REQUIRED_ENTRIES = (
     "logger_serial",
 )
 Text = Annotated[str, Field(max_length=200)]
-Day = Annotated[str, Field(max_length=10), AfterValidator(_day)]
+Day = Annotated[str, BeforeValidator(_text_of_day), Field(max_length=10), AfterValidator(_day)]
 
 
 class TraceabilityTable(BaseModel):

@@ -225,3 +225,9 @@ def test_traceability_table_survives_a_rig_file(tmp_path: Path) -> None:
     path.write_text(rig_toml(rig), encoding="utf-8")
     assert load_rig(path).common.traceability == rig.common.traceability
     assert replace(Contribution("a", 0.0, 2.0, "normal", -3.0, 4.0), u=1.0).contribution == 3.0
+
+
+def test_a_day_may_be_a_date_of_toml(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("[traceability]\nreference_date = 2026-01-15\n", encoding="utf-8")
+    assert load_rig(path).tables("fast").traceability.reference_date == "2026-01-15"

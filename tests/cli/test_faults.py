@@ -110,7 +110,8 @@ def test_names_with_commas_quotes_and_control_characters_come_back(tmp_path: Pat
                 put(frame)
         text = path.read_text(encoding="utf-8")
         assert "\x1b" not in text
-        assert list(pd.read_csv(path).columns) == names
+        # a spreadsheet would compute the last one
+        assert list(pd.read_csv(path).columns) == [*names[:3], "'=1+1_degC"]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import tcdyn
+from tests.identify.identify_cases import static_gain
 
 
 def by_class(instances: list[Any]) -> dict[str, Any]:
@@ -77,8 +78,3 @@ def quick_results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             fit_bearing_friction([100.0, 200, 300, 400], [1.0, 2.1, 2.9, 4.0], [500.0] * 4),
         ]
     )
-
-
-def static_gain(parameters: Any, data: tcdyn.IOData) -> list[Any]:
-    """A model without dynamics."""
-    return [parameters["gain"] * run.u[:, 0] for run in data.runs]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter, max_len_seq
@@ -59,3 +61,8 @@ def rao_garnier(seed: int, snr_dB: float = 10.0) -> IOData:
     return IOData.from_arrays(
         u, y + sd * np.random.default_rng(seed).normal(size=len(u)), 0.01, hold="zoh"
     )
+
+
+def static_gain(parameters: Mapping[str, float], data: IOData) -> list[Any]:
+    """A model without dynamics, for ``fit_function``."""
+    return [parameters["gain"] * run.u[:, 0] for run in data.runs]

@@ -33,6 +33,7 @@ from tcdyn.identification import (
     step_input,
     transfer,
 )
+from tests.identify.identify_cases import static_gain
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
 DT_S = 0.1
@@ -159,6 +160,15 @@ def test_prediction_error_has_the_variance_of_the_noise_so_many_samples_ahead() 
         # the variance of a sample variance of AR(1) noise: 2/n (1 + pole^2)/(1 - pole^2)
         assert np.var(error) / variance == pytest.approx(1, abs=4 * np.sqrt(2 / n * 9.5))
         assert prediction.fit_percent == pytest.approx(100 * (1 - error.std() / y.std()), abs=0.1)
+
+
+def test_prediction_of_a_function_is_refused() -> None:
+    """A function of its parameters has no model of the noise."""
+    u = np.repeat([0.0, 1.0], 50)
+    data = IOData.from_arrays(u, 2.0 * u, 0.1, hold="zoh")
+    fitted = fit_function(data, static_gain, {"gain": 1.0})
+    with pytest.raises(InputError, match="FunctionFit"):
+        predict(fitted, data)  # type: ignore[arg-type]
 
 
 def test_prediction_uses_no_output_of_the_last_samples() -> None:

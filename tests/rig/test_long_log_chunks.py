@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -277,14 +276,6 @@ def test_log_without_rows_raises(tmp_path):
 def test_oven_logs_are_not_read_in_chunks(tmp_path):
     with pytest.raises(InputError, match="whole"):
         iter_log(tmp_path / "x.csv", "oven")
-
-
-def test_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
-    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    write_log(ehl_frame(), Path("long.csv"))
-    exec(compile(re.search(r"```python\n(.*?)```", page, re.S)[1], "files.md", "exec"), {})
-    assert capsys.readouterr().out.startswith("3000 ")
 
 
 PEAK = """
