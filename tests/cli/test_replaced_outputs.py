@@ -42,9 +42,9 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     ("name", "file"),
     [
         ("compensate", "o.csv"),
-        ("compensate", "o.parquet"),
+        pytest.param("compensate", "o.parquet", marks=pytest.mark.e2e),
         ("response", "o.json"),
-        ("view", "o.html"),
+        pytest.param("view", "o.html", marks=pytest.mark.e2e),
         ("transducer", "o.json"),
     ],
 )

@@ -20,9 +20,8 @@ def words_of(folder: Path) -> dict[str, list[str]]:
     """A command that warns, one with bad input and one with a wrong option, by name."""
     files = small_files(folder)
     table = str(files["table"])
-    sensor = ["--sensor", str(files["sensor"])]
     return {
-        "warns": ["compensate", table, *sensor, "--delay-s", "5", "--out", f"{folder}/o.csv"],
+        "warns": ["sensor", "new", "--tau-s", "1.5", "--column", "T1"],  # without an uncertainty
         "bad input": ["compensate", table, "--sensor", "none.json"],
         "wrong option": ["compensate", table, "--no-such-option"],
     }
