@@ -343,6 +343,7 @@ def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: 
         "--report",
         page,
         "--quiet",
+        "--strict",
     )
     assert code == 1
     record = read_record(out)

@@ -105,14 +105,12 @@ def test_the_range_is_that_of_the_temperature_in_any_unit(tmp_path: Path) -> Non
 
 
 @pytest.mark.e2e
-def test_the_command_ends_with_1_and_names_the_readings(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_names_the_readings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = write(tmp_path / "log.csv", time_s=kiln()[0], TC1=constant(24.0, FAULT))
     sensor = tmp_path / "s.json"
     assert tcdyn("sensor", "new", "--tau-s", "25+-1", "--column", "TC*", "--out", sensor, "-q") == 0
     words = ["follow", log, "--sensor", sensor, "--out", tmp_path / "out.csv", "--delay-s", "100"]
-    assert tcdyn(*words, "--idle-s", "0") == 1
+    assert tcdyn(*words, "--idle-s", "0", "--strict") == 1
     error = capsys.readouterr().err
     assert "of 320 readings of TC1" in error
     assert "the first at 200 s" in error
