@@ -109,7 +109,7 @@ print(card.count("data:image/png"), card.startswith(tcdyn.Chain([0.7])._repr_htm
 print(show(tcdyn.load_rig()).count("<img"))
 """
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["1", "True", "0"]
+    assert done.stdout.split() == ["1", "True", "1"]
 
 
 @pytest.mark.e2e

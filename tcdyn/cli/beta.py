@@ -243,7 +243,6 @@ def campaign(
     Example: tcdyn rig campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record
     slow.disk.json --out results
     """
-    from tcdyn.io.write import states_checksum
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
     from tcdyn.rig.disk import channels_left_out
@@ -261,8 +260,9 @@ def campaign(
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
     read_files = [*logs, rig, bearing, compare, *record, *(curve or ())]
-    # the folder of an earlier run is known by its page
-    overwrite = reporter.overwrite or states_checksum(out / PAGE_FILE, logs)
+    page = out / PAGE_FILE
+    is_earlier_run = page.is_file() and b"tcdyn" in page.read_bytes()
+    overwrite = reporter.overwrite or is_earlier_run
     for name in OUTPUTS:
         check_outputs(read_files, overwrite, out=out / name)
     records = records_by_disk(record)

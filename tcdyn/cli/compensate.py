@@ -22,6 +22,7 @@ from tcdyn.cli.common import (
     dump,
     number_option,
     option_groups,
+    source_entry,
     stage_progress,
 )
 from tcdyn.cli.tables import (
@@ -218,7 +219,7 @@ def compensate(
             covariances = done.covariance(covariance_s, covariance_from_s)
         written, write_findings = done.write(target, progress, **of_csv)
         if covariance is not None:
-            write_text(covariance, dump(covariances))
+            write_text(covariance, dump({"source": source_entry(log), **(covariances or {})}))
         if report is not None:
             from tcdyn.report.compensate import write_compensation_report
 

@@ -83,7 +83,7 @@ QUICK = {
         ("tcdyn.sensors.current:current_sensor",),
     ),
     "sensor touch": Command(
-        "sensor touch {table} --column T* --out o.png -q",
+        "sensor touch {table} --column T* --picture o.png -q",
         ("o.png",),
         ("tcdyn.sensors.touch:find_touches",),
     ),

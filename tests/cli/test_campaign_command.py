@@ -439,7 +439,8 @@ def test_no_worker_process_remains_after_a_signal(
     name: str, campaign: Campaign, tmp_path: Path
 ) -> None:
     """The command has a process group of its own; the signal goes to the command alone."""
-    words = [campaign.files.ehl["B3"], campaign.files.ehl["B3"], *records(campaign)]
+    other = shutil.copy(campaign.files.ehl["B3"], tmp_path / "EHL_B4.csv")
+    words = [campaign.files.ehl["B3"], other, *records(campaign)]
     command = [sys.executable, "-m", "tcdyn.cli.app", "rig", "campaign", *words]
     started = subprocess.Popen(
         [*map(str, command), "--workers", "2", "--out", str(tmp_path / "out")],

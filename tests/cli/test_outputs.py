@@ -156,6 +156,7 @@ def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Pa
         sys.executable,
         "-m",
         "tcdyn.cli.app",
+        "rig",
         "beta",
         log,
         *records(campaign),

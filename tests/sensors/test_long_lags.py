@@ -127,12 +127,16 @@ def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> No
         tmp_path / "lcsr.csv", time_s=900 / probe.lag_s * t, R_degC=20 + y, I_mA=40 * np.sqrt(power)
     )
     assert (
-        run_cli("sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out) == 0
+        run_cli(
+            *("sensor", "current", log, "--column", "R", "--current", "I_mA"),
+            *("--out", out, "--overwrite"),
+        )
+        == 0
     )
     check_file(out, "R_degC", 900.0)
     t, y = fluctuating(8, (1.0,), 0.1, 8000, 0.05)
     log = write(tmp_path / "noise.csv", time_s=np.round(1800 * t, 3), T_degC=y)
-    assert run_cli("sensor", "noise", log, "--column", "T", "--out", out) == 0
+    assert run_cli("sensor", "noise", log, "--column", "T", "--out", out, "--overwrite") == 0
     check_file(out, "T_degC", 1800.0)
 
 
