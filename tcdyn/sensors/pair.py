@@ -588,10 +588,12 @@ def whitened(data: PairData, theta: Array) -> Array:
     values; ``tests/sensors/test_pair_updates.py`` compares it with full least squares.
     """
     second = data.second_like_first(theta)
+    gain = 1 + theta[2 * data.segments]
+    noises_K = (data.noise_K[0], data.noise_K[1] / gain)  # that of the second trace scales with it
     if data.intervals is not None:
         lags = np.stack([_lag_in_rows(data, theta, k) for k in (0, 1)])
         traces = np.stack([data.first, second])
-        return interval_residuals(0.5 - lags, 0.5 + lags, traces, data.noise_K, data.intervals)
+        return interval_residuals(0.5 - lags, 0.5 + lags, traces, noises_K, data.intervals)
     sides = [_side_weights(data, theta, k) for k in (0, 1)]
     size, n = sides[0].shape
     residual = np.zeros(n)
@@ -599,7 +601,7 @@ def whitened(data: PairData, theta: Array) -> Array:
         residual += sides[0][j] * data.first[j : n + j] - sides[1][j] * second[j : n + j]
     used = np.isfinite(residual) & (data.segment[size - 1 :] == data.segment[:n])
     band = np.zeros((size, n))
-    for weights, noise_K in zip(sides, data.noise_K):
+    for weights, noise_K in zip(sides, noises_K):
         for d in range(size):
             band[d, : n - d] += noise_K**2 * np.sum(
                 weights[d:, : n - d] * weights[: size - d, d:], axis=0

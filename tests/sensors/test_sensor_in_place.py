@@ -294,7 +294,17 @@ def test_the_commands_write_files_that_compensate_takes(
     capsys.readouterr()
     assert (
         run_cli(
-            "sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out, "--json"
+            "sensor",
+            "current",
+            log,
+            "--column",
+            "R",
+            "--current",
+            "I_mA",
+            "--out",
+            out,
+            "--overwrite",
+            "--json",
         )
         == 0
     )
@@ -302,7 +312,7 @@ def test_the_commands_write_files_that_compensate_takes(
     assert Estimate(**said["fit"]["lag_s"]).contains(probe.lag_s)
     t, y = fluctuating(8, (1.0,), 0.1, 8000, 0.05)
     log = write(tmp_path / "noise.csv", time_s=np.round(t, 3), T_degC=y)
-    assert run_cli("sensor", "noise", log, "--column", "T", "--out", out, "--quiet") in (0, 1)
+    assert run_cli("sensor", "noise", log, "--column", "T", "--out", out, "--overwrite", "-q") == 0
     assert read_sensor(out).method == "noise"
 
 
