@@ -245,7 +245,7 @@ def test_candidates_include_oscillators_with_dead_time_and_integrators_are_sugge
     advice = compare(data, CANDIDATES[:2]).advice
     assert advice.startswith("None of these models")
     table = pd.DataFrame([row(name, 0.0, p_input=1e-9) for name in CANDIDATES])
-    assert "models=P1I" in replace(compare(data, ["P1"]), table=table).advice
+    assert "models=['P1I', 'P1DI']" in replace(compare(data, ["P1"]), table=table).advice
 
 
 def test_progress_callback_is_called_before_each_fit() -> None:

@@ -120,7 +120,8 @@ def test_record_is_plotted_from_its_start_up_to_the_requested_time() -> None:
             assert t[0] == time_since_entry[0]
             assert end - step < t[-1] <= end
             assert y == pytest.approx(np.interp(t, time_since_entry, run.readings_degC[:, k]))
-        assert bath.get_ydata() == pytest.approx(np.interp(t, time_since_entry, run.fluid_degC))
+        t, y = np.transpose(bath.get_data()).T  # each line has rows of its own
+        assert y == pytest.approx(np.interp(t, time_since_entry, run.fluid_degC))
 
 
 def test_entry_is_plotted_with_switch_probe_and_uncertainty() -> None:

@@ -311,7 +311,7 @@ def record_options(campaign: Campaign) -> list[object]:
 
 
 @pytest.mark.study
-def test_gap_at_unloading_gives_exit_code_1_and_a_finding_in_the_file(
+def test_gap_at_unloading_gives_a_warning_and_a_finding_in_the_file(
     write_damaged: Callable[[str, str], Path],
     campaign: Campaign,
     tmp_path: Path,
@@ -322,7 +322,7 @@ def test_gap_at_unloading_gives_exit_code_1_and_a_finding_in_the_file(
     log = write_damaged("gap at unloading", "fast_a_degC")
     assert (
         run_command("rig", "beta", log, *record_options(campaign), "--out", out, "--report", page)
-        == 1
+        == 0
     )
     (finding,) = (
         f
