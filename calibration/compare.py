@@ -1,9 +1,9 @@
 """Compare two records of one disk: which quantities drifted significantly (Holm's correction).
 
-:func:`compare_records` is ``tcdyn rig record diff``, :func:`check_record` is ``tcdyn rig record check``
-(``tcdyn.cli.record``); both are used by the certificate, too. ``SIGNIFICANCE`` decides which
-changes are significant; the other thresholds decide warnings only. They are chosen by judgement
-where no other reason is given. Tests: ``tests/rig/test_record.py`` and
+:func:`compare_records` is ``tcdyn rig record diff``, :func:`check_record` is
+``tcdyn rig record check`` (``tcdyn.cli.record``); both are used by the certificate, too.
+``SIGNIFICANCE`` decides which changes are significant; the other thresholds decide warnings only.
+They are chosen by judgement where no other reason is given. Tests: ``tests/rig/test_record.py`` and
 ``tests/calibration/test_budget.py``.
 """
 

@@ -1,7 +1,7 @@
 """Fit static lines to the PRT of an oven log (errors in variables); statistics of the errors.
 
-Used by ``tcdyn rig calibrate`` and the certificate. The tests of a line (lack of fit, curvature, shift,
-outliers) are those of :mod:`tcdyn.estimation.line_fit`; their levels are in
+Used by ``tcdyn rig calibrate`` and the certificate. The tests of a line (lack of fit, curvature,
+shift, outliers) are those of :mod:`tcdyn.estimation.line_fit`; their levels are in
 :mod:`tcdyn.rig.static_line`. Tests: ``tests/calibration/test_static_lines.py``.
 """
 

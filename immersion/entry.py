@@ -1,9 +1,9 @@
 """Entry of the disk into the bath: instants of switch, thermocouple, junctions; mean.
 
-Used by :mod:`immersion.plunge_data`, :mod:`immersion.hole` and the workflow of ``tcdyn rig calibrate``.
-An error of the entry shifts the common lag of all channels, so each source has a standard
-uncertainty, and sources that disagree widen it. Thresholds are chosen by judgement where no other
-reason is given. Tests: ``tests/immersion/test_immersion_events.py``.
+Used by :mod:`immersion.plunge_data`, :mod:`immersion.hole` and the workflow of
+``tcdyn rig calibrate``. An error of the entry shifts the common lag of all channels, so each source
+has a standard uncertainty, and sources that disagree widen it. Thresholds are chosen by judgement
+where no other reason is given. Tests: ``tests/immersion/test_immersion_events.py``.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ Each planned test is the response of the rim model to the planned conditions, wi
 is linear there, and its sufficient statistics are solved as a campaign. The whole disk is not
 simulated: the temperature of the disk, its cooling and the noise are specified.
 
-``tcdyn rig design`` calls it. The shape of the cooling and the constants below are approximations; only
-expected uncertainties depend on them. Guarded by ``tests/campaign/test_planned.py``.
+``tcdyn rig design`` calls it. The shape of the cooling and the constants below are approximations;
+only expected uncertainties depend on them. Guarded by ``tests/campaign/test_planned.py``.
 """
 
 from __future__ import annotations

@@ -57,8 +57,8 @@ class JoinedCampaign:
     curves
         Curves of a model compared with the tests.
     deeper_mm, pulls
-        By disk and channel: estimated depth minus stated depth of a junction, and this difference in
-        the standard deviations that the data alone would cause.
+        By disk and channel: estimated depth minus stated depth of a junction, and this difference
+        in the standard deviations that the data alone would cause.
     single_beta
         beta of each test by its own joint fit.
     speed_law_beta

@@ -65,8 +65,8 @@ MIN_FREQUENCIES = 10
 # largest amplitude of a harmonic of hum relative to its line; width of a line [Hz]
 HARMONIC_SHARE = 0.5
 LINE_WIDTH_HZ = 0.5
-# width of a line of the mains relative to the sampling rate at most: below some ten samples a second
-# its harmonics could be anywhere
+# width of a line of the mains relative to the sampling rate at most: below some ten samples a
+# second its harmonics could be anywhere
 LINE_SHARE = 0.01
 # frequencies of the mains [Hz], and the highest harmonic
 MAINS_HZ = (50.0, 60.0)

@@ -6,9 +6,9 @@ output, which is minus its derivative with respect to the j-th coefficient of f_
 expanded into a polynomial of high order, so equal, close and distant poles all have full precision.
 Between samples the input is constant (ZOH) or a straight line (FOH).
 
-``tcdyn.chain.chain``, ``tcdyn.identification`` and ``tcdyn.partition.nuisance`` simulate with it. Guarded
-by ``tests/identify/test_identify_simulation.py``, ``tests/smoothing/test_noise_parts.py`` and
-``tests/chain/test_chain.py``.
+``tcdyn.chain.chain``, ``tcdyn.identification`` and ``tcdyn.partition.nuisance`` simulate with it.
+Guarded by ``tests/identify/test_identify_simulation.py``, ``tests/smoothing/test_noise_parts.py``
+and ``tests/chain/test_chain.py``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Structures of a chain by their usual names, and equalisation of channels.
 
-The name is P and the number of poles, then a letter for each further element. ``tcdyn.identification``
-and ``immersion.chain_structures`` fit structures by name; ``tcdyn.partition`` calls ``equalise``.
-Guarded by ``tests/chain/test_chain.py``, ``tests/partition/test_equalise.py`` and
-``tests/immersion/test_plunge_structures.py``.
+The name is P and the number of poles, then a letter for each further element.
+``tcdyn.identification`` and ``immersion.chain_structures`` fit structures by name;
+``tcdyn.partition`` calls ``equalise``. Guarded by ``tests/chain/test_chain.py``,
+``tests/partition/test_equalise.py`` and ``tests/immersion/test_plunge_structures.py``.
 """
 
 from __future__ import annotations

@@ -92,8 +92,8 @@ def beta(
     A log of one disk needs the record of that disk only. Beta is then estimated by the joint fit
     and the cooling fit of this disk. The log must contain both speeds.
 
-    Example: tcdyn rig beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out
-    beta.json --report beta.html
+    Example: tcdyn rig beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json
+    --out beta.json --report beta.html
     """
     from tcdyn.io.read import display_path
     from tcdyn.io.write import write_text

@@ -91,7 +91,8 @@ def design(
     With --campaign: predict how well planned EHL tests together determine beta, before junctions
     are drilled. Positions and angles are those of rig.toml for both disks; --out is then a .csv.
 
-    Example: tcdyn rig design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
+    Example: tcdyn rig design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out
+    plan.html
     """
     from tcdyn.chain.logger_noise import noise_power_ratio
     from tcdyn.design.compare import compare_tests

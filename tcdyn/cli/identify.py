@@ -1,6 +1,7 @@
 """Commands ``tcdyn identify`` (input-output data) and ``tcdyn response`` (frequency response).
 
-The models and fits are :mod:`tcdyn.identification`. Tests: ``tests/identify/test_identify_results.py``.
+The models and fits are :mod:`tcdyn.identification`. Tests:
+``tests/identify/test_identify_results.py``.
 """
 
 from __future__ import annotations

@@ -178,9 +178,9 @@ def transducer(
 
     Both are printed with their 95 % intervals.
 
-    --quantity friction prints the uncertainty as friction_rel, a key of table uncertainty of the rig
-    file; beta of a single disk is proportional to the friction. --quantity load prints the relative
-    uncertainty of the half width of the track, one third of that of the load (half width ~
+    --quantity friction prints the uncertainty as friction_rel, a key of table uncertainty of the
+    rig file; beta of a single disk is proportional to the friction. --quantity load prints the
+    relative uncertainty of the half width of the track, one third of that of the load (half width ~
     load^(1/3)). The zero is determined again in each test. A warning reports gains that differ
     between the sessions.
 

@@ -1,7 +1,7 @@
 """Base class of results: summary, dictionary, table, figure; and conversion to JSON.
 
-Results that users see derive from ``Result``; ``json_text`` makes the text of JSON files. Guarded by
-``tests/core/test_results.py``.
+Results that users see derive from ``Result``; ``json_text`` makes the text of JSON files. Guarded
+by ``tests/core/test_results.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from tcdyn.core.findings import Finding, messages
 if TYPE_CHECKING:
     import xarray as xr
 
-# Characters that control a terminal, or the direction of its text, and that JSON allows as they are.
+# Characters that control a terminal, or the direction of its text, and that JSON allows as they
+# are.
 TERMINAL_CONTROL = re.compile("[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 # Chosen by judgement.
 MOST_ROWS = 30  # of a table in a notebook

@@ -319,7 +319,8 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
         power, rows = outer_traces(float(ln_h), float(ln_k), *map(float, depths))
         power = power * (1 + ln_power)
         row = rows.sum(axis=0)
-        # a step that comes late, or an inner reading taken for less lagged than it is, is a shift in time
+        # a step that comes late, or an inner reading taken for less lagged than it is, is a shift
+        # in time
         shift = -instant * power + np.tensordot(lags[inner] - lag_s, rows, axes=1)
         out = np.gradient(through_chain(shift), dt, axis=0) + offsets
         for k, at in enumerate(
@@ -331,7 +332,8 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
             )
         return out.T.ravel()
 
-    # nominal value, step of the difference, prior standard deviation, in the order of the readings' parameters
+    # nominal value, step of the difference, prior standard deviation, in the order of the readings'
+    # parameters
     table = [
         (lag_s, 1e-3, np.inf),
         (0.0, 1e-3, LAG_SPLIT_PRIOR_SD),
@@ -503,7 +505,8 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
     """
     dt = 1 / plan.rate_Hz
     t = np.arange(-1.0, plan.window_s, dt)
-    # nominal value, step of the difference, prior standard deviation; all but the last two are a touch's own
+    # nominal value, step of the difference, prior standard deviation; all but the last two are a
+    # touch's own
     table = {
         "lag": (lag_s, 1e-3, np.inf),
         "ln_flux": (np.log(plan.flux_W_m2), 1e-3, plan.flux_log_u),

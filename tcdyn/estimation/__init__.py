@@ -32,10 +32,11 @@ there is none.
 True
 
 ``minimise(problem, start, fixed=rows)`` leaves the combinations rows @ theta unchanged;
-``minimise_constrained(best, "tau_s", 0.8)`` fits the other parameters again with one fixed; ``loss="huber"`` is a
-robust loss for outliers. For correlated residuals there are ``sandwich_covariance`` (an autoregressive model
-of the residuals), and the discounts ``correlation_length`` and ``slow_variance_factor`` (covariance
-factors). Where the model cannot be computed, ``residual_and_jacobian`` returns None.
+``minimise_constrained(best, "tau_s", 0.8)`` fits the other parameters again with one fixed;
+``loss="huber"`` is a robust loss for outliers. For correlated residuals there are
+``sandwich_covariance`` (an autoregressive model of the residuals), and the discounts
+``correlation_length`` and ``slow_variance_factor`` (covariance factors). Where the model cannot be
+computed, ``residual_and_jacobian`` returns None.
 """
 
 from tcdyn.estimation.arma import (

@@ -1,7 +1,7 @@
 """Noise models for correlated residuals: AR and ARMA models, whitening, covariance of estimates.
 
-``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them; ``correlation_length`` is also
-used by ``immersion.plunge_data``. Guarded by ``tests/estimation/test_noise_models.py``.
+``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them; ``correlation_length`` is
+also used by ``immersion.plunge_data``. Guarded by ``tests/estimation/test_noise_models.py``.
 """
 
 from __future__ import annotations

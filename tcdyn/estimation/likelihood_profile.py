@@ -1,7 +1,7 @@
 """Profile likelihood: one number fixed at several values, all other parameters fitted again.
 
-``tcdyn.identification.intervals``, ``immersion.plunge_posterior`` and ``tcdyn.partition.profile`` use it
-for intervals that are not symmetric. Guarded by ``tests/estimation/test_fitting.py``.
+``tcdyn.identification.intervals``, ``immersion.plunge_posterior`` and ``tcdyn.partition.profile``
+use it for intervals that are not symmetric. Guarded by ``tests/estimation/test_fitting.py``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A linear estimate averaged over possible noise models (Bayesian model averaging).
 
 The models are white noise plus a first-order disturbance of any time constant.
-``tcdyn.identification.disturbance`` uses it. Guarded by ``tests/estimation/test_noise_models.py`` and
-``tests/estimation/test_fitting.py``.
+``tcdyn.identification.disturbance`` uses it. Guarded by ``tests/estimation/test_noise_models.py``
+and ``tests/estimation/test_fitting.py``.
 """
 
 from __future__ import annotations

@@ -528,7 +528,8 @@ def steady_field(s: Scheme, forcing: Array) -> Array:
 
     Notes
     -----
-    The order of elimination may change. Guarded by ``test_static_gain_matches_the_steady_state_of_the_scheme`` in
+    The order of elimination may change. Guarded by
+    ``test_static_gain_matches_the_steady_state_of_the_scheme`` in
     ``tests/heat/test_rim_engine.py``. The runs of ``tests/heat/reference_run.py`` and of
     ``tcdyn.verify.studies`` start from it; ``tcdyn.verify.studies`` also compares meshes by it.
     """

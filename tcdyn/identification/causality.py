@@ -1,7 +1,7 @@
 """Causality check: an output that moves before its input is an error; a lead is accepted.
 
-``tcdyn.identification.fitting.fit`` calls it for each input. It compares the best lag with a negative dead
-time with the best causal one. The thresholds come from trials on simulated records;
+``tcdyn.identification.fitting.fit`` calls it for each input. It compares the best lag with a
+negative dead time with the best causal one. The thresholds come from trials on simulated records;
 ``tests/identify/test_identify_causality.py`` checks that leads pass and that shifted or exchanged
 columns do not.
 """

@@ -226,12 +226,12 @@ def compare(
         One output, one or several inputs; or a tuple (u, y, dt_s), as for :func:`fit`.
     models
         Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit`, an
-        :class:`Identified` or a ``control`` system; :func:`tcdyn.identification.from_control` adds a
-        dead time), of which only the offset is fitted. Two of one name are numbered. A fitted model
-        of sysidentpy (``predict`` and ``max_lag``) is scored by free simulation and never
+        :class:`Identified` or a ``control`` system; :func:`tcdyn.identification.from_control` adds
+        a dead time), of which only the offset is fitted. Two of one name are numbered. A fitted
+        model of sysidentpy (``predict`` and ``max_lag``) is scored by free simulation and never
         recommended.
-        Without any, they are the process models of :mod:`tcdyn.identification.ladder`, and with several
-        inputs the inputs that matter.
+        Without any, they are the process models of :mod:`tcdyn.identification.ladder`, and with
+        several inputs the inputs that matter.
     like
         Model whose known factor, offset and fixed gain all models of the ladder have.
     held_out
@@ -255,8 +255,8 @@ def compare(
     Notes
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
-    :func:`tcdyn.identification.setting.select_setting` selects, as far as ``options`` do not give them.
-    Where the residuals of the recommended model are clearly coloured or follow the input, the
+    :func:`tcdyn.identification.setting.select_setting` selects, as far as ``options`` do not give
+    them. Where the residuals of the recommended model are clearly coloured or follow the input, the
     models with white noise, and transfer functions with common poles, replace them if they simulate
     the held-out data better. The recommended model is fitted once more, with the average over slow
     noise where the setting has a disturbance. For the recommendation see

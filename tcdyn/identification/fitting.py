@@ -2,8 +2,8 @@
 
 The result has parameters with uncertainty, a noise model and validated residuals. ``fit`` is the
 public function; the other modules of the package use it too. The order of its stages: checks, white
-noise, robust loss or input noise, selection of the setting (``tcdyn.identification.setting``), average
-over slow noise, intervals. ``tests/identify/test_identify_fit.py``
+noise, robust loss or input noise, selection of the setting (``tcdyn.identification.setting``),
+average over slow noise, intervals. ``tests/identify/test_identify_fit.py``
 and ``test_identify_studies.py`` in that folder check recovery and coverage.
 """
 
@@ -431,9 +431,9 @@ def make_fit(
 
     Notes
     -----
-    The keys of ``statistics`` are read by ``tcdyn.identification.comparison``, ``tcdyn.identification.ladder``
-    and the JSON file. ``tests/identify/test_identify_fit.py`` checks the criteria against the
-    textbook.
+    The keys of ``statistics`` are read by ``tcdyn.identification.comparison``,
+    ``tcdyn.identification.ladder`` and the JSON file. ``tests/identify/test_identify_fit.py``
+    checks the criteria against the textbook.
     """
     n = problem.n_measured
     x = optimum.theta

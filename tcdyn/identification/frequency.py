@@ -1,7 +1,7 @@
 """Transfer functions fitted to measured frequency responses by weighted least squares.
 
-``tcdyn.identification.fit_response`` is the public function; ``tcdyn response`` calls it. Starting values
-come from Levy's linear problem with the iteration of Sanathanan and
+``tcdyn.identification.fit_response`` is the public function; ``tcdyn response`` calls it. Starting
+values come from Levy's linear problem with the iteration of Sanathanan and
 Koerner. ``tests/identify/test_identify_frequency.py`` checks recovery and coverage,
 ``tests/identify/test_identify_closed_forms.py`` the starting values and the uncertainty from a
 coherence.

@@ -1,7 +1,8 @@
 """Sampled input-output data: inputs and outputs of one or several runs, with hold and units.
 
-All of ``tcdyn.identification`` works on it; ``tcdyn.identification.tables`` builds it from tables. The arrays
-are read-only. ``tests/identify/test_identify_data.py`` checks slicing, merging and the errors.
+All of ``tcdyn.identification`` works on it; ``tcdyn.identification.tables`` builds it from tables.
+The arrays are read-only. ``tests/identify/test_identify_data.py`` checks slicing, merging and the
+errors.
 """
 
 from __future__ import annotations

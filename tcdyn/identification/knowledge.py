@@ -1,7 +1,7 @@
 """What a caller knows besides the record: bounds and priors of parameters, weights of samples.
 
-``tcdyn.identification.fit`` checks them with these functions. ``tests/identify/test_identify_interop.py``
-compares their effect with closed forms.
+``tcdyn.identification.fit`` checks them with these functions.
+``tests/identify/test_identify_interop.py`` compares their effect with closed forms.
 """
 
 from __future__ import annotations

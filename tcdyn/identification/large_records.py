@@ -1,7 +1,7 @@
 """The part of a large record on which structures are compared: block means, and a time window.
 
-``tcdyn.identification.comparison`` compares models on this record and fits the recommended one to all
-rows. ``tests/identify/test_identify_large.py`` compares it with the search on all rows.
+``tcdyn.identification.comparison`` compares models on this record and fits the recommended one to
+all rows. ``tests/identify/test_identify_large.py`` compares it with the search on all rows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Test of a constant lag: one lag that depends on the output level, fitted by simulation.
 
-``tcdyn.identification.narx.temperature_dependence`` uses it. The linear fit is the special case without
-dependence, so the dependence has an estimate with an uncertainty.
+``tcdyn.identification.narx.temperature_dependence`` uses it. The linear fit is the special case
+without dependence, so the dependence has an estimate with an uncertainty.
 ``tests/identify/test_identify_level.py`` checks a lag that rises and one that is constant;
 ``tests/identify/test_identify_residuals.py`` the simulation.
 """

@@ -139,8 +139,8 @@ class Model:
     -----
     A new parameter of process models needs an entry in ``UNITS``, perhaps in ``POSITIVE``, a term
     in :meth:`coefficients`, a name in ``tcdyn.chain.ChainStructure`` and starting values in
-    ``tcdyn.identification.starting_values.share_lag``. A positive one that is no lag needs a branch in
-    :meth:`bounds` too; otherwise it gets the bounds of a lag without a message.
+    ``tcdyn.identification.starting_values.share_lag``. A positive one that is no lag needs a branch
+    in :meth:`bounds` too; otherwise it gets the bounds of a lag without a message.
     ``tests/identify/test_identify_fit.py`` then must recover it without a start.
     """
 

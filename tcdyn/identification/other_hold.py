@@ -1,7 +1,7 @@
 """Check of the hold of each input: by its samples, and by a fit under the other hold.
 
-A wrong hold shifts the dead time by half a sample. ``tcdyn.identification.comparison`` uses the check;
-``tests/identify/test_identify_holds.py`` checks both conditions.
+A wrong hold shifts the dead time by half a sample. ``tcdyn.identification.comparison`` uses the
+check; ``tests/identify/test_identify_holds.py`` checks both conditions.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ def check_holds(ladder: Ladder, result: Fit) -> list[Finding]:
 
     Notes
     -----
-    An input that was set by a computer (:func:`tcdyn.identification.tables.is_setpoint`) is held. Where
-    the samples do not decide, the same model is fitted under the other hold. It is reported where
-    its BIC is lower by more than ``DECISIVE_BIC`` and its residuals do not follow the input: a hold
-    can also replace dynamics that the model lacks. A free dead time takes up the shift, so the two
-    fits are equal unless the dead time is near zero.
+    An input that was set by a computer (:func:`tcdyn.identification.tables.is_setpoint`) is held.
+    Where the samples do not decide, the same model is fitted under the other hold. It is reported
+    where its BIC is lower by more than ``DECISIVE_BIC`` and its residuals do not follow the input:
+    a hold can also replace dynamics that the model lacks. A free dead time takes up the shift, so
+    the two fits are equal unless the dead time is near zero.
     """
     data = ladder.data
     findings = []

@@ -1,7 +1,7 @@
 """Recommendation of a model: the model of a comparison to use and why, and the comparison table.
 
-``tcdyn.identification.comparison`` and ``tcdyn.report.dynamics`` use it. It reads the table only, so each
-rule can be tested with a small table: ``tests/identify/test_identify_advice.py``, and
+``tcdyn.identification.comparison`` and ``tcdyn.report.dynamics`` use it. It reads the table only,
+so each rule can be tested with a small table: ``tests/identify/test_identify_advice.py``, and
 ``tests/identify/test_identify_results.py`` on fits.
 """
 

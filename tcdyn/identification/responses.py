@@ -1,8 +1,9 @@
 """Responses of an identified model with uncertainty bands: step response, percent times, Bode.
 
-``tcdyn.identification.identified`` and ``tcdyn.plots.identify`` use it. Bands are first-order propagation
-of the covariance of the parameters. ``tests/identify/test_identify_closed_forms.py`` compares them
-with the derivatives of one lag, ``tests/identify/test_identify_results.py`` checks their coverage.
+``tcdyn.identification.identified`` and ``tcdyn.plots.identify`` use it. Bands are first-order
+propagation of the covariance of the parameters. ``tests/identify/test_identify_closed_forms.py``
+compares them with the derivatives of one lag, ``tests/identify/test_identify_results.py`` checks
+their coverage.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Segments of a record in which every input is measured, and the noise of a measured input.
 
-``tcdyn.identification.search.make_problem`` and the checks of the record use them. A gap of the output
-stays in a segment; a gap of the input ends it. ``tests/identify/test_identify_closed_forms.py``
-checks segments and input noise, ``tests/identify/test_identify_data.py`` gaps.
+``tcdyn.identification.search.make_problem`` and the checks of the record use them. A gap of the
+output stays in a segment; a gap of the input ends it.
+``tests/identify/test_identify_closed_forms.py`` checks segments and input noise,
+``tests/identify/test_identify_data.py`` gaps.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Setting of the fits that are compared: initial state, noise and baseline, and its selection.
 
-``tcdyn.identification.fit`` selects the setting of one model with it, ``tcdyn.identification.ladder`` that of
-several models together. ``tests/identify/test_identify_ladder.py`` checks the steps,
+``tcdyn.identification.fit`` selects the setting of one model with it,
+``tcdyn.identification.ladder`` that of several models together.
+``tests/identify/test_identify_ladder.py`` checks the steps,
 ``tests/identify/test_identify_disturbance.py`` and ``tests/identify/bare_study.py`` the coverage.
 """
 

@@ -1,7 +1,7 @@
 """Input-output data from pandas tables and files, with checks of time, values and hold.
 
-``tcdyn.identification.from_csv`` and ``from_frame`` are the public functions; ``tcdyn identify`` reads
-with them. ``tests/identify/test_identify_data.py`` checks tables and errors,
+``tcdyn.identification.from_csv`` and ``from_frame`` are the public functions; ``tcdyn identify``
+reads with them. ``tests/identify/test_identify_data.py`` checks tables and errors,
 ``tests/identify/test_identify_choose.py`` the hold.
 """
 

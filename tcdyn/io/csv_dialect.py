@@ -563,8 +563,8 @@ def _header(
 
     Of the rows of text with the number of fields of the data, or one more or less, it is the one
     with most known names and names of time columns. Of equal ones it is that with fewest units,
-    then with most filled cells, then the last of them. Without such a row, a last row of text is taken, so
-    that the message about its number of names is about the right row.
+    then with most filled cells, then the last of them. Without such a row, a last row of text is
+    taken, so that the message about its number of names is about the right row.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """A text table that still grows: its new complete lines, as chunks of the same reader as a file.
 
 Used by ``tcdyn.workflows.follow``. The numbers are those that ``tcdyn.io.read.text_chunks`` reads
-from the finished file, bit by bit. Which columns hold text is decided when the log is opened, by the
-rows that it has then. Guarded by ``tests/smoothing/test_follow.py`` and
+from the finished file, bit by bit. Which columns hold text is decided when the log is opened, by
+the rows that it has then. Guarded by ``tests/smoothing/test_follow.py`` and
 ``tests/smoothing/test_follow_files.py``.
 """
 

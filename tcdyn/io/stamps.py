@@ -23,8 +23,8 @@ CHANGE_HOURS = (1, 2, 3)
 # A step that is an hour too long or too short is a change of the clock if the rest is at most this
 # multiple of the step before it; chosen by judgement.
 LONGEST_REST = 1.5
-# Hours east of Greenwich of the abbreviations that loggers write. Only changes of the offset matter,
-# so an abbreviation that other countries use for another zone does no harm.
+# Hours east of Greenwich of the abbreviations that loggers write. Only changes of the offset
+# matter, so an abbreviation that other countries use for another zone does no harm.
 _ZONES = {
     "Z": 0,
     "UTC": 0,

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.io.stamps import is_date, is_time_of_day
 
-# dates such as 4.3.2026 have the day first, dates such as 2026-03-04 the month; 4/3/2026 may be either
+# dates such as 4.3.2026 have the day first, dates such as 2026-03-04 the month; 4/3/2026 may be
+# either
 _DAY_FIRST = re.compile(r"\s*\d{1,2}\.\d{1,2}\.")
 _YEAR_FIRST = re.compile(r"\s*\d{4}")
 # largest difference [s] of two intervals that are equal, for stamps of whole seconds

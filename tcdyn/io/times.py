@@ -1,8 +1,8 @@
 """Columns of time: their names and units, and clocks whose stamps are whole units.
 
-Used by :mod:`tcdyn.io.csv_dialect`, ``tcdyn.sensors.table`` and ``tcdyn.identification.tables``. The
-stamps themselves are read by :mod:`tcdyn.io.stamps`. A unit is never guessed silently: where the
-header states none, only steps that are plausible in seconds are accepted. Guarded by
+Used by :mod:`tcdyn.io.csv_dialect`, ``tcdyn.sensors.table`` and ``tcdyn.identification.tables``.
+The stamps themselves are read by :mod:`tcdyn.io.stamps`. A unit is never guessed silently: where
+the header states none, only steps that are plausible in seconds are accepted. Guarded by
 ``tests/io/test_times.py``.
 """
 

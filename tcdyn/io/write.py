@@ -4,7 +4,7 @@ Used by every command that writes a file. A file is written under a temporary na
 so that a stopped command leaves the previous file or none. A CSV file begins with its header; its
 metadata are in a JSON file beside it (:mod:`tcdyn.io.metadata`). Guarded by
 ``tests/io/test_write.py`` (killed writers), ``tests/io/test_read_back.py`` (numbers survive) and
-``tests/io/test_outputs.py`` (dialects, metadata).
+``tests/io/test_metadata.py`` (dialects, metadata).
 """
 
 from __future__ import annotations

@@ -79,8 +79,8 @@ FRICTION_SEGMENTS_S = np.concatenate(
 )
 FRICTION_NOISE = "friction noise"  # line of the budget, and beginning of the names
 
-# Air of one disk, as far as its own channels differ; and its steel, as far as it differs from that of
-# the other disk.
+# Air of one disk, as far as its own channels differ; and its steel, as far as it differs from that
+# of the other disk.
 DISK_AIR = NuisanceParameter("air", "ambient")
 DISK_STEEL = (
     NuisanceParameter("conductivity of one disk", "steel of one disk"),

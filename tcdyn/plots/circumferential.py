@@ -1,7 +1,8 @@
 """Figures of the temperature around a disk: its middle plane, its surface, and its press fit.
 
-Used by the pages of a test (:mod:`tcdyn.report.circumferential`) and by the commands ``tcdyn rig circumference
-simulate`` and ``tcdyn rig circumference fit`` (``tcdyn.cli.circumference``). Constants are for the eye only. Test:
+Used by the pages of a test (:mod:`tcdyn.report.circumferential`) and by the commands
+``tcdyn rig circumference simulate`` and ``tcdyn rig circumference fit``
+(``tcdyn.cli.circumference``). Constants are for the eye only. Test:
 ``tests/partition/test_around.py``.
 """
 

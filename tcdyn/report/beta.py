@@ -1,7 +1,7 @@
 """Report of EHL tests: beta, unloading, steady lines, joint fit, uncertainty budget, checks.
 
-Written by ``tcdyn rig beta`` and ``tcdyn demo``; :mod:`tcdyn.report.campaign` uses parts of it. A test
-with one disk has fewer sections. The order of the sections is their importance; what is
+Written by ``tcdyn rig beta`` and ``tcdyn demo``; :mod:`tcdyn.report.campaign` uses parts of it. A
+test with one disk has fewer sections. The order of the sections is their importance; what is
 folded is not printed. Tests: ``tests/report/test_beta_page.py``.
 """
 

@@ -57,7 +57,7 @@ def has_oven_lines(record: DiskRecord) -> bool:
 
 
 def marks(record: DiskRecord) -> tuple[str, ...]:
-    """Return what stands beside the title: whether the certificate is a draft, or simulated."""
+    """Return the words next to the title: "draft", "simulated", both or none."""
     draft = (DRAFT,) if draft_reasons(record) else ()
     return (*draft, SIMULATED) if simulated_files(record) else draft
 

@@ -72,7 +72,8 @@ def convert_figure(figure: Figure) -> dict[str, Any]:
     -------
     charts
         ``columns``, their number side by side, and ``charts``, each with ``row``, ``column``,
-        ``letter``, ``title``, ``height`` [px], ``field`` (whether colours are a scale), ``data`` and ``layout``.
+        ``letter``, ``title``, ``height`` [px], ``field`` (whether colours are a scale), ``data``
+        and ``layout``.
 
     Raises
     ------
@@ -449,8 +450,8 @@ def _joined(polygons: Iterable[Any]) -> tuple[list[float], list[float]]:
 
 def _unit(label: str) -> str:
     """Return the unit of a label."""
-    found = UNIT.search(label)
-    return found[1] if found and found[1] != "1" else ""
+    match = UNIT.search(label)
+    return match[1] if match and match[1] != "1" else ""
 
 
 def _names(axis: dict[str, Any], values: Array) -> list[str]:

@@ -571,8 +571,8 @@ def _junction_order(
 
     Notes
     -----
-    Three causes are distinguished. Where all junctions at one side warm more than those of equal depth
-    at the other, and each side is in order, the disk warms unevenly; of two channels that are
+    Three causes are distinguished. Where all junctions at one side warm more than those of equal
+    depth at the other, and each side is in order, the disk warms unevenly; of two channels that are
     swapped, at least one is not in order with its neighbours. Where the readings themselves are in
     order, the disk was not at one temperature at the start. Otherwise channels look swapped.
 

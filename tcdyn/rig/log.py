@@ -48,7 +48,8 @@ from tcdyn.rig.oven_log import oven_frame
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
 
-# Largest file, in rows, whose checked frame is kept in memory: 29 min at 75 Hz. Chosen by judgement.
+# Largest file, in rows, whose checked frame is kept in memory: 29 min at 75 Hz. Chosen by
+# judgement.
 MAX_ROWS_IN_MEMORY = 1 << 17
 # Largest file, in values, whose columns are kept in memory, so that it is read only once: 160 MB.
 # Chosen by judgement.

@@ -3,7 +3,7 @@
 Used by the rig file, by :mod:`tcdyn.partition.press_fit` (harmonics of the conductance as prior),
 by the simulator and by ``tcdyn rig circumference fit``. Equations (6.1) and (6.2) themselves are in
 :mod:`tcdyn.rig.contact`. Tests: ``tests/partition/test_stated_fit.py``,
-``tests/partition/test_uneven.py`` and ``tests/cli/test_round_command.py``.
+``tests/partition/test_uneven.py`` and ``tests/cli/test_circumference_command.py``.
 """
 
 from __future__ import annotations

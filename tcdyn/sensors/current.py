@@ -2,8 +2,8 @@
 
 Internal heating and an external step share the poles of the sensor; internal heating adds zeros
 (Kerlin, Hashemian). The weight of each pole in a plunge follows from a model of where heat is
-generated and stored: an isothermal core, which is heated and read, in insulation, a gas gap, a metal
-wall and a boundary layer.
+generated and stored: an isothermal core, which is heated and read, in insulation, a gas gap, a
+metal wall and a boundary layer.
 
 ``tcdyn sensor`` uses it. ``tests/sensors/test_sensor_in_place.py`` checks the modes against those
 of separate code; ``python -m tests.sensors.layered_study current`` checks that the interval holds

@@ -44,8 +44,8 @@ MIN_RECORD_LAGS = 300.0  # length of the record in lags; chosen by judgement
 # segments (Welch 1967), and bins that carry one piece of information.
 OVERLAP_FACTOR = 36 / 38
 TAPER_FACTOR = 35 / 18
-# Power over that of the lowest bins from which on bins are not fitted: there the spectrum is that of
-# the shortest lags of the sensor and of the fluid, of which the model has only the sum
+# Power over that of the lowest bins from which on bins are not fitted: there the spectrum is that
+# of the shortest lags of the sensor and of the fluid, of which the model has only the sum
 # (`python -m tests.sensors.layered_study noise`); and bins that are averaged to find it.
 NEGLIGIBLE_POWER = 3e-3
 SMOOTHED_BINS = 9
@@ -88,10 +88,11 @@ def noise_sensor(
     Notes
     -----
     The spectrum is that of a sampled sum of exponentials, A sum_n c_n s(tau_n) + B, s(tau) = (1 -
-    p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau), c_n proportional to tau_n^(2M - 3) / prod_m (tau_n^2
-    - tau_m^2), sum one: white fluctuations of the fluid after M lags, and white noise of the logger.
-    An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by Whittle's
-    likelihood on overlapping segments; one lag, two, and two with the further ones of
+    p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau), c_n proportional to tau_n^(2M - 3) / prod_m
+    (tau_n^2
+    - tau_m^2), sum one: white fluctuations of the fluid after M lags, and white noise of the
+    logger. An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by
+    Whittle's likelihood on overlapping segments; one lag, two, and two with the further ones of
     conduction (``inner_lags``) are weighted by BIC.
 
     The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid

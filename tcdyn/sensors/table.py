@@ -59,8 +59,8 @@ FEW_DECIMALS_SHARE = 0.02
 # Share of repeated time stamps above which they are the clock's resolution and not double rows;
 # chosen by judgement.
 MOSTLY_REPEATED = 0.3
-# Rows of the even times of a record up to which any share may be missing, and rows of even times for
-# each row of the table above it: bounds the memory. By judgement.
+# Rows of the even times of a record up to which any share may be missing, and rows of even times
+# for each row of the table above it: bounds the memory. By judgement.
 MAX_GRID_ROWS = 1_000_000
 MAX_GRID_SHARE = 50
 # Relative standard uncertainty of a rate from which a warning is given: lags are wrong by as much;
@@ -608,9 +608,9 @@ def read_segments(
     With a delay of n rows, a block has n - ceil(n / 2) + 1 rows and a margin of ceil(n / 2) rows
     after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least
     ``MARGIN_ROWS``. It is shorter than that of other segments: the rows of a block are estimated
-    from fewer rows, and their uncertainty includes that. The first block after a start or a long gap waits for
-    ``START_ROWS`` rows. ``tests/smoothing/test_fixed_delay.py`` guards that the division depends on
-    the rows only.
+    from fewer rows, and their uncertainty includes that. The first block after a start or a long
+    gap waits for ``START_ROWS`` rows. ``tests/smoothing/test_fixed_delay.py`` guards that the
+    division depends on the rows only.
     """
     longest_gap_s = LONGEST_GAP_LAGS * lag_s
     chunks = source.read_chunks(columns)

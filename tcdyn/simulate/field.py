@@ -1,7 +1,7 @@
 """Temperature field of the synthetic disks over r, z and angle at the unloading.
 
-``tcdyn rig circumference`` and ``docs/gallery/uneven.py`` compare it with the estimate from the readings;
-``tests/partition/test_around.py`` does so with tolerances. It is read from the state of
+``tcdyn rig circumference`` and ``docs/gallery/test/uneven.py`` compare it with the estimate from the
+readings; ``tests/partition/test_around.py`` does so with tolerances. It is read from the state of
 ``tcdyn.simulate.ehl.disk_run`` and adds no model of its own.
 """
 

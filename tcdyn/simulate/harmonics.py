@@ -104,8 +104,8 @@ def harmonic_system(
 
     Notes
     -----
-    The order of the rows of ``sample`` is read by ``tcdyn.simulate.harmonics.unevenness_effects`` and
-    by ``tcdyn.simulate.ehl._simulate_disk``. ``tests/simulate/test_disk.py`` fails where they
+    The order of the rows of ``sample`` is read by ``tcdyn.simulate.harmonics.unevenness_effects``
+    and by ``tcdyn.simulate.ehl._simulate_disk``. ``tests/simulate/test_disk.py`` fails where they
     disagree.
     """
     even = build_system(disk, h_W_m2K, half_width_m, mesh)

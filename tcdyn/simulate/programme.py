@@ -1,7 +1,7 @@
 """The sixteen EHL tests: conditions (table 6.1) and published results (tables 7.1 and 7.2).
 
 ``tcdyn.simulate.ehl`` draws tests around these values; ``tcdyn.verify`` and
-``docs/gallery/thesis_tests.py`` compare with them. ``tests/simulate/test_contact.py`` checks
+``docs/gallery/test/thesis_tests.py`` compare with them. ``tests/simulate/test_contact.py`` checks
 speeds, contacts and the ratio of the heat transfer coefficients.
 """
 

@@ -60,8 +60,8 @@ BURST_FIT_NATS = 3.0
 # kink before rough changes, and jumps over these shares of the lag
 PRIOR = (0.5, 0.35, 0.04, 0.05, 0.03, 0.03)
 GRADUAL_LAGS = (0.1, 0.3)
-# ``Burst.rough`` of a kink before rough changes. These six values were chosen by judgement and tried
-# by tests/smoothing/band_study.py
+# ``Burst.rough`` of a kink before rough changes. These six values were chosen by judgement and
+# tried by tests/smoothing/band_study.py
 KINK_ROUGHNESS = 3.0
 # times tried at first; and later, over so many standard deviations on either side
 COARSE_TIMES = 13

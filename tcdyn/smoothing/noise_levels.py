@@ -1,9 +1,9 @@
 """Process-noise intensity q(t): a level for each segment, and bursts that start at events.
 
 The process noise drives the slope of the temperature; its intensity is q(t) [K2/s3]. A rough
-temperature also has noise that drives the temperature itself, of intensity p(t) [K2/s]. These are the
-values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.hidden_events` estimate,
-that a caller of ``tcdyn.smoothing.smoother.smooth`` may give, and that
+temperature also has noise that drives the temperature itself, of intensity p(t) [K2/s]. These are
+the values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.hidden_events`
+estimate, that a caller of ``tcdyn.smoothing.smoother.smooth`` may give, and that
 :mod:`tcdyn.smoothing.state_space` integrates over the intervals of the smoother. Guarded by
 ``tests/smoothing/test_any_unit.py``.
 """

@@ -55,8 +55,8 @@ LEVEL_FLOOR = 1e-9
 # factors of the intensity that are tried by the risk, and standard deviations by which it must fall
 RISK_FACTORS = (0.3, 0.1, 0.03)
 RISK_SD = 3.0
-# the risk is tried where the corner frequency exceeds so many inverse lags: only there is much noise
-# amplified
+# the risk is tried where the corner frequency exceeds so many inverse lags: only there is much
+# noise amplified
 RISK_CORNER_LAGS = 3.0
 # exponents of the spectrum of a rough temperature that are tried, the last is that of level noise;
 # nats by which another must be better
@@ -88,9 +88,10 @@ def score_sums(
 ) -> tuple[Array, Array]:
     """Sums (K, 2) of h w score^2 and of h w score_var over blocks that start at ``edges_s`` (K,).
 
-    They are for level and slope; h is the time around a knot [s], and w the ``weight`` (J, 2) of the
-    knots. With the intensities as weights the second sum is the number of degrees of freedom of the
-    process noise in a block, and the ratio of the sums tells by which factor all of it should change.
+    They are for level and slope; h is the time around a knot [s], and w the ``weight`` (J, 2) of
+    the knots. With the intensities as weights the second sum is the number of degrees of freedom of
+    the process noise in a block, and the ratio of the sums tells by which factor all of it should
+    change.
     """
     time_at_knot = _time_at_knot(fit)[:, None]
     block = np.searchsorted(edges_s, fit.knots_s[:-1], side="right") - 1

@@ -62,8 +62,8 @@ COARSENING = 4.0
 MARGIN = 12.0
 # nats by which a record must be more likely without its listed events; chosen by judgement
 EVENTS_NATS = 30.0
-# jumps that contradict listed events are larger than so many standard deviations of the noise; smaller
-# ones do not justify the search for other events. Chosen by judgement
+# jumps that contradict listed events are larger than so many standard deviations of the noise;
+# smaller ones do not justify the search for other events. Chosen by judgement
 CONTRADICTION_SD = 3.0
 
 

@@ -399,8 +399,8 @@ def cooling_by_window(
     Returns
     -------
     DataFrame
-        Columns disk, window_s, within_lag, beta, u_beta, h_W_m2K, u_h_W_m2K and misfit_K. NaN where a
-        fit fails.
+        Columns disk, window_s, within_lag, beta, u_beta, h_W_m2K, u_h_W_m2K and misfit_K. NaN where
+        a fit fails.
 
     Raises
     ------

@@ -42,7 +42,8 @@ MAX_COLUMNS = 8
 # Rows of a segment, and readings of a column in it, from which it is compensated (the smoother
 # needs as many).
 MIN_ROWS = 10
-# Interval in lags from which a warning is given that the rows are slow for the sensor; by judgement.
+# Interval in lags from which a warning is given that the rows are slow for the sensor; by
+# judgement.
 SLOW_ROWS_LAGS = 0.5
 
 
@@ -325,7 +326,8 @@ def disk_readings(traces: DiskTraces, time_s: Array) -> Readings:
 class DiskColumns:
     """Channels of the disks in a checked log of the rig, on even times.
 
-    Noise is estimated in each segment. Lags are those of the unloading (``fits``) or of the records.
+    Noise is estimated in each segment. Lags are those of the unloading (``fits``) or of the
+    records.
 
     Attributes
     ----------

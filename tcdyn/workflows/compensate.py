@@ -126,15 +126,15 @@ class LogSegments:
 class CompensatedLog(Result):
     """The log with junction temperatures instead of readings, and ``<channel>_u_K`` for each.
 
-    With ``parts``, ``<channel>_noise_u_K`` is the uncertainty that differs from sample to sample, and
-    ``<channel>_common_u_K`` the one common to all channels of a disk: common lag and oven reference.
-    Where only noise was removed there is no column ``_u_K``.
+    With ``parts``, ``<channel>_noise_u_K`` is the uncertainty that differs from sample to sample,
+    and ``<channel>_common_u_K`` the one common to all channels of a disk: common lag and oven
+    reference. Where only noise was removed there is no column ``_u_K``.
 
     Attributes
     ----------
     frame, metadata, findings
-        Table, notes and findings. Of a log of more than 120,000 rows ``frame`` holds the rows around
-        the unloading; ``write`` compensates all rows, segment by segment.
+        Table, notes and findings. Of a log of more than 120,000 rows ``frame`` holds the rows
+        around the unloading; ``write`` compensates all rows, segment by segment.
     disks, traces
         Compensated channels, and what the compensator used, by disk.
     events_s

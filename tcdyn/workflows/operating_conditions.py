@@ -1,7 +1,7 @@
 """Operating conditions of a test: forces, speeds and air from the log, else from rig.toml.
 
-Steps of ``tcdyn.workflows.prepare.prepare_test``. Guarded by ``tests/partition/test_running.py`` and
-``tests/partition/test_as_logged.py``.
+Steps of ``tcdyn.workflows.prepare.prepare_test``. Guarded by ``tests/partition/test_running.py``
+and ``tests/partition/test_as_logged.py``.
 """
 
 from __future__ import annotations

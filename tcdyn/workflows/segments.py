@@ -53,8 +53,9 @@ class CompensationMethod:
     Attributes
     ----------
     method
-        "smoother" (RTS smoother); "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``;
-        or "noise-only": the smoother without the chain, which does not remove the lag.
+        "smoother" (RTS smoother); "deconvolve" with its ``criterion``; "inverse" of
+        ``bandwidth_Hz``; or "noise-only": the smoother without the chain, which does not remove the
+        lag.
     criterion, bandwidth_Hz
         Options of "deconvolve" and "inverse".
     components

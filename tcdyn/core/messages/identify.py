@@ -39,7 +39,8 @@ def _p_value(p: float) -> str:
 # why models were rejected: the number of the finding that lists them, text for one and for several
 _UNDETERMINED = "not determined by these data"
 _NO_PAIR = "left out, because the pair of poles does not oscillate and is two lags"
-# Reasons for which models were rejected: field of the finding, and predicate for one and for several.
+# Reasons for which models were rejected: field of the finding, and predicate for one and for
+# several.
 REJECTED = (
     (
         "undetermined",
