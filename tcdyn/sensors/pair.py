@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined
@@ -929,7 +929,7 @@ def _lag_findings(
     mean_square: float,
     columns: tuple[str, str],
 ) -> list[Finding]:
-    """Return warnings about lags not determined, rows too far apart, and a misfit.
+    """Return what the traces do not determine: lags, rows too far apart, and a misfit.
 
     Parameters
     ----------
@@ -947,15 +947,17 @@ def _lag_findings(
     Returns
     -------
     list of Finding
-        The warnings.
+        Warnings; an error for a lag that is smaller than its standard uncertainty.
     """
     subject = ", ".join(columns)
     findings: list[Finding] = []
     for k in range(0, len(taus), 2):
         pair = slice(k, k + 2)
         covariance = lag_covariance[pair, pair]
-        if max(np.sqrt(np.diag(covariance)) / taus[pair]) > UNDETERMINED_REL:
-            only_difference = warning(
+        largest_rel = max(np.sqrt(np.diag(covariance)) / taus[pair])
+        if largest_rel > UNDETERMINED_REL:
+            severity = error if largest_rel > 1 else warning  # such a lag could as well be zero
+            only_difference = severity(
                 "sensor.pair_difference",
                 subject=subject,
                 difference_s=taus[k] - taus[k + 1],

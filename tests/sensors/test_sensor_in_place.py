@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Severity
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.current import CORE_HEAT, MODES, current_sensor, cylinder_modes
 from tcdyn.sensors.noise import _lags, noise_sensor, segments
-from tcdyn.sensors.pair import pair_sensor
+from tcdyn.sensors.pair import _lag_findings, pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.layered_study import KINDS
 from tests.sensors.layered_world import AIR_K, MEDIA, drawn, layered
@@ -62,6 +64,20 @@ def test_a_slow_fluid_tells_the_difference_of_the_lags_only_and_that_is_said() -
     made = pair_sensor(t, a, b, ("A", "B"), bare=True)
     (found,) = [f for f in made.findings if f.code == "sensor.pair_difference"]
     assert abs(found.numbers["difference_s"] + 0.35) < 4 * found.numbers["u_s"] < 1.0
+    assert found.severity is Severity.WARNING
+
+
+@pytest.mark.parametrize(
+    ("u_s", "severity"), [(0.1, Severity.WARNING), (0.2, Severity.ERROR), (30.0, Severity.ERROR)]
+)
+def test_a_lag_below_its_uncertainty_is_no_result(u_s: float, severity: Severity) -> None:
+    """Lags of 0.15 and 0.5 s with one error in common: their difference is known to 1 ms."""
+    data = SimpleNamespace(dt_s=0.01)
+    covariance = np.full((2, 2), u_s**2) + 1e-6 * np.eye(2)
+    (found,) = _lag_findings(data, np.array([0.15, 0.5]), covariance, 1.0, ("A", "B"))  # type: ignore[arg-type]
+    assert found.code == "sensor.pair_difference"
+    assert found.severity is severity
+    assert found.numbers["u_s"] == pytest.approx(2e-6**0.5)
 
 
 def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:
