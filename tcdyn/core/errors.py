@@ -54,8 +54,8 @@ DAMAGED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, 
 def utf8(text: str) -> str:
     """The text with escapes for what is not UTF-8, such as single bytes in the name of a file.
 
-    >>> utf8("caf\udce9.csv"), utf8("café.csv")
-    ('caf\\udce9.csv', 'café.csv')
+    >>> utf8("caf\\udce9.csv"), utf8("café.csv")
+    ('caf\\\\udce9.csv', 'café.csv')
     """
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
