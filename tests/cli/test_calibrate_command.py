@@ -21,7 +21,7 @@ from tcdyn.workflows import calibrate_disk
 from tcdyn.workflows.calibrate import CalibrationRun
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
-from tests.report.test_browser import BROWSER
+from tests.report.test_browser import BROWSER, FLAGS
 
 
 @dataclass(frozen=True)
@@ -156,14 +156,7 @@ def test_the_certificate_opens_and_prints_without_console_errors(
     done = subprocess.run(
         [
             str(BROWSER),
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-quic",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
+            *FLAGS,
             "--enable-logging=stderr",
             f"--user-data-dir={tmp_path / 'profile'}",
             "--no-pdf-header-footer",
