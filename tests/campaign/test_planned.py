@@ -117,6 +117,7 @@ def test_planned_test_has_the_conditions_that_trends_use(name: str) -> None:
     assert estimates["lag_fast_s"].value == pytest.approx(lag_s, abs=1e-6)
 
 
+@pytest.mark.e2e
 def test_plan_is_read_from_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "plan.csv"
     path.write_text(

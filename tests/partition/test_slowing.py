@@ -78,6 +78,7 @@ def test_constant_speed_leaves_the_test_unchanged() -> None:
     assert with_slowing_air_offset(study.test, {}) is study.test
 
 
+@pytest.mark.e2e
 def test_measured_air_offset_of_a_disk_at_constant_speed_is_kept() -> None:
     study = clean_rig("brake 3 s")
     measured = np.column_stack(

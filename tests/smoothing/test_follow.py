@@ -217,6 +217,7 @@ def test_a_channel_that_falls_silent_is_empty_and_a_wide_band_before(tmp_path: P
     assert run.rows_written == 500
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("shares", [(0.4, 0.7, 1.0), (0.02, 1.0)])
 def test_stopped_and_continued_no_row_is_lost_or_doubled(
     tmp_path: Path, shares: tuple[float, ...]
