@@ -143,6 +143,7 @@ def assert_estimates_within_tolerance(errors: dict[str, float]) -> None:
     assert not errors["alarm"]
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_braked_disks_with_second_contact_give_correct_lags_and_beta(
     braked_with_second_contact: tuple[StudyRig, Partition],

@@ -435,6 +435,7 @@ def test_a_growing_table_is_followed(tmp_path: Path) -> None:
     assert rms < 0.5 < 0.92 < share
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_celsius(
     tmp_path: Path,

@@ -72,6 +72,7 @@ def grown(
     return run, read(out)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_growing_log_of_the_rig_gives_the_rows_of_the_finished_one(
     campaign: Campaign, tmp_path: Path, text: str, reference: pd.DataFrame
@@ -148,6 +149,7 @@ def test_a_log_that_cannot_be_followed_is_refused_and_nothing_written(
     assert not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path) -> None:
     log = campaign.files.plunges["fast"][0]
