@@ -56,7 +56,7 @@ QUICK = {
         "compensate {table} --sensor {sensor} --out o.parquet -q", ("o.parquet",)
     ),
     "follow --sensor": Command(
-        "follow {table} --sensor {sensor} --out o.csv --state o.json --delay-s 2 --idle-s 0 -q",
+        "follow {short} --sensor {sensor} --out o.csv --state o.json --delay-s 2 --idle-s 0 -q",
         ("o.csv",),
         grows="o.csv",
     ),
@@ -65,22 +65,22 @@ QUICK = {
     "sensor plunge": Command(
         "sensor plunge {dip} --column T1 --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensors.plunge:plunge_sensor",),
+        ("tcdyn.sensors.measure:plunge_sensor",),
     ),
     "sensor pair": Command(
         "sensor pair {table} --column T1_degC --column T2_degC --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensors.pair:pair_sensor",),
+        ("tcdyn.sensors.measure:pair_sensor",),
     ),
     "sensor noise": Command(
         "sensor noise {steady} --column T1_degC --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensors.noise:noise_sensor",),
+        ("tcdyn.sensors.measure:noise_sensor",),
     ),
     "sensor current": Command(
         "sensor current {lcsr} --column T1_degC --current I_mA --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensors.current:current_sensor",),
+        ("tcdyn.sensors.measure:current_sensor",),
     ),
     "sensor touch": Command(
         "sensor touch {table} --column T* --picture o.png -q",
@@ -215,6 +215,7 @@ def small_files(folder: Path) -> dict[str, Path]:
         "table": write(
             folder / "table.csv", time_s=np.round(t, 3), u=x, T1_degC=y, T2_degC=np.roll(y, 3)
         ),
+        "short": write(folder / "short.csv", time_s=np.round(t[:150], 3), T1_degC=y[:150]),
         "dip": write(folder / "dip.csv", time_s=np.round(t, 3), T1_degC=step),
         "lcsr": write(
             folder / "lcsr.csv", time_s=np.round(t, 3), T1_degC=step, I_mA=(t > 5.0) * 1.0
@@ -308,17 +309,18 @@ class Trial:
 
 @contextlib.contextmanager
 def computed_once(names: tuple[str, ...]) -> Iterator[None]:
-    """The functions keep their first answer."""
+    """The functions keep their first answer; one that is never called is an error of the table of commands."""
+    answers_of: dict[str, dict[str, Any]] = {name: {} for name in names}
     with pytest.MonkeyPatch.context() as patch:
-        for name in names:
+        for name, answers in answers_of.items():
             module, _, attribute = name.partition(":")
             home = importlib.import_module(module)
-            patch.setattr(home, attribute, _kept(getattr(home, attribute)))
+            patch.setattr(home, attribute, _kept(getattr(home, attribute), answers))
         yield
+    assert all(answers_of.values()), [name for name, found in answers_of.items() if not found]
 
 
-def _kept(function: Callable[..., Any]) -> Callable[..., Any]:
-    answers: dict[str, Any] = {}
+def _kept(function: Callable[..., Any], answers: dict[str, Any]) -> Callable[..., Any]:
 
     def one(*args: Any, **settings: Any) -> Any:
         key = (
