@@ -95,6 +95,7 @@ def test_interpreter_in_development_mode_with_warnings_as_errors_is_silent() -> 
     assert done.stdout.strip() == repr(numbers())
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="counts by /proc")
 def test_500_calls_leave_neither_memory_nor_descriptors_nor_threads(tmp_path: Path) -> None:

@@ -233,6 +233,7 @@ def test_two_real_lags_are_not_reported_as_an_oscillating_pair() -> None:
     assert "P2U is left out" in comparison.reason_text
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_candidates_include_oscillators_with_dead_time_and_integrators_are_suggested() -> None:
     assert "P2DU" in CANDIDATES

@@ -305,6 +305,7 @@ def test_large_time_shift_of_a_column_is_identified_with_its_size(
     assert suspect.size.value == pytest.approx(shift_s, abs=0.06)  # 3 u of a shift with u = 0.02 s
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(("channel", "lag_s"), [("e", 0.6), ("a", 0.6), ("e", 1.0), ("c", 0.3)])
 def test_bubble_in_the_cement_is_identified_with_its_lag(
@@ -494,6 +495,7 @@ def test_channels_swapped_between_disks_are_identified(b3: EhlTest, fast: str, s
     assert suspect.columns == (f"fast_{fast}_degC", f"slow_{slow}_degC")
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_channels_swapped_between_disks_are_identified_when_their_lines_differ(
     b3: EhlTest,

@@ -51,6 +51,7 @@ def residual_after_unloading_K(study: StudyRig, test: EhlTest, disk: str) -> np.
     return np.asarray(residual[after] - residual[window.block_time_s < unload_s - 0.5].mean(axis=0))
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(
     "world",

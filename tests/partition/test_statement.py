@@ -78,6 +78,7 @@ def test_specified_flux_profile_is_as_accurate_as_the_default() -> None:
     assert preferred.name == "flux_shift"
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_uncertain_flux_position_widens_beta_and_is_in_the_budget() -> None:
     study = study_rig(SEED, rig=rig_with(contact=FLUX))
