@@ -78,6 +78,11 @@ STATIC_LINE = StaticLine(
 LAGS_S = (0.54, 0.12)
 COMMON_LAG_U_S = 0.05
 CHANNEL_LAG_U_S = 0.008
+# Seeds of the noise of the ambient temperature, and of the first junction of the first disk; the
+# seeds of the next disk begin SEEDS_PER_DISK later, so that every channel has its own.
+AMBIENT_SEED = 7
+JUNCTION_SEED = 40
+SEEDS_PER_DISK = 10
 
 
 @dataclass(frozen=True)
@@ -334,7 +339,7 @@ def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> Suffici
         dt_s=dt,
         events=events,
         power_W=np.where((t >= logging.before_s) & (t < events.unload_s), power, 0.0),
-        ambient_degC=logging.ambient_degC + 0.1 * _noise(len(t), 7),
+        ambient_degC=logging.ambient_degC + 0.1 * _reproducible_noise(len(t), AMBIENT_SEED),
         load_N=plan.load_N,
         friction_N=plan.friction_N,
         speed_ratio=u_fast / u_slow,
@@ -382,15 +387,16 @@ def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> Suffici
     )
 
 
-def _noise(count: int, seed: int) -> Array:
-    """White noise of unit variance, the same for each call: fits measure the level of noise.
+def _reproducible_noise(count: int, seed: int) -> Array:
+    """White noise of unit variance, the same in each call with the same seed.
 
     Parameters
     ----------
     count
         Number of samples.
     seed
-        Seed of the generator.
+        Seed of the generator. Any seed does: the fits only estimate the level of the noise. Two
+        channels must not have the same, because their noise is independent.
 
     Returns
     -------
@@ -449,12 +455,13 @@ def _traces(
     lagged = chain.response(excess, 1 / logging.rate_Hz)
     count = len(setup.channels)
     y = np.empty((len(t), count))
+    first_seed = JUNCTION_SEED + SEEDS_PER_DISK * DISKS.index(disk)
     for k, c in enumerate(setup.channels):
         ratio = EDGE_EXCESS_RATIO if c in setup.inner and c != setup.edge else 1.0
         y[:, k] = (
             logging.ambient_degC
             + ratio * lagged
-            + logging.noise_K * _noise(len(t), k + 10 * len(disk))
+            + logging.noise_K * _reproducible_noise(len(t), first_seed + k)
         )
     level = np.full(count, logging.noise_K)
     noise = LoggerNoise(

@@ -165,7 +165,7 @@ def compensate_table(
     def report(rows: int) -> None:
         nonlocal next_row
         if rows >= next_row:
-            progress(f"from row {rows + 1}")
+            progress(f"compensating, from row {rows + 1}")
             next_row = rows + max(rows, PROGRESS_ROWS)
 
     rising = RisingRows(raw.source)

@@ -529,7 +529,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert run_cli("compensate", log, "--sensor", sensor, "--out", out, *options) == 2
     err = capsys.readouterr().err
     assert said in err
-    assert err.replace("... from row 1\n", "").strip().count("\n") == 0
+    assert err.replace("... compensating, from row 1\n", "").strip().count("\n") == 0
     assert not out.exists()
 
 

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
@@ -506,3 +507,22 @@ def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
     monkeypatch.setattr(pieces, "SETTLING", 2.0)  # the margin is what makes them equal
     short = smooth_record(stretch, stretch.noise_sd**2, chosen)
     assert largest_difference(short, whole) > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("Probe 1 [°C]", "Probe 1"),
+        ("T (degC)", "T"),
+        ("T/°C", "T"),
+        ("T_degC", "T"),
+        ("T", "T"),
+        ("T [K]", "T [K]"),  # not said to be degrees Celsius under its own name
+    ],
+)
+def test_a_unit_of_degrees_celsius_stands_once_in_the_columns_of_the_table(
+    name: str, column: str
+) -> None:
+    y = pd.Series(np.linspace(20.0, 30.0, 100), name=name)
+    table = smooth(y, DT, 1.0, noise_sd=0.1, intensity=1.0).to_frame()
+    assert list(table.columns) == [f"{column}_degC", f"{column}_u_K"]
