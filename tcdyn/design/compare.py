@@ -47,21 +47,26 @@ EFFORT = {"unloading": 0, "loading": 0, "plunge": 1, "touch": 2, "together": 3}
 
 
 def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
-    """Grade a standard uncertainty relative to the lag.
+    """Grade how well a planned test determines a lag, by its standard uncertainty over the lag.
 
     Parameters
     ----------
     u_s
-        Standard uncertainty [s].
+        Expected standard uncertainty of the common lag, or of the differences of lags [s].
     lag_s
-        The lag [s].
+        Expected lag [s].
     limits
         Relative limits of "well" and "roughly".
 
+    Returns
+    -------
+    str
+        "well", "roughly" or "poorly". ``tests/immersion/test_design_predictions.py`` guards it.
+
     Examples
     --------
-    >>> grade(0.03, 0.73, COMMON_LAG_LIMITS), grade(0.03, 0.73, DIFFERENCE_LIMITS), grade(0.2, 0.73, COMMON_LAG_LIMITS)
-    ('well', 'roughly', 'poorly')
+    >>> [grade(u_s, 0.73, COMMON_LAG_LIMITS) for u_s in (0.03, 0.06, 0.2)]
+    ['well', 'roughly', 'poorly']
     """
     return GRADES[sum(u_s >= limit * lag_s for limit in limits)]
 

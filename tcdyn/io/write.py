@@ -94,6 +94,11 @@ def output_style(
     out
         The output.
 
+    Returns
+    -------
+    OutputStyle
+        How the output is written.
+
     Raises
     ------
     InputError
@@ -102,6 +107,7 @@ def output_style(
     Notes
     -----
     Columns that are separated by runs of spaces are written with tabs.
+    ``tests/sensors/test_outputs.py`` guards it.
     """
     if dialect not in DIALECTS:
         raise InputError(f"dialect {dialect!r}", expected=" or ".join(DIALECTS))

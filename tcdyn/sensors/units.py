@@ -177,7 +177,7 @@ def units_of(
                 parameters={"unit": "UNIT"},
             )
         if in_file and in_file != unit:
-            findings.append(warning("sensor.unit_contradicted", subject=name, said=unit))
+            findings.append(warning("sensor.unit_contradicted", subject=name, unit=unit))
         if not unit:
             assumed.append(name)
             unit = "degC"

@@ -399,7 +399,7 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
         found.sentence
         == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
     )
-    findings = [found, warning("said", text="D4: the baseline=trend of a file")]
+    findings = [found, warning("from_file", text="D4: the baseline=trend of a file")]
     assert Reporter().report("D4", findings)
     assert capsys.readouterr().err == (
         "warning: D4: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"

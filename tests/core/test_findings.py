@@ -73,7 +73,12 @@ def test_finding_survives_a_json_round_trip() -> None:
         findings: list[Finding]
 
     finding = warning(
-        "said", where="x.csv", subject="fast_e_degC", text="it hums", count=3, channels=["a", "b"]
+        "from_file",
+        where="x.csv",
+        subject="fast_e_degC",
+        text="it hums",
+        count=3,
+        channels=["a", "b"],
     )
     restored = Stored.model_validate_json(Stored(findings=[finding]).model_dump_json()).findings
     assert restored == [finding]
@@ -84,9 +89,20 @@ def test_finding_survives_a_json_round_trip() -> None:
     assert from_later_version.at("A1").sentence == "A1: x.csv: it hums"
 
 
+def test_finding_of_an_earlier_version_gets_the_present_code() -> None:
+    stored = {
+        "code": "said",
+        "grade": "look",
+        "sentence": "it hums",
+        "numbers": {"text": "it hums"},
+    }
+    assert Finding.from_dict(stored) == warning("from_file", text="it hums")
+    assert Finding.from_dict(stored).sentence == "it hums"
+
+
 def test_unique_findings_keep_their_order() -> None:
-    first = info("said", text="b")
-    second = warning("said", text="a")
+    first = info("from_file", text="b")
+    second = warning("from_file", text="a")
     assert unique([first, second, first]) == (first, second)
     assert messages(f.at("A1") for f in (first, second)) == ("A1: b", "A1: a")
 
@@ -98,8 +114,8 @@ def test_channel_is_recognised_by_all_its_names(name: str) -> None:
 
 def test_numbers_must_be_plain_values() -> None:
     with pytest.raises(TypeError, match="cannot be stored"):
-        info("said", text=object())
-    assert math.isnan(info("said", text="x", u=math.nan).numbers["u"])
+        info("from_file", text=object())
+    assert math.isnan(info("from_file", text="x", u=math.nan).numbers["u"])
 
 
 def test_message_about_cells_without_number_counts_the_others() -> None:

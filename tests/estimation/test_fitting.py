@@ -11,7 +11,7 @@ from tcdyn.estimation import (
     Evaluate,
     Problem,
     Status,
-    correlation_length,
+    autocorrelation_factor,
     covariance_from_rows,
     eliminate_linear,
     first_crossing,
@@ -307,7 +307,7 @@ def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
     ratio = sandwich_covariance(design, e, [slice(0, n)])[0, 0] / (np.var(e) / n)
     assert ratio == pytest.approx(factor, rel=0.06)
     # tolerance: short-memory estimate of a sum over lags
-    assert correlation_length(e) == pytest.approx(factor, rel=0.15)
+    assert autocorrelation_factor(e) == pytest.approx(factor, rel=0.15)
     white = rng.standard_normal((5000, 3))
     assert slow_variance_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
     assert slow_variance_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50

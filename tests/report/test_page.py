@@ -139,7 +139,7 @@ def test_value_is_rounded_to_its_uncertainty() -> None:
 def test_corrected_findings_are_notes_and_the_others_warnings() -> None:
     corrected = "651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)"
     alarm = "fast disk: c read 22 to 140 degC, calibrated from 20 to 130 degC: static lines extrapolate there"
-    findings = [info("said", text=corrected), warning("said", text=alarm)]
+    findings = [info("from_file", text=corrected), warning("from_file", text=alarm)]
     page = with_ordinary_spaces(
         render_page(
             "B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=findings, assumptions=["n = 2/3"]

@@ -14,30 +14,46 @@ from typing import Any
 
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
+# Relative standard uncertainty of a sampling rate [%] from which a message states it: the lags have
+# the same, and below it is small against the other contributions. Chosen by judgement.
+NOTABLE_RATE_U_PERCENT = 1.0
+
 
 def _carried_columns(columns: Sequence[str], **_: Any) -> str:
-    """Message of ``sensor.carried``; the arguments are the fields of the finding."""
+    """Message of ``sensor.carried``.
+
+    ``columns`` are the columns without a sensor.
+    """
     count = count_with_noun(len(columns), "column")
     return f"{count} without a sensor, copied as logged: {', '.join(columns)}"
 
 
 def _unit_assumed(subject: str, count: int = 1, **_: Any) -> str:
-    """Message of ``sensor.unit_assumed``; the arguments are the fields of the finding."""
+    """Message of ``sensor.unit_assumed``.
+
+    ``subject`` names all ``count`` columns.
+    """
     if count == 1:
         return f"column {subject} states no unit: read as degrees Celsius"
     return f"columns {subject} state no unit: read as degrees Celsius"
 
 
 def _few_decimals(rate_Hz: float, percent: float = 0.0, **_: Any) -> str:
-    """Message of ``sensor.few_decimals``; the arguments are the fields of the finding."""
+    """Message of ``sensor.few_decimals``.
+
+    ``rate_Hz`` is the estimated sampling rate, ``percent`` its relative standard uncertainty.
+    """
     text = f"the clock has few decimals: rows are taken as evenly sampled at {rate_Hz:.5g} Hz"
-    if percent > 1:
+    if percent > NOTABLE_RATE_U_PERCENT:
         text += f". This rate has a standard uncertainty of {percent:.2g} %, and so have the lags"
     return text
 
 
 def _noise_driving(subject: str, lags: int, **_: Any) -> str:
-    """Message of ``sensor.noise_driving``; the arguments are the fields of the finding."""
+    """Message of ``sensor.noise_driving``.
+
+    ``lags`` is the number of lags that the spectrum shows.
+    """
     text = (
         f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower "
         "ones add their time"
@@ -50,7 +66,11 @@ def _noise_driving(subject: str, lags: int, **_: Any) -> str:
 def _touch_other(
     touch: int, time_s: float, column: str, stated: str, exchanged: bool, **_: Any
 ) -> str:
-    """Message of ``touch.other``; the arguments are the fields of the finding."""
+    """Message of ``touch.other``.
+
+    ``touch`` is the number of the touch, ``column`` the one that responded. ``exchanged``: the
+    stated column responded when this one was touched.
+    """
     text = f"touch {touch} ({time_s:.1f} s): {column} responded, stated was {stated}"
     if exchanged:
         return f"{text}, and the other way round: the two are interchanged, or were touched so"
@@ -58,7 +78,10 @@ def _touch_other(
 
 
 def _touch_silent(columns: Sequence[str], **_: Any) -> str:
-    """Message of ``touch.silent``; the arguments are the fields of the finding."""
+    """Message of ``touch.silent``.
+
+    ``columns`` are the columns that responded most to no touch.
+    """
     return f"no touch after which {' or '.join(columns)} rose most"
 
 
@@ -153,7 +176,7 @@ SENSOR: dict[str, Message] = {
     "or two lags (p = {p_value:.1g}): do not use the lag",
     "sensor.brief": "column {subject}: the table lasts {duration_s:.3g} s, less than the lag of "
     "{lag_s:.3g} s: is its time in another unit?",
-    "sensor.unit_contradicted": "column {subject} is taken in {said}, as requested, although its "
+    "sensor.unit_contradicted": "column {subject} is taken in {unit}, as requested, although its "
     "name states another unit",
     "sensor.slow": "column {subject}: the interval of {dt_s:.3g} s between rows is long for a lag "
     "of {lag_s:.3g} s",
