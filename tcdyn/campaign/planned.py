@@ -196,13 +196,15 @@ class PlannedCampaign:
         table = self.table()
         worst = {k: float(table[k].max()) for k in ("u_beta_alone", "u_beta", "u_beta_within")}
         lines = [
-            f"{len(table)} planned tests, largest u of beta: {worst['u_beta_alone']:.4f} for a test alone, "
-            f"{worst['u_beta']:.4f} absolute in the campaign, {worst['u_beta_within']:.5f} within it",
+            f"{len(table)} planned tests, largest u of beta: {worst['u_beta_alone']:.4f} for a "
+            f"test alone, {worst['u_beta']:.4f} absolute in the campaign, "
+            f"{worst['u_beta_within']:.5f} within it",
             f"u of the exponent n: {self.u_exponent:.3f}",
         ]
         for name, alongside, u in self.slopes:
             lines.append(
-                f"u of the slope of beta over {name}{f' beside {alongside[0]}' if alongside else ''}: {u:.2g}"
+                "u of the slope of beta over "
+                f"{name}{f' beside {alongside[0]}' if alongside else ''}: {u:.2g}"
             )
         return "\n".join(lines)
 
@@ -251,7 +253,8 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
             raise InputError(
                 f"row {i} is no test",
                 where=str(path),
-                expected="friction below load, the fast shaft the faster, beta between 0 and 1, h above 0",
+                expected="friction below load, the fast shaft the faster, beta between 0 and "
+                "1, h above 0",
             )
     if not rows:
         raise InputError("no planned test", where=str(path), expected="a row for each")

@@ -373,8 +373,10 @@ def channel_of(subject: str) -> str:
 
     Examples
     --------
-    >>> [channel_of(s) for s in ("e", "e_degC", "fast_e_degC", "slow_e", "switch", "load_on_s", "fast")]
-    ['e', 'e', 'e', 'e', '', '', '']
+    >>> [channel_of(subject) for subject in ("e", "e_degC", "fast_e_degC", "slow_e")]
+    ['e', 'e', 'e', 'e']
+    >>> [channel_of(subject) for subject in ("switch", "load_on_s", "fast")]
+    ['', '', '']
     """
     stem = subject.removesuffix("_degC")
     column = stem != subject or stem.startswith(("fast_", "slow_"))

@@ -38,9 +38,9 @@ DIFFERENCE_LIMITS = (0.03, 0.10)
 # Grades below the first limit, below the second, and above; and their definition for readers.
 GRADES = ("well", "roughly", "poorly")
 GRADE_DEFINITIONS = (
-    f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag for the common lag, "
-    f"{100 * DIFFERENCE_LIMITS[0]:.0f} % for the differences; roughly: below {100 * COMMON_LAG_LIMITS[1]:.0f} % and "
-    f"{100 * DIFFERENCE_LIMITS[1]:.0f} %; poorly: more."
+    f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag "
+    f"for the common lag, {100 * DIFFERENCE_LIMITS[0]:.0f} % for the differences; roughly: below "
+    f"{100 * COMMON_LAG_LIMITS[1]:.0f} % and {100 * DIFFERENCE_LIMITS[1]:.0f} %; poorly: more."
 )
 # Effort of each kind of test, as a rank; an EHL test has both steps of load without any effort.
 EFFORT = {"unloading": 0, "loading": 0, "plunge": 1, "touch": 2, "together": 3}
@@ -132,15 +132,15 @@ def recommendation(predictions: Sequence[PredictedTest], lag_s: float) -> str:
         sufficient, key=lambda p: (EFFORT.get(p.kind, 2), p.name.count(","), p.u_common_s)
     )
     uncertainties = (
-        f"the common lag to {_u_text(recommended.u_common_s, lag_s)} and the differences between channels to "
-        f"{_u_text(recommended.u_differential_s, lag_s)}."
+        f"the common lag to {_u_text(recommended.u_common_s, lag_s)} and the differences "
+        f"between channels to {_u_text(recommended.u_differential_s, lag_s)}."
     )
     if recommended.kind != "together":
         return f"Do this: {recommended.name}. It tells {uncertainties}"
     plunges = [p.name for p in predictions if p.kind == "plunge"][-1:]
     return (
-        f"Do this: {plunges[0] if plunges else 'the plunges'}, and log an unloading. Together they tell {uncertainties}"
-        + _why_both(predictions, lag_s)
+        f"Do this: {plunges[0] if plunges else 'the plunges'}, and log an unloading. Together "
+        f"they tell {uncertainties}" + _why_both(predictions, lag_s)
     )
 
 
@@ -162,7 +162,8 @@ def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
             weak = common_lag_grade(p, lag_s) != "well"
             u, what = (p.u_common_s, "common lag") if weak else (p.u_differential_s, "differences")
             reasons.append(
-                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_u_text(u, lag_s)}"
+                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at "
+                f"{_u_text(u, lag_s)}"
             )
     return f" Less is not enough: {', '.join(reasons)}." if reasons else ""
 

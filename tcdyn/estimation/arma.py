@@ -1,7 +1,8 @@
 """Noise models for correlated residuals: AR and ARMA models, whitening, covariance of estimates.
 
-``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them; ``autocorrelation_factor`` is
-also used by ``immersion.plunge_data``. Guarded by ``tests/estimation/test_noise_models.py``.
+``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them;
+``autocorrelation_factor`` is also used by ``immersion.plunge_data``. Guarded by
+``tests/estimation/test_noise_models.py``.
 """
 
 from __future__ import annotations
@@ -464,7 +465,8 @@ def sandwich_covariance(
     Examples
     --------
     >>> e = signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
-    >>> u = float(sandwich_covariance(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean
+    >>> covariance_of_mean = sandwich_covariance(np.ones((2000, 1)), e, [slice(0, 2000)])
+    >>> u = float(covariance_of_mean[0, 0]) ** 0.5
     >>> round(u / (np.std(e) / 2000**0.5))  # in units of that for white noise
     3
     """

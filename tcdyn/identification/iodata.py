@@ -484,7 +484,7 @@ class IOData(Result):
         return np.asarray(run.start_s + np.arange(run.n) * self.dt_s)
 
     def index_of(self, index: int = 0) -> pd.Index[Any]:
-        """Return the times (N,) of one run as an index: clock times where they are known, or [s]."""
+        """Return the times (N,) of one run as an index: clock times if known, else [s]."""
         time_s = self.times_s(index)
         epoch = self.runs[index].epoch
         if epoch is None:

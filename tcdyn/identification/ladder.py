@@ -155,10 +155,10 @@ def neighbours(name: str) -> list[str]:
 
     Notes
     -----
-    The number of lags lies between 1 and ``MAX_LAGS``. Integrator (I) and half-order element (H) are
-    never added or removed. A complex pair (U) replaces two lags: it needs at least two and neither I
-    nor H, and with it the number of lags stays. ``tests/identify/test_identify_ladder.py`` guards
-    that each is a neighbour of its neighbours.
+    The number of lags lies between 1 and ``MAX_LAGS``. Integrator (I) and half-order element (H)
+    are never added or removed. A complex pair (U) replaces two lags: it needs at least two and
+    neither I nor H, and with it the number of lags stays.
+    ``tests/identify/test_identify_ladder.py`` guards that each is a neighbour of its neighbours.
 
     Examples
     --------

@@ -326,9 +326,9 @@ def solve_linear_parameters(
 
     Notes
     -----
-    One step of linear least squares, which is exact here. Singular values below 1e-10 of the largest
-    count as zero (``rcond``): in a combination of parameters that the data do not determine, the
-    step is zero.
+    One step of linear least squares, which is exact here. Singular values below 1e-10 of the
+    largest count as zero (``rcond``): in a combination of parameters that the data do not
+    determine, the step is zero.
     """
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})

@@ -142,7 +142,7 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
 
 
 def _panel_key(trace: Trace) -> str:
-    """Return what the traces of one figure have in common: disk and unit, or the end of the name."""
+    """Return what the traces of one figure share: disk and unit, or the end of the name."""
     return f"{trace.group} {trace.unit or trace.name.rpartition('_')[2]}"
 
 

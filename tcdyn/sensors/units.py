@@ -171,7 +171,8 @@ def units_of(
         unit = written_unit(requested) or requested or in_file
         if below_header and not unit:
             raise InputError(
-                f"column {name!r}: its unit {below_header!r} in the row below the header is not known",
+                f"column {name!r}: its unit {below_header!r} in the row below the header is "
+                "not known",
                 expected=" or ".join(UNITS),
                 remedy="name the unit, {unit}",
                 parameters={"unit": "UNIT"},

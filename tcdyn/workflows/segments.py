@@ -407,7 +407,7 @@ class Totals:
         self.findings = unique_by_subject([*self.findings, *result.findings])
 
     def table(self, columns: Sequence[str]) -> pd.DataFrame:
-        """Noise, typical and largest standard deviation [K] of each column; NaN without a result."""
+        """Noise, typical and largest standard deviation [K] of each column; NaN without any."""
         rows = []
         for column in columns:
             each = np.array(self.numbers.get(column) or [np.full(3, np.nan)])

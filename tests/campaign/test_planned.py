@@ -90,7 +90,8 @@ def test_more_tests_do_not_increase_u_of_the_exponent() -> None:
 
 @pytest.mark.parametrize("name", ["A1", "D4"])
 def test_planned_test_has_the_conditions_that_trends_use(name: str) -> None:
-    """Delta T u_s from 0.35 K/W is approximate: within half of the value in table 7.3, as is u of its slopes."""
+    """Delta T u_s from 0.35 K/W is approximate: within half of the value in table 7.3, as is u of
+    its slopes."""
     reference_test = ehl_test(name)
     (planned,) = plan_of((name,))
     statistics = planned_statistics(

@@ -32,7 +32,10 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     """Commands that write ``out`` in a moment, by name."""
     return {
         "compensate": ["compensate", world["table"], "--sensor", world["sensor"], "--out", out],
-        "response": f"response {world['bode']} --column gain --column phase --model P1 --out {out}".split(),
+        "response": [
+            *("response", world["bode"], "--column", "gain", "--column", "phase"),
+            *("--model", "P1", "--out", out),
+        ],
         "view": ["view", world["table"], "--no-open", "--out", out],
         "transducer": ["transducer", world["weights"], "--out", out],
     }

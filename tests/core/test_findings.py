@@ -1,4 +1,5 @@
-"""Findings: every code has a message, findings survive a file, and channels are recognised by all their names."""
+"""Findings: every code has a message, findings survive a file, and channels are recognised by all
+their names."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ CONSTRUCTORS = {"info", "warning", "error", "info_or_warning", "Finding", "signi
 
 
 def constructors_called(node: ast.AST) -> set[str]:
-    """Constructors of findings that a call may reach: one by its name, or one of two by a condition."""
+    """Constructors of findings that a call may reach: one by its name, or one of two by a
+    condition."""
     if not isinstance(node, ast.Call):
         return set()
     ends = [node.func.body, node.func.orelse] if isinstance(node.func, ast.IfExp) else [node.func]
@@ -44,7 +46,8 @@ def codes_in_library() -> dict[str, str]:
 
 
 def string_constants_in_library() -> set[str]:
-    """Every string constant outside the messages; a code may reach its constructor through a variable."""
+    """Every string constant outside the messages; a code may reach its constructor through a
+    variable."""
     texts = set()
     for package in ("calibration", "immersion", "tcdyn"):
         for path in sorted((ROOT / package).rglob("*.py")):

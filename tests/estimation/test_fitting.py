@@ -185,7 +185,8 @@ def test_profile_of_a_linear_problem_is_the_normal_parabola() -> None:
 
 @pytest.mark.study
 def test_profile_intervals_of_a_skewed_likelihood_have_nominal_coverage() -> None:
-    """A lag known to 25 %: profile intervals cover in 95 %, symmetric ones fail at the upper end."""
+    """A lag known to 25 %: profile intervals cover in 95 %, symmetric ones fail at the upper
+    end."""
     rng = np.random.default_rng(5)
     t = np.linspace(0, 3, 60)
     covered = []

@@ -150,7 +150,8 @@ INVALID_VALUES = {
 def test_record_with_an_invalid_value_raises_and_names_the_key(key):
     value, message = INVALID_VALUES[key]
     data = copy.deepcopy(json.loads(RECORD.to_json()))
-    # a change by 0.6 s of a lag known to 0.2 s would pass: a small uncertainty makes the contradiction visible
+    # a change by 0.6 s of a lag known to 0.2 s would pass: a small uncertainty makes the
+    # contradiction visible
     *path, last = key.split(".")
     entry = data
     for key_part in path:

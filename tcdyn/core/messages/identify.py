@@ -130,8 +130,9 @@ def _part_of_record(block: int = 0, share: float = 1.0, **_: Any) -> str:
         return ""
     rows = "rows" if block == 1 else f"means of {block} rows"
     return (
-        f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model above "
-        "is fitted to all rows, and the intervals do not include the choice of the structure."
+        f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model "
+        "above is fitted to all rows, and the intervals do not include the choice of the "
+        "structure."
     )
 
 
@@ -161,9 +162,9 @@ def _disturbance(
     """
     if p_walk is not None:
         text = (
-            " The result is averaged over what may disturb the output besides white noise: a linear "
-            f"drift (probability {p_drift:.2g}), and a first-order disturbance, whose time constant "
-            f"exceeds the length of the record with probability {p_walk:.2g}"
+            " The result is averaged over what may disturb the output besides white noise: a "
+            f"linear drift (probability {p_drift:.2g}), and a first-order disturbance, whose time "
+            f"constant exceeds the length of the record with probability {p_walk:.2g}"
         )
         if memory_s and p_walk < EVEN_ODDS:
             text += f" and is most probably {memory_s:.2g} s"
@@ -217,8 +218,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "gain and lag of a general transfer function depend on its order, which their intervals do "
         "not include",
         "record.feedback": "check whether the input depends on the output (a closed loop)",
-        "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because another "
-        "one is more likely",
+        "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because "
+        "another one is more likely",
     }
     return [remedies[code] for code in troubles]
 
@@ -531,9 +532,10 @@ IDENTIFY: dict[str, Message] = {
     "missing: check the wiring.",
     "record.hold": _hold,
     "record.other_hold": _other_hold,
-    "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the lag of "
-    "{lag_s:.3g} s behind {subject}: other structures fit the samples as well and have other lags, "
-    "which the intervals of lag and dead time do not include; log every {needed_s:.2g} s or faster.",
+    "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the "
+    "lag of {lag_s:.3g} s behind {subject}: other structures fit the samples as well and have "
+    "other lags, which the intervals of lag and dead time do not include; log every "
+    "{needed_s:.2g} s or faster.",
     "record.gaps": _gaps,
     "record.off_equilibrium": _off_equilibrium,
     "record.drift": _drift,

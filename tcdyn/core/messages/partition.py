@@ -246,8 +246,8 @@ def _profile_interval(
     return (
         f"Joint fit, {fit}: the 95 % interval of {name} is {text_rounded_to_u(low95, u)} to "
         f"{text_rounded_to_u(high95, u)}{unit} by its profile, and "
-        f"{text_rounded_to_u(n['normal_low95'], u)} to {text_rounded_to_u(n['normal_high95'], u)}{unit} "
-        "by its standard uncertainty."
+        f"{text_rounded_to_u(n['normal_low95'], u)} to "
+        f"{text_rounded_to_u(n['normal_high95'], u)}{unit} by its standard uncertainty."
     )
 
 
@@ -440,7 +440,10 @@ def _recommended_one_disk(subject: str, beta: float, u: float, **_: Any) -> str:
 
     ``subject`` is the disk, ``beta`` the share of the fast disk.
     """
-    return f"beta = {text_with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
+    return (
+        f"beta = {text_with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk "
+        "alone."
+    )
 
 
 def _withheld(subject: str, **_: Any) -> str:

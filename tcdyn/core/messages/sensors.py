@@ -87,11 +87,11 @@ def _touch_silent(columns: Sequence[str], **_: Any) -> str:
 
 # tcdyn/sensors and tables compensated with a sensor file
 SENSOR: dict[str, Message] = {
-    "touch.count": "{count} touches found, {stated} stated: the order is not compared. Touch longer "
-    "or wait longer between touches, and look at columns that did not respond",
+    "touch.count": "{count} touches found, {stated} stated: the order is not compared. Touch "
+    "longer or wait longer between touches, and look at columns that did not respond",
     "touch.other": _touch_other,
-    "touch.unclear": "touch {touch} ({time_s:.1f} s): {column} responded most, but {second} rose by "
-    "{percent:.0f} % of it: touch this place again, nearer to one sensor",
+    "touch.unclear": "touch {touch} ({time_s:.1f} s): {column} responded most, but {second} "
+    "rose by {percent:.0f} % of it: touch this place again, nearer to one sensor",
     "touch.silent": _touch_silent,
     "sensor.exact": "the lag of {lag_s:.4g} s was given without an uncertainty: it is taken as "
     "exact, and the intervals of temperatures compensated with it include noise only; give an "
@@ -142,20 +142,20 @@ SENSOR: dict[str, Message] = {
     "sensor.medium": "{subject}: the lag of {lag_s:.2g} s is not long compared with that of the "
     "medium's own step, {medium_s:.2g} +- {medium_u_s:.2g} s: much of it may be the medium's; "
     "measure how fast the medium steps and specify it with --medium-s",
-    "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more than the "
-    "noise: taken as missing",
-    "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from there on "
-    "are not used",
+    "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more "
+    "than the noise: taken as missing",
+    "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from "
+    "there on are not used",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
     "for a lag of {lag_s:.3g} s: the final temperature is extrapolated",
-    "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and {cooling_s:.3g} s "
-    "when cooled: the difference is significant. The file is for both; for one direction give only "
-    "dips of that direction",
+    "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and "
+    "{cooling_s:.3g} s when cooled: the difference is significant. The file is for both; for one "
+    "direction give only dips of that direction",
     "sensor.pair_difference": "{subject}: the traces determine the difference of the lags, "
     "{difference_s:.3g} +- {u_s:.2g} s, but hardly the lags themselves: the fluid changed too "
     "slowly for their ratio",
-    "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % larger "
-    "than that of {other}: the lags are those of two sensors of different gain",
+    "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
+    "larger than that of {other}: the lags are those of two sensors of different gain",
     "sensor.pair_slower": "{subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
     "used, as sampled at the time of their row",
