@@ -204,10 +204,12 @@ def _instrument(name: str, serial: str, certificate: str, day: str) -> str:
     """
     if not name and not serial and not certificate:
         return NOT_STATED
-    certificate_day = day or "a day not stated"
+    certificate_text = certificate or NOT_STATED
+    if day:
+        certificate_text += f" of {day}"
     return (
-        f"{name or NOT_STATED}; serial number {serial or NOT_STATED}; certificate "
-        f"{certificate or NOT_STATED} of {certificate_day}"
+        f"{name or NOT_STATED}; serial number {serial or NOT_STATED}; "
+        f"certificate {certificate_text}"
     )
 
 

@@ -155,11 +155,16 @@ def _code(values: Array, candidate: float) -> Flags:
     none = np.zeros(len(values), dtype=bool)
     equal = values == candidate
     others = values[np.isfinite(values) & ~equal]
-    if len(others) < MIN_DIFFERENT_READINGS or len(np.unique(others)) < MIN_DIFFERENT_READINGS:
+    if len(others) < MIN_DIFFERENT_READINGS:
         return none
     spread = float(np.ptp(others))
     distance = float(np.min(np.abs(others - candidate)))
-    if distance < CODE_STEPS * float(np.min(np.diff(np.unique(others)))):
+    if distance <= min(CODE_DISTANCE, 1.0) * spread:
+        return none
+    different = np.unique(others)
+    if len(different) < MIN_DIFFERENT_READINGS:
+        return none
+    if distance < CODE_STEPS * float(np.min(np.diff(different))):
         return none
     present = equal[np.isfinite(values)]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], present.astype(np.int8), [0]])))

@@ -235,6 +235,7 @@ def test_curvature_is_detected():
     assert fit.lines["b"].quadratic_p < 1e-6
 
 
+@pytest.mark.e2e
 def test_false_alarms_have_the_nominal_rate():
     alarms = [w for s in range(100) for w in fit_static_lines(oven_frame(s)).warnings]
     # 600 channels and four tests at 1 %: 24 expected, in clusters because channels share the PRT

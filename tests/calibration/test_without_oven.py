@@ -20,6 +20,7 @@ from tcdyn.workflows import calibrate_disk
 DISK = [f"{c}_degC" for c in "abcdef"]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("fluid", ["mobil-jet-ii", "water"])
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_rise_of_the_junctions_gives_the_entry_within_its_uncertainty(

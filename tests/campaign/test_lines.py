@@ -210,6 +210,7 @@ def test_two_tests_of_nearly_known_uncertainty_do_not_get_students_interval_of_o
     assert exponent.high95 - exponent.value == pytest.approx(1.96 * exponent.u, rel=0.01)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("count", "scatter"), [(2, 0.0), (2, 0.03), (4, 0.03), (10, 0.1)])
 def test_interval_of_a_level_covers_with_and_without_scatter(count: int, scatter: float) -> None:
     """400 draws: 95 +- 4 %."""

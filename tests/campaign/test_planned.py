@@ -136,6 +136,7 @@ def test_no_two_channels_of_a_planned_test_have_the_same_noise(
     assert len(set(seeds)) == len(seeds)
 
 
+@pytest.mark.e2e
 def test_plan_is_read_from_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "plan.csv"
     path.write_text(

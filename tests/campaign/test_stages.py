@@ -55,6 +55,7 @@ def test_loadings_are_found_in_order(
     assert second.frame["time_s"].iloc[0] > expected[0][1]
 
 
+@pytest.mark.e2e
 def test_log_with_one_loading_keeps_its_name(two_studies: tuple[StudyRig, StudyRig]) -> None:
     assert split_stages(two_studies[0].log) == (two_studies[0].log,)
     assert stage_of(two_studies[0].log, 1) == (two_studies[0].log, 1)

@@ -71,6 +71,7 @@ def test_a_rig_file_beyond_reason(
     assert "rig.toml: " in one_sentence(capsys, "rig", "check", path)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", JSON)
 def test_stored_files_beyond_reason(
     kind: str, world: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -118,6 +119,7 @@ def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
         simulate_campaign(tmp_path, 0)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("number", ["1e400", "nan", "1e308", "1e-308", DIGITS])
 @pytest.mark.parametrize(
     "words",
@@ -143,6 +145,7 @@ def test_a_number_beyond_reason(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     "words",
     [

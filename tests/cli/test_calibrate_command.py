@@ -175,6 +175,7 @@ def test_the_certificate_opens_and_prints_without_console_errors(
     )  # some pages of A4, not one and not a book
 
 
+@pytest.mark.e2e
 def test_an_unknown_structure_names_the_known_ones(
     campaign: Campaign, capsys: pytest.CaptureFixture[str]
 ) -> None:

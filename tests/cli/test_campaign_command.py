@@ -115,6 +115,7 @@ def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_po
     assert "β of each test, all estimates" in html
 
 
+@pytest.mark.e2e
 def test_finished_logs_are_not_analysed_again(
     done: tuple[Path, int], campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -313,6 +313,7 @@ def test_other_compensators_give_a_second_opinion(
         assert tcdyn("compensate", log, *fast(campaign), "--out", out, *words) == 2
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]

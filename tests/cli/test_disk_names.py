@@ -21,6 +21,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("disk", ["fsat", "Fast", "", "../../x"])
 @pytest.mark.parametrize("name", [*COMMANDS])
 def test_a_command_refuses_an_unknown_disk_and_lists_the_disks(

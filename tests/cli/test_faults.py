@@ -53,6 +53,7 @@ def test_a_full_disk_leaves_the_old_file_and_is_told(tmp_path: Path, ending: str
         assert target.stat().st_size > 150_000
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", ["sensor", "record", "answer"])
 def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(
     tmp_path: Path, kind: str, campaign: Any

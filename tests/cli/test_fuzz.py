@@ -63,6 +63,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return small_files(tmp_path_factory.mktemp("small"))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("where", ["log", "out", "folder", "sensor"])
 def test_links_in_a_circle_are_told(
     small: dict[str, Path], tmp_path: Path, where: str, capsys: pytest.CaptureFixture[str]

@@ -58,6 +58,7 @@ def options(name: str) -> set[str]:
     return {option for parameter in ALL[name].params for option in parameter.opts}
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("old", sorted(OLD_NAMES))
 def test_an_old_name_works_with_a_message(old: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert tcdyn(old, "--help") == 0
@@ -231,6 +232,7 @@ def test_compensate_prints_json(
     assert "P1.csv: column time_s: sampled at 2.5 Hz" in said
 
 
+@pytest.mark.e2e
 def test_noise_only_takes_the_noise_and_leaves_the_lag(
     campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -265,6 +267,7 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     )
 
 
+@pytest.mark.e2e
 def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     campaign: Campaign, slow_plunge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -35,6 +35,7 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     return found
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("words", "spared"),
     [

@@ -71,7 +71,13 @@ def refused(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", [*WITHOUT_RIG, *RECORD])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.long if name == "follow --sensor" else [])
+        for name in (*WITHOUT_RIG, *RECORD)
+    ],
+)
 def test_a_quick_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path
 ) -> None:

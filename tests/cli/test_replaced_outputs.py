@@ -178,6 +178,7 @@ def test_files_of_use_only_together_go_together_if_one_fails(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [old]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("disk", ["fsat", "../../x", "/tmp/x", "", "fast "])
 @pytest.mark.parametrize(
     "words",

@@ -100,6 +100,7 @@ class TagChecker(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_demo_comparison_matches_the_files(
     campaign_results: dict[str, Any], campaign: Campaign

@@ -55,6 +55,7 @@ def is_rejected(data: IOData) -> bool:
     return False
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("test_kind", ["plunge", "PRBS", "sines"])
 def test_causal_leads_are_accepted(test_kind):
     """48 leads. One lag shifted forward in time repeats some of them better than one lag without a

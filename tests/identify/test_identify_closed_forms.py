@@ -314,6 +314,7 @@ def test_clipped_samples_are_those_that_an_output_enters_and_leaves_abruptly() -
     assert not clipped_samples(np.full(50, 3.0)).any()
 
 
+@pytest.mark.e2e
 def test_clipped_samples_do_not_reduce_the_gain() -> None:
     rng = np.random.default_rng(5)
     u = np.repeat(rng.choice([0.0, 1.0], 40), 25)

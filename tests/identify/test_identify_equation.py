@@ -182,6 +182,7 @@ def test_arx_names_are_parsed_and_invalid_combinations_raise():
         several(["ARX(1,1)", "ARX(1,1)"], ["heat", "fan"])
 
 
+@pytest.mark.e2e
 def test_arx_candidates_with_dead_time_have_one_zero_less_and_recover_the_parameters() -> None:
     rng = np.random.default_rng(12)
     dt_s = 0.1

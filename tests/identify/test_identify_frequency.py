@@ -119,6 +119,7 @@ def test_coherence_of_a_welch_estimate_gives_intervals_that_cover():
     assert np.mean(covered) > 0.8  # of 25, nominal 0.95
 
 
+@pytest.mark.e2e
 def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_path: Path, capsys):
     h, u = measured(2)
     frame = pd.DataFrame(

@@ -76,6 +76,7 @@ def test_unpickled_comparison_has_the_same_summary() -> None:
     assert pickle.loads(pickle.dumps(comparison)).summary() == comparison.summary()
 
 
+@pytest.mark.e2e
 def test_resampled_record_has_the_same_dynamics_and_no_aliases() -> None:
     rng = np.random.default_rng(1)
     slow = {"Kp": 2.0, "Tp1": 8.0, "Td": 1.3}
@@ -340,6 +341,7 @@ def test_weights_use_the_quiet_half_of_a_record() -> None:
     assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.e2e
 def test_weights_stay_with_a_disturbance_that_is_fitted() -> None:
     n = 400
     rng = np.random.default_rng(9)

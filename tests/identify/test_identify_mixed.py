@@ -77,6 +77,7 @@ def test_robust_fit_with_a_drift_covers_the_true_values():
     assert all(f.weights is not None and np.sum(f.weights < 0.3) >= 15 for f in results)
 
 
+@pytest.mark.e2e
 def test_robust_fit_with_a_noise_model_passes_the_input_test():
     """The inputs of the test must be weighted as the residuals are; otherwise p is below 0.01 in
     all runs."""

@@ -75,6 +75,7 @@ def test_lag_covariance_is_mostly_common() -> None:
     assert np.all(np.linalg.eigvalsh(c) > 0)
 
 
+@pytest.mark.e2e
 def test_chains_agree_with_the_lag_estimates() -> None:
     fit = fitted()
     for c in CHANNELS:

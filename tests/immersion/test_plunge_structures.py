@@ -205,6 +205,7 @@ def test_comparison_is_available_as_json_and_as_a_table_of_sensible_digits() -> 
     )
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_interval_of_a_channel_has_the_skewness_of_the_common_interval() -> None:
     scan: LagScan = replace(

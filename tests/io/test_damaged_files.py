@@ -49,6 +49,7 @@ def test_what_is_kept_is_either_the_truth_or_nan(tmp_path, name):
     assert log.frame.isna().to_numpy().sum() <= 5 * len(true.columns)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", ["ehl", "immersion", "oven", "hole"])
 def test_sound_logs_are_not_accused(tmp_path, kind):
     for seed in range(5):

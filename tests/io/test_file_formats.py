@@ -49,6 +49,7 @@ def test_lvm_tdms_csv_and_parquet_forms_of_one_log_are_identical(tmp_path):
         same(write_log(FRAME, tmp_path / f"log.{ending}"))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("name", "text"),
     [

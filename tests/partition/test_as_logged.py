@@ -84,6 +84,7 @@ def test_torque_and_kelvin_give_the_same_test(study: StudyRig, tmp_path) -> None
         )
 
 
+@pytest.mark.e2e
 def test_constants_widen_the_dependent_uncertainties(study: StudyRig, tmp_path) -> None:
     u = {"load_N": 100.0, "speed_fast_rpm": 60.0, "speed_slow_rpm": 80.0, "ambient_degC": 3.0}
     test = prepared(

@@ -132,6 +132,7 @@ def test_excluded_channel_has_no_compensated_trace_and_a_finding(
     ]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("channel", ["c", "f"])
 def test_readings_of_an_excluded_channel_have_no_influence(channel: str, study: StudyRig) -> None:
     """Noise of 100 K in its column, or no such column, gives bit-identical prepared traces."""

@@ -155,6 +155,7 @@ def test_page_shows_the_model_of_the_joint_fit_and_withholds_impossible_beta(
     assert "withheld" in html
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("impossible", "withheld"),
     [

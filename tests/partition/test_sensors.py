@@ -564,6 +564,7 @@ def with_gains(frame: pd.DataFrame, gains: dict[str, float]) -> pd.DataFrame:
     )
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("gains", "count"), [({}, 0), ({"fast": 1.03, "slow": 0.97}, 1), ({"fast": 1.005}, 0)]
 )

@@ -81,6 +81,7 @@ def test_constant_speed_leaves_the_test_unchanged() -> None:
     assert with_slowing_air_offset(study.test, {}) is study.test
 
 
+@pytest.mark.e2e
 def test_measured_air_offset_of_a_disk_at_constant_speed_is_kept() -> None:
     study = clean_rig("brake 3 s")
     measured = np.column_stack(
@@ -146,6 +147,7 @@ def assert_estimates_within_tolerance(errors: dict[str, float]) -> None:
     assert not errors["alarm"]
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_braked_disks_with_second_contact_give_correct_lags_and_beta(
     braked_with_second_contact: tuple[StudyRig, Partition],

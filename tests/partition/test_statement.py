@@ -294,6 +294,7 @@ def test_measured_surface_flux_determines_h_when_the_ambient_does_not_cool() -> 
     assert p.status == "sound"
 
 
+@pytest.mark.e2e
 def test_steel_of_one_disk_has_the_effect_of_the_common_steel() -> None:
     study = study_rig(SEED)
     disk = study.test.disks["fast"]

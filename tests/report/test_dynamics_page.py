@@ -60,6 +60,7 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     assert ax.get_ylim() == pytest.approx((16.0, 64.0))
 
 
+@pytest.mark.e2e
 def test_page_of_an_unrelated_output_says_so_and_has_no_response(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     u = np.repeat(rng.choice([0.0, 1.0], 20), 20)

@@ -53,6 +53,7 @@ def fixture_kiln(tmp_path: Path) -> Path:
     return tmp_path / "kiln.csv"
 
 
+@pytest.mark.e2e
 def test_page_shows_the_junction_temperature_over_seconds_in_the_unit_of_the_column(
     kiln: Path,
 ) -> None:
@@ -91,6 +92,7 @@ def test_log_without_a_calibration_is_shown_as_logged(
     ]
 
 
+@pytest.mark.e2e
 def test_trace_of_many_rows_is_decimated_and_keeps_its_spike(tmp_path: Path) -> None:
     n = 200_000
     values = np.sin(np.arange(n) / 3000)
@@ -106,6 +108,7 @@ def test_trace_of_many_rows_is_decimated_and_keeps_its_spike(tmp_path: Path) -> 
     assert page.stat().st_size < 6_000_000
 
 
+@pytest.mark.e2e
 def test_options_that_exclude_each_other_are_an_error(kiln: Path) -> None:
     sensor = kiln.with_name("probe.sensor.json")
     assert command("view", kiln, "--sensor", sensor, "--record", sensor, "--no-open") == 2

@@ -164,6 +164,7 @@ def even_clock_error(tmp_path_factory) -> float:
     return compensate_four_logs(tmp_path_factory.mktemp("even"), "even")[0]
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("jitter_kind", JITTER_KINDS)
 def test_compensation_loses_little_accuracy_with_jitter_and_lost_samples(

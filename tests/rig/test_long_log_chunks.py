@@ -128,6 +128,7 @@ def test_chunks_equal_the_full_log_in_any_form(tmp_path, form, rows):
     assert_chunks_equal_full_log(path, rows=rows)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", ","), ("\t", ".")])
 def test_dialects_are_read_in_chunks(tmp_path, separator, decimal):
     assert_chunks_equal_full_log(
@@ -171,6 +172,7 @@ def test_tdms_with_time_stamps_or_channels_of_several_rates_is_read_in_chunks(tm
     assert_chunks_equal_full_log(path, "immersion")
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     "form", ["spikes next to missing values", "contact in volts", "text among numbers"]
 )
@@ -208,6 +210,7 @@ INVALID_LOGS = {
 }
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("form", INVALID_LOGS)
 def test_invalid_logs_raise_before_the_last_chunk(tmp_path, form):
     change, message = INVALID_LOGS[form]

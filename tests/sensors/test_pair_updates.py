@@ -42,6 +42,7 @@ def recorded(seed: int, count: int = 2000) -> tuple[Array, Array, Array]:
     return t, first.round(2), second.round(2)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     "make",
     [

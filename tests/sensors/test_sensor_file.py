@@ -165,6 +165,7 @@ def test_the_reference_junction_is_found_by_its_name_without_a_unit(tmp_path: Pa
         compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="CJ")
 
 
+@pytest.mark.e2e
 def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> None:
     t, _, y = logged((1.5,), 0.1, 400, 0.1, 1)
     log = write(
@@ -301,6 +302,7 @@ def test_rates_rows_and_channels(
     assert np.mean(shares) > 0.9
 
 
+@pytest.mark.e2e
 def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> None:
     t, x, y = logged((0.5,), 0.05, 4000, 0.05, 3)
     kept = ((t < 40) | (t > 120)) & (np.arange(len(t)) % 50 != 7)
@@ -367,6 +369,7 @@ def test_a_silence_parts_where_it_is_longer_than_ten_lags_and_sixty_rows(
     assert [len(s.time_s) for s in stretches] == ([200, 200] if parted else [400])
 
 
+@pytest.mark.e2e
 def test_a_clock_of_few_decimals_and_a_dead_column_are_told(tmp_path: Path) -> None:
     t, x, y = logged((1.5,), 0.1, 1000, 0.1, 4)
     log = write(
@@ -434,6 +437,7 @@ def test_a_growing_table_is_followed(tmp_path: Path) -> None:
     assert rms < 0.5 < 0.92 < share
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_celsius(
     tmp_path: Path,
@@ -535,6 +539,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert not out.exists()
 
 
+@pytest.mark.e2e
 def test_the_commands_write_a_file_and_a_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

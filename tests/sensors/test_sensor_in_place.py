@@ -266,6 +266,7 @@ def test_inner_lags_add_to_nearly_those_of_layered_sensors(h: float, gap_m: floa
     assert conduction_chain(2.0, 0.0).taus_s == (2.0,)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_commands_write_files_that_compensate_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -164,6 +164,7 @@ def test_lag_and_percent_times_lie_in_their_intervals(
     assert np.mean(held) > 0.7
 
 
+@pytest.mark.e2e
 def test_a_known_entry_narrows_the_lag_and_a_slow_medium_is_no_part_of_it() -> None:
     t, y, entry = plunged((1.5, 0.1), 0.02, 800, 0.2, 1, medium_s=0.2)
     known = plunge_sensor(t, y, "T1", medium_s=(0.2, 0.02), entry_s=(entry, 0.001))
@@ -184,6 +185,7 @@ def test_a_response_before_the_specified_entry_is_a_warning_with_both_instants()
     assert conflict.numbers["fitted_s"] < entry + 2.1
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("specified_u_s", [0.02, 0.3])
 def test_a_dead_time_after_the_specified_entry_is_part_of_the_times_and_a_warning(
     specified_u_s: float,
@@ -236,6 +238,7 @@ def test_a_drift_of_the_bath_is_no_second_path(drift_K: float) -> None:
         assert made.times["T1"]["t90_s"].value == pytest.approx(2 * np.log(10), rel=0.05)
 
 
+@pytest.mark.e2e
 def test_a_second_event_ends_the_record() -> None:
     """The sensor is taken out after 60 s: the part before it gives the lag."""
     t, y = two_paths(0.0, 1.0, 0.0, 1, 90.0)
@@ -283,6 +286,7 @@ def test_a_specified_entry_that_is_right_is_no_warning(specified_u_s: float) -> 
         assert "sensor.entry_conflict" not in {f.code for f in made.findings}
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("dt_s", "slow"), [(0.05, False), (1.7, True)])
 def test_rows_slower_than_the_lag_are_a_warning(dt_s: float, slow: bool) -> None:
     t, y, _ = plunged((1.5,), dt_s, 500, 0.05, 4)
@@ -303,12 +307,14 @@ def test_a_record_that_begins_after_the_entry_is_a_warning() -> None:
     assert "sensor.no_rows_before" in {f.code for f in made.findings}
 
 
+@pytest.mark.e2e
 def test_an_exact_entry_that_is_too_late_is_a_warning() -> None:
     t, y, entry = plunged((1.5, 0.2), 0.05, 500, 0.05, 4)
     made = plunge_sensor(t, y, "T1", entry_s=(entry + 0.15, 0.0))
     assert "sensor.entry_conflict" in {f.code for f in made.findings}
 
 
+@pytest.mark.e2e
 def test_a_slow_path_that_has_not_settled_is_a_warning() -> None:
     """3 % of the step with 100 s in a record of 60 s."""
     t, y = two_paths(0.03, 100.0, 0.0, 3, 60.0)

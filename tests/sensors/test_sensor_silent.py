@@ -48,6 +48,7 @@ def stamps(day: str, rows: int) -> list[str]:
     return [f"{day} {10 + k // 3600:02}:{k // 60 % 60:02}:{k % 60:02}" for k in range(rows)]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("second_day", ["2021-11-27", "2021-11-28"])
 def test_days_of_one_log_are_compensated_apart_and_keep_their_stamps(
     tmp_path: Path, second_day: str

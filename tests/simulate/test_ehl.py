@@ -84,6 +84,7 @@ def last_above(t: np.ndarray, values: np.ndarray, level: float) -> float:
     return float(t[np.flatnonzero(values > level)[-1]])
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("seed", range(5))
 def test_switch_load_and_friction_agree_on_the_unloading_time_within_50_ms(
     seed: int,
@@ -223,6 +224,7 @@ def test_braked_speeds_decay_exponentially_and_the_disks_cool_more_slowly() -> N
     assert (np.diff(warmer[t > unload_s + 1.0]) > 0).all()
 
 
+@pytest.mark.e2e
 def test_slow_unloading_cools_as_the_mean_of_sudden_unloadings_during_it() -> None:
     """The disks are linear in the friction, and a linear fall is the mean of steps at all its
     instants: the response to the removed heat is a running mean over the fall (figure 4.20)."""

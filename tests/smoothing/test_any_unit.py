@@ -55,6 +55,7 @@ def test_a_smoothed_trace_with_a_hidden_jump_is_the_same_in_any_unit() -> None:
     assert np.array_equal(other.flags, plain.flags)
 
 
+@pytest.mark.e2e
 def test_a_known_event_deconvolution_and_the_inverse_are_the_same_in_any_unit() -> None:
     y, lags = trace(200), 4e-4 * np.ones((2, 2))
     for made in (

@@ -15,6 +15,7 @@ from tests.smoothing.band_study import ROWS, judge, simulate
 ROW = {row.name: row for row in ROWS}
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", ["Brownian", "drift", "steps of 0.5 K, swing"])
 def test_the_band_of_a_rough_or_rounded_temperature_holds(name: str) -> None:
     """One record: 86 % leaves room for the few independent errors in it."""

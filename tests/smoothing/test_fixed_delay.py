@@ -159,6 +159,7 @@ def live_and_batch(folder: Path, rows: int, pieces: int, seed: int) -> tuple[byt
     return live, batch
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_live_run_of_twenty_minutes_writes_what_the_batch_run_writes(tmp_path: Path) -> None:
     live, batch = live_and_batch(tmp_path, 1200, 60, 11)

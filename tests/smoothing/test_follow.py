@@ -73,6 +73,7 @@ def grown(
     return run, read(out)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_growing_log_of_the_rig_gives_the_rows_of_the_finished_one(
     campaign: Campaign, tmp_path: Path, text: str, reference: pd.DataFrame
@@ -149,6 +150,7 @@ def test_a_log_that_cannot_be_followed_is_refused_and_nothing_written(
     assert not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path) -> None:
     log = campaign.files.plunges["fast"][0]
@@ -218,6 +220,7 @@ def test_a_channel_that_falls_silent_is_empty_and_a_wide_band_before(tmp_path: P
     assert run.rows_written == 500
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("shares", [(0.4, 0.7, 1.0), (0.02, 1.0)])
 def test_stopped_and_continued_no_row_is_lost_or_doubled(
     tmp_path: Path, shares: tuple[float, ...]

@@ -49,6 +49,7 @@ def at(place: int | slice, time_s: float) -> Change:
     return change
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("later_s", [0.0, 2.0, 100.0])
 def test_rows_before_and_after_a_gap_are_all_written(tmp_path: Path, later_s: float) -> None:
     run, logged_s, written_s = followed(tmp_path, lambda t: t + later_s * (t > 15))
@@ -78,6 +79,7 @@ def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(
     assert (difference < 0.5 * temperatures[0][:, 1]).all()
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("delay_s", [2.0, 5.0])
 @pytest.mark.parametrize(
     ("change", "lost"),
@@ -125,6 +127,7 @@ def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: f
     assert np.sqrt(np.mean(off**2)) < 0.016
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("form", "start"),
     [("%d.%m.%Y %H:%M:%S.%f", "2026-03-09T23:59:58"), ("%H:%M:%S.%f", None)],

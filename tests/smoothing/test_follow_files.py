@@ -164,6 +164,7 @@ REPLACEMENTS = {
 }
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", REPLACEMENTS)
 def test_a_log_that_is_replaced_or_rewritten_stops_the_run_and_keeps_its_rows(
     tmp_path: Path, kind: str

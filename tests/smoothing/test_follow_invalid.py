@@ -90,6 +90,7 @@ def test_invalid_readings_count_as_missing_and_are_told(tmp_path: Path, kind: st
     assert np.mean((np.abs(x - gas) < 1.96 * u)[determined]) > 0.85
 
 
+@pytest.mark.e2e
 def test_valid_readings_are_left_alone(tmp_path: Path) -> None:
     run, out = followed(tmp_path, kiln()[2])
     assert not run.findings
@@ -97,6 +98,7 @@ def test_valid_readings_are_left_alone(tmp_path: Path) -> None:
     assert np.mean(np.abs(z) < 1.96) > 0.85
 
 
+@pytest.mark.e2e
 def test_the_range_is_that_of_the_temperature_in_any_unit(tmp_path: Path) -> None:
     """-40 in kelvin is colder than absolute zero."""
     y = kiln()[2] + 273.15

@@ -50,6 +50,7 @@ def test_given_a_jump_the_temperature_jumps_between_two_samples() -> None:
     assert np.abs(kink.temperature[:, 0] - truth).max() > 2.0
 
 
+@pytest.mark.e2e
 def test_a_chain_without_lag_and_a_late_spike_do_no_harm() -> None:
     """No lag: a step is told within the noise. A spike that only the answer shows does not rouse
     the whole record."""

@@ -132,6 +132,7 @@ def test_white_noise_stays_as_it_is() -> None:
         assert np.all(noise.level_K == 0.12)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("world", "worst_K"), [("before", 0.186), ("ar0.4", 0.124), ("ar0.8", 0.158), ("hum", 0.165)]
 )
@@ -163,6 +164,7 @@ def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_ha
     assert np.mean(covered) > 0.9
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("world", "duration_s", "seeds"),
     [("before", 60, range(6)), ("ar0.6", 60, range(6)), ("ar0.6", 200, (104, 108, 116))],
@@ -280,6 +282,7 @@ def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
         assert np.mean(off < 1.96 * done.sd) > 0.9
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("length_s", [0.13, 0.19, 0.27])
 def test_a_weak_burst_is_found_where_the_other_channels_show_nothing(length_s: float) -> None:
     """In noise from before the filter; alone, a channel cannot tell it from a jump and its end. A

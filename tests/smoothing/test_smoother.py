@@ -135,6 +135,7 @@ def test_a_kink_stated_to_a_tenth_of_a_second_has_an_interval_that_holds_about_i
     assert np.mean(untold) < 0.4
 
 
+@pytest.mark.e2e
 def test_means_just_after_an_uncertain_event_err_together_and_their_difference_does_not():
     """Two channels see one kink, stated to a tenth of a second; means over the third of a second
     after it."""
@@ -371,6 +372,7 @@ def test_sentences_call_a_channel_by_its_name_and_count_from_one_without():
         smooth(y, DT, Chain((1.0,), conditioning=B), names=["fast_d"])
 
 
+@pytest.mark.e2e
 def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
     """12 bits over 860 degC and 0.02 K of noise on a slow cooling: most samples repeat, and nothing
     is broken."""
