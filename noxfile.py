@@ -20,8 +20,8 @@ def test(session: nox.Session) -> None:
 def lowest(session: nox.Session) -> None:
     """The default tests with the lowest version of every dependency, all together.
 
-    The test tools are the newest ones, without import-linter, which needs a newer rich. Old libraries warn about newer
-    ones that they use, which is no fault here.
+    The test tools are the newest ones, without import-linter, which needs a newer rich. Old
+    libraries warn about newer ones that they use, which is no fault here.
     """
     with Path("pyproject.toml").open("rb") as file:
         project = tomllib.load(file)["project"]

@@ -1,4 +1,4 @@
-"""Settings of Sphinx for the manual, from ``docs/`` and the docstrings. `sphinx-build -W --keep-going -n docs OUT`."""
+"""Settings of Sphinx for the manual: `sphinx-build -W --keep-going -n docs OUT`."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "_lab", "gallery"]
 
-# Pages with code cells are executed when the manual is built, each in a new folder; an error or an exit code other than
-# 0 is a warning, and so fails the build with -W. Their commands find this package; TCDYN_LAB is the folder of `tcdyn
-# demo`. The pages are plain notebooks; `shell_cells.py` runs their commands here.
+# Pages with code cells are executed when the manual is built, each in a new folder; an error or an
+# exit code other than 0 is a warning, and so fails the build with -W. Their commands find this
+# package; TCDYN_LAB is the folder of `tcdyn demo`. The pages are plain notebooks; `shell_cells.py`
+# runs their commands here.
 nb_execution_mode = "force"
 nb_execution_in_temp = True
 nb_execution_show_tb = True
@@ -110,7 +111,8 @@ napoleon_use_rtype = False
 suppress_warnings = ["ref.python"]  # names of returned values equal names of fields
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
-# Annotations name types of other packages and private types; the roles {func}, {meth}, {mod} in the pages are checked.
+# Annotations name types of other packages and private types; the roles {func}, {meth}, {mod} in the
+# pages are checked.
 nitpick_ignore_regex = [("py:(class|data|obj|exc|attr)", ".*")]
 
 # Modules whose names are public; each name has its own page, under the first module that has it.
@@ -184,7 +186,7 @@ def check_search(app: Any, error: Exception | None) -> None:
 
 
 def public_names(module_name: str, listed: set[int]) -> list[str]:
-    """Public functions and classes of a module that are not yet in ``listed``, and add them to it."""
+    """Public functions and classes of a module not yet in ``listed``, to which they are added."""
     module = import_module(module_name)
     names = []
     for name in module.__all__:
@@ -234,7 +236,7 @@ def write_reference(*_: Any) -> None:
 def escape_markup(
     app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
 ) -> None:
-    """Escape bars, stars and trailing underscores: in docstrings they belong to formulas, not to markup."""
+    """Escape bars, stars and trailing underscores, which belong to formulas in docstrings."""
     quoted = False
     for k, line in enumerate(lines):
         if line.lstrip().startswith(">>>"):
@@ -254,7 +256,7 @@ def escape_markup(
 
 
 def resolve_alias(app: Any, env: Any, node: Any, text: Any) -> Any:
-    """Resolve a re-exported or imported name (``tcdyn.smooth``) to the place where it is defined."""
+    """Resolve a re-exported name (``tcdyn.smooth``) to the place where it is defined."""
     if node.get("refdomain") != "py":
         return None
     target = node["reftarget"]

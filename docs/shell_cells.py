@@ -1,4 +1,4 @@
-"""The cell magic ``%%sh`` of the kernels that execute the pages: one output, in the order in which it was printed.
+"""The cell magic ``%%sh`` of the kernels that execute the pages: one output, in its order.
 
 That of IPython prints standard error after standard output, and in pieces.
 """

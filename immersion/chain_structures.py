@@ -192,7 +192,8 @@ class StructureComparison:
         """One row of :meth:`table`: numbers as text, by the heading of their column."""
         suffix = ", used here" if row.structure == self.chosen else ""
         return {
-            "chain": f"{row.structure} ({ChainStructure.from_name(row.structure).description}){suffix}",
+            "chain": f"{row.structure} "
+            f"({ChainStructure.from_name(row.structure).description}){suffix}",
             "probability": probability_text(row.probability),
             "chi-square above the best": f"{row.chi_square:.1f}",
             HELD_OUT_COLUMN: "" if row.held_out is None else f"{row.held_out:.1f}",

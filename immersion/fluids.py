@@ -402,8 +402,8 @@ JET_OIL = Fluid(
     k=_spline(_JET_DEGC, 0.14868 - 2.2275e-4 * (_JET_DEGC + ZERO_C - 366.67)),
     nu=_viscosity_spline(_JET_DEGC, np.array([27.6e-6, 5.1e-6])),
     range_degC=(15.0, 200.0),
-    source="product data sheet (density 15 degC, viscosity 40 and 100 degC, ASTM D341 between); c, k and the slope "
-    "of density of MIL-L-23699 oils (bearing codes)",
+    source="product data sheet (density 15 degC, viscosity 40 and 100 degC, ASTM D341 "
+    "between); c, k and the slope of density of MIL-L-23699 oils (bearing codes)",
 )
 WATER = Fluid(
     "water",
@@ -412,7 +412,8 @@ WATER = Fluid(
     k=_water_conductivity,
     nu=_water_viscosity,
     range_degC=(0.0, 100.0),
-    source="Kell (1975) density; Patek, Hruby, Klomfar, Souckova and Harvey (2009) viscosity and conductivity",
+    source="Kell (1975) density; Patek, Hruby, Klomfar, Souckova and Harvey (2009) viscosity "
+    "and conductivity",
     u_rho=1e-4,
     u_c=0.002,
     u_k=0.01,

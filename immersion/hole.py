@@ -412,8 +412,8 @@ def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float
     verdict = _verdict(estimate, limit)
     label = f"{diameter:g} mm hole" if diameter else name
     sentence = (
-        f"{label}: {estimate.value:+.3f} s against the clamped thermocouples (95 %: {estimate.low95:.3f} to "
-        f"{estimate.high95:.3f} s; limit {limit:g} s): {verdict}."
+        f"{label}: {estimate.value:+.3f} s against the clamped thermocouples (95 %: "
+        f"{estimate.low95:.3f} to {estimate.high95:.3f} s; limit {limit:g} s): {verdict}."
     )
     return Hole(name, diameter, estimate, verdict, sentence)
 

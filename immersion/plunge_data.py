@@ -19,7 +19,7 @@ from immersion.entry import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.estimation import correlation_length
+from tcdyn.estimation import autocorrelation_factor
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.disk import CHANNELS
@@ -451,10 +451,12 @@ def variance_factors(
     b, c = standardised.shape
     mean = np.mean(standardised, axis=1)
     deviation = standardised - mean[:, None]
-    common = c * float(np.sum(mean**2)) / max(b - parameters_common, 1) * correlation_length(mean)
+    common = (
+        c * float(np.sum(mean**2)) / max(b - parameters_common, 1) * autocorrelation_factor(mean)
+    )
     if c == 1:
         return max(common, MIN_FACTOR), 1.0
     freedom = max((b * (c - 1)) - parameters_differential, 1)
-    length = float(np.mean([correlation_length(column) for column in deviation.T]))
+    length = float(np.mean([autocorrelation_factor(column) for column in deviation.T]))
     differential = float(np.sum(deviation**2)) / freedom * length
     return max(common, MIN_FACTOR), max(differential, MIN_FACTOR)

@@ -120,7 +120,8 @@ class PlungePriors:
             ),
             (
                 "burst time, per run",
-                f"lognormal, median {self.burst_time_median_s:g} s, sd of ln {self.burst_time_log:g}",
+                f"lognormal, median {self.burst_time_median_s:g} s, sd of ln "
+                f"{self.burst_time_log:g}",
             ),
             (
                 "burst shape, per run",
@@ -151,7 +152,8 @@ class PlungePriors:
             (
                 "split of the lag over two stages",
                 f"logit of 4 tau1 tau2 / (tau1 + tau2)^2: normal, mean {self.shape_logit:g}, sd "
-                f"{self.shape_logit_common:g} in common and {self.shape_logit_channel:g} per channel",
+                f"{self.shape_logit_common:g} in common and {self.shape_logit_channel:g} per "
+                "channel",
             ),
             ("lag, per channel", "flat above zero"),
         ]

@@ -100,7 +100,7 @@ class PlungeProblem:
 
     @property
     def log_prior(self) -> float:
-        """Log density of the prior at its mean, up to a constant that is common to all structures."""
+        """Log density of the prior at its mean, up to a constant of all structures."""
         precision = self.core.precision
         return 0.5 * float(np.sum(np.log(precision[precision > 0])))
 

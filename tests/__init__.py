@@ -1,4 +1,5 @@
-"""Tests. Several test processes share the cores: one BLAS thread each, unless the caller sets another number."""
+"""Tests. Several test processes share the cores: one BLAS thread each, unless the caller sets
+another number."""
 
 import os
 

@@ -27,7 +27,8 @@ RECORDS = Path(__file__).parent / "behaviour" / "data"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--full``: Monte Carlo studies with all of their draws, as README's figures have them; a quarter without."""
+    """``--full``: Monte Carlo studies with all of their draws, as README's figures have them; a
+    quarter without."""
     parser.addoption(
         "--full", action="store_true", help="studies with all of their draws, a quarter without"
     )
@@ -52,7 +53,8 @@ SLOW_FIXTURES = {
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests; long tests need ``--full``."""
+    """Tests that use a complete ``beta`` or ``calibrate`` run are e2e tests; long tests need
+    ``--full``."""
     for item in items:
         if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.e2e)
@@ -109,7 +111,8 @@ def partition(beta_run: BetaRun) -> Partition:
 
 
 def small_campaign(folder: Path) -> Campaign:
-    """Simulate the campaign of the fixture into ``folder``; its records are those of the behaviour suite."""
+    """Simulate the campaign of the fixture into ``folder``; its records are those of the behaviour
+    suite."""
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
     files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)
     record_paths = {}

@@ -10,7 +10,8 @@ from tcdyn.core import Array
 
 
 def bars(ax: Axes) -> tuple[Array, Array, Array]:
-    """Marks (N, 2) of all error bars, and the lower and upper ends (N,) along the direction of each."""
+    """Marks (N, 2) of all error bars, and the lower and upper ends (N,) along the direction of
+    each."""
     marks, low, high = [], [], []
     for drawn in ax.containers:
         if isinstance(drawn, ErrorbarContainer):

@@ -1,4 +1,5 @@
-"""Import contracts between the packages: each can be broken, and no file imports itself through others."""
+"""Import contracts between the packages: each can be broken, and no file imports itself through
+others."""
 
 from __future__ import annotations
 
@@ -58,11 +59,13 @@ def test_the_library_keeps_its_contracts() -> None:
 
 
 def test_an_estimator_that_imports_the_simulator_is_caught(copy: Path) -> None:
-    """Directly (partition, immersion), and through a package that estimators may import (smoothing)."""
+    """Directly (partition, immersion), and through a package that estimators may import
+    (smoothing)."""
     sabotage = {
         "tcdyn.partition": "from tcdyn.simulate.implicit import *",
         "immersion": "from tcdyn.simulate.plunge import simulate_plunge",
-        "tcdyn.smoothing": "def later() -> None:\n    from tcdyn.simulate.measure import through_chains",
+        "tcdyn.smoothing": "def later() -> None:\n    from tcdyn.simulate.measure import "
+        "through_chains",
     }
     expected_arrows = {}
     for package, line in sabotage.items():
@@ -91,7 +94,8 @@ def test_every_contract_can_be_broken(copy: Path) -> None:
 
 
 def imports() -> dict[str, set[str]]:
-    """Library files by module, and which of them each imports, also inside functions and for types only."""
+    """Library files by module, and which of them each imports, also inside functions and for types
+    only."""
     files = {module(path): path for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
     arrows: dict[str, set[str]] = {}
     for name, path in files.items():

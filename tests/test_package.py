@@ -1,4 +1,5 @@
-"""What ``import tcdyn`` offers, that it is quick to offer it, and that every public name says what it is."""
+"""What ``import tcdyn`` offers, that it is quick to offer it, and that every public name says what
+it is."""
 
 import ast
 import re
@@ -47,7 +48,8 @@ UNIT = re.compile(
 
 
 def public_definitions() -> Iterator[tuple[str, ast.AST, str]]:
-    """(place, node, docstring) of every public module, class, function and method of the three packages."""
+    """(place, node, docstring) of every public module, class, function and method of the three
+    packages."""
     for package in ("calibration", "immersion", "tcdyn"):
         for path in sorted((ROOT / package).rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -75,7 +77,8 @@ def test_every_public_name_is_there_with_a_docstring() -> None:
 
 
 def overload(node: ast.AST) -> bool:
-    """Whether this is one of several typed faces of a function, whose last one carries the words."""
+    """Whether this is one of several typed faces of a function, whose last one carries the
+    words."""
     return isinstance(node, Function) and any(
         "overload" in ast.dump(d) for d in node.decorator_list
     )
@@ -85,7 +88,8 @@ def overload(node: ast.AST) -> bool:
 def test_rooms_are_reached_without_another_import_and_told_by_tab_completion() -> None:
     said = (
         "import tcdyn; "
-        "print(tcdyn.plots.draw.__name__, tcdyn.partition.__name__, {'plots', 'fit'} <= set(dir(tcdyn)))"
+        "print(tcdyn.plots.draw.__name__, tcdyn.partition.__name__, {'plots', 'fit'} <= "
+        "set(dir(tcdyn)))"
     )
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["draw", "tcdyn.partition", "True"]
@@ -99,7 +103,8 @@ asked = {}
 class Html:
     def for_type_by_name(self, module, name, show): asked[module, name] = show
 html = Html()
-shell = types.SimpleNamespace(display_formatter=types.SimpleNamespace(formatters={"text/html": html}))
+formatter = types.SimpleNamespace(formatters={"text/html": html})
+shell = types.SimpleNamespace(display_formatter=formatter)
 sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
 import tcdyn
 del sys.modules["IPython"]

@@ -1,4 +1,4 @@
-"""What several scripts of the gallery share: a lag, a plot, and the fits of one folder of the synthetic rig."""
+"""What several scripts of the gallery share: a lag, a plot, and fits of a synthetic rig."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parent.parent.parent
 
 
 def lagged(x: np.ndarray, dt_s: float, *taus_s: float) -> np.ndarray:
-    """First-order lags of an input that is linear between samples, independent of the library's solver."""
+    """First-order lags of an input that is linear between samples, by another solver."""
     for tau_s in taus_s:
         half = (1 - np.exp(-dt_s / tau_s)) / 2
         x = lfilter([half, half], [1, 2 * half - 1], x, zi=[(1 - half) * x[0]])[0]
@@ -49,7 +49,7 @@ def plot_traces(logged: pd.DataFrame, done: pd.DataFrame, column: str, true: Any
 
 @cache
 def lab() -> Path:
-    """The folder of `tcdyn demo`: the one in the repository's root if there is one, else a new one (a minute)."""
+    """The folder of `tcdyn demo`: that in the repository's root, else a new one (a minute)."""
     for folder in (ROOT / "demo", ROOT / "docs" / "_lab"):
         needed = [folder / "EHL_B3.csv", *(folder / f"{disk}.disk.json" for disk in DISKS)]
         if all(path.exists() for path in needed):

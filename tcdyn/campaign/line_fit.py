@@ -113,8 +113,10 @@ def fit_generalised_line(columns: Array, y: Array, covariance: Array) -> Line:
     Examples
     --------
     >>> x = np.column_stack([np.ones(4), np.arange(4.0)])
-    >>> line = fit_generalised_line(x, np.array([1.0, 3.0, 5.0, 7.0]), 0.01 * (np.ones((4, 4)) + 0.01 * np.eye(4)))
-    >>> line.coefficients.round(6).tolist(), np.sqrt(np.diag(line.covariance)).round(4).tolist(), line.scatter
+    >>> covariance = 0.01 * (np.ones((4, 4)) + 0.01 * np.eye(4))
+    >>> line = fit_generalised_line(x, np.array([1.0, 3.0, 5.0, 7.0]), covariance)
+    >>> u = np.sqrt(np.diag(line.covariance))
+    >>> line.coefficients.round(6).tolist(), u.round(4).tolist(), line.scatter
     ([1.0, 2.0], [0.1003, 0.0045], 0.0)
     """
     freedom = len(y) - columns.shape[1]

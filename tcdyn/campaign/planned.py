@@ -78,6 +78,11 @@ STATIC_LINE = StaticLine(
 LAGS_S = (0.54, 0.12)
 COMMON_LAG_U_S = 0.05
 CHANNEL_LAG_U_S = 0.008
+# Seeds of the noise of the ambient temperature, and of the first junction of the first disk; the
+# seeds of the next disk begin SEEDS_PER_DISK later, so that every channel has its own.
+AMBIENT_SEED = 7
+JUNCTION_SEED = 40
+SEEDS_PER_DISK = 10
 
 
 @dataclass(frozen=True)
@@ -191,13 +196,15 @@ class PlannedCampaign:
         table = self.table()
         worst = {k: float(table[k].max()) for k in ("u_beta_alone", "u_beta", "u_beta_within")}
         lines = [
-            f"{len(table)} planned tests, largest u of beta: {worst['u_beta_alone']:.4f} for a test alone, "
-            f"{worst['u_beta']:.4f} absolute in the campaign, {worst['u_beta_within']:.5f} within it",
+            f"{len(table)} planned tests, largest u of beta: {worst['u_beta_alone']:.4f} for a "
+            f"test alone, {worst['u_beta']:.4f} absolute in the campaign, "
+            f"{worst['u_beta_within']:.5f} within it",
             f"u of the exponent n: {self.u_exponent:.3f}",
         ]
         for name, alongside, u in self.slopes:
             lines.append(
-                f"u of the slope of beta over {name}{f' beside {alongside[0]}' if alongside else ''}: {u:.2g}"
+                "u of the slope of beta over "
+                f"{name}{f' beside {alongside[0]}' if alongside else ''}: {u:.2g}"
             )
         return "\n".join(lines)
 
@@ -246,7 +253,8 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
             raise InputError(
                 f"row {i} is no test",
                 where=str(path),
-                expected="friction below load, the fast shaft the faster, beta between 0 and 1, h above 0",
+                expected="friction below load, the fast shaft the faster, beta between 0 and "
+                "1, h above 0",
             )
     if not rows:
         raise InputError("no planned test", where=str(path), expected="a row for each")
@@ -334,7 +342,7 @@ def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> Suffici
         dt_s=dt,
         events=events,
         power_W=np.where((t >= logging.before_s) & (t < events.unload_s), power, 0.0),
-        ambient_degC=logging.ambient_degC + 0.1 * _noise(len(t), 7),
+        ambient_degC=logging.ambient_degC + 0.1 * _reproducible_noise(len(t), AMBIENT_SEED),
         load_N=plan.load_N,
         friction_N=plan.friction_N,
         speed_ratio=u_fast / u_slow,
@@ -382,15 +390,16 @@ def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> Suffici
     )
 
 
-def _noise(count: int, seed: int) -> Array:
-    """White noise of unit variance, the same for each call: fits measure the level of noise.
+def _reproducible_noise(count: int, seed: int) -> Array:
+    """White noise of unit variance, the same in each call with the same seed.
 
     Parameters
     ----------
     count
         Number of samples.
     seed
-        Seed of the generator.
+        Seed of the generator. Any seed does: the fits only estimate the level of the noise. Two
+        channels must not have the same, because their noise is independent.
 
     Returns
     -------
@@ -449,12 +458,13 @@ def _traces(
     lagged = chain.response(excess, 1 / logging.rate_Hz)
     count = len(setup.channels)
     y = np.empty((len(t), count))
+    first_seed = JUNCTION_SEED + SEEDS_PER_DISK * DISKS.index(disk)
     for k, c in enumerate(setup.channels):
         ratio = EDGE_EXCESS_RATIO if c in setup.inner and c != setup.edge else 1.0
         y[:, k] = (
             logging.ambient_degC
             + ratio * lagged
-            + logging.noise_K * _noise(len(t), k + 10 * len(disk))
+            + logging.noise_K * _reproducible_noise(len(t), first_seed + k)
         )
     level = np.full(count, logging.noise_K)
     noise = LoggerNoise(

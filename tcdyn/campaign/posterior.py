@@ -280,8 +280,8 @@ def within_campaign_u(covariance: Array) -> Array:
     Notes
     -----
     Errors common to all numbers cancel: by deviations from the mean, u_i^2 = N/(N-1) (H C H)_ii
-    with H = 1 - 1/N. The difference of two independent numbers then has u_i and u_j added in
-    squares. A single number has its own u.
+    with H_ij = delta_ij - 1/N. The difference of two independent numbers then has u_i and u_j added
+    in squares. A single number has its own u.
 
     Examples
     --------

@@ -135,7 +135,8 @@ def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
         raise InputError(
             f"no loading number {number}",
             where=log.path.name,
-            expected=f"1 to {len(tests)}: the disks part {len(tests)} time{'s' if len(tests) > 1 else ''} after a load",
+            expected=f"1 to {len(tests)}: the disks part {len(tests)} "
+            f"time{'s' if len(tests) > 1 else ''} after a load",
         )
     return tests[number - 1], len(tests)
 

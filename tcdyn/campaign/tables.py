@@ -132,7 +132,8 @@ def paper_latex(joined: JoinedCampaign) -> str:
             r"\midrule",
             *rows,
             r"\midrule",
-            rf"\multicolumn{{{len(LATEX_HEADINGS) - 1}}}{{l}}{{all tests}} & {_pm(n.value, n.u)} \\",
+            rf"\multicolumn{{{len(LATEX_HEADINGS) - 1}}}{{l}}{{all tests}} & "
+            rf"{_pm(n.value, n.u)} \\",
             r"\bottomrule",
             r"\end{tabular}",
             "",

@@ -313,7 +313,8 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     inside = np.flatnonzero((x >= curve.x[0]) & (x <= curve.x[-1]))
     if len(inside) < 2:
         raise InputError(
-            f"{len(inside)} tests lie within its {curve.against} of {curve.x[0]:g} to {curve.x[-1]:g}",
+            f"{len(inside)} tests lie within its {curve.against} of {curve.x[0]:g} to "
+            f"{curve.x[-1]:g}",
             where=curve.file,
             expected="two or more",
             remedy="carry the curve on as far as the tests go",

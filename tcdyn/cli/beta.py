@@ -67,8 +67,8 @@ def beta(
         bool,
         typer.Option(
             "--profiles",
-            help="write the likelihood profiles of the joint fits into beta.json; the report always "
-            "has them",
+            help="write the likelihood profiles of the joint fits into beta.json; the report "
+            "always has them",
         ),
     ] = False,
     stage: Annotated[

@@ -223,7 +223,7 @@ def compensate(
         if report is not None:
             from tcdyn.report.compensate import write_compensation_report
 
-            progress("report")
+            progress("writing the report")
             write_compensation_report(report, done, records, record)
     findings = list(write_findings)
     if way.method == "inverse":

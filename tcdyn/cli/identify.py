@@ -306,8 +306,8 @@ def response(
     form: Annotated[
         str,
         typer.Option(
-            help="Content of the two columns: magnitude or dB, each with the phase, or complex (real, "
-            "imaginary)."
+            help="Content of the two columns: magnitude or dB, each with the phase, or complex "
+            "(real, imaginary)."
         ),
     ] = "magnitude",
     uncertainty: Annotated[

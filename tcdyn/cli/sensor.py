@@ -74,6 +74,11 @@ class SensorOutput:
             Output of the command.
         logs
             Tables that are read.
+
+        Raises
+        ------
+        InputError
+            If it may not: see ``check_outputs``. ``tests/cli/test_replaced_outputs.py`` guards it.
         """
         check_outputs(logs, reporter.overwrite, out=self.out)
 

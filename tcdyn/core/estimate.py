@@ -43,10 +43,12 @@ def rounded_texts(value: float, u: float) -> tuple[str, str]:
 
     Examples
     --------
-    >>> rounded_texts(0.654321, 0.01234), rounded_texts(0.654321, 0.0996), rounded_texts(56789.0, 1234.0)
-    (('0.654', '0.012'), ('0.65', '0.10'), ('56800', '1200'))
-    >>> rounded_texts(6.54321e-7, 1.2e-9), rounded_texts(0.654321, 0.0), rounded_texts(0.654321, float("nan"))
-    (('6.543e-07', '0.012e-07'), ('0.654321', '0'), ('0.654321', 'not known'))
+    >>> rounded_texts(0.654321, 0.01234), rounded_texts(0.654321, 0.0996)
+    (('0.654', '0.012'), ('0.65', '0.10'))
+    >>> rounded_texts(56789.0, 1234.0), rounded_texts(6.54321e-7, 1.2e-9)
+    (('56800', '1200'), ('6.543e-07', '0.012e-07'))
+    >>> rounded_texts(0.654321, 0.0), rounded_texts(0.654321, float("nan"))
+    (('0.654321', '0'), ('0.654321', 'not known'))
     """
     value_text, u_text, power = _parts(float(value), float(u))
     exponent = f"e{power:+03d}" if power else ""
@@ -75,12 +77,16 @@ def text_with_u(
 
     Examples
     --------
-    >>> text_with_u(0.654321, 0.01234, "s"), text_with_u(-1e-9, 0.02), text_with_u(1.234567e-7, 1.2e-9, "m")
-    ('0.654 +- 0.012 s', '0.000 +- 0.020', '(1.235 +- 0.012)e-07 m')
+    >>> text_with_u(0.654321, 0.01234, "s"), text_with_u(-1e-9, 0.02)
+    ('0.654 +- 0.012 s', '0.000 +- 0.020')
+    >>> text_with_u(1.234567e-7, 1.2e-9, "m")
+    '(1.235 +- 0.012)e-07 m'
     >>> text_with_u(0.7, 0.1, "s", low95=0.58, high95=1.05)
     '0.70 +- 0.10 s (95 %: 0.58 to 1.05)'
-    >>> text_with_u(0.7, 0.0, "s"), text_with_u(0.7, float("nan"), "s"), text_with_u(float("nan"), 0.1)
-    ('0.7 +- 0 s', '0.7 s, uncertainty not known', 'not known')
+    >>> text_with_u(0.7, 0.0, "s"), text_with_u(0.7, float("nan"), "s")
+    ('0.7 +- 0 s', '0.7 s, uncertainty not known')
+    >>> text_with_u(float("nan"), 0.1)
+    'not known'
     """
     value = float(value)
     u = float(u)

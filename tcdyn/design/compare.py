@@ -38,30 +38,35 @@ DIFFERENCE_LIMITS = (0.03, 0.10)
 # Grades below the first limit, below the second, and above; and their definition for readers.
 GRADES = ("well", "roughly", "poorly")
 GRADE_DEFINITIONS = (
-    f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag for the common lag, "
-    f"{100 * DIFFERENCE_LIMITS[0]:.0f} % for the differences; roughly: below {100 * COMMON_LAG_LIMITS[1]:.0f} % and "
-    f"{100 * DIFFERENCE_LIMITS[1]:.0f} %; poorly: more."
+    f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag "
+    f"for the common lag, {100 * DIFFERENCE_LIMITS[0]:.0f} % for the differences; roughly: below "
+    f"{100 * COMMON_LAG_LIMITS[1]:.0f} % and {100 * DIFFERENCE_LIMITS[1]:.0f} %; poorly: more."
 )
 # Effort of each kind of test, as a rank; an EHL test has both steps of load without any effort.
 EFFORT = {"unloading": 0, "loading": 0, "plunge": 1, "touch": 2, "together": 3}
 
 
 def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
-    """Grade a standard uncertainty relative to the lag.
+    """Grade how well a planned test determines a lag, by its standard uncertainty over the lag.
 
     Parameters
     ----------
     u_s
-        Standard uncertainty [s].
+        Expected standard uncertainty of the common lag, or of the differences of lags [s].
     lag_s
-        The lag [s].
+        Expected lag [s].
     limits
         Relative limits of "well" and "roughly".
 
+    Returns
+    -------
+    str
+        "well", "roughly" or "poorly". ``tests/immersion/test_design_predictions.py`` guards it.
+
     Examples
     --------
-    >>> grade(0.03, 0.73, COMMON_LAG_LIMITS), grade(0.03, 0.73, DIFFERENCE_LIMITS), grade(0.2, 0.73, COMMON_LAG_LIMITS)
-    ('well', 'roughly', 'poorly')
+    >>> [grade(u_s, 0.73, COMMON_LAG_LIMITS) for u_s in (0.03, 0.06, 0.2)]
+    ['well', 'roughly', 'poorly']
     """
     return GRADES[sum(u_s >= limit * lag_s for limit in limits)]
 
@@ -127,15 +132,15 @@ def recommendation(predictions: Sequence[PredictedTest], lag_s: float) -> str:
         sufficient, key=lambda p: (EFFORT.get(p.kind, 2), p.name.count(","), p.u_common_s)
     )
     uncertainties = (
-        f"the common lag to {_u_text(recommended.u_common_s, lag_s)} and the differences between channels to "
-        f"{_u_text(recommended.u_differential_s, lag_s)}."
+        f"the common lag to {_u_text(recommended.u_common_s, lag_s)} and the differences "
+        f"between channels to {_u_text(recommended.u_differential_s, lag_s)}."
     )
     if recommended.kind != "together":
         return f"Do this: {recommended.name}. It tells {uncertainties}"
     plunges = [p.name for p in predictions if p.kind == "plunge"][-1:]
     return (
-        f"Do this: {plunges[0] if plunges else 'the plunges'}, and log an unloading. Together they tell {uncertainties}"
-        + _why_both(predictions, lag_s)
+        f"Do this: {plunges[0] if plunges else 'the plunges'}, and log an unloading. Together "
+        f"they tell {uncertainties}" + _why_both(predictions, lag_s)
     )
 
 
@@ -157,7 +162,8 @@ def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
             weak = common_lag_grade(p, lag_s) != "well"
             u, what = (p.u_common_s, "common lag") if weak else (p.u_differential_s, "differences")
             reasons.append(
-                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_u_text(u, lag_s)}"
+                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at "
+                f"{_u_text(u, lag_s)}"
             )
     return f" Less is not enough: {', '.join(reasons)}." if reasons else ""
 

@@ -35,14 +35,14 @@ True
 ``minimise_constrained(best, "tau_s", 0.8)`` fits the other parameters again with one fixed;
 ``loss="huber"`` is a robust loss for outliers. For correlated residuals there are
 ``sandwich_covariance`` (an autoregressive model of the residuals), and the discounts
-``correlation_length`` and ``slow_variance_factor`` (covariance factors). Where the model cannot be
-computed, ``residual_and_jacobian`` returns None.
+``autocorrelation_factor`` and ``slow_variance_factor`` (covariance factors). Where the model cannot
+be computed, ``residual_and_jacobian`` returns None.
 """
 
 from tcdyn.estimation.arma import (
     NoiseModel,
+    autocorrelation_factor,
     autocovariance,
-    correlation_length,
     fit_ar,
     fit_arma,
     sandwich_covariance,
@@ -77,8 +77,8 @@ __all__ = [
     "Problem",
     "Profile",
     "Status",
+    "autocorrelation_factor",
     "autocovariance",
-    "correlation_length",
     "covariance_from_rows",
     "eliminate_linear",
     "first_crossing",

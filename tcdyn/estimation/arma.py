@@ -1,7 +1,8 @@
 """Noise models for correlated residuals: AR and ARMA models, whitening, covariance of estimates.
 
-``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them; ``correlation_length`` is
-also used by ``immersion.plunge_data``. Guarded by ``tests/estimation/test_noise_models.py``.
+``tcdyn.identification`` and ``tcdyn.sensors`` whiten residuals with them;
+``autocorrelation_factor`` is also used by ``immersion.plunge_data``. Guarded by
+``tests/estimation/test_noise_models.py``.
 """
 
 from __future__ import annotations
@@ -464,7 +465,8 @@ def sandwich_covariance(
     Examples
     --------
     >>> e = signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
-    >>> u = float(sandwich_covariance(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean
+    >>> covariance_of_mean = sandwich_covariance(np.ones((2000, 1)), e, [slice(0, 2000)])
+    >>> u = float(covariance_of_mean[0, 0]) ** 0.5
     >>> round(u / (np.std(e) / 2000**0.5))  # in units of that for white noise
     3
     """
@@ -482,8 +484,8 @@ def sandwich_covariance(
     return np.asarray(variance * root.T @ root + residual_var * (bread * prior_precision) @ bread)
 
 
-def correlation_length(z: Array, longest: int = 40) -> float:
-    """Discount for correlated residuals: 1 + 2 sum of their autocorrelations; 1 for white noise.
+def autocorrelation_factor(z: Array, longest: int = 40) -> float:
+    """Variance factor of correlated residuals: 1 + 2 sum of their autocorrelations.
 
     Parameters
     ----------
@@ -492,16 +494,21 @@ def correlation_length(z: Array, longest: int = 40) -> float:
     longest
         Largest lag of the sum; at most a quarter of N.
 
+    Returns
+    -------
+    float
+        Factor by which the variance of a mean of ``z`` exceeds that of as many independent samples;
+        1 for white noise.
+
     Notes
     -----
-    The sum ends at the first autocorrelation below 2/sqrt(N), which is not significant (95 %). It
-    is the factor by which the variance of a mean of ``z`` exceeds that of as many independent
-    samples. Autocorrelations that are negative from the start give 1, so an uncertainty is never
-    made smaller. Fewer than 8 samples give 1.
+    The sum ends at the first autocorrelation below 2/sqrt(N), which is not significant (95 %).
+    Autocorrelations that are negative from the start give 1, so an uncertainty is never made
+    smaller. Fewer than 8 samples give 1.
 
     Examples
     --------
-    >>> correlation_length(np.random.default_rng(0).standard_normal(1000)).__round__(1)
+    >>> autocorrelation_factor(np.random.default_rng(0).standard_normal(1000)).__round__(1)
     1.0
     """
     z = z - np.mean(z)

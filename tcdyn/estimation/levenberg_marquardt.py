@@ -202,7 +202,8 @@ def lowest_cost(optima: Sequence[Optimum]) -> Optimum:
     >>> def gap(x):
     ...     return np.array([x[0] ** 2 - 1, 0.1 * (x[0] - 1)]), np.array([[2 * x[0]], [0.1]])
     >>> two_valleys = Problem(("x",), gap)
-    >>> lowest_cost([minimise(two_valleys, np.array([start])) for start in (-2.0, 2.0)]).theta.round(3)
+    >>> optima = [minimise(two_valleys, np.array([start])) for start in (-2.0, 2.0)]
+    >>> lowest_cost(optima).theta.round(3)
     array([1.])
     """
     return min(optima, key=lambda o: o.cost)

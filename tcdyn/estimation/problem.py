@@ -332,7 +332,8 @@ def orthonormal_basis(table: Array, tolerance: float = 1e-10) -> Array:
 
     Examples
     --------
-    >>> orthonormal_basis(np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])).shape  # two parallel columns
+    >>> parallel_columns = np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])
+    >>> orthonormal_basis(parallel_columns).shape
     (3, 1)
     """
     scale = np.linalg.norm(table, axis=0)

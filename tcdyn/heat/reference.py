@@ -286,6 +286,11 @@ def slab_root(biot: float) -> float:
     biot
         Biot number of half the thickness, above zero.
 
+    Returns
+    -------
+    float
+        The root, dimensionless.
+
     Raises
     ------
     InputError
@@ -293,7 +298,8 @@ def slab_root(biot: float) -> float:
 
     Notes
     -----
-    The root lies between 0 and pi/2.
+    The root lies between 0 and pi/2. Carslaw and Jaeger (1959), section 3.11; their appendix IV has
+    a table, with which ``tests/heat/test_rim_closed_forms.py`` compares.
     """
     if not biot > 0:
         raise InputError(f"slab_root: the Biot number must be positive; got {biot}")

@@ -28,7 +28,7 @@ from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, Task, split_held_out
 from tcdyn.identification.identified import Identified, from_control
-from tcdyn.identification.iodata import Holds, IOData, as_data
+from tcdyn.identification.iodata import Holds, IOData, as_iodata
 from tcdyn.identification.ladder import Ladder, select_structures
 from tcdyn.identification.large_records import (
     SearchRecord,
@@ -274,7 +274,7 @@ def compare(
     >>> comparison.recommended, [*comparison.to_frame().index]
     ('P1', ['P1', 'P1D'])
     """
-    data = as_data(data)
+    data = as_iodata(data)
     for name in {"weights", "start"} & set(options):
         raise InputError(
             f"{name} is given, which is of one model and one record",
@@ -373,7 +373,7 @@ def identify(
     elif isinstance(data, IOData):
         data = with_hold(data, hold) if hold else data
     else:
-        data = with_hold(as_data(data), hold or "auto")
+        data = with_hold(as_iodata(data), hold or "auto")
     return compare(data, *models, **options)
 
 

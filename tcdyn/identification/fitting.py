@@ -41,7 +41,7 @@ from tcdyn.identification.disturbance import (
 )
 from tcdyn.identification.identified import Identified
 from tcdyn.identification.intervals import Covariance, parameter_covariance, replace_poor_intervals
-from tcdyn.identification.iodata import IOData, as_data
+from tcdyn.identification.iodata import IOData, as_iodata
 from tcdyn.identification.knowledge import (
     check_knowledge,
     checked_weights,
@@ -173,7 +173,7 @@ def fit(
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)
     0.13
     """
-    data = as_data(data)
+    data = as_iodata(data)
     structure = as_model(model)
     check_knowledge(structure, bounds or {}, prior or {})
     options: dict[str, Any] = {

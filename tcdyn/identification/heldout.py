@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from tcdyn.core.errors import InputError
-from tcdyn.estimation import correlation_length
+from tcdyn.estimation import autocorrelation_factor
 from tcdyn.identification.fitting import fit
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import Fit
@@ -230,7 +230,7 @@ def held_out_statistics(
     rms_output = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
     percent = 100 * (1 - rms_error / rms_output) if rms_output > 0 else np.nan
     ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
-    dof = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
+    dof = [max(len(e) / autocorrelation_factor(e), 1.0) for e in (innovation, result.innovation)]
     return rms_error, percent, float(fdtrc(*dof, ratio))
 
 

@@ -436,7 +436,7 @@ class Identified(Dynamics, Result):
         if "findings" in d:
             findings = [Finding.from_dict(f) for f in d["findings"]]
         else:  # a file of version 0.1
-            findings = [warning("said", text=message) for message in d["warnings"]]
+            findings = [warning("from_file", text=message) for message in d["warnings"]]
         return cls(
             model=model,
             **fields,

@@ -255,10 +255,24 @@ class IOData(Result):
     def merge(self, *others: IOData) -> IOData:
         """These runs and those of ``others``, each with its own start; they are not concatenated.
 
+        Parameters
+        ----------
+        *others
+            Data with the same sampling interval, hold and names of the columns.
+
+        Returns
+        -------
+        IOData
+            All runs, with the findings of all data.
+
         Raises
         ------
         InputError
             Where sampling interval, hold or names of the columns differ.
+
+        Notes
+        -----
+        ``tests/identify/test_identify_data.py`` guards it.
         """
         names = (self.input_names, self.output_names)
         for other in others:
@@ -470,7 +484,7 @@ class IOData(Result):
         return np.asarray(run.start_s + np.arange(run.n) * self.dt_s)
 
     def index_of(self, index: int = 0) -> pd.Index[Any]:
-        """Return the times (N,) of one run as an index: clock times where they are known, or [s]."""
+        """Return the times (N,) of one run as an index: clock times if known, else [s]."""
         time_s = self.times_s(index)
         epoch = self.runs[index].epoch
         if epoch is None:
@@ -479,9 +493,14 @@ class IOData(Result):
         return pd.DatetimeIndex(epoch + steps, name="time").as_unit(epoch.unit)
 
     def to_frame(self) -> pd.DataFrame:
-        """Inputs and outputs over the time; with several runs also over the run.
+        """Inputs and outputs over the time.
 
-        Units are in ``attrs["units"]``.
+        Returns
+        -------
+        DataFrame
+            One column for each input and output; their units are in ``attrs["units"]``. The index
+            is a DatetimeIndex where the clock times are known, else the time [s] as floats; with
+            several runs it is a MultiIndex of run and time.
         """
         names = [*self.input_names, *self.output_names]
         frames = {
@@ -496,7 +515,7 @@ class IOData(Result):
         return frame
 
 
-def as_data(data: Any) -> IOData:
+def as_iodata(data: Any) -> IOData:
     """Return the data of a fit: IOData as they are, or those of (u, y, dt_s).
 
     Parameters
@@ -505,10 +524,19 @@ def as_data(data: Any) -> IOData:
         IOData; or a tuple of inputs, outputs and sampling interval [s], where Series with times in
         their index need no interval. The hold is then "foh".
 
+    Returns
+    -------
+    IOData
+        The data.
+
     Raises
     ------
     InputError
         For anything else, with the function that makes IOData of it.
+
+    Notes
+    -----
+    ``tests/identify/test_identify_frames.py`` guards it.
     """
     if isinstance(data, IOData):
         return data

@@ -143,6 +143,25 @@ def best_fit(fits: Sequence[Fit]) -> Fit:
 def neighbours(name: str) -> list[str]:
     """Return the structures that differ by one element: dead time, zero, lag, complex pair.
 
+    Parameters
+    ----------
+    name
+        A structure such as "P2DZ", or ``NO_MODEL``, whose only neighbour is "P1D".
+
+    Returns
+    -------
+    list of str
+        Names of the neighbours.
+
+    Notes
+    -----
+    The number of lags lies between 1 and ``MAX_LAGS``. Integrator (I) and half-order element (H)
+    are never added or removed. A complex pair (U) replaces two lags: it needs at least two and
+    neither I nor H, and with it the number of lags stays.
+    ``tests/identify/test_identify_ladder.py`` guards that each is a neighbour of its neighbours.
+
+    Examples
+    --------
     >>> neighbours("P2D")
     ['P2', 'P2DZ', 'P1D', 'P3D', 'P2DU']
     >>> neighbours("P1DI")

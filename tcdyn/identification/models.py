@@ -198,7 +198,10 @@ class Model:
         return base_name(name) in POSITIVE
 
     def unit(self, name: str) -> str:
-        """Unit of a parameter, s or a power of it."""
+        """Unit in time of a parameter: s, a power of it, or "".
+
+        The gain and the coefficients b also have the unit of output over input.
+        """
         name = base_name(name)
         if name in UNITS:
             return UNITS[name]

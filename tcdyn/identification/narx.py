@@ -21,7 +21,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import correlation_length
+from tcdyn.estimation import autocorrelation_factor
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.level_lag import LevelLag, level_lag
 
@@ -487,7 +487,7 @@ def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
     e = -best.fun - np.mean(-best.fun)
     n = len(e)
     e = e * np.sqrt(n / max(n - n_terms, 1))
-    block = int(np.clip(2 * correlation_length(e), 1, n // 4))
+    block = int(np.clip(2 * autocorrelation_factor(e), 1, n // 4))
     n_blocks = -(-n // block)
     rng = np.random.default_rng(0)
     starts = rng.integers(0, n - block + 1, (N_BOOTSTRAP, n_blocks))

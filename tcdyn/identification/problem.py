@@ -598,7 +598,7 @@ class IdentificationProblem:
     def _innovations(
         self, x: Array, noise: NoiseModel, root: Array | float
     ) -> tuple[Array, Array] | None:
-        """Return whitened residuals (N,) and their Jacobian (N, size) at x, or None."""
+        """Innovations: whitened residuals (N,) and their Jacobian (N, size) at x, or None."""
         slices = self.residual_slices
         rows = self.evaluate(x, root)
         if rows is None:

@@ -141,7 +141,7 @@ class Band(Result):
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """Value, standard uncertainty and 95 % band over the abscissa, in the units of the curve."""
+        """Value, standard uncertainty and 95 % band, in the units of the curve."""
         columns = {"value": self.value, "u": self.u, "low95": self.low95, "high95": self.high95}
         return pd.DataFrame(columns, pd.Index(self.x, name="x"))
 

@@ -105,7 +105,7 @@ class Fit(Result):
 
     @property
     def disturbance(self) -> dict[str, Any]:
-        """The options ``noise`` and ``baseline`` of :func:`tcdyn.identification.fit` for this noise."""
+        """Options ``noise`` and ``baseline`` of :func:`tcdyn.identification.fit` for this noise."""
         if self.noise.averaged:
             return {"noise": "slow", "baseline": "auto"}
         walks = self.noise.is_random_walk

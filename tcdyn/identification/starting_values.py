@@ -319,9 +319,16 @@ def solve_linear_parameters(
     Returns
     -------
     cost
-        Sum of squares; infinite for an unstable model.
+        Sum of squares of the output errors and of the deviations from priors; infinite for an
+        unstable model.
     x
         The vector (size,) with fitted gain, numerator, offset, states and levels.
+
+    Notes
+    -----
+    One step of linear least squares, which is exact here. Singular values below 1e-10 of the
+    largest count as zero (``rcond``): in a combination of parameters that the data do not
+    determine, the step is zero.
     """
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})

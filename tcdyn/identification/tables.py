@@ -457,7 +457,8 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder) / "log.csv"
-    ...     _ = path.write_text("time_s;u;T\\n0,0;0;20,0\\n0,5;1;20,0\\n1,0;1;23,9\\n", encoding="utf-8")
+    ...     rows = ["time_s;u;T", "0,0;0;20,0", "0,5;1;20,0", "1,0;1;23,9", ""]
+    ...     _ = path.write_text("\\n".join(rows), encoding="utf-8")
     ...     from_csv(path, input="u", output="T").dt_s
     0.5
     """

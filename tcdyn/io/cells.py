@@ -129,7 +129,7 @@ def number_and_unit(text: str, decimal: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=20_000)
 def kind_of_cell(text: str, decimal: str) -> str:
-    """What a cell is: "number", "stamp", "flag", "absent", "error", "word", or "other" without letters.
+    """Kind of a cell: "number", "stamp", "flag", "absent", "error", "word", or else "other".
 
     >>> [kind_of_cell(text, ".") for text in ("1.5", "10:00:00", "on", "")]
     ['number', 'stamp', 'flag', 'absent']

@@ -35,7 +35,8 @@ def matches_checksum(data: Mapping[str, Any]) -> bool:
     """Whether the content matches its checksum; True if it has none.
 
     >>> content = with_checksum({"beta": 0.7})
-    >>> matches_checksum(content), matches_checksum({"beta": 0.7}), matches_checksum({**content, "beta": 0.8})
+    >>> changed = {**content, "beta": 0.8}
+    >>> matches_checksum(content), matches_checksum({"beta": 0.7}), matches_checksum(changed)
     (True, True, False)
     """
     if CHECKSUM_KEY not in data:

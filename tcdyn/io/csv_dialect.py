@@ -498,7 +498,7 @@ def _rows_and_data(
     data: list[int] = []
     number = top
     while number < len(lines) and len(data) < DATA_ROWS:
-        line, count = _joined(lines, number, separator)
+        line, count = _joined_lines(lines, number, separator)
         if line.strip() and not line.startswith(COMMENT):
             cells = split(line, separator)
             rows.append((number, cells))
@@ -508,7 +508,7 @@ def _rows_and_data(
     return comments, rows, data
 
 
-def _joined(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
+def _joined_lines(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
     """A line with those that continue its quoted cell, and how many lines these are."""
     line = lines[number]
     count = 1

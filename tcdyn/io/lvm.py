@@ -275,8 +275,8 @@ def _with_time(segments: list[_Segment]) -> Columns:
     tracks = {}
     for k, (name, y) in enumerate(channels.items()):
         if len(x_columns) <= 1:
-            start_s = _float(first.header.get("X0", []), k)
-            step_s = _float(first.header.get("Delta_X", []), k)
+            start_s = _number_at(first.header.get("X0", []), k)
+            step_s = _number_at(first.header.get("Delta_X", []), k)
             tracks[name] = Track(y, start_s or 0.0, step_s)
         else:
             x_column = max(i for i in x_columns if i < names.index(name))
@@ -314,8 +314,8 @@ def _track(name: str, x: Array, y: Array, where: str) -> Track:
     return Track(y[good], float(x[0]), float((x[-1] - x[0]) / (count - 1)))
 
 
-def _float(cells: list[str], index: int) -> float | None:
-    """Number in one of the cells; None if there is no such cell or no number in it."""
+def _number_at(cells: list[str], index: int) -> float | None:
+    """Number in cell ``index``; None if there is no such cell or no number in it."""
     try:
         return float(cells[index].replace(",", "."))
     except (IndexError, ValueError):

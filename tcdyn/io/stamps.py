@@ -301,8 +301,8 @@ class Stamps:
         if self._is_minutes is None:
             if first.max() <= 23:
                 raise InputError(
-                    f"column {self.column}: times such as {first[first >= 0][0]:02}:.. may be hours "
-                    "and minutes or minutes and seconds",
+                    f"column {self.column}: times such as {first[first >= 0][0]:02}:.. may be "
+                    "hours and minutes or minutes and seconds",
                     where=self.where,
                     expected="hours:minutes:seconds, or a date in the same row",
                 )

@@ -94,6 +94,11 @@ def output_style(
     out
         The output.
 
+    Returns
+    -------
+    OutputStyle
+        How the output is written.
+
     Raises
     ------
     InputError
@@ -102,6 +107,7 @@ def output_style(
     Notes
     -----
     Columns that are separated by runs of spaces are written with tabs.
+    ``tests/sensors/test_outputs.py`` guards it.
     """
     if dialect not in DIALECTS:
         raise InputError(f"dialect {dialect!r}", expected=" or ".join(DIALECTS))
@@ -283,7 +289,15 @@ def check_may_replace(path: Path, inputs: Iterable[Path | str], overwrite: bool 
     check_writable(path)
     if overwrite or not path.exists() or path.stat().st_size == 0:
         return
-    if not states_checksum(path, inputs):
+    sources = list(inputs)
+    if not sources:
+        raise InputError(
+            "exists already",
+            where=str(path),
+            remedy="replace it with {overwrite}",
+            parameters={"overwrite": True},
+        )
+    if not contains_checksum_of(path, sources):
         raise InputError(
             "exists already, and does not state that it was made from this input",
             where=str(path),
@@ -292,15 +306,22 @@ def check_may_replace(path: Path, inputs: Iterable[Path | str], overwrite: bool 
         )
 
 
-def states_checksum(path: Path, inputs: Iterable[Path | str]) -> bool:
-    """Whether a file, or its file of metadata, contains the SHA-256 of one of the inputs.
+def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
+    """Whether a file, or its file of metadata, contains the checksum of one of the inputs.
+
+    The checksum is the first ``CHECKSUM_DIGITS`` digits of the SHA-256.
+    ``tests/cli/test_replaced_outputs.py`` guards it.
 
     Parameters
     ----------
     path
-        The file.
+        The file. Its first ``SEARCHED_BYTES`` and last ``FOOTER_BYTES`` bytes are searched.
     inputs
         The inputs; those that are no files are left out.
+
+    Returns
+    -------
+    bool
 
     Examples
     --------
@@ -308,7 +329,7 @@ def states_checksum(path: Path, inputs: Iterable[Path | str]) -> bool:
     >>> folder = pathlib.Path(tempfile.mkdtemp())
     >>> log = write_text(folder / "log.csv", "t,T")
     >>> result = write_text(folder / "result.json", sha256(log))
-    >>> states_checksum(result, [log]), states_checksum(log, [result])
+    >>> contains_checksum_of(result, [log]), contains_checksum_of(log, [result])
     (True, False)
     """
     content = b""

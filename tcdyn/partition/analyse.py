@@ -165,7 +165,7 @@ class Partition:
 
     @property
     def impossible(self) -> frozenset[str]:
-        """Keys of impossible estimates, which are not reported; "both beta" is the combined fit's."""
+        """Keys of impossible estimates, not reported; "both beta" is that of the combined fit."""
         return impossible_keys(self.estimates, self.combined.estimates)
 
     @property

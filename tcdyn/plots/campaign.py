@@ -17,6 +17,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from tcdyn.campaign import JoinedCampaign
+from tcdyn.campaign.scatter_trend import least_squares_trend
 from tcdyn.core.estimate import Z95
 from tcdyn.plots.style import (
     DARK,
@@ -32,7 +33,7 @@ from tcdyn.plots.style import (
 )
 from tcdyn.plots.transient import draw_depth_errors
 from tcdyn.rig.disk import DiskSetup
-from tcdyn.workflows.campaign_table import QUANTITIES, analysed_rows, trend
+from tcdyn.workflows.campaign_table import QUANTITIES, analysed_rows
 
 # Labels of the conditions that can be on the x axis.
 X_LABELS = {
@@ -142,7 +143,7 @@ def draw_beta(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
             linewidth=0.9,
             label=label,
         )
-    line = trend(x, good["beta"].to_numpy(dtype=float))
+    line = least_squares_trend(x, good["beta"].to_numpy(dtype=float))
     if line is not None:
         ends = np.array([x.min(), x.max()])
         values = line.intercept + line.slope * ends
@@ -238,7 +239,7 @@ def _draw_series(
         ax.errorbar(x, y, yerr=half_width, fmt="none", ecolor=colour, capsize=2)
     face = "white" if is_compared else colour
     ax.plot(x, y, marker, color=colour, markerfacecolor=face, linestyle="none")
-    line = trend(x, y) if len(x) else None
+    line = least_squares_trend(x, y) if len(x) else None
     if line is not None:
         style = SERIES_LINES[k % len(SERIES_LINES)]
         width = 0.6 if is_compared else 1.0

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
+from tcdyn.io.unit_names import without_unit
 from tcdyn.plots.style import (
     DARK,
     FAST,
@@ -26,7 +27,6 @@ from tcdyn.plots.style import (
     screen_rows,
     style_axes,
 )
-from tcdyn.sensors.units import without_unit
 from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated

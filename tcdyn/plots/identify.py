@@ -343,7 +343,7 @@ def draw_residuals(fit: Fit, ax: Axes | None = None) -> Axes:
 
 
 def fit_figure(fit: Fit) -> Figure:
-    """Return the segments of the data (at most four) with their simulation.
+    """Return the figure of the fit: one panel for each segment, the first ``MAX_SEGMENTS``.
 
     Parameters
     ----------

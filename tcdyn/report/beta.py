@@ -49,8 +49,9 @@ BETA_DEFINITION = (
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "
     "rig.toml with the uncertainties of its [uncertainty] table",
-    "flux in the contact follows the Hertzian pressure; the heat of the oil film is not subtracted; "
-    "the temperature around a disk varies by its first harmonic, at the angles of rig.toml",
+    "flux in the contact follows the Hertzian pressure; the heat of the oil film is not "
+    "subtracted; the temperature around a disk varies by its first harmonic, at the angles of "
+    "rig.toml",
     "the speed law h ~ u^n with n of rig.toml, whose range is part of the uncertainty",
 )
 

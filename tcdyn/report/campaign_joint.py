@@ -108,7 +108,8 @@ def joined_result(joined: JoinedCampaign) -> MainResult:
     return MainResult(
         f"β = {low} to {high}",
         f"{names} of {len(posterior.tests)} tests; u {u_within:.4f} at most within the campaign, "
-        f"{u_absolute:.4f} absolute; exponent of the speed law n = {joined.speed_law.exponent.text_without_interval()}",
+        f"{u_absolute:.4f} absolute; exponent of the speed law n = "
+        f"{joined.speed_law.exponent.text_without_interval()}",
     )
 
 
@@ -147,8 +148,9 @@ def trend_sentence(joined: JoinedCampaign) -> str:
     else:
         conclusion = f"these tests do not show that β depends on {label}"
     text = (
-        f"The line over {len(joined.posterior.tests)} tests has the slope {slope.text_without_interval()} per "
-        f"{unit} (95 % interval {slope.interval_text}): {conclusion}."
+        f"The line over {len(joined.posterior.tests)} tests has the slope "
+        f"{slope.text_without_interval()} per {unit} (95 % interval {slope.interval_text}): "
+        f"{conclusion}."
     )
     if trend.line_p_value < SCATTER_P:
         text += (
@@ -185,7 +187,10 @@ def exponent_text(joined: JoinedCampaign) -> str:
     law = joined.speed_law
     tests = joined.posterior.tests
     nominal = tests[0].conditions["speed_exponent"]
-    text = f"n = {law.exponent.text_without_interval()} from {len(tests)} tests; rig.toml assumes {nominal:g}."
+    text = (
+        f"n = {law.exponent.text_without_interval()} from {len(tests)} tests; rig.toml assumes "
+        f"{nominal:g}."
+    )
     if law.by_speed is not None and law.p_value is not None:
         one_power = law.p_value > SIGNIFICANCE
         conclusion = "one power is enough" if one_power else "one power may not be enough"
@@ -213,7 +218,8 @@ def _model(test: CurveTest) -> str:
     text = (
         f"{test.curve.file}: chi-squared {test.chi2:.1f} on {n_tests} tests (chance "
         f"{test.p_value:.2g}); with its level free {test.shape_chi2:.1f} on {n_tests - 1} (chance "
-        f"{test.shape_p_value:.2g}), the tests lying {test.offset.text_without_interval()} above it."
+        f"{test.shape_p_value:.2g}), the tests lying {test.offset.text_without_interval()} "
+        "above it."
     )
     if test.shape_rejected:
         text += (

@@ -32,7 +32,8 @@ from tcdyn.rig.static_line import reading_u
 from tcdyn.version import __version__
 from tcdyn.workflows.calibrate import CalibrationRun
 
-CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "said")  # first part of codes
+# first part of codes
+CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "from_file")
 EXTRAPOLATED = "line.extrapolated"  # a plunge beyond the range of the oven
 # Verdict on a thermocouple without a finding.
 FIT_TO_USE = "fit to use"

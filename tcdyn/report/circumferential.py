@@ -65,6 +65,6 @@ def around_section(p: Partition) -> Section:
         "fit with the first harmonic that it estimates. Nothing is measured deeper than "
         "the inner row.",
         figure=circumferential_figure([circumferential_temperature(p, disk) for disk in p.disks]),
-        caption="Upper row: the middle plane, unrolled, with the readings; open junctions lie beside "
-        "it. Lower row: the mean across the running surface with its 95 % band.",
+        caption="Upper row: the middle plane, unrolled, with the readings; open junctions lie "
+        "beside it. Lower row: the mean across the running surface with its 95 % band.",
     )

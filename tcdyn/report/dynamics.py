@@ -66,7 +66,7 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
 
 
 def interval_text(best: Fit) -> str:
-    """Return how the intervals of the parameters were computed (:func:`tcdyn.identification.fit`)."""
+    """Return how the intervals were computed (:func:`tcdyn.identification.fit`)."""
     if best.loss != "linear":
         return f"Intervals are quadratic, from the covariance of the robust loss ({best.loss})."
     if best.noise.averaged:

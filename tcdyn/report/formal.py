@@ -39,9 +39,9 @@ NOT_MEASURED = (
 ABOUT = (
     "U = k u is the expanded uncertainty for 95 % (GUM, 6.2), k Student's factor at the effective "
     "degrees of freedom (Welch and Satterthwaite). A correction is what was to be added to a "
-    "logged value; lines have it in them. For a lag, U is the farther side of its 95 % interval, so "
-    "the lag lies within U with a probability of at least 95 %; its degrees of freedom are infinite "
-    "(noise of thousands of samples; all else type B)."
+    "logged value; lines have it in them. For a lag, U is the farther side of its 95 % "
+    "interval, so the lag lies within U with a probability of at least 95 %; its degrees of "
+    "freedom are infinite (noise of thousands of samples; all else type B)."
 )
 # Title and mark of a certificate that is none.
 DRAFT = "draft, not a calibration certificate"
@@ -126,10 +126,10 @@ def decision_rule(record: DiskRecord) -> str:
         "A thermocouple is fit to use if no finding speaks against it and the error of a corrected "
         f"reading at rest lies within {stated.tolerance_K:g} K, that of its lag within "
         f"{stated.lag_tolerance_s:g} s ([traceability] tolerance_K, lag_tolerance_s). Guarded "
-        "acceptance with the guard band w = U (JCGM 106:2012, 8.3.2; ILAC-G8:09/2019, 4.2.2): it is "
-        "accepted if |error| + U does not exceed the tolerance. After correction the error is "
-        "estimated as zero, so U must not exceed it; the probability that an accepted thermocouple "
-        "is beyond its tolerance is then at most 5 %."
+        "acceptance with the guard band w = U (JCGM 106:2012, 8.3.2; ILAC-G8:09/2019, 4.2.2): "
+        "it is accepted if |error| + U does not exceed the tolerance. After correction the error "
+        "is estimated as zero, so U must not exceed it; the probability that an accepted "
+        "thermocouple is beyond its tolerance is then at most 5 %."
     )
 
 

@@ -314,7 +314,7 @@ class _Converter:
 
     def _area(self, artist: Any, paths: Sequence[Path], colour: Any, edge: Any = None) -> Trace:
         """Return closed outlines that are filled; only those with an edge have hover text."""
-        x, y = _joined(polygon for path in paths for polygon in path.to_polygons())
+        x, y = _outlines_with_gaps(polygon for path in paths for polygon in path.to_polygons())
         line = {"width": 0.5 if to_rgba(colour)[3] == 1.0 else 0, "color": to_hex(edge or colour)}
         style: Trace = {"mode": "lines", "line": line, "fill": "toself", "fillcolor": _rgba(colour)}
         if edge is None:
@@ -323,7 +323,7 @@ class _Converter:
 
     def _outline(self, artist: Any, paths: Sequence[Path], colour: Any, width: float) -> Trace:
         """Return lines that are not connected with each other."""
-        x, y = _joined(p for path in paths for p in path.to_polygons(closed_only=False))
+        x, y = _outlines_with_gaps(p for path in paths for p in path.to_polygons(closed_only=False))
         line = {"color": to_hex(colour), "width": 1.3 * width}
         return self._trace(artist, x, y, mode="lines", line=line)
 
@@ -437,8 +437,8 @@ def _numbers(values: ArrayLike) -> list[float | None]:
     return [float(f"{x:.{DIGITS}g}") if np.isfinite(x) else None for x in array.tolist()]
 
 
-def _joined(polygons: Iterable[Any]) -> tuple[list[float], list[float]]:
-    """Return the coordinates of several outlines, a gap after each."""
+def _outlines_with_gaps(polygons: Iterable[Any]) -> tuple[list[float], list[float]]:
+    """Return the coordinates of several outlines, NaN after each: Plotly breaks the line there."""
     x: list[float] = []
     y: list[float] = []
     for polygon in polygons:

@@ -17,13 +17,13 @@ import numpy as np
 
 from tcdyn.core.findings import Finding
 from tcdyn.io.read import sha256
+from tcdyn.io.unit_names import unit_in
 from tcdyn.plots.compensate import draw_traces
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.table import open_source
-from tcdyn.sensors.units import unit_in
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.log_source import Calibrations, TableOptions, open_log_table, raw_log
@@ -104,7 +104,7 @@ def view(
             traces = compensated_traces(raw, compensated)
     else:
         traces = _logged_traces(path, reading)
-    progress("page")
+    progress("writing the page")
     limit = MAX_POINTS // (3 * max(len(traces), 1))
     panels: dict[str, list[Trace]] = {}
     for trace in traces:
@@ -142,7 +142,7 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
 
 
 def _panel_key(trace: Trace) -> str:
-    """Return what the traces of one figure have in common: disk and unit, or the end of the name."""
+    """Return what the traces of one figure share: disk and unit, or the end of the name."""
     return f"{trace.group} {trace.unit or trace.name.rpartition('_')[2]}"
 
 

@@ -209,7 +209,7 @@ def _loaded(sample: pd.DataFrame) -> Flags:
 
 
 def _shows_unloaded_time(sample: pd.DataFrame) -> bool:
-    """Whether the log has loaded and unloaded time: the force clearly falls below half of its maximum."""
+    """Whether the log has loaded and unloaded time: the force falls below half its maximum."""
     force_N = _smooth_force(sample)
     if force_N is None:
         return False

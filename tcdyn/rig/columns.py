@@ -64,6 +64,11 @@ def junction_columns(channels: Iterable[str], disk: str = "") -> tuple[str, ...]
     disk
         Name of the disk, for EHL logs; empty: no prefix.
 
+    Returns
+    -------
+    tuple of str
+        Names of the columns, in the same order.
+
     Examples
     --------
     >>> junction_columns("ab"), junction_columns(["t1"], "fast")

@@ -171,7 +171,7 @@ class DiskRecord(Result, StrictModel):
         sentences = data.pop("warnings")
         if not isinstance(sentences, list) or not all(isinstance(x, str) for x in sentences):
             raise ValueError("warnings: must be a list of sentences")
-        data.setdefault("findings", [warning("said", text=sentence) for sentence in sentences])
+        data.setdefault("findings", [warning("from_file", text=sentence) for sentence in sentences])
         return data
 
     @model_validator(mode="after")

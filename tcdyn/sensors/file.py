@@ -536,7 +536,8 @@ def read_sensor(path: str | Path) -> SensorFile:
     >>> import tempfile
     >>> probe = specified_sensor("probe", ["T1"], [(1.5, 0.1)])
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     print(read_sensor(probe.write(Path(folder) / "probe.sensor.json")).chain.channels["T1"].lag_s)
+    ...     path = probe.write(Path(folder) / "probe.sensor.json")
+    ...     print(read_sensor(path).chain.channels["T1"].lag_s)
     1.50 +- 0.10
     """
     where = str(path)

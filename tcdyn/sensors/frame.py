@@ -40,6 +40,12 @@ def frame_source(
     units
         Units by column.
 
+    Returns
+    -------
+    Source
+        The numeric columns as rows of a table, with the time [s] from the first row for dates and
+        durations.
+
     Raises
     ------
     InputError
@@ -100,12 +106,20 @@ def _time_values(
     where
         The table, for messages.
 
+    Returns
+    -------
+    times, name
+        Times of the rows (N,), as numbers, dates or durations; name of the column or the index that
+        holds them.
+
     Raises
     ------
     InputError
         For a column that is missing, and an index that is no time.
     """
     index = frame.index
+    # pandas numbers the rows of a table that was read without an index, and keeps these numbers
+    # when rows are selected or sorted: integers without a name are no times
     numbers_rows = index.dtype.kind in "iu" and index.name is None and time_unit is None
     if time is None and numbers_rows:
         candidates = [str(n) for n in frame.columns if str(n) in names or _is_time(frame[n])]

@@ -453,8 +453,8 @@ def even_times(
         rounded = position - place
     if place[-1] > max(MAX_GRID_ROWS, MAX_GRID_SHARE * len(time_s)):
         raise InputError(
-            f"{len(time_s)} rows at an interval of {dt:.3g} s in {time_s[-1] - time_s[0]:.3g} s: most "
-            "rows are missing",
+            f"{len(time_s)} rows at an interval of {dt:.3g} s in {time_s[-1] - time_s[0]:.3g} "
+            "s: most rows are missing",
             where=where,
             expected=f"one row in {MAX_GRID_SHARE:g} at least",
             remedy="check the unit of the time, or cut the table at its gaps",

@@ -6,7 +6,6 @@ The readers of tables and ``tcdyn sensor`` use it; every command asks for units 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -16,30 +15,10 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.cells import plain_unit
 from tcdyn.io.table import missing_column_error
+from tcdyn.io.unit_names import UNITS, unit_in, without_unit, written_unit
 from tcdyn.rig.thermocouple_types import to_degC
 
-UNITS = ("degC", "K", "degF", "mV")  # Units of a temperature that are known.
-# By the spelling in lower case, without degree signs.
-_UNIT_NAMES = {
-    "c": "degC",
-    "celsius": "degC",
-    "k": "K",
-    "kelvin": "K",
-    "f": "degF",
-    "fahrenheit": "degF",
-    "mv": "mV",
-    "millivolt": "mV",
-    "millivolts": "mV",
-}
-# A unit at the end of a column's name: ``_degC``, ``[K]``, ``(°F)``, ``/°C`` or ``in °C``.
-_SUFFIX = re.compile(
-    r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])]"
-    r"|(?:\s*[/,]|\s+in|)\s*((?:[°ºﾟ˚]\s?|deg\s?)[CFK]|[℃℉])|\s*/\s*(K|mV))$"
-)
-# A unit in front of a remark: ``Temp, °F (serial number)``.
-_BEFORE_REMARK = re.compile(r",\s*((?:[°ºﾟ˚]\s?|deg\s?)[CFK]|K|mV)\s*[(\[]")
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
 # by judgement.
 COLDEST_K = 100.0
@@ -138,48 +117,6 @@ class Unit:
         return result, uncertainty_column(column, self.name)
 
 
-def without_unit(column: str) -> str:
-    """Return a column's name without its unit.
-
-    >>> without_unit("T1 [K]"), without_unit("kiln_3_degC"), without_unit("gas")
-    ('T1', 'kiln_3', 'gas')
-    """
-    suffix = _SUFFIX.search(column)
-    if suffix and suffix.start() and _unit_of(suffix):
-        return column[: suffix.start()]
-    return column
-
-
-def written_unit(text: str) -> str:
-    """Return the unit of a cell such as "Deg. F" or "°C"; empty where it is none.
-
-    >>> written_unit("Deg. F"), written_unit("mV"), written_unit("%")
-    ('degF', 'mV', '')
-    """
-    return _UNIT_NAMES.get(plain_unit(text), "")
-
-
-def unit_in(column: str) -> str:
-    """Return the unit in a column's name; empty where there is none.
-
-    >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
-    ('degF', 'K', '')
-    >>> unit_in("T1/°C"), unit_in("Temp, °F (serial number 7)")
-    ('degC', 'degF')
-    """
-    suffix = _SUFFIX.search(column)
-    unit = _unit_of(suffix) if suffix else ""
-    if unit:
-        return unit
-    remark = _BEFORE_REMARK.search(column)
-    return written_unit(remark[1]) if remark else ""
-
-
-def _unit_of(suffix: re.Match[str]) -> str:
-    """Return the unit of an end of a name; empty where it is none."""
-    return written_unit(next((text for text in suffix.groups() if text), ""))
-
-
 def units_of(
     columns: Sequence[str],
     declared: Mapping[str, str] | str = "",
@@ -234,13 +171,14 @@ def units_of(
         unit = written_unit(requested) or requested or in_file
         if below_header and not unit:
             raise InputError(
-                f"column {name!r}: its unit {below_header!r} in the row below the header is not known",
+                f"column {name!r}: its unit {below_header!r} in the row below the header is "
+                "not known",
                 expected=" or ".join(UNITS),
                 remedy="name the unit, {unit}",
                 parameters={"unit": "UNIT"},
             )
         if in_file and in_file != unit:
-            findings.append(warning("sensor.unit_contradicted", subject=name, said=unit))
+            findings.append(warning("sensor.unit_contradicted", subject=name, unit=unit))
         if not unit:
             assumed.append(name)
             unit = "degC"

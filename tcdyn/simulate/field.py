@@ -1,8 +1,8 @@
 """Temperature field of the synthetic disks over r, z and angle at the unloading.
 
-``tcdyn rig circumference`` and ``docs/gallery/test/uneven.py`` compare it with the estimate from the
-readings; ``tests/partition/test_around.py`` does so with tolerances. It is read from the state of
-``tcdyn.simulate.ehl.disk_run`` and adds no model of its own.
+``tcdyn rig circumference`` and ``docs/gallery/test/uneven.py`` compare it with the estimate from
+the readings; ``tests/partition/test_around.py`` does so with tolerances. It is read from the state
+of ``tcdyn.simulate.ehl.disk_run`` and adds no model of its own.
 """
 
 from __future__ import annotations

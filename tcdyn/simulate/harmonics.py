@@ -29,11 +29,11 @@ from tcdyn.simulate.mesh import (
     DiskSystem,
     Grid,
     build_system,
-    disk_links,
+    disk_conductances,
     graded_edges,
     grid_of,
     laplacian,
-    ring_links,
+    ring_conductances,
     to_ambient_W_K,
 )
 from tcdyn.simulate.steel import Steel
@@ -227,7 +227,7 @@ def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) 
     for (n, _), (first, end) in zip(harmonic_shapes(disk), pairwise(starts[1:])):
         to_ground = np.zeros(end - first)
         to_ground[:size] = _circumferential_W_K(k, n, g.r_edges, g.dz).ravel()
-        blocks.append(0.5 * laplacian(disk_links(disk, g), to_ground, len(to_ground)))
+        blocks.append(0.5 * laplacian(disk_conductances(disk, g), to_ground, len(to_ground)))
     cells = np.stack([start + g.cells.ravel() for start in starts[:-1]])
     conduction = sparse.csc_matrix(sparse.block_diag(blocks, format="csc"))
     return Steel(even.slopes, conduction, cells)
@@ -372,7 +372,7 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
     cells = g.cells.size + np.arange(n_cells).reshape(N_SHAFT_CELLS, -1)
     r = 0.5 * (r_edges[1:] + r_edges[:-1])
     area = np.pi * np.diff(r_edges**2)
-    links = disk_links(disk, g) + ring_links(cells, r, area, dz, k)
+    conductances = disk_conductances(disk, g) + ring_conductances(cells, r, area, dz, k)
 
     even_to_ambient = to_ambient_W_K(disk, g, h_W_m2K)
     to_ground = np.append(even_to_ambient[: g.cells.size], np.zeros(cells.size))
@@ -385,7 +385,7 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
     rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
     return _HarmonicBlock(
         capacity=0.5 * (rho_c * np.concatenate([disk_volume, shaft_volume])),
-        conductance=0.5 * laplacian(links, to_ground, len(to_ground)),
+        conductance=0.5 * laplacian(conductances, to_ground, len(to_ground)),
         shaft_faces=cells[-1, N_BESIDE : N_BESIDE + len(g.z)],
     )
 

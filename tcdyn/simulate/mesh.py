@@ -21,7 +21,7 @@ from tcdyn.simulate.steel import Steel
 from tcdyn.simulate.truth import DiskTruth
 
 # First cells, second cells, conductances between them [W/K].
-Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]
+Conductances = tuple[NDArray[np.int64], NDArray[np.int64], Array]
 # Strips across the track, and along rolling, over which a flux profile is summed; chosen by
 # judgement.
 N_STRIPS = 2001
@@ -204,7 +204,7 @@ def build_system(
     and the running surface lose heat to ambient through half a cell of steel. The heat of the track
     enters at the surface itself, so a part of it leaves through h at once.
 
-    A new heat path belongs in ``_links`` (between cells) or ``to_ambient_W_K`` (to ambient);
+    A new heat path belongs in ``_conductances`` (between cells) or ``to_ambient_W_K`` (to ambient);
     ``tcdyn.simulate.harmonics._harmonic`` must get it too where it acts on harmonics.
     ``tests/simulate/test_disk.py`` fails where steady heat in is not heat out.
     """
@@ -235,10 +235,10 @@ def build_system(
     disk_volume = np.outer(g.face_area, g.dz).ravel()
     shaft_volume = g.shaft_conductance / s.conductivity_W_mK * shaft_dz
     rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
-    disk_conduction = laplacian(disk_links(disk, g), np.zeros(g.size), g.size)
+    disk_conduction = laplacian(disk_conductances(disk, g), np.zeros(g.size), g.size)
     return DiskSystem(
         capacity=rho_c * np.concatenate([disk_volume, shaft_volume]),
-        conductance=laplacian(_links(disk, g), to_ground, g.size),
+        conductance=laplacian(_conductances(disk, g), to_ground, g.size),
         source_power=track * (1 - conductance_W_m2K * skin),
         source_ambient=to_ground,
         source_const=constant,
@@ -341,7 +341,7 @@ def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
     )
 
 
-def _links(disk: DiskTruth, g: Grid) -> list[Link]:
+def _conductances(disk: DiskTruth, g: Grid) -> list[Conductances]:
     """Return all conduction: in r, in z, through the press fit into the shaft, along the shaft."""
     s = disk.setup
     shaft_dz = np.diff(g.shaft_edges)
@@ -349,15 +349,15 @@ def _links(disk: DiskTruth, g: Grid) -> list[Link]:
     fit_resistance += np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
     along_shaft = g.shaft_conductance * 2 / (shaft_dz[1:] + shaft_dz[:-1])
     return [
-        *disk_links(disk, g),
+        *disk_conductances(disk, g),
         (g.cells[0], g.under, 2 * np.pi * g.dz / fit_resistance),
         (g.shaft[:-1], g.shaft[1:], along_shaft),
     ]
 
 
-def ring_links(
+def ring_conductances(
     cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, conductivity_W_mK: float
-) -> list[Link]:
+) -> list[Conductances]:
     """Return the conduction in r and in z between the cells of a ring.
 
     Parameters
@@ -375,8 +375,13 @@ def ring_links(
 
     Returns
     -------
-    list of Link
+    list of Conductances
         Pairs of neighbouring cells and their conductances [W/K].
+
+    Notes
+    -----
+    In r, through a hollow cylinder between the centres: 2 pi k dz / ln(r_2 / r_1). In z, between
+    the centres of cells of widths dz_1 and dz_2: k A / ((dz_1 + dz_2) / 2).
     """
     k = conductivity_W_mK
     radial: Array = np.multiply.outer(2 * np.pi * k / np.log(r[1:] / r[:-1]), dz)
@@ -384,9 +389,9 @@ def ring_links(
     return [(cells[:-1], cells[1:], radial), (cells[:, :-1], cells[:, 1:], axial)]
 
 
-def disk_links(disk: DiskTruth, g: Grid) -> list[Link]:
+def disk_conductances(disk: DiskTruth, g: Grid) -> list[Conductances]:
     """Return the conduction in r and in z within the disk."""
-    return ring_links(g.cells, g.r, g.face_area, g.dz, disk.setup.conductivity_W_mK)
+    return ring_conductances(g.cells, g.r, g.face_area, g.dz, disk.setup.conductivity_W_mK)
 
 
 def skin_m2K_W(disk: DiskTruth, g: Grid) -> float:
@@ -434,12 +439,12 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
     return out
 
 
-def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
-    """Return the conductance matrix of linked cells.
+def laplacian(conductances: list[Conductances], to_ground: Array, n: int) -> sparse.csc_matrix:
+    """Return the conductance matrix of cells.
 
     Parameters
     ----------
-    links
+    conductances
         Pairs of cells and their conductances [W/K].
     to_ground
         Conductance of each cell to a fixed temperature (n,) [W/K].
@@ -451,9 +456,9 @@ def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
     sparse matrix
         Symmetric matrix (n, n) [W/K]: heat that leaves each cell per kelvin.
     """
-    i = np.concatenate([np.ravel(first) for first, _, _ in links]).astype(int)
-    j = np.concatenate([np.ravel(second) for _, second, _ in links]).astype(int)
-    g = np.concatenate([np.ravel(conductance) for _, _, conductance in links])
+    i = np.concatenate([np.ravel(first) for first, _, _ in conductances]).astype(int)
+    j = np.concatenate([np.ravel(second) for _, second, _ in conductances]).astype(int)
+    g = np.concatenate([np.ravel(conductance) for _, _, conductance in conductances])
     diagonal = np.arange(n)
     rows = np.concatenate([i, j, i, j, diagonal])
     cols = np.concatenate([j, i, i, j, diagonal])

@@ -88,8 +88,8 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     Notes
     -----
     The last few samples are left out, so that the Fourier transform has a length that is computed
-    quickly. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a Hann taper and the straight
-    line removed. The fit is repeated at most three times with the frequencies above
+    quickly. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a Hann taper and the
+    straight line removed. The fit is repeated at most three times with the frequencies above
     ``CORNER_SHARE`` of the corner frequency, because the error of the smoother arises near the
     corner. Bins above 0.45 of the sampling frequency are left out.
 

@@ -34,6 +34,7 @@ from tcdyn.estimation.trace_noise import (
     rounding_sd,
     trace_noise_sd,
 )
+from tcdyn.io.unit_names import unit_in, without_unit
 from tcdyn.rig.plausible import (
     HIGHEST_DEGC,
     LOWEST_DEGC,
@@ -625,14 +626,15 @@ class Compensated(Result):
         Returns
         -------
         DataFrame
-            Columns ``<channel>_degC`` and ``<channel>_u_K``. The index is that of the readings, or
-            the time [s].
+            Columns ``<channel>_degC`` and ``<channel>_u_K``, where ``<channel>`` is the name of
+            the channel without a unit of degrees Celsius at its end. The index is that of the
+            readings, or the time [s].
         """
         index = pd.Index(self.time_s, name="time_s") if self.index is None else self.index
         columns = {}
         for c in range(self.temperature.shape[1]):
             name = self.names[c] if self.names else f"channel_{c + 1}"
-            base = name.removesuffix("_degC")
+            base = without_unit(name) if unit_in(name) == "degC" else name
             columns[f"{base}_degC"] = self.temperature[:, c]
             columns[f"{base}_u_K"] = self.sd[:, c]
         return pd.DataFrame(columns, index)

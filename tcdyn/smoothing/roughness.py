@@ -370,7 +370,8 @@ def unresolved_var(fit: Smoothed) -> Array:
     -----
     S(w) = A w^-b is fitted to the periodogram around and above the corner by Whittle's likelihood.
     Where an exponent below 2 is clearly better, the result is the mean square error of the Wiener
-    filter, the integral of S R dt / (|G|^2 S + R dt) dw / pi, for this spectrum less that for b = 2.
+    filter, the integral of S R dt / (|G|^2 S + R dt) dw / pi, for this spectrum less that for
+    b = 2.
     """
     record = fit.record
     n = len(record.y)

@@ -157,7 +157,7 @@ def interval_model(
 
 
 def _centred(integral: Array) -> Array:
-    """Half of the ``integral`` (J, Q) over the intervals before and after each knot but the last."""
+    """Half of the ``integral`` (J, Q) over the intervals beside each knot but the last."""
     before = np.concatenate([np.zeros_like(integral[:1]), integral[:-1]])
     return np.asarray(0.5 * (integral + before))
 

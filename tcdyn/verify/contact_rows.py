@@ -95,7 +95,7 @@ def oven_rows() -> Iterator[VerifyRow]:
 
 
 def contact_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of geometry, load and speed: tables 3.4, 6.1, 6.6, (5.1), (6.1), appendix B."""
+    """Yield rows of geometry, load and speed: tables 3.4, 6.1, 6.6, (5.1), (6.1), appendix B."""
     for family, published in SPEEDS.items():
         test = PROGRAMME[family + "1"]
         ours = (test.sliding_speed_m_s, test.entraining_speed_m_s)
@@ -178,8 +178,8 @@ def contact_rows() -> Iterator[VerifyRow]:
     conductances_kW_m2K = [h * 1e-3 for _, h in fitted]
     yield close(
         "rule",
-        "the same by `tcdyn rig circumference fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, "
-        "kW/m2K",
+        "the same by `tcdyn rig circumference fit` for 15.2 and 25.4 um with the default rig's "
+        "surfaces: MPa, kW/m2K",
         "section 6.4.3",
         "27.3, 45.6, 7.7, 11.1",
         [*pressures_MPa, *conductances_kW_m2K],

@@ -127,23 +127,24 @@ class AppendedFile:
             file_at_path = os.stat(self.path)
         except OSError:
             raise InputError(
-                f"the output was renamed or deleted while it was written: {before} are in the file that was "
-                f"there{after}",
+                f"the output was renamed or deleted while it was written: {before} are in the "
+                f"file that was there{after}",
                 where=str(self.path),
                 remedy="follow the log with another {out}",
                 parameters={"out": "FILE"},
             ) from None
         if not os.path.samestat(open_file, file_at_path):
             raise InputError(
-                f"the output was replaced by another file while it was written: {before} are in the file that was "
-                f"there{after}",
+                f"the output was replaced by another file while it was written: {before} are "
+                f"in the file that was there{after}",
                 where=str(self.path),
                 remedy="follow the log with another {out}",
                 parameters={"out": "FILE"},
             )
         if file_at_path.st_size != self.size:
             raise InputError(
-                f"the output was changed by another program: it has {file_at_path.st_size} bytes after {before}{after}",
+                f"the output was changed by another program: it has {file_at_path.st_size} "
+                f"bytes after {before}{after}",
                 where=str(self.path),
                 expected=f"{self.size} bytes",
                 remedy="follow the log with another {out}",

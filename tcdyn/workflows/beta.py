@@ -94,7 +94,7 @@ class BetaRun(Result):
         return f"{self.log.path.name}: {self.partition.recommendation.sentence}"
 
     def to_frame(self) -> pd.DataFrame:
-        """beta of the fast disk and h [W/m2K] by every method; impossible estimates are left out."""
+        """beta of the fast disk and h [W/m2K] by every method; without impossible estimates."""
         p = self.partition
         estimates = {f"both {name}": e for name, e in p.combined.estimates.items()}
         estimates |= {**p.beta_by_estimator, **p.estimates}
@@ -168,7 +168,9 @@ def estimate_beta(
     --------
     >>> from tcdyn import load_rig, read_record  # doctest: +SKIP
     >>> rig = load_rig("rig.toml")  # doctest: +SKIP
-    >>> records = {disk: read_record(f"{disk}.disk.json") for disk in ("fast", "slow")}  # doctest: +SKIP
+    >>> fast = read_record("fast.disk.json")  # doctest: +SKIP
+    >>> slow = read_record("slow.disk.json")  # doctest: +SKIP
+    >>> records = {"fast": fast, "slow": slow}  # doctest: +SKIP
 
     >>> run = estimate_beta("EHL_B3.csv", rig, records)  # doctest: +SKIP
     >>> list(run.to_frame().loc["both beta"].index)  # doctest: +SKIP

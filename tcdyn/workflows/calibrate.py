@@ -65,7 +65,8 @@ JUNCTION_ORDER = {
     ),
     "junctions.uneven_disk": (
         "a disk that warms evenly around its circumference",
-        "plunge it again with the whole running surface in the bath and nothing that touches one side",
+        "plunge it again with the whole running surface in the bath and nothing that touches "
+        "one side",
     ),
 }
 
@@ -167,7 +168,8 @@ def calibrate_disk(
     >>> from tcdyn import load_rig, write_record  # doctest: +SKIP
     >>> rig = load_rig("rig.toml")  # doctest: +SKIP
     >>> plunges = ["plunge_fast_1.csv", "plunge_fast_2.csv"]  # doctest: +SKIP
-    >>> run = calibrate_disk(rig, "fast", "oven_fast.csv", plunges, ["mobil-jet-ii"])  # doctest: +SKIP
+    >>> fluids = ["mobil-jet-ii"]  # doctest: +SKIP
+    >>> run = calibrate_disk(rig, "fast", "oven_fast.csv", plunges, fluids)  # doctest: +SKIP
     >>> write_record(run.record, "fast.disk.json").name  # doctest: +SKIP
     'fast.disk.json'
     """
@@ -315,7 +317,8 @@ def _static_lines(
         raise InputError(
             "no oven log" if oven is None else "an oven log and a stated line",
             where="calibrate",
-            expected="one of them: the oven log, or how far off a reading may be as logged (standard uncertainty, K)",
+            expected="one of them: the oven log, or how far off a reading may be as logged "
+            "(standard uncertainty, K)",
             remedy="add {oven} or {reading_u_K}" if oven is None else "leave one out",
             parameters={"oven": "LOG", "reading_u_K": "K"},
         )

@@ -155,10 +155,16 @@ class CampaignRun(Result):
     def summary(self) -> str:
         """Numbers of logs analysed and failed, and the range of beta."""
         analysed = self.table[self.table["error"] == ""]
-        text = f"{len(self.outcomes)} logs: {len(analysed)} analysed ({self.n_from_earlier_run} kept from before), "
+        text = (
+            f"{len(self.outcomes)} logs: {len(analysed)} analysed ({self.n_from_earlier_run} kept "
+            "from before), "
+        )
         text += f"{len(self.failed)} failed"
         if len(analysed):
-            text += f"; beta by the speed law {analysed['beta'].min():.3f} to {analysed['beta'].max():.3f}"
+            text += (
+                f"; beta by the speed law {analysed['beta'].min():.3f} to "
+                f"{analysed['beta'].max():.3f}"
+            )
             text += (
                 f"; the ways agree in {int((analysed['agree'] == 'yes').sum())} of {len(analysed)}"
             )
@@ -167,7 +173,10 @@ class CampaignRun(Result):
                 max(e[k].u for e in self.joined.posterior.estimates)
                 for k in ("beta_within", "beta")
             )
-            text += f"\nall tests as one: u of beta {u_within:.4f} at most within the campaign, {u_total:.4f} absolute"
+            text += (
+                f"\nall tests as one: u of beta {u_within:.4f} at most within the "
+                f"campaign, {u_total:.4f} absolute"
+            )
             text += f"; exponent n {self.joined.speed_law.exponent}"
         if self.interchange is not None:
             text += f"\n{self.interchange.summary()}"

@@ -85,7 +85,7 @@ def merge_findings(findings: Sequence[tuple[str, Finding]]) -> list[Finding]:
     """Findings of all tests, those that differ only in their numbers merged into one.
 
     >>> from tcdyn.core.findings import info
-    >>> some = [(t, info("said", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]
+    >>> some = [(t, info("from_file", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]
     >>> [f.sentence for f in merge_findings(some)]
     ['x (in A1; so or nearly so in A2)']
     """

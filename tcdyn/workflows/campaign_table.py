@@ -10,12 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from tcdyn.campaign.scatter_trend import (
+    MIN_SET_POINTS,
+    LineTrend,
+    count_set_points,
+    least_squares_trend,
+)
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
@@ -194,69 +200,14 @@ def read_compared(path: str | Path) -> pd.DataFrame:
     return table
 
 
-def count_set_points(x: Array) -> int:
-    """Number of values that differ by more than 1 % of the largest: set points, not their scatter.
-
-    >>> count_set_points(np.array([850.2, 1459.0, 849.7, 1461.0]))
-    2
-    """
-    set_points: list[float] = []
-    for value in np.sort(x):
-        if not set_points or value - set_points[-1] > 0.01 * np.abs(x).max():
-            set_points.append(float(value))
-    return len(set_points)
-
-
-class Trend(NamedTuple):
-    """A least-squares line with the uncertainty of its slope.
-
-    Parameters
-    ----------
-    intercept, slope
-        Coefficients of the line.
-    rms
-        Root mean square of the residuals.
-    u_slope
-        Standard uncertainty of the slope.
-    low95_slope, high95_slope
-        95 % interval of the slope.
-    """
-
-    intercept: float
-    slope: float
-    rms: float
-    u_slope: float
-    low95_slope: float
-    high95_slope: float
-
-
-def trend(x: Array, y: Array) -> Trend | None:
-    """Least-squares line through points; None with fewer than three different x.
-
-    The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2
-    degrees.
-
-    >>> line = trend(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 3.0, 5.0, 7.4]))
-    >>> round(line.intercept, 2), round(line.slope, 2), round(line.u_slope, 3), round(line.high95_slope, 2)
-    (0.92, 2.12, 0.069, 2.42)
-    >>> trend(np.array([1.0, 2.0]), np.array([1.0, 3.0])) is None
-    True
-    """
-    if count_set_points(x) < 3:
-        return None
-    line = fit_line(x, y)
-    u = np.sqrt(line.covariance[0, 0])
-    half_width = Z95 * np.sqrt(line.covariance_95[0, 0])
-    numbers = (line.intercept, line.slope, np.sqrt(np.mean(line.residuals**2)), u)
-    return Trend(*map(float, (*numbers, line.slope - half_width, line.slope + half_width)))
-
-
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lines of ``QUANTITIES`` over the load in each group of sliding speed."""
     good = analysed_rows(table)
     rows = []
     for column, (_, part) in product(QUANTITIES, good.groupby("group")):
-        line = trend(part["load_N"].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
+        line = least_squares_trend(
+            part["load_N"].to_numpy(dtype=float), part[column].to_numpy(dtype=float)
+        )
         if line is not None:
             name = f"{part['sliding_speed_m_s'].mean():.1f} m/s"
             rows.append(
@@ -268,7 +219,7 @@ def trend_table(table: pd.DataFrame) -> pd.DataFrame:
                     **line._asdict(),
                 }
             )
-    return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *Trend._fields])
+    return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *LineTrend._fields])
 
 
 def comparison_table(table: pd.DataFrame, compared: pd.DataFrame) -> pd.DataFrame:
@@ -301,7 +252,11 @@ def comparison_table(table: pd.DataFrame, compared: pd.DataFrame) -> pd.DataFram
         is_other = part["compared"].to_numpy(dtype=bool)
         load_N = part["load_N"].to_numpy(dtype=float)
         n_compared = int(is_other.sum())
-        if not 0 < n_compared < len(part) or count_set_points(load_N) < 3 or len(part) < 4:
+        if (
+            not 0 < n_compared < len(part)
+            or count_set_points(load_N) < MIN_SET_POINTS
+            or len(part) < 4
+        ):
             continue
         fit = fit_line(load_N, part[quantity].to_numpy(dtype=float), groups=is_other.astype(int))
         difference = float(fit.intercepts[1] - fit.intercepts[0])

@@ -42,7 +42,7 @@ MANY_NOT_USED = 0.01
 
 @dataclass(frozen=True, repr=False)
 class CompensatedTable(Result):
-    """What was written: rows, columns with sensors, typical and largest standard deviation, findings."""
+    """What was written: rows, columns with sensors, standard deviations, findings."""
 
     path: Path
     rows: int
@@ -58,8 +58,9 @@ class CompensatedTable(Result):
         lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
         for column, row in zip(self.columns, self.numbers.itertuples(index=False)):
             lines.append(
-                f"  {column.column}: lag {column.lag_s.text('s')}; noise {row.noise_sd_K:.3g} K, standard deviation "
-                f"{row.sd_typical_K:.3g} K typical, {row.sd_max_K:.3g} K at most"
+                f"  {column.column}: lag {column.lag_s.text('s')}; noise {row.noise_sd_K:.3g} "
+                f"K, standard deviation {row.sd_typical_K:.3g} K typical, {row.sd_max_K:.3g} K at "
+                "most"
             )
         return "\n".join(lines)
 
@@ -165,7 +166,7 @@ def compensate_table(
     def report(rows: int) -> None:
         nonlocal next_row
         if rows >= next_row:
-            progress(f"from row {rows + 1}")
+            progress(f"compensating, from row {rows + 1}")
             next_row = rows + max(rows, PROGRESS_ROWS)
 
     rising = RisingRows(raw.source)

@@ -292,8 +292,8 @@ def _check_output_free(out: Path, overwrite: bool) -> None:
             "the output exists already",
             where=str(out),
             expected="a file that does not exist yet",
-            remedy="give another {out}, or replace it with {overwrite}, or continue the run that wrote it with "
-            "its {state}",
+            remedy="give another {out}, or replace it with {overwrite}, or continue the run "
+            "that wrote it with its {state}",
             parameters={"out": "FILE", "overwrite": True, "state": "FILE"},
         )
 

@@ -384,7 +384,8 @@ def _forces(
             f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact",
             where=where,
             expected="both above zero, and less friction than load",
-            remedy="is a sign turned round, a unit another, or are load_N and friction_N exchanged?",
+            remedy="is a sign turned round, a unit another, or are load_N and friction_N "
+            "exchanged?",
         )
     added = NO_FRICTION_CORRECTION
     if friction_added is not None:

@@ -26,6 +26,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
+from tcdyn.io.unit_names import without_unit
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
 from tcdyn.sensors.table import (
     ChunkSource,
@@ -34,7 +35,7 @@ from tcdyn.sensors.table import (
     read_segments,
     unique_by_subject,
 )
-from tcdyn.sensors.units import Unit, without_unit
+from tcdyn.sensors.units import Unit
 from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated
@@ -406,7 +407,7 @@ class Totals:
         self.findings = unique_by_subject([*self.findings, *result.findings])
 
     def table(self, columns: Sequence[str]) -> pd.DataFrame:
-        """Noise, typical and largest standard deviation [K] of each column; NaN without a result."""
+        """Noise, typical and largest standard deviation [K] of each column; NaN without any."""
         rows = []
         for column in columns:
             each = np.array(self.numbers.get(column) or [np.full(3, np.nan)])

@@ -1,6 +1,8 @@
-"""The committed logs of the behaviour suite: a small simulated campaign, its temperatures rounded to 0.01 degC.
+"""The committed logs of the behaviour suite: a small simulated campaign, its temperatures rounded
+to 0.01 degC.
 
-``python -m tests.behaviour.logs`` simulates the logs again and writes them; a test compares them with the simulator.
+``python -m tests.behaviour.logs`` simulates the logs again and writes them; a test compares them
+with the simulator.
 """
 
 from __future__ import annotations
@@ -91,7 +93,8 @@ def write_logs(folder: Path) -> dict[str, Path]:
 
 
 def main() -> None:
-    """Write the committed logs anew; ``python -m tests.behaviour.store records`` makes the records beside them."""
+    """Write the committed logs anew; ``python -m tests.behaviour.store records`` makes the records
+    beside them."""
     with tempfile.TemporaryDirectory() as folder:
         for name, path in simulated(Path(folder)).items():
             if path.suffix == ".toml":

@@ -1,4 +1,5 @@
-"""Runs of the behaviour suite: a command each, on committed logs or small tables, and the estimates that it writes."""
+"""Runs of the behaviour suite: a command each, on committed logs or small tables, and the estimates
+that it writes."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ import pandas as pd
 
 Estimates = dict[str, tuple[float, float]]  # value and standard uncertainty by path
 ROW_STEP = 500  # every so many rows of a compensated log are stored
-# Numbers that have no uncertainty of their own (a plan, a published row) are held to 0.1 %: 0.02 of this share.
+# Numbers that have no uncertainty of their own (a plan, a published row) are held to 0.1 %: 0.02 of
+# this share.
 ASSUMED_RELATIVE_U = 0.05
 
 

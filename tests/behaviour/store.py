@@ -1,7 +1,7 @@
 """Store the results of the behaviour suite: ``python -m tests.behaviour.store``.
 
-Prints for each run the largest difference from the stored results, in standard uncertainties. ``records`` makes the
-records of the two disks that other runs read.
+Prints for each run the largest difference from the stored results, in standard uncertainties.
+``records`` makes the records of the two disks that other runs read.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ def results_of(name: str, inputs: Mapping[str, Path], folder: Path) -> Estimates
 
 
 def differences(now: Estimates, then: Estimates) -> dict[str, float]:
-    """Largest change of value and uncertainty of each stored estimate, in its standard uncertainty."""
+    """Largest change of value and uncertainty of each stored estimate, in its standard
+    uncertainty."""
     found = {}
     for path, (value, u) in then.items():
         scale = max(u, LEAST_RELATIVE_U * abs(value), 1e-12)

@@ -1,4 +1,5 @@
-"""Small tables for the behaviour suite, from closed forms and first-order recursions of their own."""
+"""Small tables for the behaviour suite, from closed forms and first-order recursions of their
+own."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ import pandas as pd
 
 
 def first_order(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
-    """Response (N,) of one lag to an input (N,) that is held over each interval; it begins in equilibrium."""
+    """Response (N,) of one lag to an input (N,) that is held over each interval; it begins in
+    equilibrium."""
     keep = np.exp(-dt_s / tau_s)
     y = np.empty(len(x))
     y[0] = x[0]
@@ -24,7 +26,8 @@ def noise(count: int, sd: float, seed: int) -> np.ndarray:
 
 
 def binary_input(seed: int) -> pd.DataFrame:
-    """A heater that switches at random and a temperature behind lags of 2.0 and 0.5 s and a dead time of 0.35 s."""
+    """A heater that switches at random and a temperature behind lags of 2.0 and 0.5 s and a dead
+    time of 0.35 s."""
     dt_s = 0.05
     fine_s = 0.01
     levels = np.random.default_rng(seed).integers(0, 2, 60) * 50.0 + 25.0

@@ -1,8 +1,10 @@
-"""Times of the commands relative to pandas reading and writing the same log, and their growth with the rows of a log.
+"""Times of the commands relative to pandas reading and writing the same log, and their growth with
+the rows of a log.
 
-Run: ``python -m tests.benchmarks.commands FOLDER [ROWS ...]``. FOLDER stores the campaign of test D4 and is made if
-missing; each of ROWS, such as 10000 1000000, is a log of this length made from it; with ROWS, only these logs are
-measured. Times are CPU seconds. Baseline: pandas reads and pyarrow writes the same log, in the same run.
+Run: ``python -m tests.benchmarks.commands FOLDER [ROWS ...]``. FOLDER stores the campaign of test
+D4 and is made if missing; each of ROWS, such as 10000 1000000, is a log of this length made from
+it; with ROWS, only these logs are measured. Times are CPU seconds. Baseline: pandas reads and
+pyarrow writes the same log, in the same run.
 """
 
 from __future__ import annotations

@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 
 
 def case_b(records: int = 10) -> None:
-    """Case B of the anchors; its baselines: smoother 0.249, causal Kalman filter 1.01, tuned FIR 0.69 degC rms."""
+    """Case B of the anchors; its baselines: smoother 0.249, causal Kalman filter 1.01, tuned FIR
+    0.69 degC rms."""
     dt = 0.05
     n = 800
     rng = np.random.default_rng(0)
@@ -97,7 +98,8 @@ def case_b(records: int = 10) -> None:
 def pydynamic_fir(
     y: Array, dt: float, chain: Chain, band_Hz: float, order: int = 24
 ) -> tuple[Array, Array] | None:
-    """The archived PTB library: least-squares inverse FIR, low-pass FIR, GUM propagation. None if not installed."""
+    """The archived PTB library: least-squares inverse FIR, low-pass FIR, GUM propagation. None if
+    not installed."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")
         try:
@@ -120,7 +122,8 @@ def pydynamic_fir(
 
 
 def junction_after_unloading(dt: float, n: int, off_s: float, fine: int = 8) -> tuple[Array, Array]:
-    """Temperature 1.25 mm below the surface of a 17.6 mm slab whose flux stops at ``off_s``, and its fine sampling."""
+    """Temperature 1.25 mm below the surface of a 17.6 mm slab whose flux stops at ``off_s``, and
+    its fine sampling."""
     cells = 60
     length = 17.6e-3
     conductivity = 41.0
@@ -144,7 +147,8 @@ def junction_after_unloading(dt: float, n: int, off_s: float, fine: int = 8) -> 
 
 
 def unloading(records: int = 10) -> None:
-    """12 degC in the first second, noise 0.15: the smoother, and one with the true spectrum of the cooling."""
+    """12 degC in the first second, noise 0.15: the smoother, and one with the true spectrum of the
+    cooling."""
     dt = 1 / 75
     n = 3000
     unload_s = 20.0067
@@ -167,7 +171,8 @@ def unloading(records: int = 10) -> None:
     )
     oracle_rms = np.sqrt(np.mean((with_true_intensity.temperature - x[:, None])[after] ** 2))
     print(
-        f"  smoother given the true squared curvature as its intensity: {oracle_rms:.3f} (ratio {rms / oracle_rms:.2f})"
+        f"  smoother given the true squared curvature as its intensity: {oracle_rms:.3f} "
+        f"(ratio {rms / oracle_rms:.2f})"
     )
 
 
@@ -192,7 +197,8 @@ def best_intensity(x: Array, dt: float, off: float):
 
 
 def case_c(records: int = 12) -> None:
-    """A kink of 12 K at 1 s and a slow oscillation under five kinds of noise, within -1 s and +5 s of the kink."""
+    """A kink of 12 K at 1 s and a slow oscillation under five kinds of noise, within -1 s and +5 s
+    of the kink."""
     print("\nCase C: rms [K], coverage of the 95 % interval")
     for kink, duration_s in ((True, 40.0), (False, 60.0), (False, 200.0)):
         t, true_temperature, clean = logged(kink, duration_s)
@@ -217,13 +223,14 @@ def case_c(records: int = 12) -> None:
                 squares.append(np.mean(error**2))
                 covered.append(np.mean(np.abs(error) < 1.96 * result.sd[in_window, 0]))
             print(
-                f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {noise_kind}: {np.mean(squares) ** 0.5:.3f} K, "
-                f"{100 * np.mean(covered):.0f} %"
+                f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {noise_kind}: "
+                f"{np.mean(squares) ** 0.5:.3f} K, {100 * np.mean(covered):.0f} %"
             )
 
 
 def complete_log() -> None:
-    """12 channels, 2000 s at 75 Hz, with standard deviations; the causal inverse in samples per second."""
+    """12 channels, 2000 s at 75 Hz, with standard deviations; the causal inverse in samples per
+    second."""
     dt = 1 / 75
     n = 150_000
     off = 1500.0067
@@ -248,8 +255,8 @@ def complete_log() -> None:
     wall = time.process_time()
     with_delay(y[:2250], dt, chain, 2.0)
     print(
-        f"fixed delay of 2 s, 12 channels, no event: {(time.process_time() - wall) / 30:.2f} s of one "
-        "core for each second of the log"
+        f"fixed delay of 2 s, 12 channels, no event: {(time.process_time() - wall) / 30:.2f} s "
+        "of one core for each second of the log"
     )
 
 

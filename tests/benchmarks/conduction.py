@@ -1,9 +1,11 @@
 # ruff: noqa: E402  the thread limits must stand before numpy is loaded
-"""The (beta, h) map of the thesis against a factorised Crank-Nicolson: ``python -m tests.benchmarks.conduction``.
+"""The (beta, h) map of the thesis against a factorised Crank-Nicolson: ``python -m
+tests.benchmarks.conduction``.
 
-12 heat transfer coefficients x 10 shares, 65 x 105 nodes, 1050 s at 75 Hz, junctions a, c, e, on one core. The baseline
-is not the 100 s per pair of the thesis but the best simple form of its scheme: SuperLU factorised once per h, one
-right-hand side per step (linear in beta: 12 passes give 120 pairs), timed over a number of steps and extrapolated.
+12 heat transfer coefficients x 10 shares, 65 x 105 nodes, 1050 s at 75 Hz, junctions a, c, e, on
+one core. The baseline is not the 100 s per pair of the thesis but the best simple form of its
+scheme: SuperLU factorised once per h, one right-hand side per step (linear in beta: 12 passes give
+120 pairs), timed over a number of steps and extrapolated.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ SEGMENTS = 5
 
 @dataclass(frozen=True)
 class MapTiming:
-    """Seconds of the complete map, of the extrapolated baseline, their ratio, and the peak memory of the map [MB]."""
+    """Seconds of the complete map, of the extrapolated baseline, their ratio, and the peak memory
+    of the map [MB]."""
 
     ours_s: float
     baseline_s: float
@@ -75,7 +78,8 @@ def time_map(duration_s: float, mesh: Mesh) -> float:
 
 
 def time_baseline(mesh: Mesh, steps: int = STEPS) -> tuple[float, float]:
-    """(least seconds per step, seconds to factorise) of Crank-Nicolson with its input, one right-hand side."""
+    """(least seconds per step, seconds to factorise) of Crank-Nicolson with its input, one
+    right-hand side."""
     rim = Rim.from_setup(load_rig().disk_setup("fast"))
     s = scheme(rim, 700.0, mesh)
     basis = spectrum(rim, 700.0, HALF_WIDTH_M, "modal", "hertz", mesh).profile
@@ -134,11 +138,13 @@ def main() -> None:
     print(f"map 12 h x 10 beta, 65 x 105, {DURATION_S:g} s at 75 Hz, junctions a, c, e, one core")
     print(f"  modal engine                     {m.ours_s:8.2f} s   peak memory {m.peak_MB:.0f} MB")
     print(
-        f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from the best of {SEGMENTS} segments"
+        f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from the "
+        f"best of {SEGMENTS} segments"
     )
     print(f"  ratio                            {m.ratio:8.0f}")
     print(
-        "cost per doubling of the mesh (both ways): complete map, one set of gains, one Crank-Nicolson step"
+        "cost per doubling of the mesh (both ways): complete map, one set of gains, one "
+        "Crank-Nicolson step"
     )
     for mesh in (Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(129, 209)):
         step = time_baseline(mesh, 60)[0]

@@ -1,7 +1,9 @@
-"""Identification on case A: this library, a plain least-squares model (lmfit where installed), sysidentpy, ERA.
+"""Identification on case A: this library, a plain least-squares model (lmfit where installed),
+sysidentpy, ERA.
 
-Run: ``python -m tests.benchmarks.identify [seeds]``. Prints one table for each case: mean and spread of the parameters,
-coverage of the 95 % intervals, simulated fit, lost runs, median seconds, and the time relative to this library.
+Run: ``python -m tests.benchmarks.identify [seeds]``. Prints one table for each case: mean and
+spread of the parameters, coverage of the 95 % intervals, simulated fit, lost runs, median seconds,
+and the time relative to this library.
 """
 
 from __future__ import annotations
@@ -123,7 +125,8 @@ def study(kind: str, seeds: int) -> pd.DataFrame:
                 import lmfit  # noqa: F401
             except ImportError:
                 print(
-                    "lmfit is not installed: its row is left out (plain least_squares is the same method)"
+                    "lmfit is not installed: its row is left out (plain least_squares is the "
+                    "same method)"
                 )
                 continue
         results = []

@@ -1,8 +1,8 @@
 """Processor time and memory of ``compare(data)`` on large records.
 
 ``python -m tests.benchmarks.large_records`` prints a row for 10^4, 10^5 and 10^6 rows of case A
-(0.05 s, levels of 1 s), with white noise and with AR(1) noise of coefficient 0.9, both of 0.5 K. Each
-row is a process of its own, ``python -m tests.benchmarks.large_records ROWS NOISE``.
+(0.05 s, levels of 1 s), with white noise and with AR(1) noise of coefficient 0.9, both of 0.5 K.
+Each row is a process of its own, ``python -m tests.benchmarks.large_records ROWS NOISE``.
 """
 
 from __future__ import annotations

@@ -37,7 +37,8 @@ def main() -> None:
             path_of_kind = write_log(frame, Path(folder) / f"own.{ending}")
             span = best_s(lambda path_of_kind=path_of_kind: read_log(path_of_kind, "ehl"))
             print(
-                f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x pandas on CSV"
+                f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x "
+                "pandas on CSV"
             )
             span = best_s(
                 lambda path_of_kind=path_of_kind: sum(

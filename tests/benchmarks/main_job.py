@@ -1,8 +1,9 @@
-"""The main job on several rigs and tests: errors against the true values (python -m tests.benchmarks.main_job).
+"""The main job on several rigs and tests: errors against the true values (python -m
+tests.benchmarks.main_job).
 
-`python -m tests.benchmarks.main_job 1 2 3 4 5 --tests A1 B3 D4` simulates the campaign of each seed, runs every stage
-on its files and prints, for each test, the error of every estimator of beta and how much closer compensation brings
-`e` to the true temperature.
+`python -m tests.benchmarks.main_job 1 2 3 4 5 --tests A1 B3 D4` simulates the campaign of each
+seed, runs every stage on its files and prints, for each test, the error of every estimator of beta
+and how much closer compensation brings `e` to the true temperature.
 """
 
 from __future__ import annotations

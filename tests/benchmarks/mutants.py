@@ -1,12 +1,13 @@
-"""Do the tests detect faults? Random operators of the library are swapped one at a time: + and -, * and /, < and >.
+"""Do the tests detect faults? Random operators of the library are swapped one at a time: + and -, *
+and /, < and >.
 
-Run ``python -m tests.benchmarks.mutants N [SEED [COVERAGE]]``. Each mutant is made in a copy of the source. First the
-tests run that import its module, then those of its package, then the behaviour suite and the main job; of all test
-groups, as in CI. A test that does not end counts as a failure.
+Run ``python -m tests.benchmarks.mutants N [SEED [COVERAGE]]``. Each mutant is made in a copy of the
+source. First the tests run that import its module, then those of its package, then the behaviour
+suite and the main job; of all test groups, as in CI. A test that does not end counts as a failure.
 
 COVERAGE is a folder with the files ``.coverage`` and ``tests.xml`` of
-``pytest -m "" --cov --cov-context=test --junitxml=COVERAGE/tests.xml``. Then only the tests run that execute the line
-of the mutant, the quick ones first, for a few minutes.
+``pytest -m "" --cov --cov-context=test --junitxml=COVERAGE/tests.xml``. Then only the tests run
+that execute the line of the mutant, the quick ones first, for a few minutes.
 """
 
 from __future__ import annotations
@@ -108,10 +109,11 @@ def stages(file: str) -> list[list[str]]:
 
 
 def stages_by_coverage(folder: Path, file: str, row: int) -> list[list[str]]:
-    """The tests that execute a line: first those without the simulated campaign, then the others, the quick ones first.
+    """The tests that execute a line: first those without the simulated campaign, then the others,
+    the quick ones first.
 
-    Of each as many as took ``MOST_s`` in the complete run; then the tests of the numbers of this version, and for a
-    line that a fixture executes the complete job.
+    Of each as many as took ``MOST_s`` in the complete run; then the tests of the numbers of this
+    version, and for a line that a fixture executes the complete job.
     """
     data = CoverageData(str(folder / ".coverage"))
     data.read()
@@ -209,7 +211,8 @@ def main(count: int, seed: int, coverage: Path | None = None) -> None:
             detected += bool(stage)
             line = text.splitlines()[line_no - 1].strip()
             print(
-                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {stage or 'NOT DETECTED'}: {line}",
+                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: "
+                f"{stage or 'NOT DETECTED'}: {line}",
                 flush=True,
             )
     print(f"{detected} of {count} detected")

@@ -1,7 +1,8 @@
-"""Every test of the programme on several rigs: errors of beta, h and lag (python -m tests.benchmarks.partition 3).
+"""Every test of the programme on several rigs: errors of beta, h and lag (python -m
+tests.benchmarks.partition 3).
 
-Rigs with the nominal values of `rig.toml`, full length and mesh, nothing tuned per test. The argument is the number
-of seeds.
+Rigs with the nominal values of `rig.toml`, full length and mesh, nothing tuned per test. The
+argument is the number of seeds.
 """
 
 from __future__ import annotations

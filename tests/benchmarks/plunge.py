@@ -31,7 +31,8 @@ DEPTHS = np.array([1.25e-3, 3e-3, 6e-3])
 
 
 def baseline(cells: int = 60, duration_s: float = 300.0) -> np.ndarray:
-    """The same plunge by finite volumes and scipy's BDF: temperature at the three depths at the end."""
+    """The same plunge by finite volumes and scipy's BDF: temperature at the three depths at the
+    end."""
     disk = Cylinder.from_setup(SETUP)
     bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
     faces = np.linspace(disk.inner_radius_m, disk.outer_radius_m, cells + 1)
@@ -67,8 +68,9 @@ def time_fit_model(baseline_s: float) -> None:
         predict(models, layout, theta)
     evaluation_s = (process_time() - t0) / 10
     print(
-        f"model and {layout.size} derivatives: {1e3 * evaluation_s:.1f} ms; {layout.size + 1} baseline runs would take "
-        f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / evaluation_s:.0f}"
+        f"model and {layout.size} derivatives: {1e3 * evaluation_s:.1f} ms; {layout.size + 1} "
+        f"baseline runs would take {(layout.size + 1) * baseline_s:.2f} s, ratio "
+        f"{(layout.size + 1) * baseline_s / evaluation_s:.0f}"
     )
 
 

@@ -1,4 +1,5 @@
-"""Time and peak memory of `tcdyn compensate TABLE --sensor` against the number of rows, and the slope of their logs.
+"""Time and peak memory of `tcdyn compensate TABLE --sensor` against the number of rows, and the
+slope of their logs.
 
 Run: ``python -m tests.benchmarks.tables [ROWS ...] [--columns 3] [--rate-Hz 75] [--parquet]``.
 """
@@ -27,7 +28,9 @@ from tcdyn.cli.app import main
 try:
     main()
 finally:
-    print("peak", *[line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")], file=sys.stderr)
+    status = open("/proc/self/status")
+    peaks = [line.split()[1] for line in status if line.startswith("VmHWM")]
+    print("peak", *peaks, file=sys.stderr)
 """
 
 
@@ -91,7 +94,8 @@ def main() -> None:
             )
         measurements.append((rows, span, peak))
         print(
-            f"{rows:9d} rows x {args.columns}: {span:7.1f} s, peak {peak:5.0f} MB, exit code {code}",
+            f"{rows:9d} rows x {args.columns}: {span:7.1f} s, peak {peak:5.0f} MB, exit code "
+            f"{code}",
             flush=True,
         )
     if len(measurements) > 1:

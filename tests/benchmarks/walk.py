@@ -1,7 +1,8 @@
-"""The path from a log to beta through the code: how many files it crosses, and how often it returns to a file.
+"""The path from a log to beta through the code: how many files it crosses, and how often it returns
+to a file.
 
-Run: ``python -m tests.benchmarks.walk [order]``. Functions are taken in the order of their first calls, for the short
-campaign of ``tests/conftest.py``; ``order`` prints them all.
+Run: ``python -m tests.benchmarks.walk [order]``. Functions are taken in the order of their first
+calls, for the short campaign of ``tests/conftest.py``; ``order`` prints them all.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ PACKAGES = ("calibration", "immersion", "tcdyn")
 
 
 def walk(job: Callable[[], Any]) -> list[tuple[str, str]]:
-    """(file, function) of the library in the order of first calls during ``job``; no lambdas, no comprehensions."""
+    """(file, function) of the library in the order of first calls during ``job``; no lambdas, no
+    comprehensions."""
     calls: dict[tuple[str, str, int], None] = {}
 
     def record_call(frame: FrameType, event: str, _: Any) -> None:

@@ -1,4 +1,5 @@
-"""From files to a certificate as a new user does it, and damaged files through the real commands."""
+"""From files to a certificate as a new user does it, and damaged files through the real
+commands."""
 
 from __future__ import annotations
 
@@ -104,7 +105,8 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
             ),
             "ehl": ("compensate", path, "--record", record, "--out", tmp_path / "out.csv"),
         }[damage.kind]
-        # `compensate` accepts plunges, logs without unloading and logs without friction; `beta` does not
+        # `compensate` accepts plunges, logs without unloading and logs without friction; `beta`
+        # does not
         if damage.name == "a plunge as an EHL log" or damage.words in (
             "no unloading",
             "friction_N: column is missing",
@@ -120,7 +122,8 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
 @pytest.mark.e2e
 @pytest.mark.parametrize("cause", ["not at one temperature", "warms unevenly"])
 def test_plunge_of_an_uneven_disk_is_refused_with_its_cause(tmp_path, cause):
-    """The surface starts 6 K warmer than 3 mm below, and becomes even in 8 s; or one side warms by a tenth more."""
+    """The surface starts 6 K warmer than 3 mm below, and becomes even in 8 s; or one side warms by
+    a tenth more."""
     from tcdyn.core.errors import InputError
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import write_log as write_rig_log

@@ -112,7 +112,8 @@ def test_line_tests_are_f_tests_of_a_model_with_more_columns():
     assert within == pytest.approx(
         np.sqrt(residual_sum_of_squares(repeat_columns, y) / 15), rel=1e-9
     )
-    # repeats at -3, -1, 1 and 3 times 10 kelvin with almost no noise: their mean has an uncertainty of sd/sqrt(4)
+    # repeats at -3, -1, 1 and 3 times 10 kelvin with almost no noise: their mean has an uncertainty
+    # of sd/sqrt(4)
     shifted = fit_line(x, y + 10.0 * (2 * repeat - 3))
     assert repeat_shift(shifted, repeat)[1] == pytest.approx(
         10 * np.std([-3, -1, 1, 3], ddof=1) / 2, rel=0.02
@@ -181,8 +182,8 @@ def coverage(simulated_ovens) -> dict[str, float]:
 )
 def test_intervals_cover_in_95_percent_of_200_ovens(noise):
     rates = coverage((oven_frame(s, noise), *oven_truth(s)) for s in range(OVENS))
-    # six channels share the PRT, so there are effectively between 200 and 1200 independent ovens: three sigma
-    # of 200 is 4.6 %
+    # six channels share the PRT, so there are effectively between 200 and 1200 independent ovens:
+    # three sigma of 200 is 4.6 %
     assert all(0.904 <= rate <= 0.996 for rate in rates.values()), rates
 
 

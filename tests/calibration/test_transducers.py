@@ -136,5 +136,6 @@ def test_bearing_intervals_have_nominal_coverage():
     for seed in range(300):
         value, u = fit_bearing_friction(*bearing_data(seed, 0.2)).correction_N(1500.0, 1005.0)
         covered.append(abs(value - 0.5 * (2.0 + 0.004 * 1005 + 3.0)) < 1.96 * u)
-    # three sigma of 300 is 3.8 %; the Student factor is exact for one family only, so the upper side is open
+    # three sigma of 300 is 3.8 %; the Student factor is exact for one family only, so the upper
+    # side is open
     assert np.mean(covered) > 0.912

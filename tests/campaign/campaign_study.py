@@ -1,8 +1,9 @@
-"""Uncertainties of differences, n and trends in a campaign, over rigs drawn from the specified uncertainties.
+"""Uncertainties of differences, n and trends in a campaign, over rigs drawn from the specified
+uncertainties.
 
-`python -m tests.campaign.campaign_study draw FOLDER 30` draws and fits campaigns (one or two minutes a rig, stored in
-FOLDER; a second run continues). `python -m tests.campaign.campaign_study FOLDER` prints the figures of the stored
-campaigns.
+`python -m tests.campaign.campaign_study draw FOLDER 30` draws and fits campaigns (one or two
+minutes a rig, stored in FOLDER; a second run continues). `python -m tests.campaign.campaign_study
+FOLDER` prints the figures of the stored campaigns.
 """
 
 from __future__ import annotations

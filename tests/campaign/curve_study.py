@@ -1,10 +1,12 @@
-"""Drawn campaigns against model curves of correct and of wrong shape: position of the offset, and warnings.
+"""Drawn campaigns against model curves of correct and of wrong shape: position of the offset, and
+warnings.
 
-`python -m tests.campaign.curve_study 2000 0` prints the figures for 2000 campaigns of each kind, from seed 0 on.
+`python -m tests.campaign.curve_study 2000 0` prints the figures for 2000 campaigns of each kind,
+from seed 0 on.
 
-The errors of a drawn campaign are sums of standard normal numbers: a common level error, one to three systematic errors
-with a different sensitivity for each test, and an independent error of each test. The covariance follows from the same
-sums. Nothing is solved here.
+The errors of a drawn campaign are sums of standard normal numbers: a common level error, one to
+three systematic errors with a different sensitivity for each test, and an independent error of each
+test. The covariance follows from the same sums. Nothing is solved here.
 """
 
 from __future__ import annotations
@@ -104,7 +106,8 @@ def distance_outside(value: float, points: Array) -> float:
 
 
 def study_table(count: int, first: int, *, wrong: bool) -> pd.DataFrame:
-    """For ``count`` campaigns from seed ``first``: is the shape reported, and where the offset lies."""
+    """For ``count`` campaigns from seed ``first``: is the shape reported, and where the offset
+    lies."""
     rows = []
     for seed in range(first, first + count):
         drawn = drawn_curve(seed, wrong=wrong)
@@ -132,7 +135,8 @@ def report(count: int, first: int) -> None:
         if not wrong:
             low, high = stats.binom.interval(0.95, count, 0.95)
             print(
-                f"  95 % interval covers the truth: {table['covered'].sum()} (by chance {low:.0f} to {high:.0f})"
+                f"  95 % interval covers the truth: {table['covered'].sum()} (by chance "
+                f"{low:.0f} to {high:.0f})"
             )
             print(f"  u over that of least squares, median: {table['u_ratio'].median():.2f}")
 

@@ -1,7 +1,8 @@
 """Designed against fitted u of beta, over drawn rigs and three layouts of the junctions.
 
-`python -m tests.campaign.design_study COUNT FOLDER` draws COUNT rigs with four tests each for the layout of Clarke and
-for a row nearer to the surface. For the layout of the thesis it uses the campaigns of sixteen tests in FOLDER.
+`python -m tests.campaign.design_study COUNT FOLDER` draws COUNT rigs with four tests each for the
+layout of Clarke and for a row nearer to the surface. For the layout of the thesis it uses the
+campaigns of sixteen tests in FOLDER.
 """
 
 from __future__ import annotations

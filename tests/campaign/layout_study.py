@@ -1,7 +1,8 @@
 """Effect of the layout of the junctions (section 8.3), and of a disk in one piece with its shaft.
 
-`python -m tests.campaign.layout_study` prints the designed uncertainties of four tests at the corners of the programme
-of the thesis for several layouts: of a single test, where a circumferential pattern matters most, and of all tests.
+`python -m tests.campaign.layout_study` prints the designed uncertainties of four tests at the
+corners of the programme of the thesis for several layouts: of a single test, where a
+circumferential pattern matters most, and of all tests.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""Does a second unloading separate the lag of one junction (a bubble in its cement) from the common lag?
+"""Does a second unloading separate the lag of one junction (a bubble in its cement) from the common
+lag?
 
-`python -m tests.campaign.repeat_study` prints results for a junction with an unknown lag (prior 0.3 s instead of that
-of the plunges): u of its lag after one to four unloadings, its correlation with the common lag, and u of beta, h and
-lag. The unloadings are under the same or under other conditions.
+`python -m tests.campaign.repeat_study` prints results for a junction with an unknown lag (prior 0.3
+s instead of that of the plunges): u of its lag after one to four unloadings, its correlation with
+the common lag, and u of beta, h and lag. The unloadings are under the same or under other
+conditions.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ BUBBLE_S = 0.3
 def with_unknown_lag(
     statistics: SufficientStatistics, name: str, common_u_s: float
 ) -> SufficientStatistics:
-    """The same test with a wide prior of the lag of one junction and ``common_u_s`` for the common lags."""
+    """The same test with a wide prior of the lag of one junction and ``common_u_s`` for the common
+    lags."""
     column = statistics.names.index(name)
     # a record contains each lag relative to the mean of six
     factor = BUBBLE_S / (CHANNEL_LAG_U_S * float(np.sqrt(5 / 6)))

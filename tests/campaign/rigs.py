@@ -1,4 +1,5 @@
-"""Campaigns of drawn rigs: sixteen tests each, errors from the rig file, beta decreasing with load and speed."""
+"""Campaigns of drawn rigs: sixteen tests each, errors from the rig file, beta decreasing with load
+and speed."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ def true_beta(name: str) -> float:
 
 @dataclass(frozen=True)
 class DrawnCampaign:
-    """Compressed tests of one drawn rig, their true values, and one test with friction that reads low."""
+    """Compressed tests of one drawn rig, their true values, and one test with friction that reads
+    low."""
 
     seed: int
     tests: tuple[SufficientStatistics, ...]

@@ -25,7 +25,8 @@ START_S = 1.0  # the time axis of the log starts at one second
 
 
 def minimal_test(noise_N: float) -> Any:
-    """A test that unloads at sample 330; its load falls from sample 300 plus the settling time on."""
+    """A test that unloads at sample 330; its load falls from sample 300 plus the settling time
+    on."""
     unload_s = START_S + (LAST_LOADED - 0.5) * DT + 0.3 + SWITCHING_MARGIN_S
     events = SimpleNamespace(
         unload_s=unload_s, fall_time_s=0.3, load_on_s=START_S + 2.5 + SWITCHING_MARGIN_S
@@ -35,7 +36,8 @@ def minimal_test(noise_N: float) -> Any:
 
 
 def test_friction_zero_u_follows_the_longer_unloaded_segment() -> None:
-    """A median scatters 1.25 times as much as a mean; 2.5 s before loading, no sample after unloading."""
+    """A median scatters 1.25 times as much as a mean; 2.5 s before loading, no sample after
+    unloading."""
     assert friction_zero_u_N(minimal_test(0.6)) == pytest.approx(1.25 * 0.6 / np.sqrt(2.5 / DT))
     test = minimal_test(0.6)
     test.time_s = START_S + DT * np.arange(N_SAMPLES + 400)
@@ -47,7 +49,8 @@ def test_friction_zero_u_follows_the_longer_unloaded_segment() -> None:
 def test_input_noise_covariance_matches_a_sum_over_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Two inputs after the power, each direct and through two first-order lags, in blocks of ten samples."""
+    """Two inputs after the power, each direct and through two first-order lags, in blocks of ten
+    samples."""
     rng = np.random.default_rng(1)
     dt = 0.05
     n = 400

@@ -1,4 +1,5 @@
-"""Offset of the tests from a model curve: within the range of the tests; a shape that does not fit is reported."""
+"""Offset of the tests from a model curve: within the range of the tests; a shape that does not fit
+is reported."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def level(y: Array, covariance: Array) -> Line:
 
 
 def two_tests(first: float, second: float) -> DrawnCurve:
-    """Two tests of a drawn campaign with these differences from a constant curve and a common error."""
+    """Two tests of a drawn campaign with these differences from a constant curve and a common
+    error."""
     drawn = next(
         candidate
         for candidate in (drawn_curve(seed, wrong=False) for seed in range(200))
@@ -63,7 +65,8 @@ def two_tests(first: float, second: float) -> DrawnCurve:
 def test_offset_from_a_curve_of_wrong_shape_is_within_the_range_of_the_tests() -> None:
     """2 to 16 tests with partly correlated errors of different size.
 
-    Generalised least squares leaves the range in two of three of these campaigns, by up to tens of u.
+    Generalised least squares leaves the range in two of three of these campaigns, by up to tens of
+    u.
     """
     for seed in range(DRAWS):
         drawn = drawn_curve(seed, wrong=True)
@@ -86,7 +89,8 @@ def test_offset_interval_has_the_stated_coverage_for_a_correct_shape() -> None:
 
 
 def test_offset_from_an_accepted_curve_has_the_least_variance_inside_the_range() -> None:
-    """Of all weights w >= 0 with sum 1: V w = s where w > 0 and V w >= s elsewhere, s = w'V w (Karush, Kuhn, Tucker).
+    """Of all weights w >= 0 with sum 1: V w = s where w > 0 and V w >= s elsewhere, s = w'V w
+    (Karush, Kuhn, Tucker).
 
     The weights of generalised least squares leave the range in six of ten of these campaigns.
     """
@@ -135,8 +139,9 @@ def test_200_campaigns_against_correct_and_wrong_shapes() -> None:
 def test_two_tests_have_one_degree_of_freedom() -> None:
     """Independent u of 0.001 each: a difference of 0.002 is accepted, one of 0.02 rejected.
 
-    The offset is the mean. In the second case the scatter makes (0.02)^2/(2 (0.001^2 + s^2)) one. The interval is
-    Student's; its degrees of freedom are those of Welch and Satterthwaite, of which the scatter has one.
+    The offset is the mean. In the second case the scatter makes (0.02)^2/(2 (0.001^2 + s^2)) one.
+    The interval is Student's; its degrees of freedom are those of Welch and Satterthwaite, of which
+    the scatter has one.
     """
     near = two_tests(0.010, 0.012)
     far = two_tests(0.010, 0.030)
@@ -182,9 +187,11 @@ def test_level_of_equal_errors_is_the_mean_and_of_unequal_errors_the_weighted_me
 
 
 def test_level_has_no_negative_weight_where_least_squares_has_one() -> None:
-    """Peelle's values 1.0 and 1.5 with independent errors of 10 % and a common factor known to 20 %.
+    """Peelle's values 1.0 and 1.5 with independent errors of 10 % and a common factor known to 20
+    %.
 
-    Their weighted mean with the covariance from the values themselves is 0.88. The nearest level in the range is 1.0.
+    Their weighted mean with the covariance from the values themselves is 0.88. The nearest level in
+    the range is 1.0.
     """
     y = np.array([1.5, 1.0])
     covariance = np.diag((0.1 * y) ** 2) + np.outer(0.2 * y, 0.2 * y)
@@ -197,7 +204,8 @@ def test_level_has_no_negative_weight_where_least_squares_has_one() -> None:
 
 
 def test_campaign_warns_of_a_curve_whose_shape_does_not_fit() -> None:
-    """Beta of the tests decreases by 3e-5 per newton: a curve that increases as much gives a warning."""
+    """Beta of the tests decreases by 3e-5 per newton: a curve that increases as much gives a
+    warning."""
     beta_files = {
         t.name: beta_json(t) for t in toy(1).tests if t.conditions["sliding_speed_m_s"] == 13.0
     }

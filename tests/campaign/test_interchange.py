@@ -1,4 +1,5 @@
-"""Two maps before and after an interchange of channels: the errors of the channels are recovered."""
+"""Two maps before and after an interchange of channels: the errors of the channels are
+recovered."""
 
 from __future__ import annotations
 

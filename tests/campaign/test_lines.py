@@ -1,4 +1,5 @@
-"""Lines, exponent and curves of a campaign against closed forms, from given values and covariance."""
+"""Lines, exponent and curves of a campaign against closed forms, from given values and
+covariance."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ SD = 0.004
 
 
 def posterior_of(beta: Array, sd: float = SD, exponents: Array | float = 0.7) -> Posterior:
-    """A campaign with these beta (N,) and exponents (N,), all independent with standard uncertainty ``sd``."""
+    """A campaign with these beta (N,) and exponents (N,), all independent with standard uncertainty
+    ``sd``."""
     solved = solve_campaign(toy(3, len(beta)).tests)
     values = solved.values.copy()
     values[:, 0] = beta
@@ -37,7 +39,8 @@ def condition_of_tests(posterior: Posterior, name: str) -> Array:
 
 
 def test_line_with_large_scatter_matches_ordinary_least_squares() -> None:
-    """Slope, its standard error, Student's interval and the p value against the regression of scipy."""
+    """Slope, its standard error, Student's interval and the p value against the regression of
+    scipy."""
     beta = 0.7 + np.array([0.02, -0.01, 0.0, -0.03, 0.01, 0.02, -0.02, -0.01])
     posterior = posterior_of(beta, 1e-8)
     load = condition_of_tests(posterior, "load_N")
@@ -57,7 +60,8 @@ def test_line_with_large_scatter_matches_ordinary_least_squares() -> None:
 
 
 def test_trend_is_most_certain_at_the_mean_of_its_tests() -> None:
-    """Independent tests on a line: u of the slope is sd/sqrt(sum (x - mean)^2); at the mean nothing is added."""
+    """Independent tests on a line: u of the slope is sd/sqrt(sum (x - mean)^2); at the mean nothing
+    is added."""
     posterior = posterior_of(np.full(8, 0.7))
     load = condition_of_tests(posterior, "load_N")
     posterior = posterior_of(0.7 - 3e-5 * (load - load.mean()))
@@ -122,8 +126,9 @@ def test_exponent_that_increases_with_speed_is_detected() -> None:
 def test_uncertainty_of_a_curve_is_a_common_error_of_its_points() -> None:
     """V = sd^2 + u^2 between all points.
 
-    By Sherman and Morrison, chi-squared decreases by u^2 (sum d)^2/(sd^2 + n u^2), and the offset is the mean with
-    u^2 = sd^2/n + u^2. The departures d are such that the shape is accepted (2.6 on 3 degrees of freedom).
+    By Sherman and Morrison, chi-squared decreases by u^2 (sum d)^2/(sd^2 + n u^2), and the offset
+    is the mean with u^2 = sd^2/n + u^2. The departures d are such that the shape is accepted (2.6
+    on 3 degrees of freedom).
     """
     departures = np.array([0.008, 0.012, 0.003, 0.007])
     load = condition_of_tests(posterior_of(np.full(4, 0.7)), "load_N")

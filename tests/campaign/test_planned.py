@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tcdyn.campaign import solve_campaign
+from tcdyn.campaign import planned, solve_campaign
 from tcdyn.campaign.planned import (
     Logging,
     PlannedTest,
@@ -16,6 +16,7 @@ from tcdyn.campaign.planned import (
     read_plan,
 )
 from tcdyn.cli.app import app, run
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
@@ -89,7 +90,8 @@ def test_more_tests_do_not_increase_u_of_the_exponent() -> None:
 
 @pytest.mark.parametrize("name", ["A1", "D4"])
 def test_planned_test_has_the_conditions_that_trends_use(name: str) -> None:
-    """Delta T u_s from 0.35 K/W is approximate: within half of the value in table 7.3, as is u of its slopes."""
+    """Delta T u_s from 0.35 K/W is approximate: within half of the value in table 7.3, as is u of
+    its slopes."""
     reference_test = ehl_test(name)
     (planned,) = plan_of((name,))
     statistics = planned_statistics(
@@ -115,6 +117,23 @@ def test_planned_test_has_the_conditions_that_trends_use(name: str) -> None:
     )
     lag_s = 0.54 + 0.12 + load_rig().disk_setup("fast").conditioning.lag_s
     assert estimates["lag_fast_s"].value == pytest.approx(lag_s, abs=1e-6)
+
+
+def test_no_two_channels_of_a_planned_test_have_the_same_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seeds = []
+    noise_of = planned._reproducible_noise
+
+    def recorded(count: int, seed: int) -> Array:
+        """The noise; its seed is stored."""
+        seeds.append(seed)
+        return noise_of(count, seed)
+
+    monkeypatch.setattr(planned, "_reproducible_noise", recorded)
+    planned_statistics(plan_of(("A2",))[0], load_rig(), Logging())
+    assert len(seeds) == 13  # ambient and twelve junctions
+    assert len(set(seeds)) == len(seeds)
 
 
 @pytest.mark.e2e

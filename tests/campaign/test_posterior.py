@@ -1,4 +1,5 @@
-"""One posterior for all tests of a rig: equal to the dense normal equations, with correct coverage, and fast."""
+"""One posterior for all tests of a rig: equal to the dense normal equations, with correct coverage,
+and fast."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ FALSE_FAILURE_P = 1e-4  # probability of a false failure of a count below
 
 
 def dense_solution(tests: tuple[SufficientStatistics, ...]) -> tuple[Array, Array]:
-    """Estimates (5 N,) and covariance by one least-squares problem in all parameters, without elimination."""
+    """Estimates (5 N,) and covariance by one least-squares problem in all parameters, without
+    elimination."""
     names = []
     for t in tests:
         for name in t.names[N_QUANTITIES:]:
@@ -94,7 +96,8 @@ def test_elimination_test_by_test_matches_the_dense_solution() -> None:
 
 
 def squared_errors(campaign: Toy, posterior: Posterior) -> tuple[float, float]:
-    """Squared lengths of the errors of all beta, and of their differences from the mean, by their covariance."""
+    """Squared lengths of the errors of all beta, and of their differences from the mean, by their
+    covariance."""
     error = posterior.beta[0] - campaign.true_values[:, 0]
     covariance = posterior.beta[1]
     centring = np.eye(len(error)) - 1 / len(error)
@@ -105,7 +108,8 @@ def squared_errors(campaign: Toy, posterior: Posterior) -> tuple[float, float]:
 
 
 def test_absolute_and_within_campaign_intervals_have_the_stated_coverage() -> None:
-    """Chi-squared of both over forty rigs drawn from their uncertainties: 16 and 15 degrees of freedom each."""
+    """Chi-squared of both over forty rigs drawn from their uncertainties: 16 and 15 degrees of
+    freedom each."""
     absolute, within = np.sum(
         [
             squared_errors(campaign, solve_campaign(campaign.tests))
@@ -119,7 +123,8 @@ def test_absolute_and_within_campaign_intervals_have_the_stated_coverage() -> No
 
 
 def test_junction_depths_match_the_truth_and_pulls_are_standard_normal() -> None:
-    """The rms of 40 standard deviates is within 0.35 of one, three sigma. Their 0.1 mm is the nominal u."""
+    """The rms of 40 standard deviates is within 0.35 of one, three sigma. Their 0.1 mm is the
+    nominal u."""
     z = []
     pull = []
     for seed in range(20):
@@ -144,7 +149,8 @@ def test_differences_have_smaller_u_than_levels_and_a_campaign_than_one_test() -
 
 
 def test_hundred_tests_take_less_than_two_seconds_and_one_more_a_tenth() -> None:
-    """Processor time of this process, minimum of three runs, because other programs may use the machine."""
+    """Processor time of this process, minimum of three runs, because other programs may use the
+    machine."""
     campaign = toy(3, 101)
     solved, seconds = best_of_three(lambda: solve_campaign(campaign.tests[:100]))
     assert seconds < 2.0
@@ -254,7 +260,8 @@ def test_u_if_known_matches_a_campaign_with_known_parameters() -> None:
 
 
 def test_insufficient_power_law_is_detected() -> None:
-    """h_slow increases faster with speed than by one power: n decreases by 0.2 while the speed doubles."""
+    """h_slow increases faster with speed than by one power: n decreases by 0.2 while the speed
+    doubles."""
     campaign = toy(8, noise=0.3)
     tests = []
     for t in campaign.tests:
@@ -302,7 +309,8 @@ def test_generalised_line_removes_a_common_error_from_the_slope() -> None:
 
 @pytest.mark.parametrize("factor", [0.95, 1.05])
 def test_friction_error_of_one_test_is_an_outlier_with_its_size(factor: float) -> None:
-    """The logged friction is ``factor`` times the true one: the friction gain of that test is off by 1/factor - 1."""
+    """The logged friction is ``factor`` times the true one: the friction gain of that test is off
+    by 1/factor - 1."""
     campaign = toy(10)
     statistics = campaign.tests[6]
     k = statistics.names.index("friction")
@@ -340,7 +348,8 @@ def contradictions(departure: float, seeds: range) -> list[Finding]:
 
 
 def test_wider_uncertainties_by_contradicted_statements_are_reported() -> None:
-    """Shared parameters drawn four times as wide as stated are found, and consistent ones seldom (1 %)."""
+    """Shared parameters drawn four times as wide as stated are found, and consistent ones seldom (1
+    %)."""
     found = contradictions(4.0, range(10))
     # chi-squared is then 16 times the 8.6 degrees of freedom on average, and the limit 21
     assert len(found) >= 8

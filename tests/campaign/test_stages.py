@@ -72,7 +72,8 @@ def test_log_with_one_loading_keeps_its_name(two_studies: tuple[StudyRig, StudyR
 def test_stage_has_the_result_of_its_own_log(
     two_studies: tuple[StudyRig, StudyRig], joined_log: Log
 ) -> None:
-    """Force zeros and noise level come from other segments: beta changes by a small part of its u of 0.004."""
+    """Force zeros and noise level come from other segments: beta changes by a small part of its u
+    of 0.004."""
     for study, stage in zip(two_studies, split_stages(joined_log)):
         estimates = []
         for log in (study.log, stage):

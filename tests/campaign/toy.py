@@ -1,4 +1,5 @@
-"""Campaigns of random linear tests, drawn from their own priors: fast, and solvable by other means."""
+"""Campaigns of random linear tests, drawn from their own priors: fast, and solvable by other
+means."""
 
 from __future__ import annotations
 

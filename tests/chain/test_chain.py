@@ -73,7 +73,8 @@ def test_chain_without_lags_is_a_pure_delay():
 
 
 def test_cement_is_the_diffusion_solution():
-    # step response of 1/cosh(sqrt(s)): 1 - sum 2 (-1)^(k+1)/((k-1/2) pi) e^(-((k-1/2) pi)^2 t), Carslaw and Jaeger 3.4
+    # step response of 1/cosh(sqrt(s)): 1 - sum 2 (-1)^(k+1)/((k-1/2) pi) e^(-((k-1/2) pi)^2 t),
+    # Carslaw and Jaeger 3.4
     t = np.linspace(0, 3, 601)
     k = np.arange(1, 200)
     rate = ((k - 0.5) * np.pi) ** 2
@@ -88,7 +89,8 @@ def test_cement_is_the_diffusion_solution():
 
 
 def test_cement_falls_off_like_a_half_order_system():
-    # |1/cosh(sqrt(s))| -> 2 exp(-sqrt(w/2)): the phase at high frequency grows as sqrt(w), not to a multiple of 90 deg
+    # |1/cosh(sqrt(s))| -> 2 exp(-sqrt(w/2)): the phase at high frequency grows as sqrt(w), not to a
+    # multiple of 90 deg
     w = np.array([200.0, 800.0])
     g = Chain((), conditioning=NO_CONDITIONING, cement_s=1.0).frequency_response(w / (2 * np.pi))
     assert np.abs(g) == pytest.approx(2 * np.exp(-np.sqrt(w / 2)), rel=1e-3)

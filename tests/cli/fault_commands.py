@@ -1,4 +1,5 @@
-"""Every command that reads or writes files, on small inputs; what of it takes long is computed once."""
+"""Every command that reads or writes files, on small inputs; what of it takes long is computed
+once."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ PICTURE = "tcdyn.report.page:figure_data_uri"
 
 @dataclass(frozen=True)
 class Command:
-    """Words of a command, {name} for a file of the world; its outputs; the functions computed once (module:name).
+    """Words of a command, {name} for a file of the world; its outputs; the functions computed once
+    (module:name).
 
     ``grows``: the output that is written row by row.
     """
@@ -148,8 +150,8 @@ QUICK = {
 }
 LONG = {
     "calibrate": Command(
-        "rig calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json --report o.html "
-        "--earlier {fast} -q",
+        "rig calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json "
+        "--report o.html --earlier {fast} -q",
         ("o.json", "o.html"),
         ("tcdyn.workflows:calibrate_disk", PICTURE),
     ),
@@ -169,7 +171,8 @@ LONG = {
         ("tcdyn.workflows.beta:estimate_stages", PICTURE),
     ),
     "compensate --record": Command(
-        "compensate {plunge} --record {fast} --out o.csv --report o.html --covariance o.json --covariance-from-s 30 -q",
+        "compensate {plunge} --record {fast} --out o.csv --report o.html --covariance o.json "
+        "--covariance-from-s 30 -q",
         ("o.csv", "o.html", "o.json"),
         ("tcdyn.workflows:compensate_log", PICTURE),
     ),
@@ -340,7 +343,8 @@ def _kept(function: Callable[..., Any], answers: dict[str, Any]) -> Callable[...
 def whole_truth(
     trial: Trial, problems: list[str], homes: list[Home] = FILES, most: int = 10_000
 ) -> tuple[int, int, list[str]]:
-    """Every call refused in turn, the ``problems`` one after another (``most`` calls, evenly chosen).
+    """Every call refused in turn, the ``problems`` one after another (``most`` calls, evenly
+    chosen).
 
     How many, how many of them the command ended by (the others it got over), and what was wrong.
     """

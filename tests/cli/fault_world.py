@@ -1,4 +1,5 @@
-"""A machine that refuses call number k of a command, the commands it is tried on, and what may be left behind then."""
+"""A machine that refuses call number k of a command, the commands it is tried on, and what may be
+left behind then."""
 
 from __future__ import annotations
 
@@ -68,7 +69,8 @@ PROBLEMS: dict[str, Callable[[], BaseException]] = {
 
 @dataclass
 class Machine:
-    """Calls so far, by name; call number ``at`` raises ``problem``. ``folder``: only its files are refused."""
+    """Calls so far, by name; call number ``at`` raises ``problem``. ``folder``: only its files are
+    refused."""
 
     folder: Path
     at: int = 0
@@ -141,7 +143,8 @@ class Stream:
 
 @contextmanager
 def refusing(machine: Machine, homes: Sequence[Home] = FILES) -> Iterator[Machine]:
-    """Everything that opens, makes, reads, writes, flushes or renames files goes through ``machine``."""
+    """Everything that opens, makes, reads, writes, flushes or renames files goes through
+    ``machine``."""
     wrap = machine.array if homes is ARRAYS else machine.counted
     real = [(home, name, getattr(home, name)) for home, name in homes]
     with pytest.MonkeyPatch.context() as patch:
@@ -176,8 +179,8 @@ class Ended:
 def torn(
     before: dict[str, bytes], sound: dict[str, bytes], now: dict[str, bytes], grows: str = ""
 ) -> list[str]:
-    """Files that are neither as they were ``before`` nor as a ``sound`` run leaves them; ``grows``: one that may stop
-    behind any whole line."""
+    """Files that are neither as they were ``before`` nor as a ``sound`` run leaves them; ``grows``:
+    one that may stop behind any whole line."""
     out = []
     for name, data in now.items():
         whole = sound.get(name, b"")
@@ -192,8 +195,9 @@ def torn(
 def complaints(before: dict[str, bytes], sound: Ended, now: Ended, grows: str = "") -> list[str]:
     """What a run on a refusing machine did that it may not do.
 
-    ``sound``: the same command on a machine that refuses nothing. A run that ends as that one did, files and all, has
-    lost nothing; every other has to end with 2, one sentence, and each file as it was or as it should be.
+    ``sound``: the same command on a machine that refuses nothing. A run that ends as that one did,
+    files and all, has lost nothing; every other has to end with 2, one sentence, and each file as
+    it was or as it should be.
     """
     told = [
         line

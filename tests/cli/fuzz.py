@@ -1,4 +1,5 @@
-"""Structure-aware mutations of valid input files, and absurd options, run through the command in this process.
+"""Structure-aware mutations of valid input files, and absurd options, run through the command in
+this process.
 
 ``tests/cli/test_fuzz.py`` runs a fixed number; `python -m tests.cli.fuzz COUNT SEED` more of them.
 """
@@ -57,11 +58,14 @@ WORDS = {
         )
     },
     "sensor show, identified": "sensor show {identified}",
-    "compensate, identified": "compensate {table} --sensor {identified} --column T1_degC --out o.csv",
-    "follow, state": "follow {table} --sensor {sensor} --out {followed} --state {state} --delay-s 2 --idle-s 0",
+    "compensate, identified": "compensate {table} --sensor {identified} --column T1_degC --out "
+    "o.csv",
+    "follow, state": "follow {table} --sensor {sensor} --out {followed} --state {state} "
+    "--delay-s 2 --idle-s 0",
     "compensate --record": "compensate {plunge} --record {fast} --out o.csv",
     "beta --record": "rig beta {ehl} --record {fast} --record {slow} --rig {rig} --out o.json",
-    "calibrate": "rig calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json",
+    "calibrate": "rig calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} "
+    "--out o.json",
 }
 # Cells of a table, and values of a JSON or TOML file.
 CELLS = (

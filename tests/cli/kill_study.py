@@ -1,7 +1,9 @@
-"""A hundred kills of each long command: what it left is old or whole, and the next run goes on from it.
+"""A hundred kills of each long command: what it left is old or whole, and the next run goes on from
+it.
 
-``python -m tests.cli.kill_study [moments] [commands]`` prints a line a command. Half of the moments are the calls that
-open, write, flush and rename files; the others are spread over the run, most over its last part, where it writes.
+``python -m tests.cli.kill_study [moments] [commands]`` prints a line a command. Half of the moments
+are the calls that open, write, flush and rename files; the others are spread over the run, most
+over its last part, where it writes.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ def dead() -> BaseException:
 
 
 def killed(trial: Trial, at: int = 0, after_s: float | None = None) -> bool:
-    """The command in a process of its own, killed at file call ``at`` or after so long; whether it was in time."""
+    """The command in a process of its own, killed at file call ``at`` or after so long; whether it
+    was in time."""
     trial.reset()
     child = os.fork()
     if not child:
@@ -44,8 +47,9 @@ def killed(trial: Trial, at: int = 0, after_s: float | None = None) -> bool:
 
 
 def kills(trial: Trial, moments: int, whole_run: int = 0) -> tuple[int, int, list[str]]:
-    """Kills that came in time, hidden files they left, and what was wrong; ``whole_run``: so many of the moments are
-    spread over a run that computes everything, the others over one that only reads and writes."""
+    """Kills that came in time, hidden files they left, and what was wrong; ``whole_run``: so many
+    of the moments are spread over a run that computes everything, the others over one that only
+    reads and writes."""
     wrong: list[str] = []
     started = time.monotonic()
     whole = trial.run()
@@ -110,8 +114,8 @@ def main(moments: int, names: list[str]) -> None:
         started = time.monotonic()
         done, hidden, wrong = kills(Trial(LONG[name], world, folder), moments, moments // 20)
         print(
-            f"{name}: {moments} moments, {done} in time, {hidden} hidden files left, {len(wrong)} wrong, "
-            f"{time.monotonic() - started:.0f} s",
+            f"{name}: {moments} moments, {done} in time, {hidden} hidden files left, "
+            f"{len(wrong)} wrong, {time.monotonic() - started:.0f} s",
             *wrong[:20],
             sep="\n  ",
             flush=True,

@@ -1,4 +1,5 @@
-"""Every call of every command refused once: ``python -m tests.cli.refusal_study [most calls of a command] [names]``.
+"""Every call of every command refused once: ``python -m tests.cli.refusal_study [most calls of a
+command] [names]``.
 
 A line a command: calls refused, how many of them it ended by with its sentence, and what was wrong.
 """

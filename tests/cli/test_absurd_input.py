@@ -1,4 +1,5 @@
-"""Files nested without end, numbers beyond reason, files that unpack to gigabytes, names that mean more."""
+"""Files nested without end, numbers beyond reason, files that unpack to gigabytes, names that mean
+more."""
 
 from __future__ import annotations
 

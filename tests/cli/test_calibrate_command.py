@@ -1,4 +1,5 @@
-"""`tcdyn rig calibrate` as people meet it: said once, digits that match, structures compared, a page one reads."""
+"""`tcdyn rig calibrate` as people meet it: said once, digits that match, structures compared, a
+page one reads."""
 
 from __future__ import annotations
 
@@ -310,7 +311,8 @@ def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_pat
 
 @pytest.mark.e2e
 def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: Path) -> None:
-    """The log's finding spoke of column e_degC; whoever looked for "channel e:" called all six fit to use."""
+    """The log's finding spoke of column e_degC; whoever looked for "channel e:" called all six fit
+    to use."""
     f = campaign.files
     rng = np.random.default_rng(4)
     plunges = [tmp_path / "noisy_1.csv", tmp_path / "noisy_2.csv"]

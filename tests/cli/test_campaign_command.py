@@ -1,4 +1,5 @@
-"""A campaign: one table from many logs, whoever works on it; resumable; one bad log does not stop the others."""
+"""A campaign: one table from many logs, whoever works on it; resumable; one bad log does not stop
+the others."""
 
 from __future__ import annotations
 

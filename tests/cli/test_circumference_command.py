@@ -118,7 +118,8 @@ def test_a_stated_press_fit_is_told_and_drawn(
             "overlap from 30 to 40 degrees",
         ),
         (
-            "keyways = [{ angle_deg = 5, width_deg = 20 }]\npatches = [{ from_deg = 350, to_deg = 356 }]",
+            "keyways = [{ angle_deg = 5, width_deg = 20 }]\npatches = [{ from_deg = 350, "
+            "to_deg = 356 }]",
             "overlap",
         ),
         ("keyways = [{ angle_deg = 5 }]", "one of width_deg and width_mm"),

@@ -1,4 +1,5 @@
-"""The commands compensate and follow: every format in and out, plunges, the page, other ways, a log that grows."""
+"""The commands compensate and follow: every format in and out, plunges, the page, other ways, a log
+that grows."""
 
 from __future__ import annotations
 
@@ -63,7 +64,10 @@ def whole(campaign: Campaign) -> pd.DataFrame:
 
 
 def lvm_text(frame: pd.DataFrame) -> str:
-    head = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\t\n\n"
+    head = (
+        "LabVIEW "
+        "Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\t\n\n"
+    )
     n = len(frame.columns)
     head += (
         f"Channels\t{n}\t\n***End_of_Header***\t\nX_Value\t"
@@ -270,7 +274,8 @@ def test_other_compensators_give_a_second_opinion(
     reference: pd.DataFrame,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Away from the entry all three agree within what they say of themselves; before use the inverse says its price."""
+    """Away from the entry all three agree within what they say of themselves; before use the
+    inverse says its price."""
     log, out, page = (
         write_log(stretch, tmp_path / "plunge.csv"),
         tmp_path / "done.csv",
@@ -313,7 +318,8 @@ def test_other_compensators_give_a_second_opinion(
 def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its diagonal is the file's standard deviation without the static line's part; neighbours move together."""
+    """Its diagonal is the file's standard deviation without the static line's part; neighbours move
+    together."""
     log, out, cov = (
         write_log(stretch, tmp_path / "plunge.csv"),
         tmp_path / "done.csv",
@@ -428,8 +434,8 @@ def test_a_part_of_a_test_is_compensated_as_the_whole_is(
     last_s: float,
     said: set[str],
 ) -> None:
-    """What both answers have in common, away from the ends, differs by less than their standard deviations: the part
-    has the lag of the record where the whole has that of the unloading."""
+    """What both answers have in common, away from the ends, differs by less than their standard
+    deviations: the part has the lag of the record where the whole has that of the unloading."""
     table = pd.read_csv(campaign.files.ehl["B3"])
     part = table[(table["time_s"] >= first_s) & (table["time_s"] < last_s)]
     ours = compensate_log(write_log(part, tmp_path / "part.csv"), campaign.records, campaign.rig)

@@ -1,4 +1,5 @@
-"""What a machine does to files: full disks, flipped bits, links, names; and what nobody caught is one sentence."""
+"""What a machine does to files: full disks, flipped bits, links, names; and what nobody caught is
+one sentence."""
 
 from __future__ import annotations
 

@@ -157,7 +157,8 @@ def test_a_constant_frequency_response_is_no_internal_error(tmp_path: Path) -> N
 def test_a_log_with_an_odd_name_does_not_end_a_campaign(
     world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Three logs that cannot be analysed: a short one, one whose name is not UTF-8, a link in a circle."""
+    """Three logs that cannot be analysed: a short one, one whose name is not UTF-8, a link in a
+    circle."""
     rows = world.files["ehl"].read_bytes()
     odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/lo\xffg.csv"))
     for path in (tmp_path / "short.csv", odd):

@@ -1,4 +1,5 @@
-"""`tcdyn rig holes` on the synthetic comparison: verdicts of the thesis, a page, JSON, and a clear refusal."""
+"""`tcdyn rig holes` on the synthetic comparison: verdicts of the thesis, a page, JSON, and a clear
+refusal."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""The main job from files: the commands give what the functions give, and bad input gets one sentence and exit 2."""
+"""The main job from files: the commands give what the functions give, and bad input gets one
+sentence and exit 2."""
 
 from __future__ import annotations
 

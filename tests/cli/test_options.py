@@ -1,4 +1,5 @@
-"""The commands are alike: the same options, a help that teaches, exit codes as told, colour on terminals only."""
+"""The commands are alike: the same options, a help that teaches, exit codes as told, colour on
+terminals only."""
 
 from __future__ import annotations
 
@@ -235,7 +236,8 @@ def test_compensate_prints_json(
 def test_noise_only_takes_the_noise_and_leaves_the_lag(
     campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Against the log whose static lines alone are applied: the smoother passes through its noise, unshifted."""
+    """Against the log whose static lines alone are applied: the smoother passes through its noise,
+    unshifted."""
     out = slow_plunge.with_name("smooth.csv")
     record = campaign.record_paths["fast"]
     assert (
@@ -269,7 +271,8 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
 def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     campaign: Campaign, slow_plunge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A record calibrated in the oven alone, a rig file with another filter; and each doubt is told once."""
+    """A record calibrated in the oven alone, a rig file with another filter; and each doubt is told
+    once."""
     record = campaign.records["fast"].model_copy(update={"chain": None})
     (tmp_path / "fast.disk.json").write_text(record.to_json(), encoding="utf-8")
     (tmp_path / "rig.toml").write_text("[conditioning]\ncutoff_Hz = 10.0\n", encoding="utf-8")
@@ -340,7 +343,8 @@ def test_files_of_another_kind_are_named_as_what_they_are(
 def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_at_low_frequency(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Two poles at 4 Hz leave 8.5 % of the variance at 75 Hz: 0.03 K before them count as 0.103 K."""
+    """Two poles at 4 Hz leave 8.5 % of the variance at 75 Hz: 0.03 K before them count as 0.103
+    K."""
     plans = []
     for noise in (("--noise-K", "0.04", "--noise-before-K", "0.03"), ("--noise-K", "0.1105")):
         assert tcdyn("rig", "design", "--bath-degC", "110", *noise, "--json") == 0
@@ -402,10 +406,11 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
         found.sentence
         == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
     )
-    findings = [found, warning("said", text="D4: the baseline=trend of a file")]
+    findings = [found, warning("from_file", text="D4: the baseline=trend of a file")]
     assert Reporter().report("D4", findings)
     assert capsys.readouterr().err == (
-        "warning: D4: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
+        "warning: D4: The residuals drift (correlation with time 0.80): fit with --baseline "
+        "trend.\n"
         "warning: D4: the baseline=trend of a file\n"
     )
 

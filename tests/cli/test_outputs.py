@@ -1,4 +1,5 @@
-"""No command writes over what it reads, nor two of its outputs onto one file; what it has written when it ends."""
+"""No command writes over what it reads, nor two of its outputs onto one file; what it has written
+when it ends."""
 
 from __future__ import annotations
 
@@ -49,19 +50,23 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             "oven",
         ),
         (
-            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --report plunge_fast_1.csv",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --report "
+            "plunge_fast_1.csv",
             "plunge",
         ),
         (
-            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --rig {rig} --out rig.toml",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --rig {rig} --out "
+            "rig.toml",
             "rig",
         ),
         (
-            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --fluid {log} --out EHL_B3.csv",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --fluid {log} --out "
+            "EHL_B3.csv",
             "log",
         ),
         (
-            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --out x.json --report x.json",
+            "rig calibrate --disk fast --oven {oven} --immersion {plunge} --out x.json "
+            "--report x.json",
             "oven",
         ),
         ("identify {plunge} --input probe_degC --output a_degC --out plunge_fast_1.csv", "plunge"),
@@ -103,7 +108,10 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
         ("print('x' * 10**6)", 0, "x" * 10**6),
         ("sys.exit()", 0, ""),
     ):
-        code = f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} or 0; a.command()"
+        code = (
+            f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} "
+            "or 0; a.command()"
+        )
         done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=False
         )
@@ -173,8 +181,8 @@ def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Pa
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGINT)
         said = run.communicate(timeout=60)[1]
-        # Python itself ends by the signal where Ctrl-C came while a library executed text as code (dataclasses do, at
-        # import), whatever the exit code; a shell shows 130 for both
+        # Python itself ends by the signal where Ctrl-C came while a library executed text as code
+        # (dataclasses do, at import), whatever the exit code; a shell shows 130 for both
         stopped = run.returncode in (130, -signal.SIGINT)
         assert said == ("tcdyn: stopped; nothing half-written was kept\n" if stopped else "")
         assert stopped or run.returncode == 0

@@ -18,9 +18,9 @@ def test_silent_output_has_the_warnings_and_the_exit_code_follows_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     found = [
-        info("said", text="fine"),
-        warning("said", text="odd"),
-        warning("said", text="B3: odd"),
+        info("from_file", text="fine"),
+        warning("from_file", text="odd"),
+        warning("from_file", text="B3: odd"),
     ]
     for reporter in (Reporter(json_=True), Reporter(quiet=True)):
         reporter.finish("B3", found)
@@ -29,7 +29,7 @@ def test_silent_output_has_the_warnings_and_the_exit_code_follows_them(
     assert capsys.readouterr().err == "info: B3: fine\n"
     for reporter, findings in (
         (Reporter(strict=True), found),
-        (Reporter(), [error("said", text="no use")]),
+        (Reporter(), [error("from_file", text="no use")]),
     ):
         with pytest.raises(typer.Exit) as ended:
             reporter.finish("B3", findings)

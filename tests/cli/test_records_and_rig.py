@@ -1,4 +1,5 @@
-"""What a record remembers of its rig, what rig.toml says of each disk, and what a gap in a log leaves unknown."""
+"""What a record remembers of its rig, what rig.toml says of each disk, and what a gap in a log
+leaves unknown."""
 
 from __future__ import annotations
 
@@ -104,7 +105,8 @@ def test_uncertainties_of_one_disk_widen_that_disk(
 
 @pytest.mark.e2e
 def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: Path) -> None:
-    """A slow disk twice as crowned: the track is that of two equal disks with the mean of both curvatures."""
+    """A slow disk twice as crowned: the track is that of two equal disks with the mean of both
+    curvatures."""
     from tcdyn.rig.contact import half_width_m
 
     (tmp_path / "rig.toml").write_text("[slow.disk]\ncrown_radius_mm = 152.4\n")
@@ -120,7 +122,8 @@ def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: P
 
 @pytest.mark.e2e
 def test_a_gap_after_the_parting_is_no_straight_line(campaign: Campaign, tmp_path: Path) -> None:
-    """0.44 s of e missing from the parting on: bridged by a straight line, the trace was 0.4 K rms off."""
+    """0.44 s of e missing from the parting on: bridged by a straight line, the trace was 0.4 K rms
+    off."""
     frame = pd.read_csv(campaign.files.ehl["B3"])
     whole = compensate_log(campaign.files.ehl["B3"], campaign.records).frame
     parting = int(np.flatnonzero((frame["contact"] > 0.5).to_numpy())[-1])

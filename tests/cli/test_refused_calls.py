@@ -1,4 +1,5 @@
-"""Calls of a command that fail one after another: one sentence and exit 2, every file old or whole, nothing beside."""
+"""Calls of a command that fail one after another: one sentence and exit 2, every file old or whole,
+nothing beside."""
 
 from __future__ import annotations
 

@@ -32,7 +32,10 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     """Commands that write ``out`` in a moment, by name."""
     return {
         "compensate": ["compensate", world["table"], "--sensor", world["sensor"], "--out", out],
-        "response": f"response {world['bode']} --column gain --column phase --model P1 --out {out}".split(),
+        "response": [
+            *("response", world["bode"], "--column", "gain", "--column", "phase"),
+            *("--model", "P1", "--out", out),
+        ],
         "view": ["view", world["table"], "--no-open", "--out", out],
         "transducer": ["transducer", world["weights"], "--out", out],
     }
@@ -136,6 +139,17 @@ def test_an_empty_file_may_be_replaced(tmp_path: Path) -> None:
     check_may_replace(empty, [])
     with pytest.raises(InputError, match="overwrite=True"):
         check_may_replace(write_text(tmp_path / "full", MINE), [empty])
+
+
+def test_a_command_without_input_says_only_that_the_output_exists(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = write_text(tmp_path / "probe.sensor.json", MINE)
+    assert tcdyn("sensor", "new", "--tau-s", "25+-1", "--column", "T", "--out", out) == 2
+    error = capsys.readouterr().err
+    assert "exists already" in error
+    assert "--overwrite" in error
+    assert "this input" not in error
 
 
 def test_a_simulated_log_replaces_a_simulated_one_and_no_measured_one(tmp_path: Path) -> None:

@@ -15,5 +15,6 @@ def test_both_ends_of_the_programme_meet_the_first_issue_s_limits() -> None:
         assert abs(row["speed law"]) < 0.02, name
         assert max(abs(row["cooling fast"]), abs(row["cooling slow"])) < 0.03, name
         assert row["closer fast"] > 10, name
-    # the slow disk of A1 swings by 2 K only, as much as its noise allows to be seen: it is not held to ten
+    # the slow disk of A1 swings by 2 K only, as much as its noise allows to be seen: it is not held
+    # to ten
     assert table.loc["D4", "closer slow"] > 10

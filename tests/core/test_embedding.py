@@ -23,8 +23,8 @@ import tcdyn
 from tcdyn.sensors import specified_sensor
 
 ROOT = Path(__file__).parents[2]
-# Growth of the resident memory in 500 calls that counts as none [MB]; 0.02 in 500 calls after 250 (measured in 1500),
-# while caches of libraries grow by 13 in the first 250.
+# Growth of the resident memory in 500 calls that counts as none [MB]; 0.02 in 500 calls after 250
+# (measured in 1500), while caches of libraries grow by 13 in the first 250.
 NO_GROWTH_MB = 1.0
 CALLS_TO_FILL_CACHES = 250
 STRICT = """

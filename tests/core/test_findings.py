@@ -1,4 +1,5 @@
-"""Findings: every code has a message, findings survive a file, and channels are recognised by all their names."""
+"""Findings: every code has a message, findings survive a file, and channels are recognised by all
+their names."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ CONSTRUCTORS = {"info", "warning", "error", "info_or_warning", "Finding", "signi
 
 
 def constructors_called(node: ast.AST) -> set[str]:
-    """Constructors of findings that a call may reach: one by its name, or one of two by a condition."""
+    """Constructors of findings that a call may reach: one by its name, or one of two by a
+    condition."""
     if not isinstance(node, ast.Call):
         return set()
     ends = [node.func.body, node.func.orelse] if isinstance(node.func, ast.IfExp) else [node.func]
@@ -44,7 +46,8 @@ def codes_in_library() -> dict[str, str]:
 
 
 def string_constants_in_library() -> set[str]:
-    """Every string constant outside the messages; a code may reach its constructor through a variable."""
+    """Every string constant outside the messages; a code may reach its constructor through a
+    variable."""
     texts = set()
     for package in ("calibration", "immersion", "tcdyn"):
         for path in sorted((ROOT / package).rglob("*.py")):
@@ -73,7 +76,12 @@ def test_finding_survives_a_json_round_trip() -> None:
         findings: list[Finding]
 
     finding = warning(
-        "said", where="x.csv", subject="fast_e_degC", text="it hums", count=3, channels=["a", "b"]
+        "from_file",
+        where="x.csv",
+        subject="fast_e_degC",
+        text="it hums",
+        count=3,
+        channels=["a", "b"],
     )
     restored = Stored.model_validate_json(Stored(findings=[finding]).model_dump_json()).findings
     assert restored == [finding]
@@ -84,9 +92,20 @@ def test_finding_survives_a_json_round_trip() -> None:
     assert from_later_version.at("A1").sentence == "A1: x.csv: it hums"
 
 
+def test_finding_of_an_earlier_version_gets_the_present_code() -> None:
+    stored = {
+        "code": "said",
+        "grade": "look",
+        "sentence": "it hums",
+        "numbers": {"text": "it hums"},
+    }
+    assert Finding.from_dict(stored) == warning("from_file", text="it hums")
+    assert Finding.from_dict(stored).sentence == "it hums"
+
+
 def test_unique_findings_keep_their_order() -> None:
-    first = info("said", text="b")
-    second = warning("said", text="a")
+    first = info("from_file", text="b")
+    second = warning("from_file", text="a")
     assert unique([first, second, first]) == (first, second)
     assert messages(f.at("A1") for f in (first, second)) == ("A1: b", "A1: a")
 
@@ -98,8 +117,8 @@ def test_channel_is_recognised_by_all_its_names(name: str) -> None:
 
 def test_numbers_must_be_plain_values() -> None:
     with pytest.raises(TypeError, match="cannot be stored"):
-        info("said", text=object())
-    assert math.isnan(info("said", text="x", u=math.nan).numbers["u"])
+        info("from_file", text=object())
+    assert math.isnan(info("from_file", text="x", u=math.nan).numbers["u"])
 
 
 def test_message_about_cells_without_number_counts_the_others() -> None:

@@ -1,4 +1,5 @@
-"""Linear algebra runs on one thread within the public functions; the setting is restored afterwards."""
+"""Linear algebra runs on one thread within the public functions; the setting is restored
+afterwards."""
 
 from __future__ import annotations
 

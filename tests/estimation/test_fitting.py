@@ -11,7 +11,7 @@ from tcdyn.estimation import (
     Evaluate,
     Problem,
     Status,
-    correlation_length,
+    autocorrelation_factor,
     covariance_from_rows,
     eliminate_linear,
     first_crossing,
@@ -185,7 +185,8 @@ def test_profile_of_a_linear_problem_is_the_normal_parabola() -> None:
 
 @pytest.mark.study
 def test_profile_intervals_of_a_skewed_likelihood_have_nominal_coverage() -> None:
-    """A lag known to 25 %: profile intervals cover in 95 %, symmetric ones fail at the upper end."""
+    """A lag known to 25 %: profile intervals cover in 95 %, symmetric ones fail at the upper
+    end."""
     rng = np.random.default_rng(5)
     t = np.linspace(0, 3, 60)
     covered = []
@@ -307,7 +308,7 @@ def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
     ratio = sandwich_covariance(design, e, [slice(0, n)])[0, 0] / (np.var(e) / n)
     assert ratio == pytest.approx(factor, rel=0.06)
     # tolerance: short-memory estimate of a sum over lags
-    assert correlation_length(e) == pytest.approx(factor, rel=0.15)
+    assert autocorrelation_factor(e) == pytest.approx(factor, rel=0.15)
     white = rng.standard_normal((5000, 3))
     assert slow_variance_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
     assert slow_variance_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50

@@ -13,8 +13,8 @@ from tcdyn.core import Array
 from tcdyn.estimation import (
     NoiseModel,
     Problem,
+    autocorrelation_factor,
     autocovariance,
-    correlation_length,
     fit_ar,
     fit_arma,
     inverse,
@@ -117,7 +117,7 @@ def test_autoregressions_recover_the_noise_and_use_no_pair_across_a_gap() -> Non
     assert (*noise.ar, *noise.ma) == pytest.approx(true_coefficients, abs=4 * 1 / np.sqrt(4000))
     w = noise.whiten(e, segments)
     assert np.std(w) == pytest.approx(1.0, abs=0.05)
-    assert correlation_length(w) < 1.2
+    assert autocorrelation_factor(w) < 1.2
     long = fit_ar(lfilter([1.0], [1.0, -1.2, 0.52], rng.normal(size=4000)), [slice(0, 4000)])
     assert long.ar[:2] == pytest.approx((-1.2, 0.52), abs=0.07)
     white = fit_ar(rng.normal(size=4000), [slice(0, 4000)], max_order=3)
@@ -200,13 +200,13 @@ def test_log_volume_and_pull_of_one_parameter_with_a_prior() -> None:
     assert best.pulls["a"] == pytest.approx(2.0 / np.sqrt(0.25 + 1 / n))
 
 
-def test_correlation_length_sums_up_to_the_first_insignificant_lag() -> None:
+def test_autocorrelation_factor_sums_up_to_the_first_insignificant_lag() -> None:
     """Eight ones and eight minus ones: 13, 10 and 7 of 16; the bound 2/sqrt(16) keeps the first
     two."""
     z = np.repeat([1.0, -1.0], 8)
-    assert correlation_length(z) == pytest.approx(1 + 2 * (13 + 10) / 16)
-    assert correlation_length(np.full(16, 3.0)) == 1.0
-    assert correlation_length(z[6:10]) == 1.0  # too few samples
+    assert autocorrelation_factor(z) == pytest.approx(1 + 2 * (13 + 10) / 16)
+    assert autocorrelation_factor(np.full(16, 3.0)) == 1.0
+    assert autocorrelation_factor(z[6:10]) == 1.0  # too few samples
 
 
 def test_robust_scale_is_about_the_median_and_weights_are_about_zero() -> None:

@@ -57,7 +57,8 @@ def test_noise_is_estimated_separately_for_each_column() -> None:
 def test_spikes_of_fifteen_standard_deviations_are_found_without_false_alarms() -> None:
     y = RAMP + 0.12 * np.random.default_rng(1).standard_normal(len(RAMP))
     spike_rows = np.arange(50, len(y), 400)
-    # the median of seven varies by half a sd, the sample by one: 15 sd are never less than 8 from the median
+    # the median of seven varies by half a sd, the sample by one: 15 sd are never less than 8 from
+    # the median
     rule = SPIKES["reading"]
     noise = float(white_noise_sd(y, 1))
     assert noise == pytest.approx(0.12, rel=0.05)

@@ -1,4 +1,5 @@
-"""Bias of the boundary profiles: rim fits of (beta, h) to noise-free junctions of the full-disk model.
+"""Bias of the boundary profiles: rim fits of (beta, h) to noise-free junctions of the full-disk
+model.
 
 ``python -m tests.heat.profile_study`` prints the bias of each profile and disk.
 """
@@ -25,7 +26,8 @@ AMBIENT = 55.0
 
 @dataclass(frozen=True)
 class ProfileBias:
-    """Bias of a rim fit: beta relative, h relative, and the rms misfit of the three outer junctions [K]."""
+    """Bias of a rim fit: beta relative, h relative, and the rms misfit of the three outer junctions
+    [K]."""
 
     disk: str
     profile: Profile
@@ -37,7 +39,8 @@ class ProfileBias:
 def simulated_record(
     disk: DiskTruth, h: float, power_W: float, half_width_m: float, mesh: DiskMesh
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) and true junction temperatures (N, 6) around the unloading at ``UNLOAD_S``; heat is on from zero."""
+    """Times (N,) and true junction temperatures (N, 6) around the unloading at ``UNLOAD_S``; heat
+    is on from zero."""
     system = build_system(disk, h, half_width_m, mesh)
     start = steady_state(system, 0.0, AMBIENT)
     stepping = Stepping(first_s=1 / 300, largest_s=1.0, growth=0.05)
@@ -70,7 +73,8 @@ class Case:
 
 
 def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
-    """Fit share and h to the outer row from 10 s before to 10 s after unloading, and compare with the truth."""
+    """Fit share and h to the outer row from 10 s before to 10 s after unloading, and compare with
+    the truth."""
     n = len(case.time_s)
     steps = (UNLOAD_S - case.time_s[0]) / DT_S
     index = int(steps)
@@ -113,5 +117,6 @@ if __name__ == "__main__":
         for kind in ("quadratic", "quartic", "modal"):
             row = bias(case, kind, Mesh())
             print(
-                f"{row.disk:5s} {row.profile:10s} beta {row.beta_rel:+.4%}  h {row.h_rel:+.3%}  rms {row.rms_K:.4f} K"
+                f"{row.disk:5s} {row.profile:10s} beta {row.beta_rel:+.4%}  h {row.h_rel:+.3%} "
+                f" rms {row.rms_K:.4f} K"
             )

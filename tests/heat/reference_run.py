@@ -1,4 +1,5 @@
-"""Simulations of the rim by the engine, or by the Crank-Nicolson reference with independent steps and interpolation."""
+"""Simulations of the rim by the engine, or by the Crank-Nicolson reference with independent steps
+and interpolation."""
 
 from __future__ import annotations
 
@@ -57,8 +58,8 @@ def run_reference(
 ) -> np.ndarray:
     """Temperatures (N, P) with ``substeps`` steps per sample.
 
-    For 60 samples after a jump of the heat, there are ``extra_at_jumps`` times as many. ``shapes`` (4, nz): boundary
-    temperature for a unit of d, b, f and ambient; ``flux`` (nz,) for a watt.
+    For 60 samples after a jump of the heat, there are ``extra_at_jumps`` times as many. ``shapes``
+    (4, nz): boundary temperature for a unit of d, b, f and ambient; ``flux`` (nz,) for a watt.
     """
     m = s.mesh.nr
     n = s.mesh.nz
@@ -101,7 +102,8 @@ def run_reference(
 def heating_and_cooling(
     duration_s: float, on_s: float, off_s: float, power: float = 260.0, dt: float = 1 / 75
 ) -> RimInputs:
-    """A test like B3: the inner row follows the heat slowly, its junctions differ, the enclosure warms up."""
+    """A test like B3: the inner row follows the heat slowly, its junctions differ, the enclosure
+    warms up."""
     t = np.arange(round(duration_s / dt)) * dt
     heat = np.where((t >= on_s - 1e-9) & (t < off_s - 1e-9), power, 0.0)
 

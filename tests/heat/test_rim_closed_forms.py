@@ -35,7 +35,8 @@ def test_slab_root_matches_the_tabulated_one():
 
 
 def test_eigenvalues_of_a_thin_ring_match_those_of_a_slab():
-    """For R >> thickness the curvature vanishes: mu L cot(mu L) = -Bi, with the first root 2.0288 for Bi = 1."""
+    """For R >> thickness the curvature vanishes: mu L cot(mu L) = -Bi, with the first root 2.0288
+    for Bi = 1."""
     thin = ring_eigenvalues(1.0, 1.006, 1.0 / 0.006, 3) * 0.006
     # the remaining effect of curvature is 0.006/1
     np.testing.assert_allclose(thin, [2.0288, 4.9132, 7.9787], rtol=2e-3)

@@ -19,7 +19,8 @@ def order(errors):
 
 
 def test_convergence_is_second_order_for_a_hollow_cylinder(rim):
-    """Fixed inner surface, uniform flux and surface cooling, from one temperature (sections 3.6.2 and 3.6.3)."""
+    """Fixed inner surface, uniform flux and surface cooling, from one temperature (sections 3.6.2
+    and 3.6.3)."""
     rim = replace(rim, washer_W_m2K=0.0)
     ri = rim.inner_radius_m
     ro = rim.outer_radius_m
@@ -63,7 +64,8 @@ def test_convergence_is_second_order_for_a_field_that_varies_in_z(rim, washer):
 
 
 def test_steady_ring_matches_the_logarithmic_solution(rim):
-    """Equations (3.36), corrected, and (3.37); the error of the scheme with 65 nodes is below a millikelvin."""
+    """Equations (3.36), corrected, and (3.37); the error of the scheme with 65 nodes is below a
+    millikelvin."""
     rim = replace(rim, washer_W_m2K=0.0)
     ri = rim.inner_radius_m
     ro = rim.outer_radius_m
@@ -77,7 +79,8 @@ def test_steady_ring_matches_the_logarithmic_solution(rim):
 
 
 def test_convergence_at_the_junctions_is_second_order_for_a_hertz_track(rim, points):
-    """The kinks of the parabola do not reduce the order, because each cell uses the exact integral of the flux."""
+    """The kinks of the parabola do not reduce the order, because each cell uses the exact integral
+    of the flux."""
     inputs = np.array([230.0, 121.0, 124.0, 122.0, 70.0])
     meshes = [Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(257, 417)]
     *results, finest = (

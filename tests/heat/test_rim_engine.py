@@ -52,7 +52,8 @@ def test_engine_matches_the_reference_on_the_same_mesh(rim, points):
 @pytest.mark.long
 @pytest.mark.study
 def test_engine_matches_the_reference_over_a_full_test(rim, points):
-    """Load for 1000 s, then 200 s of cooling; every sample is compared. The reference is refined after the jumps."""
+    """Load for 1000 s, then 200 s of cooling; every sample is compared. The reference is refined
+    after the jumps."""
     drive = heating_and_cooling(1250.0, 50.0, 1050.0, power=600.0)
     result = simulate_rim(rim, drive, 700.0, points, B, mesh=MESH)
     reference = run_reference(
@@ -84,7 +85,8 @@ def test_jump_inside_a_sample_matches_a_finer_record(rim, points):
     )
     result = simulate_rim(rim, coarse, 700.0, points, B, mesh=MESH)
     expected = simulate_rim(rim, fine, 700.0, points, B, mesh=MESH)[every]
-    # remaining error: linear interpolation between 75 Hz samples at the kinks of the inner row, 34 K/8 s
+    # remaining error: linear interpolation between 75 Hz samples at the kinks of the inner row, 34
+    # K/8 s
     assert np.abs(result - expected).max() < 0.02
     without_jump = replace(coarse, jumps=())
     assert (

@@ -33,7 +33,8 @@ TABLE = FluxProfile("table", at_m=(-2e-3, -0.5e-3, 0.0, 1e-3), weight=(0.0, 2.0,
     ids=["hertz shifted", "flat shifted", "barus", "table", "no viscosity"],
 )
 def test_cell_shares_match_a_sum_over_small_strips(flux: FluxProfile) -> None:
-    """The synthetic rig sums 2001 strips (Barus: cells of the ellipse); one strip is 0.0005 of the heat."""
+    """The synthetic rig sums 2001 strips (Barus: cells of the ellipse); one strip is 0.0005 of the
+    heat."""
     shares = TrackFlux(flux, B).shares(EDGES - WIDTH / 2)
     assert shares.sum() == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(shares, track_shares(EDGES, B, flux), atol=5e-4)
@@ -77,7 +78,8 @@ def test_track_outside_the_surface_raises() -> None:
 def test_modified_profiles_may_extend_beyond_the_surface() -> None:
     """The nominal profile must be within the surface.
 
-    Its shifted and widened variants need not be, so that a valid table can be as wide as the surface.
+    Its shifted and widened variants need not be, so that a valid table can be as wide as the
+    surface.
     """
     wide = FluxProfile("table", at_m=(-4.5e-3, 4.5e-3), weight=(1.0, 1.0))
     edges = np.linspace(-WIDTH / 2, WIDTH / 2, 54)

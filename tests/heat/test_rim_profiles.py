@@ -33,7 +33,8 @@ def test_quadratic_and_quartic_profiles_pass_through_the_readings(rim):
 
 
 def test_modal_profile_of_a_slab_between_two_airs_is_exact(rim):
-    """Steady state with heat through the washers only: T = T_d side + (T_f side - T_d side)(1/Bi + z/w)/(1 + 2/Bi)."""
+    """Steady state with heat through the washers only: T = T_d side + (T_f side - T_d side)(1/Bi +
+    z/w)/(1 + 2/Bi)."""
     conducting_rim = replace(rim, washer_W_m2K=20000.0)
     air = (90.0, 60.0)
     biot = conducting_rim.washer_W_m2K * conducting_rim.width_m / conducting_rim.conductivity_W_mK

@@ -28,7 +28,8 @@ def test_scheme_is_second_order_in_time_after_a_damped_start(rim):
 
 
 def test_undamped_start_oscillates_and_a_damped_one_does_not(rim):
-    """With long steps, Crank-Nicolson multiplies the stiff part of a jump by -1 in each step (Rannacher 1984)."""
+    """With long steps, Crank-Nicolson multiplies the stiff part of a jump by -1 in each step
+    (Rannacher 1984)."""
     best = field_after_jump(rim, 2048, 2)
     assert (
         np.abs(field_after_jump(rim, 4, 0) - best).max()

@@ -1,7 +1,8 @@
-"""Records for the study of ``compare(data)`` without options, simulated independently of the library.
+"""Records for the study of ``compare(data)`` without options, simulated independently of the
+library.
 
-Case A has lags of 2.0 and 0.5 s, a dead time of 0.37 s and 800 samples at 0.05 s; its input is 25 or
-75 degC, held for 20 samples. Each case changes one thing. ``tests/identify/test_bare_study.py``
+Case A has lags of 2.0 and 0.5 s, a dead time of 0.37 s and 800 samples at 0.05 s; its input is 25
+or 75 degC, held for 20 samples. Each case changes one thing. ``tests/identify/test_bare_study.py``
 compares the simulators with closed forms.
 """
 
@@ -100,7 +101,8 @@ def fine_response(
 
 
 def response(u: Array, *system: object, dt_s: float = DT_S, start: float | None = None) -> Array:
-    """Response (n,) at the samples to an input held from sample to sample; see ``fine_response``."""
+    """Response (n,) at the samples to an input held from sample to sample; see
+    ``fine_response``."""
     factor = round(dt_s / FINE_S)
     return fine_response(np.repeat(u, factor), *system, start=start)[::factor]
 

@@ -2,8 +2,8 @@
 
 ``python -m tests.identify.bare_study COUNT SEED [CASE ...]`` prints a row for each case of
 ``tests/identify/bare_cases.py``. A silent miss is a conclusion of severity info while the truth is
-outside the interval of gain or lag, or while the record had to be named. Coverage is that of the calls
-that gave a model; one of another number of integrators than the truth does not cover it.
+outside the interval of gain or lag, or while the record had to be named. Coverage is that of the
+calls that gave a model; one of another number of integrators than the truth does not cover it.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ def is_covered(estimate: Estimate | None, truth: float | None) -> bool:
 
 
 def quantity(values: Sequence[Estimate | None], truth: float | None) -> tuple[float, float, float]:
-    """Coverage, rms z and median |error|/truth of the calls that gave a model, NaN without truth."""
+    """Coverage, rms z and median |error|/truth of the calls that gave a model, NaN without
+    truth."""
     if truth is None or not values:
         return np.nan, np.nan, np.nan
     covered = np.mean([is_covered(e, truth) for e in values])

@@ -27,13 +27,15 @@ def closed_loop_record(
     disturbance: float = 0.5,
     heating: bool = True,
 ) -> IOData:
-    """A heater that controls a temperature of 60 degC against slow disturbances; exact for a held input.
+    """A heater that controls a temperature of 60 degC against slow disturbances; exact for a held
+    input.
 
-    ``controller`` is P, PI, PID (derivative filter of 2 samples), filtered PI, clipped PI (integral stopped at 19.2 and
-    20.8 %), cascade or thermostat. ``dither`` is the sd of a white noise added to the input [%], ``noise`` that of the
-    measured output [K], ``disturbance`` that of a disturbance with a time constant of 30 s [K]. ``delayed``: the
-    controller uses the output of the previous sample. The input is quantised in steps of ``step`` [%]. With ``heating``
-    false, plant and controller have the opposite sign (a cooler).
+    ``controller`` is P, PI, PID (derivative filter of 2 samples), filtered PI, clipped PI (integral
+    stopped at 19.2 and 20.8 %), cascade or thermostat. ``dither`` is the sd of a white noise added
+    to the input [%], ``noise`` that of the measured output [K], ``disturbance`` that of a
+    disturbance with a time constant of 30 s [K]. ``delayed``: the controller uses the output of the
+    previous sample. The input is quantised in steps of ``step`` [%]. With ``heating`` false, plant
+    and controller have the opposite sign (a cooler).
     """
     rng = np.random.default_rng(seed)
     count = samples + WARM_UP

@@ -1,7 +1,9 @@
-"""Coverage of gain and lag, and false alarms, where the noise is not white or the input is measured with noise.
+"""Coverage of gain and lag, and false alarms, where the noise is not white or the input is measured
+with noise.
 
-Run by hand: ``python -m disturbance_study [RUNS] [KINDS] [DISTURBANCES]`` in this folder (comma between names). The
-noisy records are simulated on a grid ten times finer by first-order recursions, independently of the fit.
+Run by hand: ``python -m disturbance_study [RUNS] [KINDS] [DISTURBANCES]`` in this folder (comma
+between names). The noisy records are simulated on a grid ten times finer by first-order recursions,
+independently of the fit.
 """
 
 from __future__ import annotations
@@ -82,7 +84,8 @@ def study(
     model: Model | str = "P2D",
     **options: object,
 ) -> dict[str, object]:
-    """Coverage of gain and lag by 95 % intervals, share of alarms (1 % level), and the selected noise models."""
+    """Coverage of gain and lag by 95 % intervals, share of alarms (1 % level), and the selected
+    noise models."""
     rows = []
     kinds = Counter()
     true_lag = 2.87 + (3 / (2 * np.pi * FILTER.cutoff_Hz) if name == "filter" else 0.0)

@@ -34,7 +34,8 @@ def data_dir() -> Path | None:
 
 
 def case_a_input(kind: str, rng: np.random.Generator, n: int = 800) -> tuple[np.ndarray, str]:
-    """Input and hold: a smooth plunge (FOH), or levels of 25 or 75 degC held for 20 samples (ZOH)."""
+    """Input and hold: a smooth plunge (FOH), or levels of 25 or 75 degC held for 20 samples
+    (ZOH)."""
     t = np.arange(n) * 0.05
     if kind == "plunge":
         return 25 + 155 * (1 - np.exp(-np.clip(t - 2, 0, None) / 3)), "foh"
@@ -53,8 +54,8 @@ def case_a(kind: str, seed: int, noise: float = 0.5, colour: float = 0.0) -> IOD
 
 
 def rao_garnier(seed: int, snr_dB: float = 10.0) -> IOData:
-    """(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600) driven by a PRBS of 10 stages held for 7 samples of
-    10 ms."""
+    """(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600) driven by a PRBS of 10 stages held
+    for 7 samples of 10 ms."""
     u = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 7)
     y = simulate(transfer(1, 4).rational(RAO_GARNIER), u, 0.01, "zoh", "zero")
     sd = np.std(y) * 10 ** (-snr_dB / 20)

@@ -1,8 +1,10 @@
-"""How often a settled step test with coloured noise is recommended only provisionally, or not at all.
+"""How often a settled step test with coloured noise is recommended only provisionally, or not at
+all.
 
-Run by hand: ``python -m step_study [RUNS] [MODELS]`` in this folder. The held-out part is the last, where the output
-is at rest and any model is as bad as the mean of its noise. Lags, dead time and noise are sampled anew for each run;
-the record is simulated on a grid ten times finer by first-order recursions.
+Run by hand: ``python -m step_study [RUNS] [MODELS]`` in this folder. The held-out part is the last,
+where the output is at rest and any model is as bad as the mean of its noise. Lags, dead time and
+noise are sampled anew for each run; the record is simulated on a grid ten times finer by
+first-order recursions.
 """
 
 from __future__ import annotations

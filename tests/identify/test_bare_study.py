@@ -1,4 +1,5 @@
-"""Simulators of the study of ``compare(data)`` against closed forms, and a short run of the study."""
+"""Simulators of the study of ``compare(data)`` against closed forms, and a short run of the
+study."""
 
 from __future__ import annotations
 

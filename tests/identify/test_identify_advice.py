@@ -267,7 +267,8 @@ def test_prediction_finding_states_the_error_ratio() -> None:
         "models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False
     ).sentence
     assert sentence == (
-        "TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves white residuals."
+        "TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves "
+        "white residuals."
     )
 
 

@@ -23,7 +23,8 @@ DT_S = 0.05
 
 
 def lead(test_kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> IOData:
-    """(1 + ratio tau s) / ((1 + tau s)(1 + tau2 s)) by first-order recursions on a grid ten times finer."""
+    """(1 + ratio tau s) / ((1 + tau s)(1 + tau2 s)) by first-order recursions on a grid ten times
+    finer."""
     rng = np.random.default_rng(0)
     h = DT_S / FINER
     t = np.arange(800 * FINER) * h

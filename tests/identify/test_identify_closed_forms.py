@@ -338,3 +338,12 @@ def test_time_constant_of_the_length_of_the_record_is_reported() -> None:
             IOData.from_arrays(u, y, 0.1, hold="zoh"), "P1", noise="white", baseline="none"
         )
         assert ("fit.slow_pole" in {f.code for f in result.findings}) is is_slow
+
+
+def test_units_of_parameters_are_powers_of_the_second() -> None:
+    model = as_model("TF(1,2)")
+    units = {name: model.unit(name) for name in model.names}
+    assert units == {"b0": "", "b1": "s", "a1": "s", "a2": "s^2"}
+    process = as_model("P2DZ")
+    units = {name: process.unit(name) for name in process.names}
+    assert units == {"Kp": "", "Tp1": "s", "Tp2": "s", "Tz": "s", "Td": "s"}

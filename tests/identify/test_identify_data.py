@@ -31,7 +31,8 @@ def test_merged_runs_remain_separate():
     second = case_a("PRBS", 1)
     merged = first.merge(second)
     assert [r.n for r in merged.runs] == [800, 800]
-    # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs have one dead time
+    # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs have
+    # one dead time
     result = fit(merged, "P2D", **PLAIN)
     assert result.identified.theta["Td"] == pytest.approx(0.37, abs=4 * result.estimates["Td"].u)
     assert len(result.problem.segments) == 2
@@ -204,7 +205,8 @@ def test_missing_time_column_error_names_the_options_of_function_and_command():
 
 
 def test_run_that_starts_off_equilibrium_is_reported():
-    # a lag of 20 s under a constant input, starting 50 units below equilibrium, then one step of the input
+    # a lag of 20 s under a constant input, starting 50 units below equilibrium, then one step of
+    # the input
     t = np.arange(0.0, 400.0)
     u = np.where(t < 200, 1.0, 0.0)
     y = np.where(t < 200, 10 - 50 * np.exp(-t / 20), 10 * np.exp(-(t - 200) / 20))
@@ -293,7 +295,8 @@ def test_segment_after_lost_rows_has_its_own_initial_state():
 
 
 def test_dead_time_carries_the_input_across_a_gap():
-    """The change of the input, its last sample before the gap, leaves the dead time after the gap."""
+    """The change of the input, its last sample before the gap, leaves the dead time after the
+    gap."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([0.0, 10.0], 30), 50)
     plant = process("P1D").rational({"Kp": 1.0, "Tp1": 20.0, "Td": 6.3})

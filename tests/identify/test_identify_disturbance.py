@@ -1,4 +1,5 @@
-"""Coloured noise, a drifting baseline and a measured input: intervals that cover the true values."""
+"""Coloured noise, a drifting baseline and a measured input: intervals that cover the true
+values."""
 
 from __future__ import annotations
 

@@ -103,7 +103,8 @@ def test_estimated_initial_state_removes_the_bias_of_a_record_that_begins_in_a_t
     cut = IOData.from_arrays(u[407:], y[407:], 0.05, hold=hold)  # begins amid a transient
     result = fit(cut, "P2D", initial="estimated", noise="white", baseline="none")
     for name, true_value in CASE_A.items():
-        # a dead time of 7 samples hides part of the past: the state is only as good as the record's start
+        # a dead time of 7 samples hides part of the past: the state is only as good as the record's
+        # start
         assert result.estimates[name].value == pytest.approx(
             true_value, abs=5 * result.estimates[name].u
         ), name

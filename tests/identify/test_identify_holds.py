@@ -36,8 +36,9 @@ DENOMINATORS = {"heater": (0.4, 1.4, 1.0), "room": (0.15, 0.8, 1.0)}
 def held_and_ramped(seed: int) -> pd.DataFrame:
     """A heater that is held for 20 samples, and a room temperature that is straight in between.
 
-    The simulator steps through each sampling interval in ten steps of constant input. For the ramp it
-    takes the mean of each step, whose error is of second order: 2e-5 of a change within a sample.
+    The simulator steps through each sampling interval in ten steps of constant input. For the ramp
+    it takes the mean of each step, whose error is of second order: 2e-5 of a change within a
+    sample.
     """
     rng = np.random.default_rng(seed)
     factor = round(DT_S / FINE_S)

@@ -1,4 +1,5 @@
-"""NARX refined by free simulation, where one-step least squares is biased by noise of the output."""
+"""NARX refined by free simulation, where one-step least squares is biased by noise of the
+output."""
 
 from __future__ import annotations
 

@@ -28,7 +28,8 @@ from tcdyn.identification.recommendation import recommend
 
 
 def test_residual_tests_reject_one_lag_despite_a_high_fit_percentage():
-    # high fit percentages, 94 to 99 %, yet errors of 4 to 21 degC when such a model recovers a faster record
+    # high fit percentages, 94 to 99 %, yet errors of 4 to 21 degC when such a model recovers a
+    # faster record
     one_lag, delayed, correct = (fit(case_a("plunge", 0), m, **PLAIN) for m in ("P1", "P1D", "P2D"))
     assert one_lag.identified.statistics["fit_percent"] > 90
     assert delayed.identified.statistics["fit_percent"] > 98
@@ -61,7 +62,8 @@ def test_false_alarm_rates_of_both_residual_tests_are_near_nominal():
         ).identified.statistics
         p.append((s["p_white"], s["p_input"]))
     alarms = np.mean(np.array(p) < 0.05, axis=0)
-    # nominal 5 %, standard error 2.2 % over 100 runs: within three; the 2000-run study is marked slow
+    # nominal 5 %, standard error 2.2 % over 100 runs: within three; the 2000-run study is marked
+    # slow
     assert np.all(alarms < 0.115)
 
 
@@ -143,7 +145,8 @@ def test_uncertainty_bands_have_their_nominal_coverage():
                 times.contains(float(np.interp(0.9, step, t))),
             ]
         )
-    # pointwise 95 %; neighbouring points are correlated, so the error of each mean is that of 60 samples: 2.8 %
+    # pointwise 95 %; neighbouring points are correlated, so the error of each mean is that of 60
+    # samples: 2.8 %
     assert np.all(np.mean(covered, axis=0) > 0.95 - 3 * 0.028)
 
 
@@ -179,7 +182,8 @@ QUANTISED = {"Kp": 6.0, "Tp1": 4.0, "Td": 1.2}
 def test_intervals_of_a_rounded_output_include_its_rounding():
     fits = [fit(quantised(seed), "P1D", **PLAIN) for seed in range(40)]
     covered = [[f.estimates[n].contains(v) for n, v in QUANTISED.items()] for f in fits]
-    # 95 % less two standard errors over 40 records; the intervals must also be narrow enough to be useful
+    # 95 % less two standard errors over 40 records; the intervals must also be narrow enough to be
+    # useful
     assert np.all(np.mean(covered, axis=0) > 0.95 - 2 * 0.035)
     assert np.mean([f.estimates["Tp1"].u for f in fits]) < 0.1
     assert all("steps of 0.1" in f.identified.sentence for f in fits)
@@ -377,6 +381,7 @@ def test_tclab_step_record_needs_two_lags_and_a_noise_model():
     assert 80 < percent_held_out["P1D"] < percent_held_out["P2D"]
     assert percent_held_out["P1"] < percent_held_out["P2D"] - 3
     assert c.recommended == "P2D"
-    # the sensor is quantised in steps of 0.32 K: its residuals cannot be white; the noise model accounts for it
+    # the sensor is quantised in steps of 0.32 K: its residuals cannot be white; the noise model
+    # accounts for it
     assert c.best.noise.averaged
     assert c.best.identified.statistics["p_white"] > 0.01

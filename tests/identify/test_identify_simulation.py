@@ -11,14 +11,16 @@ U = np.random.default_rng(1).normal(size=200).cumsum()
 
 
 def model(c: np.ndarray, integrators: int = 0) -> Rational:
-    """(c0 + c1 s) e^(-c5 s) / ((1 + c2 s)(1 + c3 s + c4 s^2)(1 + 0.04 s)), the last factor known."""
+    """(c0 + c1 s) e^(-c5 s) / ((1 + c2 s)(1 + c3 s + c4 s^2)(1 + 0.04 s)), the last factor
+    known."""
     factors = (Factor((1.0, c[2])), Factor((1.0, c[3], c[4])), Factor((1.0, 0.04), free=False))
     return Rational(c[:2], factors, c[5], integrators)
 
 
 @pytest.mark.parametrize("hold", ["foh", "zoh"])
 def test_fractional_dead_time_is_exact_for_either_hold(hold):
-    # the same input on a grid 20 times finer, where the dead time is an integer (148 samples), gives the same
+    # the same input on a grid 20 times finer, where the dead time is an integer (148 samples),
+    # gives the same
     c = np.array([1.0, 0.3, 2.0, 0.2, 0.09, 0.37])
     coarse = simulate(model(c), U, 0.05, hold)
     if hold == "foh":
@@ -45,7 +47,8 @@ def test_sensitivities_equal_central_differences(hold, start, integrators):
 
 
 def test_equal_lags_lose_no_precision():
-    # two equal lags have the step response 1 - (1 + t/T) e^(-t/T); a partial-fraction form would divide by zero
+    # two equal lags have the step response 1 - (1 + t/T) e^(-t/T); a partial-fraction form would
+    # divide by zero
     t = np.arange(400) * 0.02
     g = Rational(np.array([1.0]), (Factor((1.0, 0.7)), Factor((1.0, 0.7))))
     y = simulate(g, np.ones(400), 0.02, "zoh", "zero")

@@ -90,7 +90,8 @@ def test_false_alarm_rates_are_nominal_over_2000_runs(draws):
 
 @pytest.mark.parametrize("noise", ["white", (1, 0)])
 def test_coverage_under_coloured_noise_is_at_least_93_percent(noise, draws):
-    # autoregressive noise of 0.9: white-noise intervals would cover about 40 % for the slow parameters
+    # autoregressive noise of 0.9: white-noise intervals would cover about 40 % for the slow
+    # parameters
     covered = []
     for seed in range(draws(100)):
         result = fit(

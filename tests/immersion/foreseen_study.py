@@ -1,8 +1,9 @@
-"""Uncertainties predicted by ``design``, with their 10 to 90 % band, against those of ``calibrate`` on simulations.
+"""Uncertainties predicted by ``design``, with their 10 to 90 % band, against those of ``calibrate``
+on simulations.
 
-``python tests/immersion/foreseen_study.py N SEED``: N disks plunged in hot oil at 110 and 138 degC, h(T) of five
-published forms, lags of 0.65 s within 20 %. Each is fitted, with the comparison of chain structures, and its u is
-compared with the band.
+``python tests/immersion/foreseen_study.py N SEED``: N disks plunged in hot oil at 110 and 138 degC,
+h(T) of five published forms, lags of 0.65 s within 20 %. Each is fitted, with the comparison of
+chain structures, and its u is compared with the band.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ def main(disks: int, seed: int) -> None:
     low = predicted.low_s
     high = predicted.high_s
     print(
-        f"{disks} disks: u of the common lag predicted {predicted.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; "
-        f"fitted {np.sqrt(np.mean(common**2)):.3f} rms, {low_u:.3f} to {high_u:.3f}; "
-        f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, "
-        f"below {100 * np.mean(common < low):.0f} %, "
-        f"above {100 * np.mean(common > high):.0f} %; differences predicted {predicted.u_differential_s:.4f}, fitted "
+        f"{disks} disks: u of the common lag predicted {predicted.u_common_s:.3f} s, band "
+        f"{low:.3f} to {high:.3f}; fitted {np.sqrt(np.mean(common**2)):.3f} rms, {low_u:.3f} to "
+        f"{high_u:.3f}; within {100 * np.mean((common >= low) & (common <= high)):.0f} %, below "
+        f"{100 * np.mean(common < low):.0f} %, above {100 * np.mean(common > high):.0f} %; "
+        f"differences predicted {predicted.u_differential_s:.4f}, fitted "
         f"{np.sqrt(np.mean(differential**2)):.4f} rms"
     )
 

@@ -1,8 +1,9 @@
-"""Coverage for disks plunged in oil and water, heated and cooled, with other published forms of h(T) than the fit uses.
+"""Coverage for disks plunged in oil and water, heated and cooled, with other published forms of
+h(T) than the fit uses.
 
-The simulator is independent of the fit: finite volumes (``plunge_simulator``), its own properties of oil and water,
-and five forms of h(T). ``python tests/immersion/forms_study.py N SEED`` prints coverage and findings of N disks with
-two plunges each.
+The simulator is independent of the fit: finite volumes (``plunge_simulator``), its own properties
+of oil and water, and five forms of h(T). ``python tests/immersion/forms_study.py N SEED`` prints
+coverage and findings of N disks with two plunges each.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def oil(T: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Mobil Jet Oil II: k, kinematic viscosity, diffusivity, expansion (Walther; MIL-L-23699 bearing codes)."""
+    """Mobil Jet Oil II: k, kinematic viscosity, diffusivity, expansion (Walther; MIL-L-23699
+    bearing codes)."""
     nu = (10**10 ** (9.31259 - 3.66650 * np.log10(T + 273.15)) - 0.7) * 1e-6
     rho = 1003.5 - 0.7 * (T - 15)
     k = 0.14868 - 2.2275e-4 * (T + 273.15 - 366.67)
@@ -34,7 +36,8 @@ def oil(T: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def water(T: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Water: k by Ramires and others (1995), viscosity by Vogel's law, density by McCutcheon (1993)."""
+    """Water: k by Ramires and others (1995), viscosity by Vogel's law, density by McCutcheon
+    (1993)."""
     x = (T + 273.15) / 298.15
     k = 0.6065 * (-1.48445 + 4.12292 * x - 1.63866 * x * x)
 
@@ -133,7 +136,8 @@ def simulated_plunges(
 def study(
     case: str, disks: int, seed: int, structures: bool = False, **options: Any
 ) -> list[dict[str, Any]]:
-    """One row for each disk: form, errors and u of common lag and differences (6,), codes and kinds of findings."""
+    """One row for each disk: form, errors and u of common lag and differences (6,), codes and kinds
+    of findings."""
     d, chosen, runs = simulated_plunges(case, disks, seed)
     setup = load_rig().disk_setup("fast")
     rows = []
@@ -177,10 +181,11 @@ def summary_line(rows: list[dict[str, Any]]) -> str:
     covered = [r["common_covered"] for r in rows]
     return (
         f"{len(rows):4d} disks: differences covered {100 * np.mean(np.abs(z) < 1.96):.0f} %, rms z "
-        f"{np.sqrt(np.mean(z**2)):.2f}, rms u {1e3 * u_differential:.1f} ms, mean error a .. f [ms] {mean}; "
-        f"common covered {100 * np.mean(covered):.0f} %, error {np.mean(common):+.3f} +- {np.std(common):.3f} s, "
-        f"u {u_common:.3f}; "
-        f"warnings of deviating priors on {100 * np.mean([bool(found) for found in warnings]):.0f} % {counts or ''}"
+        f"{np.sqrt(np.mean(z**2)):.2f}, rms u {1e3 * u_differential:.1f} ms, mean error a .. f "
+        f"[ms] {mean}; common covered {100 * np.mean(covered):.0f} %, error "
+        f"{np.mean(common):+.3f} +- {np.std(common):.3f} s, u {u_common:.3f}; warnings of "
+        f"deviating priors on {100 * np.mean([bool(found) for found in warnings]):.0f} % "
+        f"{counts or ''}"
     )
 
 

@@ -26,8 +26,8 @@ def series_plunge(
 
     theta = sum_k A_k R_k(r) exp(-(alpha lambda_k^2 + leak) t),
     R = J0(lambda r) Y1(lambda R_i) - Y0(lambda r) J1(lambda R_i),
-    K R'(R_o) + h R(R_o) = 0; A_k by orthogonality over r dr. theta = (T - T_fluid)/(T_0 - T_fluid). Needs a bore.
-    Source: Carslaw and Jaeger (1959), section 7.10, with one boundary insulated.
+    K R'(R_o) + h R(R_o) = 0; A_k by orthogonality over r dr. theta = (T - T_fluid)/(T_0 - T_fluid).
+    Needs a bore. Source: Carslaw and Jaeger (1959), section 7.10, with one boundary insulated.
     """
     ri = cylinder.inner_radius_m
     ro = cylinder.outer_radius_m
@@ -67,7 +67,8 @@ def series_plunge(
 def lumped_plunge(
     cylinder: Cylinder, time_s: ArrayLike, h_W_m2K: float, initial_degC: float, fluid_degC: float
 ) -> Array:
-    """Temperature (N,) of the disk as one body, the limit of small Biot number: T_f + (T_0 - T_f) exp(-t/tau).
+    """Temperature (N,) of the disk as one body, the limit of small Biot number: T_f + (T_0 - T_f)
+    exp(-t/tau).
 
     1/tau = 2 R_o h / (rho c (R_o^2 - R_i^2)) + leak.
     """

@@ -1,6 +1,8 @@
-"""An independent simulation of many plunges at once: explicit finite volumes, with its own fluid and correlation.
+"""An independent simulation of many plunges at once: explicit finite volumes, with its own fluid
+and correlation.
 
-Independent of the code of the fit: Heun steps in time, 45 cells from bore to surface, the chain step by step.
+Independent of the code of the fit: Heun steps in time, 45 cells from bore to surface, the chain
+step by step.
 """
 
 from __future__ import annotations

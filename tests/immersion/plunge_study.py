@@ -62,8 +62,11 @@ def describe(result: dict[str, np.ndarray]) -> str:
     zc = result["common"] / result["u_common"]
     zd = result["differential"] / result["u_differential"]
     return (
-        f"{len(zc)} pairs: common lag {np.mean(result['common']):+.3f} +- {np.std(result['common']):.3f} s, stated u "
-        f"{np.sqrt(np.mean(result['u_common'] ** 2)):.3f}, covered {100 * np.mean(np.abs(zc) < 1.96):.0f} %; "
-        f"differential rms {np.sqrt(np.mean(result['differential'] ** 2)):.4f} s, stated u "
-        f"{np.sqrt(np.mean(result['u_differential'] ** 2)):.4f}, covered {100 * np.mean(np.abs(zd) < 1.96):.0f} %"
+        f"{len(zc)} pairs: common lag {np.mean(result['common']):+.3f} +- "
+        f"{np.std(result['common']):.3f} s, stated u "
+        f"{np.sqrt(np.mean(result['u_common'] ** 2)):.3f}, covered "
+        f"{100 * np.mean(np.abs(zc) < 1.96):.0f} %; differential rms "
+        f"{np.sqrt(np.mean(result['differential'] ** 2)):.4f} s, stated u "
+        f"{np.sqrt(np.mean(result['u_differential'] ** 2)):.4f}, covered "
+        f"{100 * np.mean(np.abs(zd) < 1.96):.0f} %"
     )

@@ -37,7 +37,8 @@ PLAN = PlungePlan(duration_s=60.0)
 
 @pytest.mark.study
 def test_less_noise_more_runs_and_a_better_entry_reduce_the_uncertainty() -> None:
-    # at the nominal values, where it must hold; a few samples differ by more than the effect of the entry
+    # at the nominal values, where it must hold; a few samples differ by more than the effect of the
+    # entry
     base = predict_plunges([PLAN], SETUP, draws=1)
     low_noise = predict_plunges([replace(PLAN, noise_K=0.03)], SETUP, draws=1)
     two_runs = predict_plunges([PLAN, PLAN], SETUP, draws=1)
@@ -62,7 +63,8 @@ def test_unloading_determines_the_common_lag_better_than_a_plunge() -> None:
 
 
 def test_uncertain_instant_adds_to_the_common_lag_but_less_than_one_to_one() -> None:
-    # a lag bends the edge where a late instant only shifts it, so the data determine part of the instant
+    # a lag bends the edge where a late instant only shifts it, so the data determine part of the
+    # instant
     uncertain_instant = predict_step(
         StepPlan(depth_u_m=1e-9, conductivity_log_u=1e-6, instant_u_s=0.05), SETUP
     )
@@ -112,8 +114,8 @@ def test_touch_is_limited_by_its_unknown_onset() -> None:
 
 
 def test_shared_and_individual_parameters_are_eliminated_as_in_the_closed_form() -> None:
-    # y_r = x_r + s with individual x_r, flat prior, and shared s with prior sd 2; one reading of noise 1 each:
-    # var x = 1 + 4
+    # y_r = x_r + s with individual x_r, flat prior, and shared s with prior sd 2; one reading of
+    # noise 1 each: var x = 1 + 4
     c = posterior_covariance(
         np.column_stack([np.eye(3), np.ones(3)]), np.array([np.inf, np.inf, np.inf, 2.0])
     )

@@ -45,7 +45,8 @@ def test_correlations_agree_with_the_package_ht(ra: float, pr: float) -> None:
 
 
 def test_boundary_layer_solution_is_approached_at_high_prandtl_number() -> None:
-    # exact similarity solution, Pr -> infinity: mean Nu = 0.670 Ra^0.25; the integral solution lies 1.1 % above it
+    # exact similarity solution, Pr -> infinity: mean Nu = 0.670 Ra^0.25; the integral solution lies
+    # 1.1 % above it
     assert nusselt("similarity", 1e6, 1e9) / (0.670 * 1e6**0.25) == pytest.approx(1.0, abs=0.015)
     # the additive 0.68 remains
     ratio = nusselt("churchill-chu-laminar", 1e8, 1e9) / 100.0
@@ -107,7 +108,8 @@ def test_surface_near_the_bath_temperature_is_not_checked_for_the_range() -> Non
 
 
 def test_disk_of_the_thesis_may_be_treated_as_a_plate() -> None:
-    # "This condition is satisfied in the immersion tests experiments", section 5.7; oil at 110 degC, disk at 26 degC
+    # "This condition is satisfied in the immersion tests experiments", section 5.7; oil at 110
+    # degC, disk at 26 degC
     assert check_validity(OIL, 26.0, 110.0) == ()
 
 

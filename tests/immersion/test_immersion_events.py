@@ -30,7 +30,8 @@ def probe(lag: float = 0.3, noise: float = 0.1, seed: int = 0) -> np.ndarray:
 
 
 def switch_signal(close_s: float, is_held: bool = True, bounces: int = 0) -> np.ndarray:
-    """Switch signal, closed from ``close_s`` on; held, or released after 0.6 s; with bounces of 20 ms."""
+    """Switch signal, closed from ``close_s`` on; held, or released after 0.6 s; with bounces of 20
+    ms."""
     on = (close_s <= T) & (is_held | (close_s + 0.6 > T))
     for k in range(bounces):
         start = close_s + 0.04 * (k + 1)

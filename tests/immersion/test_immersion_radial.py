@@ -29,8 +29,8 @@ def test_constant_h_matches_the_exact_series(h: float, face: float) -> None:
     out = simulate_plunge_model(disk, DEPTHS, constant(h), 26.0, 110.0, 200.0)
     t = np.array([0.2, 0.5, 1.0, 3.0, 10.0, 50.0, 190.0])
     exact = series_plunge(disk, disk.outer_radius_m - DEPTHS, t, h, 26.0, 110.0)
-    # linear between knots 1.2 s apart at 50 s: (dt/tau)^2/8 of 84 K with tau = 25 s is 0.02 K at h = 2000,
-    # and the Volterra solution itself is closer; 2e-3 observed
+    # linear between knots 1.2 s apart at 50 s: (dt/tau)^2/8 of 84 K with tau = 25 s is 0.02 K at h
+    # = 2000, and the Volterra solution itself is closer; 2e-3 observed
     np.testing.assert_allclose(out.at(t, 0.0), exact, atol=5e-3)
 
 
@@ -90,7 +90,8 @@ def test_stored_energy_equals_the_integrated_flux() -> None:
 
 
 def test_disk_lags_a_drifting_bath_by_its_time_constant() -> None:
-    # after the initial transient a disk in a steadily warming bath lags it by rate times its time constant
+    # after the initial transient a disk in a steadily warming bath lags it by rate times its time
+    # constant
     rate = 0.01
     out = simulate_plunge_model(
         DISK, DEPTHS, constant(2000.0), 50.0, lambda t: 50.0 + rate * t, 400.0

@@ -184,7 +184,8 @@ def test_quadratic_section_with_real_poles_equals_two_lags_even_if_they_coincide
     # one quadratic section, given as two lags [s]
     vars(section)["factors"] = ((1.0, sum(taus), taus[0] * taus[1]),)
     expected = lag_on_grid(lag_on_grid(u, np.diff(t), 1 / taus[0]), np.diff(t), 1 / taus[1])
-    # in the other order the linear pieces between the knots differ: curvature 0.25/s2 times dt^2/8, times 3
+    # in the other order the linear pieces between the knots differ: curvature 0.25/s2 times dt^2/8,
+    # times 3
     np.testing.assert_allclose(apply_conditioning(u, np.diff(t), section), expected, atol=4e-4)
 
 
@@ -295,7 +296,8 @@ def test_intervals_cover_over_a_hundred_pairs_sampled_from_the_priors(
     ]
     predicted = predict_plunges(plans, SETUP, draws=60)
     print(
-        f"predicted: common {predicted.u_common_s:.3f} s, differential {predicted.u_differential_s:.4f} s"
+        f"predicted: common {predicted.u_common_s:.3f} s, differential "
+        f"{predicted.u_differential_s:.4f} s"
     )
     assert predicted.u_differential_s == pytest.approx(
         np.sqrt(np.mean(result["differential"] ** 2)), rel=0.25

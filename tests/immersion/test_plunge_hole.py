@@ -37,7 +37,8 @@ def test_depth_uncertainty_is_part_of_the_result() -> None:
     frame = simulate_hole(2)[0]
     exact_depth = compare_holes(frame, depth_u_m=0.0)
     uncertain_depth = compare_holes(frame, depth_u_m=1e-4)
-    # 0.1 mm at 3 mm in steel: 0.1e-3 * 3e-3 / 1.11e-5 = 27 ms, times sqrt(1 + 1/2) for the two references
+    # 0.1 mm at 3 mm in steel: 0.1e-3 * 3e-3 / 1.11e-5 = 27 ms, times sqrt(1 + 1/2) for the two
+    # references
     assert uncertain_depth.u_depth_s == pytest.approx(0.0331, rel=0.01)
     assert uncertain_depth.holes[0].extra_lag_s.u > exact_depth.holes[0].extra_lag_s.u
     copper = compare_holes(frame, depth_u_m=1e-4, diffusivity_m2_s=1.11e-4)

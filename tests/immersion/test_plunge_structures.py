@@ -125,8 +125,8 @@ def test_three_lags_are_recommended_if_they_fit_best() -> None:
 
 @pytest.mark.study
 def test_integrated_evidence_equals_laplace_approximation_for_a_normal_posterior() -> None:
-    # at the noise of the rig it is not normal: the marginal is narrower by a quarter than its curvature says,
-    # and ln 3/4 = -0.29
+    # at the noise of the rig it is not normal: the marginal is narrower by a quarter than its
+    # curvature says, and ln 3/4 = -0.29
     best = fitted("P2", 0.75)[0].optimum
     problem = best.problem
     models = [
@@ -136,7 +136,8 @@ def test_integrated_evidence_equals_laplace_approximation_for_a_normal_posterior
     noise = [replace(n, sd_K=n.sd_K / 30) for n in problem.noise]
     low_noise = replace(problem, models=tuple(models), noise=tuple(noise)).optimise(best.theta)
     scan, maximum, _ = scan_common_lag(low_noise)
-    # both omit the same constants except the width of one normalised direction: mean of six lags, ln sqrt(2 pi / 6)
+    # both omit the same constants except the width of one normalised direction: mean of six lags,
+    # ln sqrt(2 pi / 6)
     expected = 0.5 * np.log(2 * np.pi / 6)
     # each search is accurate to 0.05
     assert log_evidence(scan, maximum) - maximum.laplace == pytest.approx(expected, abs=0.1)

@@ -1,4 +1,5 @@
-"""Damaged files, each with what must be said of it; a builder returns the path of the file it wrote."""
+"""Damaged files, each with what must be said of it; a builder returns the path of the file it
+wrote."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ REFUSED, FLAGGED = "refused", "flagged"
 
 @dataclass(frozen=True)
 class Damage:
-    """A kind of log, how it is damaged, whether it must be refused or flagged, and what the words must hold."""
+    """A kind of log, how it is damaged, whether it must be refused or flagged, and what the words
+    must hold."""
 
     name: str
     kind: str

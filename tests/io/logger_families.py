@@ -1,7 +1,8 @@
 """Files in the layouts of many loggers, each with a reader that is independent of tcdyn.
 
-The layouts follow public descriptions (``SOURCES``); no file and no text is copied. Every file holds
-the closed forms ``first_degC`` and, mostly, ``second_degC``, rounded to 0.01 in the unit of the file.
+The layouts follow public descriptions (``SOURCES``); no file and no text is copied. Every file
+holds the closed forms ``first_degC`` and, mostly, ``second_degC``, rounded to 0.01 in the unit of
+the file.
 """
 
 from __future__ import annotations

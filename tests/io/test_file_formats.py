@@ -368,7 +368,8 @@ def test_filled_joins_missing_samples_by_straight_lines(tmp_path):
 
 
 def test_every_missing_column_is_named_and_each_near_miss_is_offered_once() -> None:
-    """Thirteen columns renamed: all thirteen are listed, twelve with the line to write, the other with what is left."""
+    """Thirteen columns renamed: all thirteen are listed, twelve with the line to write, the other
+    with what is left."""
     required = LAYOUTS["ehl"].required
     channels = [c for c in required if c.startswith(("fast_", "slow_"))]
     renamed = {

@@ -1,4 +1,5 @@
-"""Files of many logger families: times and values are those of an independent reader, or a clear error."""
+"""Files of many logger families: times and values are those of an independent reader, or a clear
+error."""
 
 from __future__ import annotations
 

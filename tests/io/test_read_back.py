@@ -1,4 +1,5 @@
-"""Whatever is written is read back, in every dialect; whatever bytes come, the answer is a log or one sentence."""
+"""Whatever is written is read back, in every dialect; whatever bytes come, the answer is a log or
+one sentence."""
 
 from __future__ import annotations
 
@@ -99,7 +100,8 @@ def test_a_sound_log_with_bytes_overwritten_is_never_wrong_without_a_flag(tmp_pa
     log = log_or_sentence(write(tmp_path, "x.csv", damaged), kind)
     if log is None or log.warnings:
         return
-    # digits may have changed: then the file is as good as another, but it must still be a table of that length
+    # digits may have changed: then the file is as good as another, but it must still be a table of
+    # that length
     assert len(log.frame) in (24, 200)
     assert np.isfinite(log.frame.to_numpy()).all()
 

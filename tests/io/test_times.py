@@ -1,4 +1,5 @@
-"""Time columns: units are read or requested and never guessed, dates count, repeated stamps give the true rate."""
+"""Time columns: units are read or requested and never guessed, dates count, repeated stamps give
+the true rate."""
 
 from __future__ import annotations
 
@@ -164,7 +165,8 @@ def test_a_date_column_beside_a_time_of_day_belongs_to_it(tmp_path: Path) -> Non
 @pytest.mark.parametrize("rate_Hz", [1.2, 3.3, 4.0, 10.0, 75.0])
 @pytest.mark.parametrize("phase", [0.0, 0.37, 0.81])
 def test_whole_second_stamps_of_a_faster_log_give_its_rate(rate_Hz: float, phase: float) -> None:
-    """Within 4 standard uncertainties: the rows' errors are uniform, so the fit's error is nearly normal."""
+    """Within 4 standard uncertainties: the rows' errors are uniform, so the fit's error is nearly
+    normal."""
     stamps_s = np.floor(np.arange(int(40 * rate_Hz)) / rate_Hz + phase)
     even = rows_of_repeated_stamps(stamps_s)
     assert even is not None
@@ -175,7 +177,8 @@ def test_whole_second_stamps_of_a_faster_log_give_its_rate(rate_Hz: float, phase
 
 @pytest.mark.parametrize("lost", [9, 20, 45, 3000])
 def test_rows_that_a_logger_lost_leave_rate_and_places_as_they_are(lost: int) -> None:
-    """10 Hz, stamps of whole seconds; only the rows of the second in which some are lost may be misplaced."""
+    """10 Hz, stamps of whole seconds; only the rows of the second in which some are lost may be
+    misplaced."""
     rows = np.r_[np.arange(3004), np.arange(3004 + lost, 6000 + lost)]
     even = rows_of_repeated_stamps(np.floor(rows / 10))
     assert even is not None

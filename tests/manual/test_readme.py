@@ -56,6 +56,8 @@ def test_every_block_runs_and_prints_what_its_comments_state(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    pages = []
+    monkeypatch.setattr("webbrowser.open", pages.append)
     languages = []
     for language, block in BLOCKS:
         if "venv" in block:  # the installation and the two marked commands: CI runs the marked ones
@@ -73,6 +75,7 @@ def test_every_block_runs_and_prints_what_its_comments_state(
             for expected in re.findall(r"^# (.+)$", block, re.M):
                 assert expected in output.getvalue()
     assert languages == ["python", "sh", "python"]
+    assert len(pages) == 1  # of tcdyn view
 
 
 @pytest.mark.parametrize("arguments", commands(), ids=" ".join)
@@ -99,6 +102,36 @@ def test_every_link_leads_to_a_file() -> None:
     assert len(links) > 5
     for link in links:
         assert (ROOT / link.partition("#")[0]).exists(), link
+
+
+NUMBER = r"(\d+(?:\.\d+)?)"
+# Where the page Validation states the figures of each row of README's table, N for the figure.
+SOURCES_OF_FIGURES = {
+    "compensation of a benchmark step": (
+        "As logged, the temperature is N K wrong (rms)",
+        "| smoother, event given or detected | N |",
+    ),
+    "lag and percent times from a dip": (
+        "| plunge, chain of lags: coverage, lowest of lag, t50, t63.2, t90 | N % |",
+        "| the same, highest | N % | 60 sensors of one to three lags |",
+    ),
+    "beta of a two-disk test": ("| coverage, joint fit | N % | 300 rigs",),
+}
+
+
+def test_each_figure_of_the_table_of_trust_is_in_validation() -> None:
+    validation = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    table = re.search(r"\| quantity \| result \|\n\|---\|---\|\n((?:\|.+\n)+)", TEXT)
+    assert table is not None
+    rows = [row.strip("|").split("|") for row in table[1].splitlines()]
+    assert len(rows) == len(SOURCES_OF_FIGURES)
+    for quantity, result in rows:
+        (name,) = [name for name in SOURCES_OF_FIGURES if name in quantity]
+        validated = []
+        for source in SOURCES_OF_FIGURES[name]:
+            (figure,) = re.findall(re.escape(source).replace("N", NUMBER, 1), validation)
+            validated.append(float(figure))
+        assert [float(figure) for figure in re.findall(NUMBER, result)] == validated, quantity
 
 
 def test_no_page_of_the_manual_includes_text_of_readme() -> None:

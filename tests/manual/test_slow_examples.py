@@ -1,4 +1,5 @@
-"""The examples of docstrings that need a campaign or a long time run in the folder of a campaign."""
+"""The examples of docstrings that need a campaign or a long time run in the folder of a
+campaign."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Tests in which the disks brake after unloading, or touch again.
 
-`python -m tests.partition.after_parting_study 8 5000` prints errors, refusals and alarms over 8 rigs drawn from seed
-5000 on. The rigs alternate between braking with time constants of 3 and 20 s and second contacts of 0.1 and 0.4 s.
+`python -m tests.partition.after_parting_study 8 5000` prints errors, refusals and alarms over 8
+rigs drawn from seed 5000 on. The rigs alternate between braking with time constants of 3 and 20 s
+and second contacts of 0.1 and 0.4 s.
 """
 
 from __future__ import annotations

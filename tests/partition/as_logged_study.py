@@ -1,8 +1,10 @@
-"""One simulated test, logged in different forms: beta of each form against beta of the full log and the truth.
+"""One simulated test, logged in different forms: beta of each form against beta of the full log and
+the truth.
 
-`python -m tests.partition.as_logged_study 30 7000` prints for 30 rigs drawn from seed 7000 on how far beta of each form
-is from that of the full log in standard uncertainties, and the coverage of its 95 % interval. A constant in place of a
-column is drawn from its specified uncertainty. Every log is written to a file and read.
+`python -m tests.partition.as_logged_study 30 7000` prints for 30 rigs drawn from seed 7000 on how
+far beta of each form is from that of the full log in standard uncertainties, and the coverage of
+its 95 % interval. A constant in place of a column is drawn from its specified uncertainty. Every
+log is written to a file and read.
 """
 
 from __future__ import annotations
@@ -175,7 +177,8 @@ if __name__ == "__main__":
         z = group[[c for c in group if str(c).startswith("z ")]]
         failed = group["failed"].notna() if "failed" in group else 0
         print(
-            f"{form}: from the full log at most {group['from full'].abs().max():.2f} u, u {group['u both'].mean():.4f},"
+            f"{form}: from the full log at most {group['from full'].abs().max():.2f} u, u "
+            f"{group['u both'].mean():.4f},"
         )
         print(group["status"].value_counts().to_dict(), "failed", int(np.sum(failed)))
         summary = {"rms z": np.sqrt((z**2).mean()), "covered by 95 %": (z.abs() < 1.96).mean()}

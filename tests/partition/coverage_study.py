@@ -1,7 +1,7 @@
 """Coverage of the 95 % intervals over rigs drawn from their specified uncertainties.
 
-`python -m tests.partition.coverage_study 100` prints coverage, bias and false alarms of the cross-check. The study
-test runs fewer rigs.
+`python -m tests.partition.coverage_study 100` prints coverage, bias and false alarms of the
+cross-check. The study test runs fewer rigs.
 """
 
 from __future__ import annotations

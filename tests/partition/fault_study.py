@@ -1,8 +1,10 @@
-"""Single faults of wiring, switches, units and rig files: which messages they give, and whether any is undetected.
+"""Single faults of wiring, switches, units and rig files: which messages they give, and whether any
+is undetected.
 
-`python -m tests.partition.fault_study COUNT SEED [FAULT ...]` prints for each fault how often its cause is reported
-first, how often another fault is reported, and how often beta is more than 3 u off without a warning. Each faulty log
-is written to a file and evaluated as the command `tcdyn rig beta` does it.
+`python -m tests.partition.fault_study COUNT SEED [FAULT ...]` prints for each fault how often its
+cause is reported first, how often another fault is reported, and how often beta is more than 3 u
+off without a warning. Each faulty log is written to a file and evaluated as the command `tcdyn rig
+beta` does it.
 """
 
 from __future__ import annotations

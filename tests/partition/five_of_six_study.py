@@ -1,6 +1,7 @@
 """Coverage of the 95 % intervals of beta with one of the twelve channels excluded.
 
-`python -m tests.partition.five_of_six_study 3 1000` excludes each in turn on three drawn rigs, from seed 1000 on.
+`python -m tests.partition.five_of_six_study 3 1000` excludes each in turn on three drawn rigs, from
+seed 1000 on.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ ALL_CHANNELS = tuple(f"{disk}_{channel}" for disk in DISKS for channel in CHANNE
 
 
 def rows_of_rig(seed: int, test: str = "B3") -> Iterator[dict[str, object]]:
-    """A row for each estimator with all channels (``excluded`` "none") and without each channel: error, u and alarms.
+    """A row for each estimator with all channels (``excluded`` "none") and without each channel:
+    error, u and alarms.
 
     ``widening``: standard uncertainty relative to that with all channels.
     """
@@ -60,7 +62,8 @@ def run_study(count: int, first: int = 1000) -> pd.DataFrame:
 
 
 def report(table: pd.DataFrame) -> pd.DataFrame:
-    """Coverage, rms z and widening by estimator: with all channels, without one of the outer or of the inner row."""
+    """Coverage, rms z and widening by estimator: with all channels, without one of the outer or of
+    the inner row."""
     completed = table[~table["failed"]].copy()
     row = completed["excluded"].str[-1].map(lambda c: "a, c or e" if c in "ac" else "b, d or f")
     completed["without"] = row.where(completed["excluded"] != "none", "none").where(

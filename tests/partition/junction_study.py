@@ -1,7 +1,7 @@
 """Power of the cross-check: how often a junction off its specified depth is identified.
 
-`python -m tests.partition.junction_study 0.3` shifts each of the twelve junctions of drawn rigs by +0.3 and -0.3 mm
-from the depth in rig.toml.
+`python -m tests.partition.junction_study 0.3` shifts each of the twelve junctions of drawn rigs by
++0.3 and -0.3 mm from the depth in rig.toml.
 """
 
 from __future__ import annotations
@@ -85,5 +85,6 @@ if __name__ == "__main__":
     print(table.drop(columns="sentence").round(3).to_string(index=False))
     print(table.groupby(["disk", "row"])[["alarm", "named"]].mean().round(2).to_string())
     print(
-        f"{size_mm:g} mm: alarm in {table['alarm'].mean():.0%}, named in {table['named'].mean():.0%} of {len(table)}"
+        f"{size_mm:g} mm: alarm in {table['alarm'].mean():.0%}, named in "
+        f"{table['named'].mean():.0%} of {len(table)}"
     )

@@ -1,6 +1,8 @@
-"""Tests whose noise violates the assumptions of the fits: noise before the conditioning filter, and slip-ring bursts.
+"""Tests whose noise violates the assumptions of the fits: noise before the conditioning filter, and
+slip-ring bursts.
 
-`python -m tests.partition.noise_study before 100` prints coverage, refusals and alarms; worlds: before, bursts, both.
+`python -m tests.partition.noise_study before 100` prints coverage, refusals and alarms; worlds:
+before, bursts, both.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ def filtered(u: Array) -> Array:
 def before_the_filter(
     rng: np.random.Generator, n: int, sd: float = 0.12, share: float = 0.97
 ) -> Array:
-    """Noise (n,) [K] of ``sd``, of which the amplitude share ``share`` is coloured by the filter."""
+    """Noise (n,) [K] of ``sd``, of which the amplitude share ``share`` is coloured by the
+    filter."""
     coloured = filtered(rng.standard_normal((n + 75) * FINE))[75:]
     return sd * (
         share * coloured / np.std(coloured) + np.sqrt(1 - share**2) * rng.standard_normal(n)
@@ -46,7 +49,8 @@ def before_the_filter(
 
 
 def bursts(rng: np.random.Generator, n: int, every_s: float = 60.0) -> Array:
-    """Contact losses of 20 to 300 ms of either sign, one per ``every_s`` on average, filtered (n,) [K]."""
+    """Contact losses of 20 to 300 ms of either sign, one per ``every_s`` on average, filtered (n,)
+    [K]."""
     signal = np.zeros((n + 75) * FINE)
     for start in rng.integers(0, n * FINE, rng.poisson(n / RATE_HZ / every_s)):
         length = int(rng.uniform(0.02, 0.3) * RATE_HZ * FINE)

@@ -1,7 +1,8 @@
-"""Rigs for the partition studies: logs of the synthetic rig, and records with errors drawn from their uncertainties.
+"""Rigs for the partition studies: logs of the synthetic rig, and records with errors drawn from
+their uncertainties.
 
-The static lines come from simulated ovens. The chain of a record is the true one plus errors drawn from the covariance
-that the record contains, so that a study needs no plunge fit.
+The static lines come from simulated ovens. The chain of a record is the true one plus errors drawn
+from the covariance that the record contains, so that a study needs no plunge fit.
 """
 
 from __future__ import annotations
@@ -65,9 +66,11 @@ def study_rig(
     log_change: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame,
     on_truth: Callable[[dict[str, Any]], None] = lambda true_values: None,
 ) -> StudyRig:
-    """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags.
+    """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of
+    both common lags.
 
-    ``on_truth`` receives the true values of the test; then ``log_change`` returns the log to analyse.
+    ``on_truth`` receives the true values of the test; then ``log_change`` returns the log to
+    analyse.
     """
     rig = rig or load_rig()
     true = truth or draw_truth(seed, rig, uncertain=uncertain)

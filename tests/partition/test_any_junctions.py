@@ -1,4 +1,5 @@
-"""Disks with junctions other than a to f, simulated by the full-disk solver: fits with four and with eight."""
+"""Disks with junctions other than a to f, simulated by the full-disk solver: fits with four and
+with eight."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ FOUR = {
     "d": {"depth_mm": 6.0, "z_mm": 2.0, "angle_deg": 165.0},
     "b": {"depth_mm": 6.0, "z_mm": 4.765, "angle_deg": 180.0},
 }
-POSITIONS = {  # depth, z, angle: two opposite groups; four junctions 6 mm deep, none of them at the centre
+# depth, z, angle: two opposite groups; four junctions 6 mm deep, none of them at the centre
+POSITIONS = {
     "t1": (1.25, 4.765, 0.0),
     "t2": (3.0, 4.765, 15.0),
     "t3": (3.0, 2.0, 180.0),
@@ -105,7 +107,8 @@ def test_junction_rows_that_cannot_determine_beta_raise(junctions: dict[str, Any
 
 
 def test_inner_row_profile_matches_least_squares_on_cosines() -> None:
-    """Against least squares by scipy on cosines, the eigenfunctions of a slab with insulated faces."""
+    """Against least squares by scipy on cosines, the eigenfunctions of a slab with insulated
+    faces."""
     for positions in ((1.5e-3, 3.8e-3, 5.8e-3, 8.0e-3), (2.0e-3, 4.765e-3), (2.0e-3, 7.53e-3)):
         rim = Rim(0.0321, 0.0381, 9.53e-3, 41.0, 7850.0, 470.0, 0.0, positions)
         profile = spectrum(rim, 0.0, 1e-3, "modal", "uniform", MESH_IV).profile[: len(positions)]
@@ -118,7 +121,8 @@ def test_inner_row_profile_matches_least_squares_on_cosines() -> None:
 
 @pytest.mark.study
 def test_eight_junctions_have_a_smaller_u_of_beta_than_four(eight: StudyRig) -> None:
-    """Four junctions leave one face without readings: the interval is wider and still contains the truth."""
+    """Four junctions leave one face without readings: the interval is wider and still contains the
+    truth."""
     four = study_rig(SEED, rig=rig_with(FOUR))
     u_beta = {}
     for study in (four, eight):
@@ -143,7 +147,8 @@ def test_swap_among_eight_junctions_is_identified(eight: StudyRig) -> None:
 
 @pytest.mark.e2e
 def test_disks_with_different_junctions_work_from_log_to_beta(tmp_path: Path) -> None:
-    """Eight junctions on the fast disk, six on the slow one; one column is renamed and one channel excluded."""
+    """Eight junctions on the fast disk, six on the slow one; one column is renamed and one channel
+    excluded."""
     rig = parse_rig(
         {"fast": {"thermocouples": EIGHT}, "columns": {"fast_t3_degC": "TC 3"}}, "rig.toml"
     )

@@ -1,4 +1,5 @@
-"""Circumferential temperature of a disk from a measured test, against the synthetic disk in (r, z, angle)."""
+"""Circumferential temperature of a disk from a measured test, against the synthetic disk in (r, z,
+angle)."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def test_surface_temperature_matches_the_truth_within_its_band(disk: str) -> Non
 @pytest.mark.e2e
 @pytest.mark.parametrize("disk", DISKS)
 def test_middle_plane_contains_the_junction_readings(disk: str) -> None:
-    """a, b and e lie in it. Depths of the drawn rig are about 0.1 mm off, up to 0.5 K near the surface."""
+    """a, b and e lie in it. Depths of the drawn rig are about 0.1 mm off, up to 0.5 K near the
+    surface."""
     analysis, true_fields = analysis_and_true_fields()
     for field, tolerance in (
         (circumferential_temperature(analysis, disk), 0.7),

@@ -131,7 +131,8 @@ def test_constants_widen_the_dependent_uncertainties(study: StudyRig, tmp_path) 
 
 
 def rig_and_test_u(parameter: NuisanceParameter, test: EhlTest) -> tuple[float, float]:
-    """Shared uncertainty of the rig and specific uncertainty of the test, of a nuisance parameter of both disks.
+    """Shared uncertainty of the rig and specific uncertainty of the test, of a nuisance parameter
+    of both disks.
 
     In the unit of the parameter. None of these parameters depends on a fit, so no fit is given.
     """
@@ -214,7 +215,8 @@ def test_friction_without_load_or_unloading_raises() -> None:
 
 @pytest.mark.study
 def test_surface_air_channels_remove_the_bias_of_colder_surface_air() -> None:
-    """With one thermometer in the room, air 8 K colder at the running surfaces appears as a higher h."""
+    """With one thermometer in the room, air 8 K colder at the running surfaces appears as a higher
+    h."""
     study = study_rig(SEED + 100, truth=draw_truth(SEED + 100, load_rig()).with_film_air(-8.0))
     room = study.log.frame["ambient_degC"]
     rng = np.random.default_rng(0)

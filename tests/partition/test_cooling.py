@@ -16,7 +16,8 @@ from tests.partition.study_rigs import QUICK, study_rig
 
 @dataclass(frozen=True)
 class Lumped:
-    """A window whose rim is three lumped masses that cool as exp(-rate h t) from a level proportional to the share."""
+    """A window whose rim is three lumped masses that cool as exp(-rate h t) from a level
+    proportional to the share."""
 
     block_time_s: np.ndarray
     counts: np.ndarray
@@ -35,7 +36,8 @@ class Lumped:
 
 
 def test_h_per_effect_matches_the_change_of_a_second_fit() -> None:
-    """Single samples to 3 s, then blocks of eight: the sensitivity must use the weights of the fit."""
+    """Single samples to 3 s, then blocks of eight: the sensitivity must use the weights of the
+    fit."""
     t = np.concatenate([np.arange(-12, 0, 1.0), np.arange(0, 3, 1 / 75), np.arange(3, 8, 8 / 75)])
     counts = np.where(t < 0, 75, np.where(t < 3, 1, 8))
     line = SteadyLine(0.2, 7e-4)
@@ -54,7 +56,8 @@ def test_h_per_effect_matches_the_change_of_a_second_fit() -> None:
 
 @pytest.mark.study
 def test_unloading_of_1_5_s_does_not_bias_the_cooling_fit() -> None:
-    """Figure 4.20: as one slope change in its middle, such a ramp shifts h by a fifth and the share by 0.05."""
+    """Figure 4.20: as one slope change in its middle, such a ramp shifts h by a fifth and the share
+    by 0.05."""
     study = study_rig(1, uncertain=False, lag_error_s=0.0, options=replace(QUICK, parting_s=1.5))
     test = study.test
     rows = fit_rows(test, 5.0)

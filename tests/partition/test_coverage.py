@@ -1,4 +1,5 @@
-"""Coverage of the uncertainties of beta, h and lag, and false alarms of the cross-check, over drawn rigs."""
+"""Coverage of the uncertainties of beta, h and lag, and false alarms of the cross-check, over drawn
+rigs."""
 
 from __future__ import annotations
 
@@ -18,18 +19,21 @@ RIGS = 40
 
 @pytest.mark.study
 def test_intervals_have_the_stated_coverage(draws: Callable[[int], int]) -> None:
-    """95 % intervals over 40 rigs: each count is at least the 0.1 % point of the binomial law for 93 %."""
+    """95 % intervals over 40 rigs: each count is at least the 0.1 % point of the binomial law for
+    93 %."""
     rigs = draws(RIGS)
     rows = run_study(rigs)
     assert rows["failed"].sum() == 0
     min_coverage = stats.binom.ppf(0.001, rigs, 0.93) / rigs
     table = report(rows).set_index("what")
     assert (table["covered by 95 %"] >= min_coverage).all(), table.to_string()
-    # intervals must not be too wide: an rms z below 0.6 over 40 rigs means intervals nearly twice too long
+    # intervals must not be too wide: an rms z below 0.6 over 40 rigs means intervals nearly twice
+    # too long
     min_rms_z = (stats.chi2.ppf(1e-4, rigs) / rigs) ** 0.5
     is_depth = table.index.str.startswith("depth")
     assert (table["rms z"][~is_depth] > min_rms_z).all(), table.to_string()
-    # depths include a tolerance for rim-model errors, which is larger than the errors of this simulated rig
+    # depths include a tolerance for rim-model errors, which is larger than the errors of this
+    # simulated rig
     assert (table["rms z"][is_depth] > 0.55 * min_rms_z).all(), table.to_string()
     # with a false-alarm rate of 7 %, more than 7 in 40 occur once in 1000 studies
     assert rows["alarm"].sum() <= stats.binom.ppf(0.999, rigs, 0.07), rows["sentence"].to_string()
@@ -39,7 +43,8 @@ def test_intervals_have_the_stated_coverage(draws: Callable[[int], int]) -> None
 def test_wrong_speed_exponent_is_identified() -> None:
     """h grows with the power 1.25 of the speed, at most 0.8 is specified.
 
-    One test determines the power to about 0.05, since uneven bore contact can explain part of the difference in h.
+    One test determines the power to about 0.05, since uneven bore contact can explain part of the
+    difference in h.
     """
     truth = draw_truth(3, load_rig(), exponent=1.25)
     crosscheck = study_rig(3, "D4", truth=truth).analyse().crosscheck

@@ -1,4 +1,5 @@
-"""The cross-check of estimators accounts for correlations, reports disagreement, and is silent otherwise."""
+"""The cross-check of estimators accounts for correlations, reports disagreement, and is silent
+otherwise."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -68,7 +69,8 @@ def test_shares_that_do_not_add_to_one_name_the_suspect() -> None:
 
 
 def cross_check_of_shift(z: float, count: int = 2) -> CrossCheck:
-    """Cross-check in which "joint fast" deviates by ``z`` standard deviations of its difference from the others."""
+    """Cross-check in which "joint fast" deviates by ``z`` standard deviations of its difference
+    from the others."""
     names = ("speed law", "joint fast", "joint slow")[:count]
     samples = draws(0.0, 0.002, names)
     shift = z * float(np.std(samples["speed law"] - samples["joint fast"]))
@@ -113,7 +115,8 @@ def test_contradicted_values_are_listed_worst_first_otherwise_the_largest_tensio
 
 
 def test_a_contradicted_value_of_both_disks_allows_no_range() -> None:
-    """A depth is part of the fit of both disks; a friction or an ambient may have any other cause."""
+    """A depth is part of the fit of both disks; a friction or an ambient may have any other
+    cause."""
     samples = draws(0.01, 0.005, ("speed law", "joint fast"))
     estimates = normal_estimates(speed_law=0.66, joint_fast=0.66)
     apart = normal_estimates(speed_law=0.66, joint_fast=0.70)
@@ -140,7 +143,8 @@ def test_a_contradicted_value_of_both_disks_allows_no_range() -> None:
 
 
 def test_p_value_of_the_largest_pull_accounts_for_correlation() -> None:
-    """Two fully correlated pulls count once, two independent ones twice: P(max |z| > x) = 1 - (1 - 2 sf(x))^n.
+    """Two fully correlated pulls count once, two independent ones twice: P(max |z| > x) = 1 - (1 -
+    2 sf(x))^n.
 
     20000 draws determine it to 0.003.
     """
@@ -165,7 +169,8 @@ def estimates_with_power_scale(
 ) -> tuple[dict[str, Estimate], dict[str, Estimate], dict[str, np.ndarray]]:
     """Estimates of a test of beta 0.7 whose true power is ``scale`` times the logged power.
 
-    Also the estimates of the joint fit of both disks, and samples of the single-disk joint fits with a common error.
+    Also the estimates of the joint fit of both disks, and samples of the single-disk joint fits
+    with a common error.
     """
     shares = {"joint fast": 0.7 * scale, "joint slow": 1 - 0.3 * scale}
     estimates = {name: Estimate.normal(0.7, 0.01) for name in ESTIMATORS}

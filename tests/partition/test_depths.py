@@ -181,7 +181,8 @@ def test_every_nominal_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> 
     ]
     assert tension.contradicts
     assert not any(t.contradicts for t in mapped)
-    # the uncertainty of the friction correction adds in quadrature to the friction row of the budget
+    # the uncertainty of the friction correction adds in quadrature to the friction row of the
+    # budget
     u_nominal = {r.source: r.u_beta_steady for r in with_map.budget.rows}["friction"]
     log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
     with_friction_u = prepare_test(

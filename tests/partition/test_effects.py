@@ -11,10 +11,11 @@ GRADIENT_K_m = 2000.0  # rise with radius: hotter towards the running surface
 
 
 def test_signs_of_depth_static_and_lag_effects_of_both_rows() -> None:
-    """A deeper junction of the inner row raises the readings of the outer row; one that reads high lowers them.
+    """A deeper junction of the inner row raises the readings of the outer row; one that reads high
+    lowers them.
 
-    The inner row is assumed at its radius; a deeper junction reads too low, and so is everything predicted from it.
-    d, b and f each drive a third of each of a, c, e; the rim is in steady state.
+    The inner row is assumed at its radius; a deeper junction reads too low, and so is everything
+    predicted from it. d, b and f each drive a third of each of a, c, e; the rim is in steady state.
     """
     blocks = 2
     outer_row_change = np.zeros((10, blocks, 3))

@@ -1,4 +1,5 @@
-"""Loading and unloading instants are located to better than a sample; logs without them raise an InputError."""
+"""Loading and unloading instants are located to better than a sample; logs without them raise an
+InputError."""
 
 import numpy as np
 import pandas as pd
@@ -204,7 +205,8 @@ def test_force_just_before_unloading_does_not_follow_the_transducer_noise(
         before_unloading = (t > 79.5) & (t < 79.9)
         edge_error.append(float(np.mean(force[before_unloading] - true[before_unloading])))
         rms_error.append(np.std(force[(t > 30) & (t < 79.9)] - true[(t > 30) & (t < 79.9)]))
-    # the end of a line through 3000 samples: 2 * 2 N / sqrt(3000) = 0.073 N; the rms of 20 draws is known to 16 %
+    # the end of a line through 3000 samples: 2 * 2 N / sqrt(3000) = 0.073 N; the rms of 20 draws is
+    # known to 16 %
     assert np.sqrt(np.mean(np.square(edge_error))) < 0.073 * 1.5
     assert abs(np.mean(edge_error)) < 3 * 0.073 / np.sqrt(20)
     assert np.mean(rms_error) < 0.073
@@ -215,7 +217,8 @@ def test_force_of_a_slow_unloading_falls_linearly_between_its_slope_changes() ->
     t = frame["time_s"].to_numpy()
     force = contact_force(t, frame["friction_N"].to_numpy(), find_events(frame))
     for after_s, share in ((-0.9, 1.0), (-0.6, 0.9), (0.0, 0.5), (0.6, 0.1), (0.9, 0.0)):
-        # tolerances: 0.05 s of the 90 to 10 % time of 1.2 s, 0.02 s of its middle, 0.05 N of the level
+        # tolerances: 0.05 s of the 90 to 10 % time of 1.2 s, 0.02 s of its middle, 0.05 N of the
+        # level
         assert np.interp(80.0073 + after_s, t, force) == pytest.approx(
             20 * share, abs=20 * (0.03 + 0.02) / 1.5 + 0.05
         )
@@ -240,7 +243,8 @@ def test_short_zero_speed_is_interpolated_and_a_lasting_stop_is_kept() -> None:
 
 
 def test_speed_noise_alone_is_not_a_speed_change() -> None:
-    """Noise of 2 %: medians of five samples leave 1.1 %, a parabola over 75 samples a sixth to a third of that.
+    """Noise of 2 %: medians of five samples leave 1.1 %, a parabola over 75 samples a sixth to a
+    third of that.
 
     Also checked in the few samples of a log that ends soon after unloading.
     """
@@ -339,7 +343,8 @@ def test_switch_seconds_off_at_loading_is_outvoted(delay_s: float) -> None:
 def test_slow_loading_begins_where_the_forces_leave_their_zeros(
     loading_s: float, loaded_s: float, with_switch: bool
 ) -> None:
-    """The force at the end must not depend on how the load was applied: its zero is that before the loading."""
+    """The force at the end must not depend on how the load was applied: its zero is that before the
+    loading."""
     t = np.arange(0, 40.0 + loaded_s, DT)
     share = np.clip((t - 20.0) / loading_s, 0, 1) * (t < 20.0 + loaded_s)
     rng = np.random.default_rng(2)
@@ -352,7 +357,8 @@ def test_slow_loading_begins_where_the_forces_leave_their_zeros(
         }
     )
     events = find_events(frame if with_switch else frame.drop(columns="contact"))
-    # the line through a tenth and half of the rise: noise of 0.3 % of the force, hence 1.5 % of the rise
+    # the line through a tenth and half of the rise: noise of 0.3 % of the force, hence 1.5 % of the
+    # rise
     tolerance_s = DT if with_switch else DT + 0.015 * loading_s
     assert events.load_on_s == pytest.approx(20.0, abs=tolerance_s)
     assert codes(events) == set()

@@ -1,4 +1,5 @@
-"""Noise of the logged friction: its effect on the fits, and no false change of h at the unloading."""
+"""Noise of the logged friction: its effect on the fits, and no false change of h at the
+unloading."""
 
 from __future__ import annotations
 

@@ -22,7 +22,8 @@ f = { depth_mm = 5.4, z_mm = 7.53 }
 
 @pytest.mark.study
 def test_specified_depths_of_d_and_f_are_used(tmp_path: Path) -> None:
-    """Both are 0.6 mm nearer the surface. With the depth of b, beta shifts by 0.010 and h by a tenth."""
+    """Both are 0.6 mm nearer the surface. With the depth of b, beta shifts by 0.010 and h by a
+    tenth."""
     (tmp_path / "rig.toml").write_text(RAISED)
     study = study_rig(1, uncertain=False, lag_error_s=0.0, rig=load_rig(tmp_path / "rig.toml"))
     rows = fit_rows(study.test, 10.0)

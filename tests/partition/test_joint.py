@@ -41,7 +41,8 @@ def test_joint_fit_recovers_beta_h_and_lag_without_a_speed_law() -> None:
 
 @pytest.mark.study
 def test_third_lag_of_the_record_is_kept_in_the_joint_fit() -> None:
-    """The smaller of two lags is written as two: their sum and the fitted common lag stay the same."""
+    """The smaller of two lags is written as two: their sum and the fitted common lag stay the
+    same."""
     study = study_rig(5, "D4", uncertain=False)
     third_lag_s = 0.02
     chains = {
@@ -71,8 +72,8 @@ def test_third_lag_of_the_record_is_kept_in_the_joint_fit() -> None:
 def test_joint_fit_of_a_short_cooling_reaches_the_minimum() -> None:
     """With 0.2 s of cooling, full Gauss-Newton steps of the second lag oscillate.
 
-    The sum of squares is within 0.05 of the minimum of another minimiser on a table of the model (accurate to 0.01): a
-    twentieth of a squared standard uncertainty.
+    The sum of squares is within 0.05 of the minimum of another minimiser on a table of the model
+    (accurate to 0.01): a twentieth of a squared standard uncertainty.
     """
     fits, _ = joint_fits(*study_with_start(), 0.2)
     for fit in fits.values():
@@ -107,7 +108,8 @@ def study_with_start() -> Any:
 
 
 def with_one_sigma_change(truth: RigTruth, name: str) -> RigTruth:
-    """Return the rig with one property changed by one standard uncertainty of the default rig file."""
+    """Return the rig with one property changed by one standard uncertainty of the default rig
+    file."""
     kind, _, channel = name.partition(" ")
 
     def on_both(change: Any) -> RigTruth:
@@ -145,10 +147,12 @@ def with_one_sigma_change(truth: RigTruth, name: str) -> RigTruth:
 @pytest.mark.long
 @pytest.mark.study
 def test_budget_shifts_match_those_of_the_simulated_disk() -> None:
-    """A change of each nuisance parameter in the simulated rig shifts lines and joint fits by the linear prediction.
+    """A change of each nuisance parameter in the simulated rig shifts lines and joint fits by the
+    linear prediction.
 
-    The rig is the full disk with an independent solver. Tolerance: a fifth of the shift (curvature of a three-sigma
-    model at one sigma) plus 0.0006 in share, the repeatability of the same noise through another disk.
+    The rig is the full disk with an independent solver. Tolerance: a fifth of the shift (curvature
+    of a three-sigma model at one sigma) plus 0.0006 in share, the repeatability of the same noise
+    through another disk.
     """
     truth = draw_truth(1, exponent=0.667)
     options = replace(QUICK, beta=0.7, h_fast_W_m2K=720.0)
@@ -210,7 +214,8 @@ def test_nonuniform_surface_h_changes_h_within_its_u_and_beta_little() -> None:
 def test_converged_fit_agrees_with_one_of_more_passes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The lag of the record is half a standard uncertainty off, the start about as far as that of the speed law."""
+    """The lag of the record is half a standard uncertainty off, the start about as far as that of
+    the speed law."""
     study = study_rig(5, "D4", uncertain=False, lag_error_s=0.025)
     passes: list[str] = []
     original_block = joint.disk_block

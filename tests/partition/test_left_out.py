@@ -1,4 +1,5 @@
-"""Excluded channels, by name or because they are dead: the analysis continues with valid uncertainties."""
+"""Excluded channels, by name or because they are dead: the analysis continues with valid
+uncertainties."""
 
 from __future__ import annotations
 
@@ -153,7 +154,8 @@ def test_readings_of_an_excluded_channel_have_no_influence(channel: str, study: 
 
 @pytest.mark.study
 def test_error_of_a_surrogate_channel_counts_in_both_locations(study: StudyRig) -> None:
-    """f reads 0.5 K high and d is excluded: the line moves by the linear shift of the budget within 2 %."""
+    """f reads 0.5 K high and d is excluded: the line moves by the linear shift of the budget within
+    2 %."""
     offset_K = 0.5
     test = study.without("fast_d")
     rows = fit_rows(test, 10.0)
@@ -245,7 +247,8 @@ def test_unusable_channel_is_excluded_with_a_warning(
     campaign: Campaign,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Only the prepared test is checked; the analysis itself is replaced, because other tests run it."""
+    """Only the prepared test is checked; the analysis itself is replaced, because other tests run
+    it."""
     monkeypatch.setattr(stage, "analyse_corrected", lambda test, _, **__: test)
     name = "slow_c" if kind != "constant" else "slow_f"
     prepared: Any = estimate_beta(

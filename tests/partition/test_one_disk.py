@@ -1,4 +1,5 @@
-"""A log of one disk: the possible estimates of beta equal those of the full log; the impossible ones are reported."""
+"""A log of one disk: the possible estimates of beta equal those of the full log; the impossible
+ones are reported."""
 
 from __future__ import annotations
 

@@ -43,7 +43,8 @@ def test_lagged_power_decays_from_an_end_inside_a_sample(fraction: float) -> Non
     )
     lagged, keywords = lagged_power(test, slice(0, len(time)), Chain(TAU_s))
     after = time > end_s + 2 * DT_s
-    # second order in the sampling interval, (dt/tau)^2 / 8; an error of half a sample is ten times that
+    # second order in the sampling interval, (dt/tau)^2 / 8; an error of half a sample is ten times
+    # that
     np.testing.assert_allclose(
         lagged[after], LEVEL_W * np.exp(-(time[after] - end_s) / TAU_s), rtol=1e-4
     )
@@ -58,10 +59,11 @@ def test_lagged_power_decays_from_an_end_inside_a_sample(fraction: float) -> Non
     "tau_s", [0.05, 0.6, 5.0, 1 / basis_rates(DT_s)[20], (1 + 0.99e-6) / basis_rates(DT_s)[20]]
 )
 def test_additional_lag_is_a_weighted_sum_of_the_lag_basis(tau_s: float) -> None:
-    """Block means of a slow input and its basis through a lag, against those of the filtered input, to 1e-5.
+    """Block means of a slow input and its basis through a lag, against those of the filtered input,
+    to 1e-5.
 
-    The interpolation of the basis is accurate to 1e-6; straight lines between its samples to 7.5^2 dt^2/12. Two of the
-    lags lie on or near a node.
+    The interpolation of the basis is accurate to 1e-6; straight lines between its samples to 7.5^2
+    dt^2/12. Two of the lags lie on or near a node.
     """
     dt_s = 0.1 * DT_s
     rates = basis_rates(DT_s, longest_s=2 * tau_s)

@@ -1,4 +1,5 @@
-"""Profiles of the joint fits: parabolic if all is normal, skewed or open otherwise, and their coverage."""
+"""Profiles of the joint fits: parabolic if all is normal, skewed or open otherwise, and their
+coverage."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def disk_problems(fit: DiskFit) -> tuple[Problem, Problem]:
 
 
 def cost(problem: Problem, main: Array) -> float:
-    """Sum of squares at ``main`` (4,), minimised over the nuisance parameters by one linear step, which is exact."""
+    """Sum of squares at ``main`` (4,), minimised over the nuisance parameters by one linear step,
+    which is exact."""
     theta = np.concatenate([main, np.zeros(problem.size - 4)])
     evaluated = problem.evaluate(theta)
     assert evaluated is not None
@@ -85,10 +87,11 @@ def cost(problem: Problem, main: Array) -> float:
 
 @pytest.mark.study
 def test_table_reproduces_the_sum_of_squares_of_the_rim_model(fits: JointFits) -> None:
-    """Sum of squares of table and rim model, minimised over the nuisance parameters, within two sigma: to 0.01.
+    """Sum of squares of table and rim model, minimised over the nuisance parameters, within two
+    sigma: to 0.01.
 
-    A hundredth of the 3.84 that bounds an interval moves its end by 0.13 %. The part of the data outside the table's
-    directions is constant.
+    A hundredth of the 3.84 that bounds an interval moves its end by 0.13 %. The part of the data
+    outside the table's directions is constant.
     """
     joint, _ = fits
     rng = np.random.default_rng(1)
@@ -102,10 +105,12 @@ def test_table_reproduces_the_sum_of_squares_of_the_rim_model(fits: JointFits) -
 
 @pytest.mark.parametrize("kind", ["rim", "table"])
 def test_jacobian_matches_central_differences(fits: JointFits, kind: str) -> None:
-    """Central differences of 1e-5: errors of 1e-10 by curvature and 1e-8 by rounding of thousands of sigma.
+    """Central differences of 1e-5: errors of 1e-10 by curvature and 1e-8 by rounding of thousands
+    of sigma.
 
-    The derivative of the rim model by log h is a forward difference of 1e-5, accurate to 5e-6 by curvature and as much
-    by rounding. Its derivative by a lag comes from the lag basis, accurate to 1e-6.
+    The derivative of the rim model by log h is a forward difference of 1e-5, accurate to 5e-6 by
+    curvature and as much by rounding. Its derivative by a lag comes from the lag basis, accurate to
+    1e-6.
     """
     joint, _ = fits
     problem = disk_problems(joint["slow"])[kind == "table"]
@@ -130,7 +135,8 @@ def test_evaluation_outside_the_table_returns_none(fits: JointFits) -> None:
 
 
 def test_profiles_have_one_minimum_at_the_joint_fit(fits: JointFits, table: pd.DataFrame) -> None:
-    """The minimum agrees with the joint fit within 0.02 u, from the accuracy of 0.01 of the table."""
+    """The minimum agrees with the joint fit within 0.02 u, from the accuracy of 0.01 of the
+    table."""
     joint, both = fits
     estimates_by_fit = {
         "fast": joint["fast"].estimates,
@@ -152,8 +158,8 @@ def test_profiles_have_one_minimum_at_the_joint_fit(fits: JointFits, table: pd.D
 def test_profile_intervals_of_a_normal_test_match_the_covariance(table: pd.DataFrame) -> None:
     """Half-widths within 6 %, for the model's curvature over two sigma, 8 to 16 % of h.
 
-    Each end within a tenth; twice that for the exponent, whose quotient of two h is skewed by two sigma times u(h)/h of
-    the slow disk, 8 %.
+    Each end within a tenth; twice that for the exponent, whose quotient of two h is skewed by two
+    sigma times u(h)/h of the slow disk, 8 %.
     """
     for interval in intervals(table):
         estimate = interval.estimate
@@ -172,8 +178,8 @@ def test_profile_intervals_of_a_normal_test_match_the_covariance(table: pd.DataF
 def test_slow_waves_widen_profile_and_covariance_alike(rig: StudyRig) -> None:
     """Waves of 0.1 K and 3 s on a, c, e: the profile uses the same inflation as the covariance.
 
-    Half-widths within 6 %, as without waves. Without the inflation, the widths governed by noise, here the lag, would
-    be too small by its square root.
+    Half-widths within 6 %, as without waves. Without the inflation, the widths governed by noise,
+    here the lag, would be too small by its square root.
     """
     disks = {}
     for name, traces in rig.test.disks.items():
@@ -193,7 +199,8 @@ def test_slow_waves_widen_profile_and_covariance_alike(rig: StudyRig) -> None:
 
 @pytest.mark.study
 def test_weakly_determined_lag_has_a_skewed_profile_and_a_message(rig: StudyRig) -> None:
-    """0.3 s of cooling, lags of 0.7 s, no prior: the data exclude a shorter lag but not a longer one."""
+    """0.3 s of cooling, lags of 0.7 s, no prior: the data exclude a shorter lag but not a longer
+    one."""
     joint, both = joint_fits_of(rig, 0.3, without_lag_prior(rig.test))
     profile_intervals = {(i.fit, i.parameter): i for i in intervals(joint_profiles(joint, both))}
     lag = profile_intervals["slow", "lag_s"]
@@ -224,7 +231,8 @@ def test_undetermined_lag_is_reported_as_unbounded(rig: StudyRig) -> None:
 @pytest.mark.long
 @pytest.mark.study
 def test_profile_intervals_have_the_stated_coverage(draws: Callable[[int], int]) -> None:
-    """Ten quantities on 24 drawn rigs; each count is at least the 0.1 % point of the binomial law for 93 %."""
+    """Ten quantities on 24 drawn rigs; each count is at least the 0.1 % point of the binomial law
+    for 93 %."""
     count = draws(24)
     min_covered = stats.binom.ppf(0.001, count, 0.93)
     covered: dict[tuple[str, str], int] = {}

@@ -26,7 +26,8 @@ def constants(**values: tuple[float, float]) -> dict[str, Constant]:
 
 
 def test_relative_uncertainties_of_constants_are_those_of_the_quotients() -> None:
-    """Load 5 of 200 N; 20 rpm from 3 and 4 of a difference of 500; speed ratio 3/1500 and 4/1000."""
+    """Load 5 of 200 N; 20 rpm from 3 and 4 of a difference of 500; speed ratio 3/1500 and
+    4/1000."""
     load, sliding, ratio = constants_rel_u(
         [1500.0, 1000.0], [3.0, 4.0], constants(load_N=(200.0, 5.0))
     )
@@ -66,7 +67,8 @@ def rig_with_air_channels(surface: tuple[str, ...] = (), faces: tuple[str, ...] 
 
 
 def test_disk_air_is_the_channel_mean_with_the_uncertainty_of_their_scatter() -> None:
-    """Means under load of 30, 32 and 37: sd 3.61 over the square root of 3; each drifts by 2 over the steady rows."""
+    """Means under load of 30, 32 and 37: sd 3.61 over the square root of 3; each drifts by 2 over
+    the steady rows."""
     steady = np.arange(100) >= 50
     line = np.where(steady, 2.0 * (np.arange(100) - 74.5) / 50, 5.0)
     frame = pd.DataFrame({air_name(c): level + line for c, level in zip("abc", (30.0, 32.0, 37.0))})

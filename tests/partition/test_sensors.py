@@ -1,4 +1,5 @@
-"""Sensor check: swapped, dead, misplaced and offset channels are identified; intact rigs are not (section 6.4)."""
+"""Sensor check: swapped, dead, misplaced and offset channels are identified; intact rigs are not
+(section 6.4)."""
 
 from __future__ import annotations
 
@@ -90,7 +91,8 @@ def test_response_is_larger_nearer_the_running_surface(b3: EhlTest) -> None:
 
 
 def test_one_kelvin_on_all_thermocouples_equals_one_kelvin_less_ambient(b3: EhlTest) -> None:
-    """The conduction model depends on temperature differences only, so both agree to rounding for a steady rim."""
+    """The conduction model depends on temperature differences only, so both agree to rounding for a
+    steady rim."""
     for disk in b3.disks.values():
         table = sensor_window(b3, disk).effects(0.6, 700.0)
         steady_outer_row = table.change[:, :3]  # a, c, e
@@ -104,7 +106,8 @@ def test_one_kelvin_on_all_thermocouples_equals_one_kelvin_less_ambient(b3: EhlT
 
 
 def test_outer_row_is_predicted_as_in_the_joint_fit(b3: EhlTest) -> None:
-    """Other blocks, a longer filter bank and the whole record do not change the prediction after unloading."""
+    """Other blocks, a longer filter bank and the whole record do not change the prediction after
+    unloading."""
     disk = b3.disks["slow"]
     blocks = sensor_window(b3, disk).blocks
     joint = lagged_window(b3, disk, fit_rows(b3, 8.0))
@@ -243,7 +246,8 @@ def test_wrong_static_line_is_reported_as_offset_not_as_wrong_depth(b3: EhlTest)
 @pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_offset_is_identified_from_readings_before_loading(b3: EhlTest, channel: str) -> None:
-    """At rest all junctions read alike. Under load, an offset of the inner row resembles another h."""
+    """At rest all junctions read alike. Under load, an offset of the inner row resembles another
+    h."""
     (suspect,) = check_sensors(
         with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 2.0})
     ).suspects
@@ -265,7 +269,8 @@ def test_disk_that_is_warm_before_loading_is_not_checked_for_offsets(b3: EhlTest
 
 @pytest.mark.study
 def test_swapped_inner_row_channels_are_identified_by_static_lines_at_rest(b3: EhlTest) -> None:
-    """Under load both channels read nearly alike; through the static line of the other channel they do not."""
+    """Under load both channels read nearly alike; through the static line of the other channel they
+    do not."""
     lines = b3.disks["fast"].lines
     for first, second in (("b", "d"), ("d", "f")):
         i = CHANNELS.index(first)
@@ -311,7 +316,8 @@ def test_large_time_shift_of_a_column_is_identified_with_its_size(
 def test_bubble_in_the_cement_is_identified_with_its_lag(
     b3: EhlTest, channel: str, lag_s: float
 ) -> None:
-    """A first-order lag in addition to that of the record; its linear effect is half of the true one."""
+    """A first-order lag in addition to that of the record; its linear effect is half of the true
+    one."""
     keep = float(np.exp(-b3.dt_s / lag_s))
     y = column(b3, "fast", channel)
     lagged = lfilter([1 - keep], [1, -keep], y, zi=[keep * y[0]])[0]
@@ -346,7 +352,8 @@ def test_exchanged_cables_are_detected_through_the_other_disks_static_lines(b3: 
 
 
 def test_circumferential_press_fit_heating_is_not_a_channel_fault(b3: EhlTest) -> None:
-    """Poor contact with the shaft on one side (6.4.3) heats that side within minutes: a first harmonic of the rim."""
+    """Poor contact with the shaft on one side (6.4.3) heats that side within minutes: a first
+    harmonic of the rim."""
     t = b3.time_s
     setup = b3.disks["slow"].setup
     slow_rise = 3.0 * (1 - np.exp(-np.clip(t - b3.events.load_on_s, 0, None) / 60.0))
@@ -449,7 +456,8 @@ def test_rigs_drawn_from_their_uncertainties_have_no_findings(seed: int, tmp_pat
 def test_misplaced_junction_of_the_inner_row_is_identified(
     campaign: Campaign, tmp_path: Path, channel: str, deeper_mm: float
 ) -> None:
-    """The simulated disk has the junction elsewhere, so its temperature field is consistent; the rig file is wrong."""
+    """The simulated disk has the junction elsewhere, so its temperature field is consistent; the
+    rig file is wrong."""
     from tcdyn.simulate.campaign import write_log
     from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
     from tcdyn.simulate.truth import draw_truth
@@ -536,7 +544,8 @@ def test_nominal_flux_position_uncertainty_prevents_a_false_suspect() -> None:
 
 @pytest.mark.study
 def test_exchanged_cables_are_detected_at_rest_when_no_speed_exponent_fits() -> None:
-    """If the static lines of the disks differ, the fit of the exchanged log finds no power law (seed 7301: n = 0.0)."""
+    """If the static lines of the disks differ, the fit of the exchanged log finds no power law
+    (seed 7301: n = 0.0)."""
     case = CASES["all cables"]
     study = study_rig(
         7301, truth=draw_truth(7301, load_rig(), uncertain=True), log_change=case.log_change

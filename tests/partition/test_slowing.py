@@ -1,4 +1,5 @@
-"""Disks that slow down after unloading or touch again: the model includes surface h and heat pulses."""
+"""Disks that slow down after unloading or touch again: the model includes surface h and heat
+pulses."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from tests.partition.study_rigs import QUICK, StudyRig, study_rig
 
 EXPONENT = 0.667
 TOLERANCE_K = 0.05  # 0.03 K between rim model and full disk, the rest for h over the surface
-EDGE_K = 0.05  # the ends of a contact are known to a third of a sample, in which junction e rises by this much
+# the ends of a contact are known to a third of a sample, in which junction e rises by this much
+EDGE_K = 0.05
 
 
 @lru_cache
@@ -32,7 +34,8 @@ def clean_rig(world: str) -> StudyRig:
 
 
 def residual_after_unloading_K(study: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
-    """Predicted minus true outer row with true inner row, share and h, relative to before unloading.
+    """Predicted minus true outer row with true inner row, share and h, relative to before
+    unloading.
 
     Shape (R, 3), over the ten seconds after unloading.
     """
@@ -124,7 +127,8 @@ def test_unit_relative_speed_does_not_change_the_estimates() -> None:
     reference = study.analyse()
     result = replace(study, test=unchanged).analyse()
     for estimator, estimate in reference.estimates.items():
-        # the joint fits run twice, and a search stops within 1e-7 of chi-squared: 3e-4 of an uncertainty
+        # the joint fits run twice, and a search stops within 1e-7 of chi-squared: 3e-4 of an
+        # uncertainty
         assert result.estimates[estimator].value == pytest.approx(
             estimate.value, abs=1e-3 * estimate.u
         )
@@ -188,8 +192,8 @@ def test_noisy_speed_with_dropouts_is_followed() -> None:
     assert result is not None
     assert (result[TIME_S < 60.0] == 1).all()
     after_unloading = (TIME_S > 60) & (TIME_S < 70)
-    # 20 rpm through a parabola of 75 samples leave 2/3 % at its ends, 0.4 % within. A second bridged by a straight
-    # line misses an exponential of 3 s by (1/3)^2 / 8 = 1.4 %
+    # 20 rpm through a parabola of 75 samples leave 2/3 % at its ends, 0.4 % within. A second
+    # bridged by a straight line misses an exponential of 3 s by (1/3)^2 / 8 = 1.4 %
     assert np.abs(result - SPEED_RPM / 3000.0)[after_unloading].max() < 0.025
     after_dropouts = (TIME_S > 64.5) & (TIME_S < 90)  # noise of 2/3 %, reduced by the parabola
     assert (result - SPEED_RPM / 3000.0)[after_dropouts].std() < 0.002

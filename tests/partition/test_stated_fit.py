@@ -1,4 +1,5 @@
-"""A specified press fit: predicted harmonics against the full-disk solver, and its use as a prior in the fits."""
+"""A specified press fit: predicted harmonics against the full-disk solver, and its use as a prior
+in the fits."""
 
 from __future__ import annotations
 
@@ -57,8 +58,8 @@ def rig_with_press_fit(turned_deg: float = 0.0, roughness_um: float = 10.0) -> R
 def test_predicted_harmonics_match_the_full_disk_solver(roughness_um: float) -> None:
     """Conductances of 6.4, 0.64 and 0.21 kW/m2K.
 
-    Tolerances: 0.3 of the amplitude, the model uncertainty; 5 degrees; both harmonics have the correct sign at the
-    junctions.
+    Tolerances: 0.3 of the amplitude, the model uncertainty; 5 degrees; both harmonics have the
+    correct sign at the junctions.
     """
     mesh = DiskMesh(radial=48, axial=30, shaft_side=16)
     disk = draw_truth(SEED, rig_with_press_fit(0.0, roughness_um)).slow
@@ -100,7 +101,8 @@ def test_shaft_admittance_approaches_the_two_dimensional_limit() -> None:
 
 
 def study_of_rotated_fit(turned_deg: float) -> tuple[StudyRig, Partition]:
-    """Study of a rig whose rig file specifies the press fit rotated by ``turned_deg``, and its analysis."""
+    """Study of a rig whose rig file specifies the press fit rotated by ``turned_deg``, and its
+    analysis."""
     truth = draw_truth(SEED, rig_with_press_fit(), uncertain=True)
     study = study_rig(SEED, truth=truth, rig=rig_with_press_fit(turned_deg))
     return study, study.analyse()
@@ -114,7 +116,8 @@ def level_error_K(study: StudyRig, harmonic: AngularHarmonic) -> np.ndarray:
 
 @pytest.mark.study
 def test_correct_press_fit_serves_as_prior() -> None:
-    """First harmonic within its 99 % region; second within two standard uncertainties of what is subtracted."""
+    """First harmonic within its 99 % region; second within two standard uncertainties of what is
+    subtracted."""
     study, p = study_of_rotated_fit(0.0)
     harmonic = p.combined.harmonics["slow"]
     assert np.hypot(*harmonic.nominal_K) > 0.3
@@ -211,7 +214,8 @@ def test_prior_scales_with_the_flux_that_an_exact_or_an_uninformed_fit_observes(
 
 @pytest.mark.study
 def test_contradicted_press_fit_is_reported_and_not_used() -> None:
-    """A prior on the far side, off by 3 u or more, gives a warning; the harmonic is that without a press fit."""
+    """A prior on the far side, off by 3 u or more, gives a warning; the harmonic is that without a
+    press fit."""
     study, p = study_of_rotated_fit(170.0)
     warnings = [f for f in p.findings if f.code == "fit.contradicted"]
     assert [(f.subject, f.severity) for f in warnings] == [("slow", Severity.WARNING)]

@@ -1,4 +1,5 @@
-"""Values that rig.toml specifies beyond the model of the thesis (section 8.3): a specified value removes the bias."""
+"""Values that rig.toml specifies beyond the model of the thesis (section 8.3): a specified value
+removes the bias."""
 
 from __future__ import annotations
 
@@ -56,7 +57,8 @@ def baseline() -> Partition:
 @pytest.mark.long
 @pytest.mark.study
 def test_specified_flux_profile_is_as_accurate_as_the_default() -> None:
-    """Heat proportional to the viscosity of the oil, 0.4 mm off the centre, summed over the ellipse."""
+    """Heat proportional to the viscosity of the oil, 0.4 mm off the centre, summed over the
+    ellipse."""
     rig = rig_with(contact=FLUX)
     study = study_rig(SEED, rig=rig)
     specified = analysed_with(study, rig)
@@ -123,7 +125,8 @@ STEEL = {"conductivity_slope_per_K": -7e-4, "specific_heat_slope_per_K": 6e-4}
 @pytest.mark.long
 @pytest.mark.study
 def test_specified_steel_slope_removes_its_bias_and_an_uncertain_one_widens() -> None:
-    """Conduction with k(T) and c(T) is solved for the full disk; noise and other errors are those of the baseline."""
+    """Conduction with k(T) and c(T) is solved for the full disk; noise and other errors are those
+    of the baseline."""
     rig = rig_with(disk=STEEL)
     study = study_rig(SEED, rig=rig)
     specified = analysed_with(study, rig)
@@ -187,13 +190,15 @@ def test_slope_effects_match_a_finite_change_of_the_slope() -> None:
         ),
     ):
         assert np.abs(expected).max() > 0.02
-        # the effect uses smooth readings and the model's outer row, some kelvin off at this share and h
+        # the effect uses smooth readings and the model's outer row, some kelvin off at this share
+        # and h
         np.testing.assert_allclose(effect, expected, atol=0.05 * np.abs(expected).max())
 
 
 @pytest.mark.study
 def test_conductivity_slope_effect_contains_no_reading_noise() -> None:
-    """Otherwise the effect explains noise: in an earlier version the heat share of the fast disk was 0.15 off."""
+    """Otherwise the effect explains noise: in an earlier version the heat share of the fast disk
+    was 0.15 off."""
     study = study_rig(SEED)
     test = with_linear_steel(
         prepared_with(study, rig_with(uncertainty={"conductivity_slope_per_K": 5e-4}))
@@ -225,7 +230,8 @@ def simulated_surface_flux(
 
 
 def test_surface_flux_fit_matches_linear_regression() -> None:
-    """T_a = -a/b of q = a + b T, cov(a, b) = -mean(T) var(b); the error of the heater power affects b only."""
+    """T_a = -a/b of q = a + b T, cov(a, b) = -mean(T) var(b); the error of the heater power affects
+    b only."""
     t = np.linspace(80.0, 160.0, 9)
     q = 700.0 * (t - 55.0) * (1 + 0.01 * np.random.default_rng(0).standard_normal(9))
     fit = fit_surface_flux(t, q, 0.02)
@@ -260,7 +266,8 @@ def test_surface_flux_intervals_have_the_stated_coverage(points: int) -> None:
 
 @pytest.mark.study
 def test_measured_surface_flux_determines_h_when_the_ambient_does_not_cool() -> None:
-    """The oil cools both running surfaces 8 K below the logged ambient: without the measurement h is 4 u wrong."""
+    """The oil cools both running surfaces 8 K below the logged ambient: without the measurement h
+    is 4 u wrong."""
     truth = draw_truth(SEED, load_rig(), uncertain=True).with_film_air(AIR_OFFSET_K)
     study = study_rig(SEED, truth=truth)
     rng = np.random.default_rng(SEED)

@@ -1,4 +1,5 @@
-"""Model forms other than the assumed one: probabilities, range of beta, and withheld impossible results."""
+"""Model forms other than the assumed one: probabilities, range of beta, and withheld impossible
+results."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ def baseline() -> tuple[StudyRig, Partition]:
 
 @lru_cache
 def analysis_in_world(name: str) -> tuple[StudyRig, Partition]:
-    """Rig whose disks break one assumption, simulated by a solver independent of the fits and of the synthetic rig."""
+    """Rig whose disks break one assumption, simulated by a solver independent of the fits and of
+    the synthetic rig."""
     study = world_rig(SEED, name)
     return study, study.analyse()
 
@@ -116,14 +118,16 @@ def test_stem_conduction_is_within_its_uncertainty() -> None:
 @pytest.mark.long
 @pytest.mark.study
 def test_range_follows_a_model_form_that_changes_beta() -> None:
-    """A bubble that about doubles the lag of a junction changes beta of both by about 5 u; a message reports it."""
+    """A bubble that about doubles the lag of a junction changes beta of both by about 5 u; a
+    message reports it."""
     study, p = analysis_in_world("bubble 0.6 s")
     both = p.combined.estimates["beta"]
     forms = p.model_forms
     assert abs(both.value - study.true_values["beta"]) > 3 * both.u
     assert forms.preferred is not None
     assert forms.preferred.name == "lag of fast_e"
-    # a doubled lag is not linear: most of the error vanishes, the remainder is within about 2 u of the refit
+    # a doubled lag is not linear: most of the error vanishes, the remainder is within about 2 u of
+    # the refit
     assert abs(forms.forms[0].beta.value - study.true_values["beta"]) < 0.6 * abs(
         both.value - study.true_values["beta"]
     )
@@ -173,7 +177,8 @@ def test_one_linear_step_matches_the_fit_with_one_more_parameter(
     start[:8] = p.combined.theta
     fit = minimise(problem, start, tolerance=1e-7)
     linear_step = next(a for a in p.model_forms.forms if a.name == name)
-    # the fit is not quite linear, and the step weights slow waves of the residuals slightly differently
+    # the fit is not quite linear, and the step weights slow waves of the residuals slightly
+    # differently
     assert linear_step.beta.value == pytest.approx(fit.theta[0], abs=0.1 * linear_step.beta.u)
     assert linear_step.size[0].value == pytest.approx(fit.value(name), abs=0.1)
 
@@ -182,7 +187,8 @@ def test_one_linear_step_matches_the_fit_with_one_more_parameter(
 def test_constant_h_change_effect_matches_the_slope_by_h(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
-    """Two formulations of one effect: air colder by (T - T_A) at the surface, and the gains of the rim at another h."""
+    """Two formulations of one effect: air colder by (T - T_A) at the surface, and the gains of the
+    rim at another h."""
     _, p = baseline
     for k, d in enumerate(DISKS):
         disk_at_fit = DiskAtFit.of(p.test, p.joint[d], p.combined.theta[4 * k : 4 * k + 4])
@@ -202,7 +208,8 @@ def test_constant_h_change_effect_matches_the_slope_by_h(
 def test_lag_and_flux_shift_effects_match_finite_changes(
     baseline: tuple[StudyRig, Partition],
 ) -> None:
-    """The lag effect over 0.05 s uses straight lines, not slopes; the flux shift effect is that of a finite shift."""
+    """The lag effect over 0.05 s uses straight lines, not slopes; the flux shift effect is that of
+    a finite shift."""
     _, p = baseline
     for k, d in enumerate(DISKS):
         disk_at_fit = DiskAtFit.of(p.test, p.joint[d], p.combined.theta[4 * k : 4 * k + 4])
@@ -230,7 +237,8 @@ def test_mixture_interval_has_2_5_percent_below_and_above() -> None:
 @pytest.mark.long
 @pytest.mark.study
 def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() -> None:
-    """Without this check, beta = 3.14 and h = -728 have exit code 0, or correct wiring is called swapped."""
+    """Without this check, beta = 3.14 and h = -728 have exit code 0, or correct wiring is called
+    swapped."""
     study = study_rig(SEED, log_change=lambda log: log.assign(friction_N=log["friction_N"] / 4.448))
     p = study.analyse()
     scale = next(f for f in p.findings if f.code == "power.scale")

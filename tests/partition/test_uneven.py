@@ -38,7 +38,8 @@ SETUP = load_rig().disk_setup("slow")
 def test_harmonic_satisfies_its_equation_and_surface_condition(
     n: int, h: float, washer: float
 ) -> None:
-    """Central differences of 10 um: the residual of T'' is below 1e-4 of its terms, second order in the step."""
+    """Central differences of 10 um: the residual of T'' is below 1e-4 of its terms, second order in
+    the step."""
     setup = replace(SETUP, washer_conductivity_W_mK=washer)
     k = setup.conductivity_W_mK
     step = 1e-5
@@ -78,7 +79,8 @@ def test_second_harmonic_relative_to_the_first_is_that_of_simulated_disks() -> N
 
 @pytest.mark.study
 def test_harmonic_at_junctions_matches_the_simulated_disk() -> None:
-    """Amplitude at the depth of b times shape and cosine, against the first harmonic of the synthetic rig: 1 %.
+    """Amplitude at the depth of b times shape and cosine, against the first harmonic of the
+    synthetic rig: 1 %.
 
     The rim model is thin across its width and steady.
     """
@@ -101,7 +103,8 @@ def with_angles(setup: DiskSetup, angle_deg: float) -> DiskSetup:
 
 
 def test_harmonic_of_junctions_at_one_angle_is_a_common_offset() -> None:
-    """At one angle cos and sin are one pattern, nearly equal on all six junctions; nothing fails."""
+    """At one angle cos and sin are one pattern, nearly equal on all six junctions; nothing
+    fails."""
     one_side = with_angles(SETUP, 30.0)
     static = np.full((3, 3), 1 / 3)  # d, b and f contribute equally to the outer row
     cos, sin = harmonic_effect(one_side, 280.0, static)
@@ -177,7 +180,8 @@ def test_amplitude_and_angle_are_recovered_within_their_interval(
 def test_strongly_uneven_disks_bias_no_beta_and_have_no_suspects(
     uneven_disks: tuple[StudyRig, Partition],
 ) -> None:
-    """The joint fit of both disks within 0.01, twice its standard uncertainty; every estimator within 3 u."""
+    """The joint fit of both disks within 0.01, twice its standard uncertainty; every estimator
+    within 3 u."""
     study, p = uneven_disks
     assert p.combined.estimates["beta"].value == pytest.approx(study.true_values["beta"], abs=0.01)
     for estimator, estimate in p.beta_by_estimator.items():

@@ -28,9 +28,11 @@ def test_window_of_five_seconds_reproduces_the_cooling_fit(
 ) -> None:
     for disk in ("fast", "slow"):
         row = by_window.query("disk == @disk and window_s == 5.0").iloc[0]
-        # the smoother has a longer trace, which changes the estimate by less than a tenth of its uncertainty
+        # the smoother has a longer trace, which changes the estimate by less than a tenth of its
+        # uncertainty
         assert row["beta"] == pytest.approx(partition.cooling[disk].beta, abs=0.1 * row["u_beta"])
-        # the budget samples the lag with the correlations of the joint fit, the table as independent
+        # the budget samples the lag with the correlations of the joint fit, the table as
+        # independent
         u = float(np.std(partition.budget.samples[f"cooling {disk}"]))
         assert row["u_beta"] == pytest.approx(u, rel=0.2)
 
@@ -45,7 +47,8 @@ def test_every_window_length_is_within_3_u_of_the_truth(
 def test_longer_windows_have_a_smaller_u_of_h(by_window: pd.DataFrame) -> None:
     for _, windows in by_window.groupby("disk"):
         u = windows["u_h_W_m2K"].to_numpy()
-        # beyond about ten seconds a longer window adds no information, and the nuisance weights differ slightly
+        # beyond about ten seconds a longer window adds no information, and the nuisance weights
+        # differ slightly
         assert (np.diff(u) < 0.02 * u[:-1]).all()
         assert u[-1] < 0.6 * u[0]
 

@@ -1,7 +1,9 @@
-"""Rigs with circumferentially uneven press fits, by the synthetic rig in (r, z, angle), which no fit uses.
+"""Rigs with circumferentially uneven press fits, by the synthetic rig in (r, z, angle), which no
+fit uses.
 
-`python -m tests.partition.uneven_study 24 3000` prints errors, coverage, alarms and suspects: amplitudes 0.3 and 0.9
-at 0, 45, 90 and 180 degrees, of the fast disk, the slow one or both, each on a rig drawn within its uncertainties.
+`python -m tests.partition.uneven_study 24 3000` prints errors, coverage, alarms and suspects:
+amplitudes 0.3 and 0.9 at 0, 45, 90 and 180 degrees, of the fast disk, the slow one or both, each on
+a rig drawn within its uncertainties.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ EVEN = (0.0, 0.0, DISKS)
 
 
 def run_case(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str, object]:
-    """Errors in standard uncertainties, alarms and suspects of one drawn rig with one uneven press fit."""
+    """Errors in standard uncertainties, alarms and suspects of one drawn rig with one uneven press
+    fit."""
     warnings.simplefilter("ignore")
     amplitude, angle, disks = world
     truth = draw_truth(seed, load_rig(), uncertain=True).with_uneven(

@@ -1,8 +1,10 @@
-"""Tests of drawn rigs in worlds that each break one assumption of the fits, by an independent solver.
+"""Tests of drawn rigs in worlds that each break one assumption of the fits, by an independent
+solver.
 
-The disk from bore to running surface, finite volumes in (r, z), a two-stage L-stable step. The solver shares nothing
-with the fits or the synthetic rig. `python -m tests.partition.world_study COUNT SEED [WORLD ...]` prints for each world
-whether the range over the model forms contains the truth, its width, the best form and the messages.
+The disk from bore to running surface, finite volumes in (r, z), a two-stage L-stable step. The
+solver shares nothing with the fits or the synthetic rig. `python -m tests.partition.world_study
+COUNT SEED [WORLD ...]` prints for each world whether the range over the model forms contains the
+truth, its width, the best form and the messages.
 """
 
 from __future__ import annotations
@@ -39,9 +41,10 @@ REFRESH_S = 0.4  # interval at which temperature-dependent coefficients are upda
 class World:
     """Deviations from the assumptions of the fits.
 
-    ``later_s`` is added to the first lag of one channel, ``film`` multiplies h in equal strips across the running
-    surface. ``h_after_of`` multiplies h of one disk after the unloading, ``gain_of`` the readings of all its channels.
-    ``loading_s`` is the time in which the load is applied.
+    ``later_s`` is added to the first lag of one channel, ``film`` multiplies h in equal strips
+    across the running surface. ``h_after_of`` multiplies h of one disk after the unloading,
+    ``gain_of`` the readings of all its channels. ``loading_s`` is the time in which the load is
+    applied.
     """
 
     h_after: float = 1.0
@@ -107,7 +110,8 @@ def temperatures(
 ) -> Callable[[Array], Array]:
     """True junction temperatures of a disk, as a function of times (M,) -> (M, 6).
 
-    ``power_W`` (N,) heats the disk up to the unloading at ``unload_s``. The last full value is held until then.
+    ``power_W`` (N,) heats the disk up to the unloading at ``unload_s``. The last full value is held
+    until then.
     """
     s = disk.setup
     # a few cells of equal area are sufficient inside
@@ -237,7 +241,8 @@ def _reader(disk: DiskTruth, at_r: Array, at_z: Array) -> Callable[[Array], Arra
 
 
 def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
-    """Rig ``seed`` in the world ``name``: a log with the temperatures of that world and the calibrated records."""
+    """Rig ``seed`` in the world ``name``: a log with the temperatures of that world and the
+    calibrated records."""
     world, _ = WORLDS[name]
     options = replace(QUICK, loading_ramp_s=world.loading_s)
     true = draw_truth(seed, load_rig(), uncertain=True)

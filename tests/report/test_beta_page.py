@@ -1,4 +1,5 @@
-"""Page of one test: the result first, components that add up, figures that remain legible in grey."""
+"""Page of one test: the result first, components that add up, figures that remain legible in
+grey."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def test_uncertainty_components_add_up_to_the_total(partition: Partition) -> Non
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
         [joint_u, steady, cooling], abs=5e-5
     )
-    # independent sources in a nearly linear model: 4000 samples determine each spread to 1.1 %, none is above the sum
+    # independent sources in a nearly linear model: 4000 samples determine each spread to 1.1 %,
+    # none is above the sum
     assert hypot(*(r.u_beta_steady or 0.0 for r in partition.budget.rows)) == pytest.approx(
         steady, rel=0.06
     )

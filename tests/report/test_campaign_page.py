@@ -257,9 +257,9 @@ def test_error_bars_within_the_campaign_lie_inside_the_absolute_ones(
 
 def test_repeated_finding_is_printed_once() -> None:
     repeated = [
-        (f"EHL_A{k}", info("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)
+        (f"EHL_A{k}", info("from_file", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)
     ]
-    single = ("EHL_A2", warning("said", subject="slow_b", text="odd"))
+    single = ("EHL_A2", warning("from_file", subject="slow_b", text="odd"))
     sentences = [f.sentence for f in merge_findings([*repeated, single])]
     assert sentences == ["1 spikes (in A1; so or nearly so in A2, A3)", "EHL_A2: odd"]
 

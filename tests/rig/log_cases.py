@@ -15,7 +15,8 @@ DEPTHS = dict(zip(CHANNELS, (3.0, 6.0, 3.0, 6.0, 1.25, 6.0)))
 
 
 def ehl_frame(n: int = 3000, seed: int = 0) -> pd.DataFrame:
-    """40 s of an EHL test: loading at 5 s, unloading at 30 s, first-order warming, 0.15 degC noise."""
+    """40 s of an EHL test: loading at 5 s, unloading at 30 s, first-order warming, 0.15 degC
+    noise."""
     rng = np.random.default_rng(seed)
     t = np.arange(n) / RATE_HZ
     contact = ((t > 5.0) & (t < 0.75 * t[-1])).astype(float)

@@ -103,7 +103,8 @@ def test_lost_samples_are_missing_at_their_times_and_nowhere_else(tmp_path):
     is_logged = rng.random(len(log.frame)) >= 0.01
     is_logged[:2] = is_logged[-2:] = True
     assert np.array_equal(log.frame["e_degC"].notna(), is_logged)
-    # at its ends the line through 2900 stamps with a sd of 2.7 ms is known to twice 2.7 ms / sqrt(2900)
+    # at its ends the line through 2900 stamps with a sd of 2.7 ms is known to twice 2.7 ms /
+    # sqrt(2900)
     assert np.abs(
         log.frame["time_s"] - 0.2 - np.arange(len(is_logged)) * DT
     ).max() < 4 * 2 * 2.7e-3 / np.sqrt(2900)

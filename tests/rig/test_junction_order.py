@@ -1,6 +1,8 @@
-"""Why junctions of a heated disk are not in the order of their depths: swapped, an uneven start, an uneven disk.
+"""Why junctions of a heated disk are not in the order of their depths: swapped, an uneven start, an
+uneven disk.
 
-Closed forms for a plate: steady heating at the rate r gives a rise of r t - g depth; modes of an uneven start decay.
+Closed forms for a plate: steady heating at the rate r gives a rise of r t - g depth; modes of an
+uneven start decay.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ def plunge(
 ) -> pd.DataFrame:
     """A plunge log.
 
-    At the start the surface is warmer by ``start_K_mm`` per mm, and one side by ``start_side_K``; that side warms more
-    by ``side_share``.
+    At the start the surface is warmer by ``start_K_mm`` per mm, and one side by ``start_side_K``;
+    that side warms more by ``side_share``.
     """
     t = np.arange(0.0, 80.0, 1 / 75)
     since = np.clip(t - ENTRY_S, 0.0, 40.0)

@@ -23,7 +23,8 @@ def first_order(x: np.ndarray, dt_s: float, tau_s: float) -> np.ndarray:
 def test_readings_of_physical_inputs_are_not_flagged_as_unreachable(
     tau_s: float, seed: int
 ) -> None:
-    """Inputs jump anywhere between 0 and 2500 degC, the worst that a process can do; noise 0.5 K."""
+    """Inputs jump anywhere between 0 and 2500 degC, the worst that a process can do; noise 0.5
+    K."""
     rng = np.random.default_rng(seed)
     x = np.repeat(rng.uniform(0, 2500, 60), rng.integers(1, 30, 60))
     y = first_order(x, 0.1, tau_s) + rng.normal(0, 0.5, len(x))

@@ -150,7 +150,8 @@ INVALID_VALUES = {
 def test_record_with_an_invalid_value_raises_and_names_the_key(key):
     value, message = INVALID_VALUES[key]
     data = copy.deepcopy(json.loads(RECORD.to_json()))
-    # a change by 0.6 s of a lag known to 0.2 s would pass: a small uncertainty makes the contradiction visible
+    # a change by 0.6 s of a lag known to 0.2 s would pass: a small uncertainty makes the
+    # contradiction visible
     *path, last = key.split(".")
     entry = data
     for key_part in path:
@@ -264,7 +265,7 @@ def test_changed_differential_lag_is_significant_despite_an_uncertain_common_lag
 
 
 LEVELS = "P1.csv: column switch: levels 0 and 5 are read as 0 and 1"
-LEVELS_INFO = info("said", text=LEVELS)
+LEVELS_INFO = info("from_file", text=LEVELS)
 
 
 def test_record_with_sentences_only_preserves_them():
@@ -272,7 +273,7 @@ def test_record_with_sentences_only_preserves_them():
     del record_keys["findings"], record_keys["sha256"]
     parsed = parse_record({**record_keys, "warnings": ["the clock stood still", LEVELS]}, "a")
     assert parsed.warnings == ["the clock stood still", LEVELS]
-    assert [f.code for f in parsed.findings] == ["said", "said"]
+    assert [f.code for f in parsed.findings] == ["from_file", "from_file"]
     assert parse_record(parsed.to_dict(), "a") == parsed
 
 
@@ -281,10 +282,10 @@ def test_check_names_missing_chain_and_future_date():
     questionable = make_record(
         chain=None,
         created="2999-01-01T00:00:00+00:00",
-        findings=[warning("said", text="hand made"), LEVELS_INFO],
+        findings=[warning("from_file", text="hand made"), LEVELS_INFO],
     )
     assert [f.code for f in check_record(questionable)] == [
-        "said",
+        "from_file",
         "record.future",
         "record.no_chain",
     ]

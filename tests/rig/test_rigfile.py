@@ -1,4 +1,5 @@
-"""The rig file: the printed file reads back and explains how columns and single disks are written."""
+"""The rig file: the printed file reads back and explains how columns and single disks are
+written."""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ def test_emf_agrees_with_the_published_table():
     assert emf_mV([-210.0, 1200.0]) == pytest.approx([-8.095, 69.553], abs=5e-4)
 
 
-# emf [mV] of the published tables (NIST Monograph 175, reference junction at 0 degC), to their last digit
+# emf [mV] of the published tables (NIST Monograph 175, reference junction at 0 degC), to their last
+# digit
 TABLES = {
     "E": {-200: -8.825, -100: -5.237, 100: 6.319, 500: 37.005, 1000: 76.373},
     "J": {-210: -8.095, -100: -4.633, 100: 5.269, 500: 27.393, 1200: 69.553},

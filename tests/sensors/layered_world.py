@@ -87,7 +87,8 @@ class LayeredSensor:
         return [self.lag_s, *self.times_s()]
 
     def follow(self, x: Array, dt_s: float) -> Array:
-        """Reading (N,) in a medium of temperature ``x`` (N,), linear between rows, in balance at first."""
+        """Reading (N,) in a medium of temperature ``x`` (N,), linear between rows, in balance at
+        first."""
         y = np.zeros_like(x)
         for tau, share in zip(self.taus_s, self.shares):
             ratio = dt_s / tau
@@ -200,7 +201,8 @@ def drawn(
 
 @dataclass(frozen=True)
 class PlungeRecord:
-    """Record of a plunge: rows, the true entry and medium's lag, and the entry as the user knows it."""
+    """Record of a plunge: rows, the true entry and medium's lag, and the entry as the user knows
+    it."""
 
     time_s: Array = field(repr=False)
     y_degC: Array = field(repr=False)

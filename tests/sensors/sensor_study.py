@@ -1,4 +1,5 @@
-"""How often 95 % intervals of lags hold the truth: `python -m tests.sensors.sensor_study KIND [draws]`."""
+"""How often 95 % intervals of lags hold the truth: `python -m tests.sensors.sensor_study KIND
+[draws]`."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def plunge(seed: int) -> list[tuple[Estimate, float]]:
 
 
 def dips(seed: int) -> list[tuple[Estimate, float]]:
-    """Lag, t50, t63.2, t90 of a further dip, then the mean lag: 2 to 8 dips, whose times differ by a drawn spread."""
+    """Lag, t50, t63.2, t90 of a further dip, then the mean lag: 2 to 8 dips, whose times differ by
+    a drawn spread."""
     rng = np.random.default_rng(seed)
     slow = np.exp(rng.uniform(np.log(0.5), np.log(5.0)))
     taus = (slow, slow * rng.uniform(0.1, 0.4))
@@ -49,7 +51,8 @@ def dips(seed: int) -> list[tuple[Estimate, float]]:
 
 
 def pair(seed: int, step: bool = False) -> list[tuple[Estimate, float]]:
-    """Both lags; noise on both; with ``step`` the speed trebles in the middle, first stated, then piecewise."""
+    """Both lags; noise on both; with ``step`` the speed trebles in the middle, first stated, then
+    piecewise."""
     rng = np.random.default_rng(seed)
     quick = np.exp(rng.uniform(np.log(0.05), np.log(0.3)))
     taus = (quick, quick * rng.uniform(1.7, 5))
@@ -79,7 +82,8 @@ def current(seed: int, gap: float = 0.0) -> list[tuple[Estimate, float]]:
 
 
 def noise(seed: int) -> list[tuple[Estimate, float]]:
-    """The lag from fluctuations that are white but for 0.02 lags: lag, second lag, record and logger's noise drawn."""
+    """The lag from fluctuations that are white but for 0.02 lags: lag, second lag, record and
+    logger's noise drawn."""
     rng = np.random.default_rng(seed)
     tau = np.exp(rng.uniform(np.log(0.3), np.log(5)))
     taus = (tau, *([tau * rng.uniform(0.05, 0.4)] if rng.random() < 0.5 else []))
@@ -116,7 +120,8 @@ DRAWS: dict[str, Draw] = {
 
 
 def main(which: str, draws: int, first: int = 0) -> None:
-    """Print how often each interval holds, errors over stated uncertainties, and relative errors."""
+    """Print how often each interval holds, errors over stated uncertainties, and relative
+    errors."""
     rows, lost = [], 0
     for seed in range(first, first + draws):
         try:

@@ -1,4 +1,5 @@
-"""Sensors made by recursions of their own: lags as fine first-order steps, sheaths as shells of heat."""
+"""Sensors made by recursions of their own: lags as fine first-order steps, sheaths as shells of
+heat."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ FINE = 20  # steps of the simulation in a sample
 
 
 def lagged(x: Array, taus_s: tuple[float, ...], dt_s: float) -> Array:
-    """What lags one after the other make of ``x`` (N,), which is sampled every ``dt_s``; they begin in balance."""
+    """What lags one after the other make of ``x`` (N,), which is sampled every ``dt_s``; they begin
+    in balance."""
     y = x
     for tau in taus_s:
         keep = np.exp(-dt_s / tau)
@@ -55,7 +57,8 @@ def written(path: Path) -> pd.DataFrame:
 
 
 def varying(x: Array, tau_s: Array, dt_s: float) -> Array:
-    """One lag that changes: each step exact for its own lag and a straight line of ``x``'s middle."""
+    """One lag that changes: each step exact for its own lag and a straight line of ``x``'s
+    middle."""
     keep = np.exp(-dt_s / tau_s)
     y = np.empty_like(x)
     y[0] = x[0]
@@ -74,7 +77,8 @@ def two_in_a_gas(
     slow_s: tuple[float, ...] = (0.1, 1.0),
     fine: int = 4,
 ) -> tuple[Array, Array, Array, Array]:
-    """Time (N,) [s], two readings [degC] and the speed, which steps from 1 to ``step`` half way; lags go as its root.
+    """Time (N,) [s], two readings [degC] and the speed, which steps from 1 to ``step`` half way;
+    lags go as its root.
 
     The gas swings at random with these time constants.
     """
@@ -96,7 +100,8 @@ def two_in_a_gas(
 def fluctuating(
     seed: int, taus_s: tuple[float, ...], dt_s: float, n: int, logger_K: float
 ) -> tuple[Array, Array]:
-    """Time and reading of a sensor in a fluid whose fluctuations are white; ``logger_K`` over the reading's own 1 K."""
+    """Time and reading of a sensor in a fluid whose fluctuations are white; ``logger_K`` over the
+    reading's own 1 K."""
     rng = np.random.default_rng(seed)
     lead = int(20 * sum(taus_s) / dt_s) * FINE
     x = lagged(rng.standard_normal(lead + n * FINE), taus_s, dt_s / FINE)[lead::FINE]
@@ -108,10 +113,12 @@ SHELLS = 60
 
 @dataclass(frozen=True)
 class Sheath:
-    """A round sensor of shells: powder inside a metal wall, a film outside; heat by a current in the innermost part.
+    """A round sensor of shells: powder inside a metal wall, a film outside; heat by a current in
+    the innermost part.
 
-    ``step`` (n, n): what one ``dt_s`` makes of the shells' temperatures over the fluid's; ``warmed`` (n,): what one of
-    full current adds. Dimensionless: the powder's conductivity and heat capacity and the radius are 1.
+    ``step`` (n, n): what one ``dt_s`` makes of the shells' temperatures over the fluid's;
+    ``warmed`` (n,): what one of full current adds. Dimensionless: the powder's conductivity and
+    heat capacity and the radius are 1.
     """
 
     step: Array
@@ -122,9 +129,11 @@ class Sheath:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, gap: float = 0.0) -> Sheath:
-        """Wall 10 to 25 % of the radius, 5 to 20 times the conductivity; Bi 0.5 to 10; heater within 5 to 30 %.
+        """Wall 10 to 25 % of the radius, 5 to 20 times the conductivity; Bi 0.5 to 10; heater
+        within 5 to 30 %.
 
-        ``gap``: a thermal resistance between powder and wall, in radii over the powder's conductivity.
+        ``gap``: a thermal resistance between powder and wall, in radii over the powder's
+        conductivity.
         """
         edge = np.linspace(0, 1, SHELLS + 1)
         middle, wall = 0.5 * (edge[1:] + edge[:-1]), 1 - rng.uniform(0.1, 0.25)
@@ -155,7 +164,8 @@ class Sheath:
         return cls(step, np.linalg.solve(a, (step - np.eye(SHELLS)) @ made), dt, lag, 0)
 
     def heated(self, rng: np.random.Generator, noise: float) -> tuple[Array, Array, Array]:
-        """Time, reading [K over the fluid] and heating of a current switched on and off; noise over the heating."""
+        """Time, reading [K over the fluid] and heating of a current switched on and off; noise over
+        the heating."""
         n = 1200
         power = np.where((np.arange(n) > 60) & (np.arange(n) < 620), 1.0, 0.0)
         x, y = np.zeros(SHELLS), np.zeros(n)

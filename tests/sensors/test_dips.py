@@ -1,4 +1,5 @@
-"""Several dips of one sensor. The dips are drawn by code of their own: log-normal between dips, normal within one."""
+"""Several dips of one sensor. The dips are drawn by code of their own: log-normal between dips,
+normal within one."""
 
 from __future__ import annotations
 

@@ -23,7 +23,8 @@ from tests.sensors.layered_world import (
 
 
 def test_a_homogeneous_sensor_is_the_closed_form_of_a_cylinder() -> None:
-    """Eigenvalues z J1(z) = Bi J0(z); mean over the core 2 J1(z c)/(z c) (Carslaw and Jaeger, 7.7)."""
+    """Eigenvalues z J1(z) = Bi J0(z); mean over the core 2 J1(z c)/(z c) (Carslaw and Jaeger,
+    7.7)."""
     d, k, stored, core, biot = 3e-3, 3.0, 3e6, 0.3, 2.0
     radius = d / 2
     made = [

@@ -1,4 +1,5 @@
-"""Lags of a quarter of an hour and more, of a room or a building: every way to a sensor file, and back from it."""
+"""Lags of a quarter of an hour and more, of a room or a building: every way to a sensor file, and
+back from it."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ LONG_S = (900.0, 1800.0)
 
 
 def room(lag_s: float, dt_s: float = 5.0) -> tuple[Array, Array, Array]:
-    """Time [s], a temperature that drifts and steps once, and the reading of it behind one lag, with noise [degC]."""
+    """Time [s], a temperature that drifts and steps once, and the reading of it behind one lag,
+    with noise [degC]."""
     count = int(6 * lag_s / dt_s)
     fine = np.arange(count * 4) * (dt_s / 4)
     truth = np.where(fine < lag_s, 20.0, 60.0) + 5 * np.sin(fine / (2 * lag_s))

@@ -1,4 +1,5 @@
-"""Outputs in the forms that people expect: plain CSV, the dialect of the input, Parquet with its types."""
+"""Outputs in the forms that people expect: plain CSV, the dialect of the input, Parquet with its
+types."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Two sensors of which one is logged more slowly: its values are repeated or blank between new ones."""
+"""Two sensors of which one is logged more slowly: its values are repeated or blank between new
+ones."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def recorded(seed: int, count: int = 2000) -> tuple[Array, Array, Array]:
     ],
 )
 def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[no-untyped-def]
-    """Within 4 u and u within 15 %: in a study of 16 records a case the errors over u have an rms of 0.6 to 1.3."""
+    """Within 4 u and u within 15 %: in a study of 16 records a case the errors over u have an rms
+    of 0.6 to 1.3."""
     t, a, b = recorded(1)
     first, second = make(a, b)
     made = pair_sensor(t, first, second, ("A", "B"), bare=True)
@@ -107,7 +109,8 @@ def test_new_values_that_are_too_rare_for_the_shorter_lag_are_an_error() -> None
 def test_missing_values_in_all_steps_of_one_channel_are_an_error_not_an_uncertainty_of_zero() -> (
     None
 ):
-    """Every other row of one channel, at random rows of the other: no interval of which one channel is complete."""
+    """Every other row of one channel, at random rows of the other: no interval of which one channel
+    is complete."""
     t, a, b = recorded(5)
     rng = np.random.default_rng(5)
     a = np.where(rng.random(len(a)) < 0.1, a, np.nan)
@@ -145,7 +148,8 @@ def test_rows_of_new_values_are_known_where_they_are_even(period: int) -> None:
 
 
 def test_eliminated_values_give_the_residuals_of_the_full_least_squares() -> None:
-    """The sum of squares equals that of all steps with the missing values as free parameters, to rounding."""
+    """The sum of squares equals that of all steps with the missing values as free parameters, to
+    rounding."""
     rng = np.random.default_rng(7)
     count, period = 40, 4
     lags = np.array([[1.7], [5.2]]) * np.ones((2, count - 1))

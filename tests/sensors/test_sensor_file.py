@@ -1,4 +1,5 @@
-"""A sensor file and any table: units, stretches, unknown columns, and bands that hold the lag's uncertainty."""
+"""A sensor file and any table: units, stretches, unknown columns, and bands that hold the lag's
+uncertainty."""
 
 from __future__ import annotations
 
@@ -187,7 +188,8 @@ def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> 
 
 @pytest.mark.study
 def test_the_band_holds_the_lag_s_uncertainty() -> None:
-    """16 sensors drawn from their stated lags, 1.5 +- 0.15 and 0.3 +- 0.03 s: the 95 % bands hold, pointwise.
+    """16 sensors drawn from their stated lags, 1.5 +- 0.15 and 0.3 +- 0.03 s: the 95 % bands hold,
+    pointwise.
 
     One lag is one error for all of a record: 16 of them scatter the share by 0.03.
     """
@@ -533,7 +535,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert run_cli("compensate", log, "--sensor", sensor, "--out", out, *options) == 2
     err = capsys.readouterr().err
     assert said in err
-    assert err.replace("... from row 1\n", "").strip().count("\n") == 0
+    assert err.replace("... compensating, from row 1\n", "").strip().count("\n") == 0
     assert not out.exists()
 
 
@@ -564,7 +566,8 @@ def test_the_commands_write_a_file_and_a_table(
 
 
 def test_a_long_swing_that_stands_in_one_line_of_the_spectrum_is_followed() -> None:
-    """20 K at 0.015 Hz behind 1.5 s: all it does lies below where bends matter; the noise decides nothing."""
+    """20 K at 0.015 Hz behind 1.5 s: all it does lies below where bends matter; the noise decides
+    nothing."""
     t, levels = np.arange(0, 500, 0.1), []
     for seed in range(5):
         x = 100 + 20 * np.sin((t + seed) / 10.5)

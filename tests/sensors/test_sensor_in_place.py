@@ -1,4 +1,5 @@
-"""Lags found in place: two sensors in one gas, a current through the sensor, the process's own noise."""
+"""Lags found in place: two sensors in one gas, a current through the sensor, the process's own
+noise."""
 
 from __future__ import annotations
 
@@ -47,7 +48,8 @@ def test_the_lag_lies_in_its_interval(kind: str, draws: int, most: float) -> Non
 
 @pytest.mark.study
 def test_noise_on_both_does_not_bias_the_pair_where_plain_regression_is_wrong() -> None:
-    """16 records of large noise: the mean of the short lag within 3 of its standard errors; regression far off."""
+    """16 records of large noise: the mean of the short lag within 3 of its standard errors;
+    regression far off."""
     taus, lags, plain = (0.15, 0.5), [], []
     for seed in range(16):
         t, a, b, _ = two_in_a_gas(seed, taus, 0.02, 1500, (1.0, 1.0))

@@ -1,4 +1,5 @@
-"""A bare sensor plunged by code of its own: nobody knows when, and the surroundings step with a lag of their own."""
+"""A bare sensor plunged by code of its own: nobody knows when, and the surroundings step with a lag
+of their own."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def plunged(
     seed: int,
     medium_s: float | None = None,
 ) -> tuple[Array, Array, float]:
-    """Time, reading and the entry [s]; the medium's own lag is drawn from 0.02 +- 0.02 s unless told."""
+    """Time, reading and the entry [s]; the medium's own lag is drawn from 0.02 +- 0.02 s unless
+    told."""
     rng = np.random.default_rng(seed)
     fine = np.arange(n * FINE) * (dt_s / FINE)
     entry = n * dt_s / 6 + rng.uniform(0, dt_s)
@@ -61,7 +63,8 @@ def test_a_step_begins_where_the_reading_leaves_its_noise(noise_K: float, down: 
 
 
 def baths(changes: tuple[tuple[float, float], ...], noise_K: float) -> tuple[Array, Array]:
-    """Time and reading of lags of 1.5 and 0.3 s that move to the bath of each (instant [s], degC)."""
+    """Time and reading of lags of 1.5 and 0.3 s that move to the bath of each (instant [s],
+    degC)."""
     fine = np.arange(500 * FINE) * (0.05 / FINE)
     x = np.full(len(fine), 20.0)
     for instant_s, temperature in changes:
@@ -172,7 +175,8 @@ def test_a_known_entry_narrows_the_lag_and_a_slow_medium_is_no_part_of_it() -> N
 
 
 def test_a_response_before_the_specified_entry_is_a_warning_with_both_instants() -> None:
-    """No dead time explains a specified instant that is 3 s late: 10 times its standard uncertainty."""
+    """No dead time explains a specified instant that is 3 s late: 10 times its standard
+    uncertainty."""
     t, y, entry = plunged((4.0, 0.5), 0.1, 600, 0.1, 5)
     made = plunge_sensor(t, y, "T1", entry_s=(entry + 3.0, 0.3))
     (conflict,) = [f for f in made.findings if f.code == "sensor.entry_conflict"]
@@ -186,7 +190,8 @@ def test_a_response_before_the_specified_entry_is_a_warning_with_both_instants()
 def test_a_dead_time_after_the_specified_entry_is_part_of_the_times_and_a_warning(
     specified_u_s: float,
 ) -> None:
-    """Nothing moves for 3 s after the entry; the clock may also be wrong, which the message says."""
+    """Nothing moves for 3 s after the entry; the clock may also be wrong, which the message
+    says."""
     t, y, entry = plunged((4.0,), 0.1, 600, 0.1, 5)
     made = plunge_sensor(t, y, "T1", entry_s=(entry - 3.0, specified_u_s))
     (finding,) = [f for f in made.findings if f.severity.value == "warning"]
@@ -198,7 +203,8 @@ def test_a_dead_time_after_the_specified_entry_is_part_of_the_times_and_a_warnin
 
 
 def two_paths(share: float, slow_s: float, drift_K: float, seed: int, last_s: float) -> Array:
-    """Time and reading of 2 s with a second path beside it, in closed form, in a bath that drifts (2, N)."""
+    """Time and reading of 2 s with a second path beside it, in closed form, in a bath that drifts
+    (2, N)."""
     t = np.arange(0, last_s, 0.05)
     since = np.clip(t - 6.013, 0, None)
     response = 1 - (1 - share) * np.exp(-since / 2.0) - share * np.exp(-since / slow_s)
@@ -334,7 +340,8 @@ def test_what_is_no_chain_of_lags_is_told() -> None:
 
 
 def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_lag() -> None:
-    """Hilpert's table, Nu = C Re^m Pr^(1/3): 0.683 Re^0.466 for 40 < Re < 4000; the two fits differ by up to 20 %."""
+    """Hilpert's table, Nu = C Re^m Pr^(1/3): 0.683 Re^0.466 for 40 < Re < 4000; the two fits differ
+    by up to 20 %."""
     for name, d in (("water", 3e-3), ("air", 3e-3), ("air", 6e-3)):
         s = STREAMS[name]
         re = s.speed_m_s * d / s.nu_m2_s
@@ -353,7 +360,8 @@ def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_
 def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(
     medium: str, speed: float | None
 ) -> None:
-    """Each moved by a thousandth of its uncertainty in lag + rho c d/4 (1/h' - 1/h): 15 % of h, h' and rho c."""
+    """Each moved by a thousandth of its uncertainty in lag + rho c d/4 (1/h' - 1/h): 15 % of h, h'
+    and rho c."""
     film, lag = BoundaryLayer(medium, 3e-3, speed), Estimate.normal(2.0, 0.05)
     own = film.stream
     assert (own.k_W_mK, own.speed_m_s) == (STREAMS[medium].k_W_mK, speed or 3.0)
@@ -386,7 +394,8 @@ def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(
 
 
 def test_h_across_a_stream_is_known_where_the_correlation_s_bracket_is_known() -> None:
-    """At Pr = 0.4 and Re = 282 000 its brackets are 2 and 2: Nu = 0.3 + 0.62 Re^1/2 Pr^1/3 2^(4/5 - 1/4)."""
+    """At Pr = 0.4 and Re = 282 000 its brackets are 2 and 2: Nu = 0.3 + 0.62 Re^1/2 Pr^1/3 2^(4/5 -
+    1/4)."""
     nu = 0.3 + 0.62 * 282e3**0.5 * 0.4 ** (1 / 3) * 2**0.55
     assert Stream(0.5, 1e-5, 0.4, 28.2).h_W_m2K(0.1) == pytest.approx(nu * 0.5 / 0.1, rel=1e-12)
 

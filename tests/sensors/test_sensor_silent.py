@@ -1,4 +1,5 @@
-"""Any table: gaps of days, units of time, drop-outs and impossible readings never give a wrong number silently."""
+"""Any table: gaps of days, units of time, drop-outs and impossible readings never give a wrong
+number silently."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ U_S = 1.0
 
 
 def kiln(rows: int = 1200, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """The gas, a slow wave, and the reading of one lag behind it with noise of 0.3 K; rows every second."""
+    """The gas, a slow wave, and the reading of one lag behind it with noise of 0.3 K; rows every
+    second."""
     t = np.arange(rows, dtype=float)
     gas = 800 + 40 * np.sin(2 * np.pi * t / 900)
     y = np.empty(rows)
@@ -98,7 +100,8 @@ def overload(y: np.ndarray) -> None:
 
 @pytest.mark.parametrize("fault", [unplugged, alternating, zeros, absolute_zero, overload])
 def test_readings_that_no_input_could_produce_are_not_inverted(tmp_path: Path, fault) -> None:
-    """95 % of the samples lie within 2 standard uncertainties; the lag is exact here, so 90 % is a safe limit."""
+    """95 % of the samples lie within 2 standard uncertainties; the lag is exact here, so 90 % is a
+    safe limit."""
     gas, y = kiln()
     fault(y)
     done, out = compensated(table(tmp_path / "log.csv", np.arange(len(y)), y))
@@ -258,7 +261,8 @@ def test_identify_reads_channels_of_different_start_from_one_tdms_file(tmp_path:
 
 
 def test_a_steady_record_of_a_coarse_logger_is_determined(tmp_path: Path) -> None:
-    """A logger of 1 K shows 25 nearly always; the few 26 are outliers, and the range of the others is zero."""
+    """A logger of 1 K shows 25 nearly always; the few 26 are outliers, and the range of the others
+    is zero."""
     y = np.round(25.2 + np.random.default_rng(15).normal(0, 0.13, 3000))
     _, out = compensated(table(tmp_path / "log.csv", np.arange(3000), y))
     assert out["TC1_degC"].notna().all()

@@ -81,7 +81,8 @@ def test_stamps_that_stray_far_are_told_with_how_far(stray: float, told: bool) -
 
 
 def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
-    """Slowly, by 0.55 to either side, so that the nearest place would be another row's; three rows are lost."""
+    """Slowly, by 0.55 to either side, so that the nearest place would be another row's; three rows
+    are lost."""
     wander = 0.55 * np.sin(2 * np.pi * np.arange(60) / 60)
     kept = np.r_[0:29, 32:60]
     grid, (found,) = even_times((100 + T + 0.125 * wander)[kept], "log.csv", 0.125)
@@ -168,7 +169,8 @@ def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
 
 
 def test_an_error_leaves_no_open_reader_behind() -> None:
-    """The traceback keeps the frames alive; a reader in them would abort the interpreter at its end."""
+    """The traceback keeps the frames alive; a reader in them would abort the interpreter at its
+    end."""
     closed = []
 
     def chunks(wanted, rows):  # type: ignore[no-untyped-def]

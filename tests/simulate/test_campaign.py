@@ -65,8 +65,8 @@ def test_logs_read_back_with_the_columns_of_the_true_traces(tmp_path: Path) -> N
     assert list(log.columns) == list(true_traces.columns)
     assert len(log) == len(true_traces) == 12 * 75 + 1
     assert np.diff(log["time_s"]) == pytest.approx(1 / 75, abs=2e-6)  # written to a microsecond
-    # Before loading, all temperatures are steady: the log differs at most by offsets (0.5), gains (0.3)
-    # and noise (5 sigma).
+    # Before loading, all temperatures are steady: the log differs at most by offsets (0.5), gains
+    # (0.3) and noise (5 sigma).
     before_load = log["time_s"] < 2.5
     error = (log["fast_b_degC"] - true_traces["fast_b_degC"])[before_load]
     assert error.abs().median() < 0.9

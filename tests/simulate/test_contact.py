@@ -16,7 +16,8 @@ TABLE_6_1_GPa = {850: 1.0, 1460: 1.2, 1850: 1.3, 2320: 1.4}
 
 @pytest.mark.parametrize("load", TABLE_3_4_mm)
 def test_half_widths_and_pressures_match_the_thesis_tables(load: int) -> None:
-    # The table prints 0.01 mm. Its modulus is not given and enters by its cube root: 0.5 % for 207 against 210 GPa.
+    # The table prints 0.01 mm. Its modulus is not given and enters by its cube root: 0.5 % for 207
+    # against 210 GPa.
     printed = TABLE_3_4_mm[load]
     assert half_width_m(load) * 1e3 == pytest.approx(printed, abs=0.005 + 0.005 * printed)
     assert hertz_contact(load).pressure_Pa / 1e9 == pytest.approx(TABLE_6_1_GPa[load], abs=0.05)
@@ -28,7 +29,8 @@ def test_pressure_integrates_to_the_load() -> None:
 
 
 def test_contact_of_nearly_equal_radii_is_the_hertz_circle() -> None:
-    # Circular contact of two spheres of radius R: a^3 = 3 W R' / (4 E*), R' = R/2. Ellipticity 1e-3 changes it as much.
+    # Circular contact of two spheres of radius R: a^3 = 3 W R' / (4 E*), R' = R/2. Ellipticity 1e-3
+    # changes it as much.
     radius = 0.05
     c = hertz_contact(1000.0, radius, radius * (1 + 1e-3))
     modulus = YOUNG_Pa / (2 * (1 - 0.3**2))
@@ -66,7 +68,10 @@ def test_press_fit_of_a_thin_ring_follows_its_hoop_stress() -> None:
 
 @pytest.mark.study
 def test_contact_module_imports_no_simulator() -> None:
-    code = "import sys, tcdyn.rig.contact; print([m for m in sys.modules if m.startswith('tcdyn.simulate.')])"
+    code = (
+        "import sys, tcdyn.rig.contact; print([m for m in sys.modules if "
+        "m.startswith('tcdyn.simulate.')])"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
 

@@ -164,7 +164,8 @@ def test_oven_rows_recover_the_static_lines() -> None:
     assert sorted(set(frame["setpoint_degC"])) == list(range(20, 161, 20))
     for c in "abcdef":
         gain, offset = np.polyfit(frame[f"{c}_degC"], frame["prt_degC"], 1)
-        # 24 holds of +- 0.1 K: slope known to 0.058 / (sqrt(24) 46) = 2.6e-4, intercept to 0.026 K; four times these.
+        # 24 holds of +- 0.1 K: slope known to 0.058 / (sqrt(24) 46) = 2.6e-4, intercept to 0.026 K;
+        # four times these.
         assert gain == pytest.approx(true_values["gain"][c], abs=1.1e-3)
         assert offset == pytest.approx(true_values["offset_degC"][c], abs=0.11)
 

@@ -63,7 +63,8 @@ def test_ring_between_hot_and_cold_obeys_kirchhoff_transform() -> None:
         radii = [setup.outer_radius_m - setup.junctions[c].depth_m for c in (inner, outer)]
         return float(2 * np.pi * setup.width_m * integral / np.log(radii[0] / radii[1]))
 
-    # the shaft cools the edges of the bore more than its middle: the flow is displaced there, by half a per cent
+    # the shaft cools the edges of the bore more than its middle: the flow is displaced there, by
+    # half a per cent
     assert conducted("e", "a") == pytest.approx(500.0, rel=2e-3)
     assert conducted("a", "b") == pytest.approx(500.0, rel=5e-3)
     # a constant conductivity would give another flow

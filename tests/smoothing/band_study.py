@@ -1,10 +1,10 @@
 """Coverage of the bands of the smoother for signals that its prior does not describe.
 
-`python -m tests.smoothing.band_study [RECORDS] [SEED] [WORDS]` prints one line a row of the table on
-the page "Validation": coverage of the 95 % band (mean over the records), largest error in standard
-deviations, rms error, rms error of a Tikhonov deconvolution whose order and weight are tuned with
-the true temperature, share of records with a warning, and CPU time a record. Rows are those whose
-name contains one of WORDS.
+`python -m tests.smoothing.band_study [RECORDS] [SEED] [WORDS]` prints one line a row of the table
+on the page "Validation": coverage of the 95 % band (mean over the records), largest error in
+standard deviations, rms error, rms error of a Tikhonov deconvolution whose order and weight are
+tuned with the true temperature, share of records with a warning, and CPU time a record. Rows are
+those whose name contains one of WORDS.
 
 The readings come from recursions that are exact for an input that is linear between the points of a
 grid 16 times finer than the samples. The records cycle through four sensors: one lag; two lags in
@@ -38,7 +38,8 @@ Signal = Callable[[Array, np.random.Generator], tuple[Array, list[float]]]
 
 @dataclass(frozen=True)
 class Setup:
-    """Lags [s] of the stages of each channel, sampling interval [s], and the factor of all times."""
+    """Lags [s] of the stages of each channel, sampling interval [s], and the factor of all
+    times."""
 
     lags_s: tuple[tuple[float, ...], ...]
     dt_s: float
@@ -270,7 +271,8 @@ def tuned_rms(setup: Setup, truth: Array, y: Array, events_s: list[float]) -> fl
 
 
 def judge(row: Row, index: int, seed: int) -> tuple[float, ...]:
-    """Coverage, largest error [sd], mean square error [K2], that of the reference, warnings, CPU [s]."""
+    """Coverage, largest error [sd], mean square error [K2], that of the reference, warnings, CPU
+    [s]."""
     setup, truth, y, events = simulate(row, index, seed)
     chains = [Chain(lags_s, conditioning=NO_CONDITIONING) for lags_s in setup.lags_s]
     given = events if row.given else []
@@ -292,7 +294,8 @@ def judge(row: Row, index: int, seed: int) -> tuple[float, ...]:
 def report(records: int, seed: int, words: list[str], workers: int, verbose: bool) -> None:
     """Print the table."""
     print(
-        f"{'row':26s} cover %  worst rec  max |e|/sd   rms K  typ. sd  tuned K  ratio  warned %  CPU s"
+        f"{'row':26s} cover %  worst rec  max |e|/sd   rms K  typ. sd  tuned K  ratio  warned "
+        "%  CPU s"
     )
     for row in ROWS:
         if words and not any(word == row.name for word in words):
@@ -302,16 +305,16 @@ def report(records: int, seed: int, words: list[str], workers: int, verbose: boo
         if verbose:
             for index, r in enumerate(results):
                 print(
-                    f"   {index:3d} {100 * r[0]:6.1f} {r[1]:8.1f} rms {r[2] ** 0.5:7.4f} sd {r[6]:7.4f} "
-                    f"tuned {r[3] ** 0.5:7.4f} warned {r[4]:.0f} {r[5]:6.2f} s"
+                    f"   {index:3d} {100 * r[0]:6.1f} {r[1]:8.1f} rms {r[2] ** 0.5:7.4f} sd "
+                    f"{r[6]:7.4f} tuned {r[3] ** 0.5:7.4f} warned {r[4]:.0f} {r[5]:6.2f} s"
                 )
         cover, worst, square, tuned, warned, spent, sd = np.array(results).T
         rms = float(np.sqrt(square.mean()))
         reference = float(np.sqrt(tuned.mean()))
         print(
-            f"{row.name:26s} {100 * cover.mean():7.1f} {100 * cover.min():10.1f} {worst.max():11.1f}"
-            f" {rms:7.3f} {np.sqrt(np.mean(sd**2)):8.3f} {reference:8.3f} {rms / reference:6.2f}"
-            f" {100 * warned.mean():9.0f} {spent.mean():6.2f}",
+            f"{row.name:26s} {100 * cover.mean():7.1f} {100 * cover.min():10.1f} "
+            f"{worst.max():11.1f} {rms:7.3f} {np.sqrt(np.mean(sd**2)):8.3f} {reference:8.3f} "
+            f"{rms / reference:6.2f} {100 * warned.mean():9.0f} {spent.mean():6.2f}",
             flush=True,
         )
 

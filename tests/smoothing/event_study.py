@@ -1,7 +1,9 @@
-"""Events that nobody announced: what the batch smoother makes of them, world by world, on records of its own making.
+"""Events that nobody announced: what the batch smoother makes of them, world by world, on records
+of its own making.
 
-`python -m tests.smoothing.event_study 10 100` prints, for ten seeds from 100 on, rms error and coverage of the 95 %
-intervals from 1 s before to 3 s after each event, the same elsewhere, events found, and seconds of CPU a record.
+`python -m tests.smoothing.event_study 10 100` prints, for ten seeds from 100 on, rms error and
+coverage of the 95 % intervals from 1 s before to 3 s after each event, the same elsewhere, events
+found, and seconds of CPU a record.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ World = Callable[[Array, np.random.Generator], tuple[Array, list[float]]]
 
 
 def kinks(heights_K: tuple[float, ...], decay_s: float, apart_s: float = 8.0) -> World:
-    """Towards a new level by ``heights_K`` every ``apart_s``, each with the time constant ``decay_s``; 0: jumps."""
+    """Towards a new level by ``heights_K`` every ``apart_s``, each with the time constant
+    ``decay_s``; 0: jumps."""
 
     def world(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
         first = rng.uniform(10.0, 14.0)
@@ -76,7 +79,8 @@ WORLDS: dict[str, World] = {
 def logged(
     world: World, rng: np.random.Generator, noise: str = "white", seconds: float = SECONDS
 ) -> tuple[Array, Array, Array, list[float]]:
-    """Times, truth and noisy reading (N,), and the events, by first-order recursions on a grid sixteen times finer."""
+    """Times, truth and noisy reading (N,), and the events, by first-order recursions on a grid
+    sixteen times finer."""
     step = 1 / (RATE_HZ * FINE)
     t = np.arange(int(seconds * RATE_HZ) * FINE + 1) * step
     truth, at = world(t, rng)
@@ -97,7 +101,8 @@ def logged(
 def judged(
     world: World, seed: int, noise: str = "white", given: bool = False, seconds: float = SECONDS
 ) -> tuple[Array, Array, Array, int, float]:
-    """Errors and whether their 95 % intervals hold (N,), which samples lie round events, events found, CPU [s]."""
+    """Errors and whether their 95 % intervals hold (N,), which samples lie round events, events
+    found, CPU [s]."""
     t, truth, y, at = logged(world, np.random.default_rng(seed), noise, seconds)
     begun = time.process_time()
     done = smooth(y, 1 / RATE_HZ, CHAIN, events_s=at if given else ())
@@ -125,8 +130,8 @@ def report(names: list[str], seeds: range, noise: str, given: bool) -> None:
             )
         worst = min((100 * x[n].mean() for x, n in zip(held, near) if n.any()), default=np.nan)
         print(
-            f"{name:18s}  {columns[0]:10.3f} {columns[1]:6.1f} % {worst:6.1f}   {columns[2]:8.3f} {columns[3]:6.1f} %"
-            f"   {np.mean(found):5.1f}  {np.mean(spent):7.2f}",
+            f"{name:18s}  {columns[0]:10.3f} {columns[1]:6.1f} % {worst:6.1f}   {columns[2]:8.3f} "
+            f"{columns[3]:6.1f} %   {np.mean(found):5.1f}  {np.mean(spent):7.2f}",
             flush=True,
         )
 

@@ -1,8 +1,9 @@
-"""Error and coverage with a fixed delay: ``python -m tests.smoothing.live_study SECONDS SEED DELAY_S [BEFORE]``.
+"""Error and coverage with a fixed delay: ``python -m tests.smoothing.live_study SECONDS SEED
+DELAY_S [BEFORE]``.
 
-Six channels of the rig with an unloading and a reloading, lone outliers and bursts of the slip rings once a minute in
-each channel. ``BEFORE`` is the share of the noise's amplitude that enters before the filter (0). The batch smoother of
-the complete record is printed for comparison.
+Six channels of the rig with an unloading and a reloading, lone outliers and bursts of the slip
+rings once a minute in each channel. ``BEFORE`` is the share of the noise's amplitude that enters
+before the filter (0). The batch smoother of the complete record is printed for comparison.
 """
 
 from __future__ import annotations
@@ -42,9 +43,10 @@ def judge(made: World, x: Array, sd: Array, title: str) -> None:
         rms = np.sqrt(np.mean(error[chosen] ** 2))
         coverage = 100 * np.mean(z[chosen] < 1.96)
         print(
-            f"  {name:16s} rms {rms:.3f} K, median {np.median(error[chosen]):.3f} K, coverage {coverage:.1f} %, "
-            f"largest {error[chosen].max():.2f} K, {z[chosen].max():.1f} sd, above 5 K {np.sum(error[chosen] > 5)}, "
-            f"median sd {np.median(sd[chosen]):.3f} K, {np.count_nonzero(chosen)} samples",
+            f"  {name:16s} rms {rms:.3f} K, median {np.median(error[chosen]):.3f} K, coverage "
+            f"{coverage:.1f} %, largest {error[chosen].max():.2f} K, {z[chosen].max():.1f} sd, "
+            f"above 5 K {np.sum(error[chosen] > 5)}, median sd {np.median(sd[chosen]):.3f} K, "
+            f"{np.count_nonzero(chosen)} samples",
             flush=True,
         )
 

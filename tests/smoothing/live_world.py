@@ -1,4 +1,5 @@
-"""Logs as slip rings and wires make them, by oversampled lags: code that the smoothers share nothing with."""
+"""Logs as slip rings and wires make them, by oversampled lags: code that the smoothers share
+nothing with."""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ NOISE_K, OVER, RUN_UP_S = 0.12, 8, 20.0
 
 @dataclass(frozen=True)
 class World:
-    """Samples at ``time_s`` (N,): ``true`` (N,) [degC] of all six junctions, and their ``readings`` (N, 6).
+    """Samples at ``time_s`` (N,): ``true`` (N,) [degC] of all six junctions, and their ``readings``
+    (N, 6).
 
-    ``kinks_s``: unloadings and reloadings; ``burst`` (N, 6): a burst is on, or was less than half a second ago.
+    ``kinks_s``: unloadings and reloadings; ``burst`` (N, 6): a burst is on, or was less than half a
+    second ago.
     """
 
     time_s: Array
@@ -70,11 +73,12 @@ def world(
     channels: int = 6,
     part_s: tuple[float, float] | None = None,
 ) -> World:
-    """``before``: share of the noise's amplitude that enters before the filter, one or one a channel; a burst every
-    ``bursts_s`` a channel. Of ``part_s`` alone, after a run-up, where the whole is too long for the memory.
+    """``before``: share of the noise's amplitude that enters before the filter, one or one a
+    channel; a burst every ``bursts_s`` a channel. Of ``part_s`` alone, after a run-up, where the
+    whole is too long for the memory.
 
-    Unloadings by ``drops_K``, each with a reloading, on slow waves; lone outliers of 1.5 K every 20 s a channel; bursts
-    of 0.5 to 3 K that last 20 to 300 ms and enter before the filter.
+    Unloadings by ``drops_K``, each with a reloading, on slow waves; lone outliers of 1.5 K every 20
+    s a channel; bursts of 0.5 to 3 K that last 20 to 300 ms and enter before the filter.
     """
     begin, end = part_s or (0.0, total_s)
     rng, origin = (
@@ -118,7 +122,8 @@ def world(
 def with_delay(
     y: Array, dt_s: float, chain: Chain, delay_s: float, channels_together: int = 6
 ) -> tuple[Array, Array]:
-    """Results and sd (N, M) of the readings ``y`` (N, M) with a fixed delay, as ``follow`` gives them."""
+    """Results and sd (N, M) of the readings ``y`` (N, M) with a fixed delay, as ``follow`` gives
+    them."""
     names = [f"c{k}" for k in range(y.shape[1])]
     groups = []
     for first in range(0, len(names), channels_together):
@@ -145,7 +150,8 @@ def with_delay(
 
 
 def record(split_s: float = 0.0) -> DiskRecord:
-    """The fast disk that made it, known exactly; but for ``split_s`` of its first lag, taken for its second's."""
+    """The fast disk that made it, known exactly; but for ``split_s`` of its first lag, taken for
+    its second's."""
     lag = Estimate.normal(sum(TAUS_S) + FILTER_POLES * FILTER_S, 0.0)
     line = StaticLine(
         gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(20.0, 160.0)

@@ -1,9 +1,10 @@
-"""Are all parts of a compensated temperature's uncertainty there? Ovens with a biased and drifting reference, chains
-whose lags and their division are drawn from what the record states, a trace that swings and bends, logs with noise.
+"""Are all parts of a compensated temperature's uncertainty there? Ovens with a biased and drifting
+reference, chains whose lags and their division are drawn from what the record states, a trace that
+swings and bends, logs with noise.
 
-``python -m tests.smoothing.parts_study RIGS SEED`` prints how many 95 % intervals hold: of samples, of means over two
-seconds, of differences between channels' means. Lags and filter are simulated by recursions of their own on a grid
-twenty times finer.
+``python -m tests.smoothing.parts_study RIGS SEED`` prints how many 95 % intervals hold: of samples,
+of means over two seconds, of differences between channels' means. Lags and filter are simulated by
+recursions of their own on a grid twenty times finer.
 """
 
 from __future__ import annotations
@@ -108,8 +109,8 @@ def main(rigs: int, seed: int) -> None:
     """Print the shares."""
     samples, means, apart = zip(*(one(seed + k) for k in range(rigs)))
     print(
-        f"{rigs} records: 95 % intervals hold {100 * np.mean(samples):.1f} % of samples (sd over records "
-        f"{100 * np.std(samples):.0f} %), {100 * np.mean(means):.1f} % of means, "
+        f"{rigs} records: 95 % intervals hold {100 * np.mean(samples):.1f} % of samples (sd "
+        f"over records {100 * np.std(samples):.0f} %), {100 * np.mean(means):.1f} % of means, "
         f"{100 * np.mean(apart):.1f} % of differences of means"
     )
 

@@ -1,4 +1,5 @@
-"""Answers do not hang on the unit of temperature or on its zero; levels of intensity are those that made the trace."""
+"""Answers do not hang on the unit of temperature or on its zero; levels of intensity are those that
+made the trace."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ def trace(n: int = 500, jump: float = 8.0, seed: int = 0) -> np.ndarray:
 
 @pytest.mark.e2e
 def test_a_smoothed_trace_with_a_hidden_jump_is_the_same_in_any_unit() -> None:
-    """An event that nobody announced is found, weighed and averaged over: times and odds stay, temperatures scale."""
+    """An event that nobody announced is found, weighed and averaged over: times and odds stay,
+    temperatures scale."""
     y, size, zero = trace(160)[:, :1], 9.0, 500.0
     plain = smooth(y, DT, CHAIN, noise_sd=0.05)
     other = smooth(size * y + zero, DT, CHAIN, noise_sd=size * 0.05)
@@ -71,7 +73,8 @@ def test_a_known_event_deconvolution_and_the_inverse_are_the_same_in_any_unit() 
 
 
 def wander(q: float, n: int, sd: float, seed: int, chain: Chain) -> np.ndarray:
-    """A temperature whose slope wanders with the intensity ``q``, read through ``chain`` with white noise."""
+    """A temperature whose slope wanders with the intensity ``q``, read through ``chain`` with white
+    noise."""
     rng = np.random.default_rng(seed)
     slope = np.sqrt(q * DT) * rng.standard_normal(n).cumsum()
     x = DT * np.r_[0.0, slope[:-1].cumsum()]
@@ -82,7 +85,8 @@ def wander(q: float, n: int, sd: float, seed: int, chain: Chain) -> np.ndarray:
 def test_the_level_of_a_wandering_slope_is_recovered_by_spectrum_and_by_likelihood(
     q: float,
 ) -> None:
-    """Some w_c T/pi waves above the noise tell it: of 8192 samples above a hundred, so to a factor 1.5 (four sd)."""
+    """Some w_c T/pi waves above the noise tell it: of 8192 samples above a hundred, so to a factor
+    1.5 (four sd)."""
     chain = Chain((0.4,), conditioning=NO_CONDITIONING)
     found = [spectral_level(wander(q, 8192, 0.05, s, chain), DT, chain, 0.05**2) for s in range(4)]
     assert np.exp(np.mean(np.log(found))) == pytest.approx(q, rel=0.35)

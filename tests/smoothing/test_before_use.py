@@ -1,4 +1,5 @@
-"""What is said of a compensator before it is used, against closed forms: one lag behind, one lag left."""
+"""What is said of a compensator before it is used, against closed forms: one lag behind, one lag
+left."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def gain_at(b: np.ndarray, a: np.ndarray, f_Hz: float) -> complex:
 def test_of_one_lag_another_of_the_bandwidth_is_left_and_the_report_says_all_of_it(
     delay_s: float,
 ) -> None:
-    """Chain times compensator is 1/(1 + s/w): it rises from 10 to 90 % in ln 9/w, and comes 1/w late."""
+    """Chain times compensator is 1/(1 + s/w): it rises from 10 to 90 % in ln 9/w, and comes 1/w
+    late."""
     w = 2 * np.pi * 2.0
     chain = Chain((TAU,), delay_s=delay_s, conditioning=NO_CONDITIONING)
     f = proper_inverse(chain, DT, 2.0)
@@ -98,7 +100,8 @@ def test_without_a_lag_the_smoother_hands_over_where_bends_sink_into_the_noise()
 
 
 def test_the_rate_of_the_lag_is_that_of_the_response() -> None:
-    """A swing of 0.7 Hz: its change per second of lag is s/(1 + tau s) times itself compensated, to a sample."""
+    """A swing of 0.7 Hz: its change per second of lag is s/(1 + tau s) times itself compensated, to
+    a sample."""
     t = np.arange(4000) * DT
     inverse = proper_inverse(ONE, DT, 5.0)
     y = np.sin(2 * np.pi * 0.7 * t)
@@ -116,7 +119,8 @@ def test_the_rate_of_the_lag_is_that_of_the_response() -> None:
     ],
 )
 def test_the_state_space_of_a_sensor_follows_ramps_as_the_chain_does(chain: Chain) -> None:
-    """A slope of one through zero is read one lag late, and every stage stays behind by what it lags."""
+    """A slope of one through zero is read one lag late, and every stage stays behind by what it
+    lags."""
     (s,) = sensors([chain])
     level, slope = s.ramp.T
     assert s.drift @ level == pytest.approx(np.zeros(len(level)), abs=1e-12)

@@ -26,7 +26,8 @@ def slow_wave(n=3000):
 
 
 def test_inverse_of_a_slow_trace_is_the_trace_shifted_by_what_it_states():
-    """Far below its bandwidth, chain x inverse is a delay of the stated length; tolerance: (w lag)^2 of 20 K."""
+    """Far below its bandwidth, chain x inverse is a delay of the stated length; tolerance: (w
+    lag)^2 of 20 K."""
     t, x = slow_wave()
     f = proper_inverse(CHAIN, DT, 2.0)
     back = f(CHAIN.response(x, DT))
@@ -54,7 +55,8 @@ def test_inverse_is_stable_has_unit_gain_and_its_stated_bandwidth(chain):
 
 
 def test_noise_gain_is_the_gain_of_noise():
-    """Monte Carlo of 2e5 samples: the sd of an sd is 0.2 %, correlation makes it a few times that."""
+    """Monte Carlo of 2e5 samples: the sd of an sd is 0.2 %, correlation makes it a few times
+    that."""
     f = proper_inverse(CHAIN, DT, 2.0)
     out = f(np.random.default_rng(0).standard_normal(200_000))
     assert np.std(out[2000:]) == pytest.approx(f.noise_gain, rel=0.03)

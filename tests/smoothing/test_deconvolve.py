@@ -25,7 +25,8 @@ def record(channels=3):
 
 @pytest.mark.parametrize("criterion", ["gcv", "discrepancy", "l-curve"])
 def test_each_criterion_recovers_a_wave_without_phase(criterion):
-    """The lag alone makes 5.3 degC rms; noise 0.2 with about 30 free parameters leaves 0.1 to 0.2."""
+    """The lag alone makes 5.3 degC rms; noise 0.2 with about 30 free parameters leaves 0.1 to
+    0.2."""
     x, y = record()
     ours, tradeoff = deconvolve(y, DT, CHAIN, criterion=criterion)
     error = ours.temperature - x[:, None]
@@ -43,7 +44,8 @@ def test_each_criterion_recovers_a_wave_without_phase(criterion):
 
 
 def test_cross_validation_finds_its_least_between_the_trials():
-    """Twenty trials a factor of 3.5 apart find what a hundred find, within a fraction of their distance."""
+    """Twenty trials a factor of 3.5 apart find what a hundred find, within a fraction of their
+    distance."""
     _, y = record()
     many = deconvolve(y, DT, CHAIN, criterion="gcv", trials=101)[1]
     score = np.log(many.misfit / (1 - many.effective_parameters / len(y)) ** 2)

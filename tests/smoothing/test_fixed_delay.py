@@ -1,4 +1,5 @@
-"""A fixed delay: blocks that depend on the rows only, and a live run that gives what the batch run gives."""
+"""A fixed delay: blocks that depend on the rows only, and a live run that gives what the batch run
+gives."""
 
 from __future__ import annotations
 
@@ -95,7 +96,8 @@ def test_a_reading_that_is_continued_makes_the_same_blocks() -> None:
 
 
 def furnace(rows: int, seed: int) -> bytes:
-    """A log of one row a second behind a lag of 25 s: steps of the set point, bursts, drop-outs, gaps."""
+    """A log of one row a second behind a lag of 25 s: steps of the set point, bursts, drop-outs,
+    gaps."""
     rng = np.random.default_rng(seed)
     t = np.arange(rows) * 1.0
     x = 600 + 15 * np.sin(2 * np.pi * t / 4000)
@@ -131,7 +133,8 @@ def growing(log: Path, content: bytes, pieces: int, seed: int) -> Callable[[floa
 
 
 def live_and_batch(folder: Path, rows: int, pieces: int, seed: int) -> tuple[bytes, bytes]:
-    """Rows of the live run of a log that grows in pieces, and of the batch run of the finished log."""
+    """Rows of the live run of a log that grows in pieces, and of the batch run of the finished
+    log."""
     content = furnace(rows, seed)
     finished = folder / "finished.csv"
     log = folder / "log.csv"
@@ -178,7 +181,8 @@ def test_a_live_run_of_a_day_writes_what_the_batch_run_writes(
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
 def test_a_run_that_is_killed_and_started_again_writes_the_same_bytes(tmp_path: Path) -> None:
-    """Killed while it computes, three times, the log growing in between; the last run ends by itself."""
+    """Killed while it computes, three times, the log growing in between; the last run ends by
+    itself."""
     content = furnace(900, 13)
     sensor = tmp_path / "s.json"
     write_sensor(specified_sensor("probe", ["T"], [(LAG_S, 1.0)]), sensor)

@@ -1,4 +1,5 @@
-"""A growing log followed: the rows of a run with the same delay over the finished log, whatever is wrong with a row."""
+"""A growing log followed: the rows of a run with the same delay over the finished log, whatever is
+wrong with a row."""
 
 from __future__ import annotations
 
@@ -224,7 +225,8 @@ def test_a_channel_that_falls_silent_is_empty_and_a_wide_band_before(tmp_path: P
 def test_stopped_and_continued_no_row_is_lost_or_doubled(
     tmp_path: Path, shares: tuple[float, ...]
 ) -> None:
-    """The output is that of one run, byte for byte; what a killed run wrote after its state is cut off."""
+    """The output is that of one run, byte for byte; what a killed run wrote after its state is cut
+    off."""
     text = table().to_csv(index=False)
     for share in shares:
         part = text[: int(share * len(text))]

@@ -62,8 +62,8 @@ def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(
 ) -> None:
     """The even grid begins at the first row, not at the clock's zero.
 
-    Such a clock tells times to 0.2 us only: where two intensities are nearly equally likely, a block
-    may get the other one.
+    Such a clock tells times to 0.2 us only: where two intensities are nearly equally likely, a
+    block may get the other one.
     """
     temperatures = []
     for k, since in enumerate((0.0, 1.7e9)):

@@ -1,4 +1,5 @@
-"""A followed log or output that is replaced, rewritten, renamed or deleted; outputs that exist; damaged state files."""
+"""A followed log or output that is replaced, rewritten, renamed or deleted; outputs that exist;
+damaged state files."""
 
 from __future__ import annotations
 
@@ -176,7 +177,8 @@ def test_a_log_that_is_replaced_or_rewritten_stops_the_run_and_keeps_its_rows(
     assert "replaced, rotated or rewritten" in str(error.value)
     done = written(tmp_path / "out.csv")
     assert len(done) == 150
-    # Output and state are whole: with the log as it was, the run goes on to what an uninterrupted one writes.
+    # Output and state are whole: with the log as it was, the run goes on to what an uninterrupted
+    # one writes.
     log.unlink(missing_ok=True)
     log.write_text(original + rows(150, 230), encoding="utf-8")
     assert run(tmp_path, state="s.json").rows_written == 230

@@ -1,4 +1,5 @@
-"""Invalid readings of a followed log: outside the physical range, faster than the lag allows, stuck, missing."""
+"""Invalid readings of a followed log: outside the physical range, faster than the lag allows,
+stuck, missing."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ FAULT = slice(200, 240)
 
 
 def kiln() -> tuple[Array, Array, Array]:
-    """Time [s], gas and readings [degC] of a kiln whose door opens at 100 s; the sensor has one lag of 25 s."""
+    """Time [s], gas and readings [degC] of a kiln whose door opens at 100 s; the sensor has one lag
+    of 25 s."""
     t = np.arange(N) * DT_S
     open_s = np.clip(t - 100.0, 0.0, None)
     gas = 850.0 - 80.0 * (1.0 - np.exp(-open_s / 60.0))

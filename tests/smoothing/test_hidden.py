@@ -52,7 +52,8 @@ def test_given_a_jump_the_temperature_jumps_between_two_samples() -> None:
 
 @pytest.mark.e2e
 def test_a_chain_without_lag_and_a_late_spike_do_no_harm() -> None:
-    """No lag: a step is told within the noise. A spike that only the answer shows does not rouse the whole record."""
+    """No lag: a step is told within the noise. A spike that only the answer shows does not rouse
+    the whole record."""
     rng = np.random.default_rng(3)
     y = np.where(np.arange(1500) < 700, 20.0, 30.0) + 0.1 * rng.standard_normal(1500)
     done = smooth(y, 1 / RATE_HZ, Chain((), conditioning=NO_CONDITIONING))
@@ -87,7 +88,8 @@ def test_an_event_that_the_others_make_doubtful_is_given_up(
 @pytest.mark.study
 @pytest.mark.parametrize("world", list(WORLDS))
 def test_what_nobody_announced_stays_inside_the_band(world: str, draws) -> None:
-    """95 % intervals within 3 s after and 1 s before each event; samples move together, hence the wide limits."""
+    """95 % intervals within 3 s after and 1 s before each event; samples move together, hence the
+    wide limits."""
     runs = [judged(WORLDS[world], seed) for seed in range(200, 200 + draws(8))]
     where = [near if near.any() else ~near for _, _, near, _, _ in runs]
     assert np.mean(np.concatenate([held[near] for (_, held, *_), near in zip(runs, where)])) > 0.9

@@ -24,7 +24,8 @@ SETTLED_S = 5.0
 @pytest.mark.e2e
 @pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
 def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -> None:
-    """Forty seconds of three channels, two kinks of 12 K in 3 s. The smoother without delay has an rms of 0.64 K."""
+    """Forty seconds of three channels, two kinks of 12 K in 3 s. The smoother without delay has an
+    rms of 0.64 K."""
     made = world(40.0, before, 31, bursts_s=1e9, drops_K=(12.0,), channels=3)
     x, sd = with_delay(made.readings, DT_S, CHAIN, DELAY_S)
     settled = made.time_s > SETTLED_S
@@ -40,7 +41,8 @@ def test_unloadings_without_bursts_are_followed_within_the_band(before: float) -
 def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
     before: float, draws: Callable[[int], int]
 ) -> None:
-    """Six channels with a burst every forty seconds in each, and lone outliers: 30 s, 120 s with ``--full``."""
+    """Six channels with a burst every forty seconds in each, and lone outliers: 30 s, 120 s with
+    ``--full``."""
     made = world(float(draws(120)), before, 32, bursts_s=40.0, drops_K=(12.0,))
     x, sd = with_delay(made.readings, DT_S, CHAIN, DELAY_S)
     settled = made.time_s > SETTLED_S
@@ -54,7 +56,8 @@ def test_bursts_of_the_slip_rings_leave_most_samples_within_the_band(
 def test_a_lag_that_divides_otherwise_than_the_record_says_is_within_the_band(
     tmp_path: Path,
 ) -> None:
-    """An unloading by 30 K and a record that takes nearly all of the lag for one: 2.8 sd, were that not counted."""
+    """An unloading by 30 K and a record that takes nearly all of the lag for one: 2.8 sd, were that
+    not counted."""
     made = world(12.0, 0.0, 5, bursts_s=1e9, drops_K=(30.0,))
     made.log().to_csv(tmp_path / "log.csv", index=False)
     records = {"fast": record(split_s=-0.06)}

@@ -1,4 +1,5 @@
-"""Logs too long for the memory: what surrounds the unloading is kept, all is compensated stretch by stretch."""
+"""Logs too long for the memory: what surrounds the unloading is kept, all is compensated stretch by
+stretch."""
 
 from __future__ import annotations
 
@@ -61,7 +62,8 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
 def test_a_long_log_is_compensated_as_in_one_piece(
     campaign: Campaign, tmp_path: Path, whole: pd.DataFrame, ending: str
 ) -> None:
-    """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty.
+    """Noise and intensity of each stretch are its own: the answers part by a small part of their
+    uncertainty.
 
     Segments here are a sixth as long as in a log of a million rows, where the rms is 0.01 u.
     """

@@ -1,4 +1,5 @@
-"""Noise that the conditioning filter coloured, autoregressions, hum and bursts, made by recursions of their own."""
+"""Noise that the conditioning filter coloured, autoregressions, hum and bursts, made by recursions
+of their own."""
 
 from collections.abc import Sequence
 
@@ -32,7 +33,8 @@ def junction(t: Array, kink: bool) -> Array:
 
 
 def logged(kink: bool, duration_s: float) -> tuple[Array, Array, Array]:
-    """Times, truth and clean reading behind the chain, by first-order recursions on a grid sixteen times finer."""
+    """Times, truth and clean reading behind the chain, by first-order recursions on a grid sixteen
+    times finer."""
     fine = np.arange(int(duration_s * 75) * 16 + 1) * DT_S / 16
     truth = junction(fine, kink)
     y = truth
@@ -51,7 +53,8 @@ def autoregressive(rng: np.random.Generator, n: int, by: float) -> Array:
 
 
 def hum(rng: np.random.Generator, n: int) -> Array:
-    """Mains of 0.3 K at 50 Hz, its third harmonic of 0.15 K near the second multiple of the rate, white 0.15 K."""
+    """Mains of 0.3 K at 50 Hz, its third harmonic of 0.15 K near the second multiple of the rate,
+    white 0.15 K."""
     t = np.arange(n) * DT_S
     waves = 0.3 * np.sin(100 * np.pi * t + rng.uniform(0, 6)) + 0.15 * np.sin(
         2 * np.pi * 150.06 * t + rng.uniform(0, 6)
@@ -110,7 +113,8 @@ def test_the_stated_filter_is_taken_unless_another_lag_is_clearly_better(
 def test_only_harmonics_that_come_to_rest_are_taken_for_temperature(
     rate_Hz: float, seen_Hz: float, rests: bool
 ) -> None:
-    """75 Hz: the third of 50 Hz and the fifth of 60 Hz; 80 Hz: 100, 150, 200 and 250 Hz are seen at 20, 10, 40, 10."""
+    """75 Hz: the third of 50 Hz and the fifth of 60 Hz; 80 Hz: 100, 150, 200 and 250 Hz are seen at
+    20, 10, 40, 10."""
     sd = np.full(2, 0.1)
     noise = LoggerNoise(
         0 * sd, sd, sd, B, hum_lines=((seen_Hz, np.array([0.3, 0.0])),), rate_Hz=rate_Hz
@@ -135,7 +139,8 @@ def test_white_noise_stays_as_it_is() -> None:
 def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_hand(
     world: str, worst_K: float
 ) -> None:
-    """Case C: limits are those of a Savitzky-Golay inverse tuned with the truth (measured beside these worlds)."""
+    """Case C: limits are those of a Savitzky-Golay inverse tuned with the truth (measured beside
+    these worlds)."""
     t, truth, clean = logged(True, 40.0)
     near = (t > EVENT_S - 1) & (t < EVENT_S + 5)
     squares, covered = [], []
@@ -167,9 +172,11 @@ def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_ha
 def test_a_slow_swing_under_coloured_noise_is_not_made_worse(
     world: str, duration_s: float, seeds: Sequence[int]
 ) -> None:
-    """0.1.0 was 6 K off here, with 20 % of the samples in its band; the tuned filter is 0.035 K off.
+    """0.1.0 was 6 K off here, with 20 % of the samples in its band; the tuned filter is 0.035 K
+    off.
 
-    In 200 s the swing is in waves that a spectrum leaves out: these seeds were taken for far too calm.
+    In 200 s the swing is in waves that a spectrum leaves out: these seeds were taken for far too
+    calm.
     """
     t, truth, clean = logged(False, duration_s)
     inside = (t > 1) & (t < duration_s - 1)
@@ -261,7 +268,8 @@ def test_noise_that_no_part_of_the_model_explains_is_said(world: str) -> None:
 
 @pytest.mark.study
 def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
-    """One in six seconds in every channel: they are found, the noise is white, and nothing passes for an event."""
+    """One in six seconds in every channel: they are found, the noise is white, and nothing passes
+    for an event."""
     t, truth, clean = logged(False, 60.0)
     for seed in (0, 1):
         rng = np.random.default_rng(seed)
@@ -277,7 +285,8 @@ def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
 @pytest.mark.e2e
 @pytest.mark.parametrize("length_s", [0.13, 0.19, 0.27])
 def test_a_weak_burst_is_found_where_the_other_channels_show_nothing(length_s: float) -> None:
-    """In noise from before the filter; alone, a channel cannot tell it from a jump and its end. A kink in all stays."""
+    """In noise from before the filter; alone, a channel cannot tell it from a jump and its end. A
+    kink in all stays."""
     t, _, clean = logged(True, 60.0)
     pulse = np.zeros(len(t) * 8)
     pulse[30 * 600 :][: int(length_s * 600)] = 1.4
@@ -324,7 +333,8 @@ def test_what_one_junction_alone_does_is_not_cut_out_as_a_burst(others: str) -> 
 
 @pytest.mark.study
 def test_a_channel_that_mostly_rests_or_is_missing_tells_nothing_of_the_noise() -> None:
-    """Steps of 0.5 K on 0.01 K of noise; six samples of ten lost: the levels stay those of differences and steps."""
+    """Steps of 0.5 K on 0.01 K of noise; six samples of ten lost: the levels stay those of
+    differences and steps."""
     t, _, clean = logged(False, 40.0)
     rng = np.random.default_rng(1)
     coarse = np.round((clean + 0.01 * rng.standard_normal(len(t))) * 2) / 2

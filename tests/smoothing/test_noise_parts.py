@@ -1,4 +1,5 @@
-"""Noise of a logger and bursts, part by part: spectra in closed form, parts of a window against plain regressions."""
+"""Noise of a logger and bursts, part by part: spectra in closed form, parts of a window against
+plain regressions."""
 
 from __future__ import annotations
 
@@ -211,7 +212,8 @@ def find_bursts(
 
 @pytest.mark.parametrize("length", [4, 20])
 def test_a_burst_moves_the_samples_that_its_pulse_stands_in(length: int) -> None:
-    """A height of 40 standard deviations before a filter of 4 Hz; a tail of less than half of one is kept."""
+    """A height of 40 standard deviations before a filter of 4 Hz; a tail of less than half of one
+    is kept."""
     pulse = np.zeros(900)
     pulse[400 : 400 + length] = 40.0
     t = np.arange(900) * DT
@@ -227,7 +229,8 @@ def test_a_burst_moves_the_samples_that_its_pulse_stands_in(length: int) -> None
 
 
 def test_newton_s_form_and_what_a_constant_input_has_kept_up() -> None:
-    """s^2 + 2 s + 3 on 1, 1/phi_1, 1/(phi_1 phi_2); an integrator behind a lag ramps one lag late."""
+    """s^2 + 2 s + 3 on 1, 1/phi_1, 1/(phi_1 phi_2); an integrator behind a lag ramps one lag
+    late."""
     poles = np.array([-2.0, -0.5])
     c, direct = newton_form(np.array([[3.0, 2.0, 1.0]]), poles)
     s = np.array([0.3, 1.1 + 0.4j])
@@ -248,7 +251,8 @@ def test_newton_s_form_and_what_a_constant_input_has_kept_up() -> None:
 
 
 def test_the_screen_does_not_change_what_bursts_are_detected() -> None:
-    """Pulses of all lengths from 5 to 60 standard deviations: with all shapes, and with the screen."""
+    """Pulses of all lengths from 5 to 60 standard deviations: with all shapes, and with the
+    screen."""
     rng = np.random.default_rng(7)
     y = 0.1 * np.cumsum(rng.standard_normal((6000, 3)), axis=0) * 0.1
     y += rng.standard_normal(y.shape)

@@ -1,8 +1,10 @@
-"""The fixed-interval smoother against dense Gaussian algebra, against simulated truth, and at its limits."""
+"""The fixed-interval smoother against dense Gaussian algebra, against simulated truth, and at its
+limits."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
@@ -30,7 +32,8 @@ def exponential_rise(n=800, dt=DT, fine=20):
 
 
 def dense_operators(n, dt, chain, noise_sd, q):
-    """Truth and reading (n, n + 1) of slopes that may jump on every knot, and the posterior covariance of the jumps."""
+    """Truth and reading (n, n + 1) of slopes that may jump on every knot, and the posterior
+    covariance of the jumps."""
     run_in = 400
     k = np.arange(1, n)
     x_of = np.column_stack(
@@ -66,7 +69,8 @@ def dense_smoother(y, dt, chain, noise_sd, q):
     ],
 )
 def test_smoother_equals_dense_least_squares_inside_the_record(chain):
-    """Away from the start, where the priors on the chain's past differ; tolerance: condition of the dense inverse."""
+    """Away from the start, where the priors on the chain's past differ; tolerance: condition of the
+    dense inverse."""
     rng = np.random.default_rng(1)
     y = np.cumsum(rng.standard_normal(160)) * 0.3 + 0.1 * rng.standard_normal(160)
     q = 1e6  # so high that every cell is one sample long
@@ -106,9 +110,11 @@ def test_known_event_makes_the_transient_sharp():
 
 
 def test_a_kink_stated_to_a_tenth_of_a_second_has_an_interval_that_holds_about_it():
-    """A slope that jumps by 10 K/s at an instant known to +- 0.1 s only, 40 draws of it: without the statement two
-    thirds of the samples within a second lie outside; with it nine of ten lie inside (+- 3 %, and between the true and
-    the stated instant the truth is bent, which one number of spread cannot follow)."""
+    """A slope that jumps by 10 K/s at an instant known to +- 0.1 s only, 40 draws of it: without
+    the statement two thirds of the samples within a second lie outside; with it nine of ten lie
+    inside (+- 3 %, and between the true and the stated instant the truth is bent, which one number
+    of spread cannot
+    follow)."""
     dt, at, u = 1 / 75, 4.0, 0.1
     t = np.arange(4 * 600) * dt / 4
     chain = Chain((0.6, 0.1), conditioning=B)
@@ -131,7 +137,8 @@ def test_a_kink_stated_to_a_tenth_of_a_second_has_an_interval_that_holds_about_i
 
 @pytest.mark.e2e
 def test_means_just_after_an_uncertain_event_err_together_and_their_difference_does_not():
-    """Two channels see one kink, stated to a tenth of a second; means over the third of a second after it."""
+    """Two channels see one kink, stated to a tenth of a second; means over the third of a second
+    after it."""
     rng, dt, at, u = np.random.default_rng(4), 1 / 75, 8.02, 0.1
     t, chain = np.arange(0.0, 12.0, dt), Chain((0.5, 0.1), conditioning=NO_CONDITIONING)
     since = np.maximum(t - at, 0.0)
@@ -166,8 +173,8 @@ def test_means_just_after_an_uncertain_event_err_together_and_their_difference_d
 
 
 def test_the_uncertainty_of_an_events_time_stays_with_its_event():
-    """Whatever order events are given in, and whichever lie outside the record: one at its start or beyond its end is
-    no event, and takes nobody's uncertainty with it."""
+    """Whatever order events are given in, and whichever lie outside the record: one at its start or
+    beyond its end is no event, and takes nobody's uncertainty with it."""
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
     times, u = (12.0, 5.0, 0.0, 99.0), (0.0, 0.3, 0.7, 0.9)
@@ -184,7 +191,8 @@ def test_the_uncertainty_of_an_events_time_stays_with_its_event():
 
 @pytest.mark.study
 def test_the_split_of_a_lag_is_counted_and_the_band_holds():
-    """One lag of 0.67 s divided as its record does not know to 0.08 s: 24 records, 5 % of which may miss."""
+    """One lag of 0.67 s divided as its record does not know to 0.08 s: 24 records, 5 % of which may
+    miss."""
     rng, dt = np.random.default_rng(3), 1 / 30
     t = np.arange(0, 14, dt)
     x = 100 + 12 * np.sin(2 * np.pi * t / 7)
@@ -219,7 +227,8 @@ def test_the_split_of_a_lag_is_counted_and_the_band_holds():
 
 @pytest.mark.parametrize("taus", [(0.52, 0.15), (0.15, 0.52, 0.05), (0.4, 0.4), (0.6,)])
 def test_what_a_split_moves_is_the_difference_of_two_answers(taus: tuple[float, ...]):
-    """The same record through the chain and through that whose lag is divided otherwise; away from the ends."""
+    """The same record through the chain and through that whose lag is divided otherwise; away from
+    the ends."""
     chain, u, t = Chain(taus, conditioning=B), 0.04, np.arange(0, 30, DT)
     y = chain.response(100 + 12 * np.sin(2 * np.pi * t / 7), DT)
     known = {"noise_sd": 0.01, "intensity": 50.0, "find_events": False}
@@ -274,7 +283,8 @@ def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
 
 @pytest.mark.parametrize("pair", [None, (0.1, 0.6)])
 def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
-    """Cement of 50 ms: its last lags are 0.4 ms, so these states hang on the slow ones: a singular covariance."""
+    """Cement of 50 ms: its last lags are 0.4 ms, so these states hang on the slow ones: a singular
+    covariance."""
     x, _ = exponential_rise()
     chain = Chain((1.0,), cement_s=0.05, pair=pair, conditioning=NO_CONDITIONING)
     y = chain.response(x, DT) + 0.2 * np.random.default_rng(0).standard_normal(len(x))
@@ -285,7 +295,8 @@ def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
 
 
 def test_constant_trace_gets_the_band_of_a_straight_line():
-    """Nothing moves: the intensity goes to its floor and sd to that of a fitted line, 2 sigma / sqrt(N) at the ends."""
+    """Nothing moves: the intensity goes to its floor and sd to that of a fitted line, 2 sigma /
+    sqrt(N) at the ends."""
     y = 80 + 0.15 * np.random.default_rng(0).standard_normal((1000, 6))
     fit = smooth(y, 1 / 75, Chain((0.6,), conditioning=B))
     middle = np.median(fit.sd[450:550])
@@ -363,7 +374,8 @@ def test_sentences_call_a_channel_by_its_name_and_count_from_one_without():
 
 @pytest.mark.e2e
 def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
-    """12 bits over 860 degC and 0.02 K of noise on a slow cooling: most samples repeat, and nothing is broken."""
+    """12 bits over 860 degC and 0.02 K of noise on a slow cooling: most samples repeat, and nothing
+    is broken."""
     t = np.arange(0, 60, DT)
     x = 80 - 4 * (1 - np.exp(-t / 30.0))
     step = 860 / 2**12
@@ -378,7 +390,8 @@ def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
 
 
 def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
-    """Lag longer by 10 ms: the answers differ by lag_sensitivity * 10 ms, to second order and regularisation."""
+    """Lag longer by 10 ms: the answers differ by lag_sensitivity * 10 ms, to second order and
+    regularisation."""
     _, y = exponential_rise()
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
     y = y + 0.05 * np.random.default_rng(0).standard_normal(len(y))
@@ -393,7 +406,8 @@ def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
 
 
 def test_heavy_tailed_noise_costs_less_when_it_is_told():
-    """Student's t with two degrees of freedom: reweighting must beat least squares on the same records."""
+    """Student's t with two degrees of freedom: reweighting must beat least squares on the same
+    records."""
     x, y = exponential_rise()
     noisy = y[:, None] + 0.2 * np.random.default_rng(5).standard_t(2.0, (len(y), 8))
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
@@ -415,9 +429,11 @@ def test_inverse_has_the_interface_of_the_smoother_and_a_band_that_holds_its_shi
 
 @pytest.mark.study
 def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
-    """Case B with nothing announced; chain used is 1.0 +- 0.05 s drawn. 60 records: +- 3 % in the transient.
+    """Case B with nothing announced; chain used is 1.0 +- 0.05 s drawn. 60 records: +- 3 % in the
+    transient.
 
-    The band is too wide here: 99.5 % of the samples lie in a band of 95 %. Above 99.8 % this test fails.
+    The band is too wide here: 99.5 % of the samples lie in a band of 95 %. Above 99.8 % this test
+    fails.
     """
     x, y = exponential_rise()
     rng = np.random.default_rng(0)
@@ -481,7 +497,8 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
 def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Two channels, one with a dead time, an event, a gap, and an intensity that falls to a thousandth."""
+    """Two channels, one with a dead time, an event, a gap, and an intensity that falls to a
+    thousandth."""
     rng, dt = np.random.default_rng(6), 0.02
     t = np.arange(12_000) * dt
     x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
@@ -508,3 +525,22 @@ def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
     monkeypatch.setattr(pieces, "SETTLING", 2.0)  # the margin is what makes them equal
     short = smooth_record(stretch, stretch.noise_sd**2, chosen)
     assert largest_difference(short, whole) > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("Probe 1 [°C]", "Probe 1"),
+        ("T (degC)", "T"),
+        ("T/°C", "T"),
+        ("T_degC", "T"),
+        ("T", "T"),
+        ("T [K]", "T [K]"),  # not said to be degrees Celsius under its own name
+    ],
+)
+def test_a_unit_of_degrees_celsius_stands_once_in_the_columns_of_the_table(
+    name: str, column: str
+) -> None:
+    y = pd.Series(np.linspace(20.0, 30.0, 100), name=name)
+    table = smooth(y, DT, 1.0, noise_sd=0.1, intensity=1.0).to_frame()
+    assert list(table.columns) == [f"{column}_degC", f"{column}_u_K"]

@@ -1,4 +1,5 @@
-"""The states of a stretch: their likelihood against dense Gaussian algebra, cells and knots, where it may be cut."""
+"""The states of a stretch: their likelihood against dense Gaussian algebra, cells and knots, where
+it may be cut."""
 
 from __future__ import annotations
 
@@ -29,9 +30,11 @@ def stretch(seed: int = 0, lost: tuple[int, ...] = (), delay_s: float = 0.0) -> 
 
 
 def dense(of: Record, noise_var: float, q: float) -> tuple[float, float]:
-    """ln likelihood of the seen samples, and their squares about the mean over ``noise_var``, per degree of freedom.
+    """ln likelihood of the seen samples, and their squares about the mean over ``noise_var``, per
+    degree of freedom.
 
-    The state at the first knot as wide as the prior; the slope's jump at every sample is q dt, half of it at the first.
+    The state at the first knot as wide as the prior; the slope's jump at every sample is q dt, half
+    of it at the first.
     """
     (s,) = of.sensors
     mean, cov, slope_var = prior(
@@ -65,7 +68,8 @@ def dense(of: Record, noise_var: float, q: float) -> tuple[float, float]:
 def test_the_likelihood_is_that_of_all_samples_together(
     lost: tuple[int, ...], events: tuple[float, ...]
 ) -> None:
-    """Up to what does not hang on noise and intensity: the quadratic form leaves the prior's mean out."""
+    """Up to what does not hang on noise and intensity: the quadratic form leaves the prior's mean
+    out."""
     of, found, exact, ratios = replace(stretch(0, lost), events_s=events), [], [], []
     for noise_var, q in ((0.01, 1.0), (0.01, 30.0), (0.04, 1.0), (0.0025, 0.1)):
         value, ratio = likelihood(of, np.array([noise_var]), [[Intensity.constant(q)]], fine=1e-6)
@@ -168,7 +172,8 @@ def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(
 
 @pytest.mark.parametrize("taus", [(), (0.4,)])
 def test_the_smoother_forgets_within_its_own_corner(taus: tuple[float, ...]) -> None:
-    """Without a lag the slowest root of s^4 = -q/(R dt) is (q/(R dt))^(1/4)/sqrt(2); a lag only makes it slower."""
+    """Without a lag the slowest root of s^4 = -q/(R dt) is (q/(R dt))^(1/4)/sqrt(2); a lag only
+    makes it slower."""
     (s,) = sensors([Chain(taus, conditioning=NO_CONDITIONING)])
     found = pieces.memory_s(s, 16.0)
     assert found == pytest.approx(np.sqrt(2) / 2, rel=1e-6) or (taus and found > np.sqrt(2) / 2)

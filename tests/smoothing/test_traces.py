@@ -1,4 +1,5 @@
-"""Log and record to traces: what a record gives, a rig file that contradicts it, and each channel looked at once."""
+"""Log and record to traces: what a record gives, a rig file that contradicts it, and each channel
+looked at once."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ def test_chains_of_a_record_have_the_lags_that_it_states(record: DiskRecord) -> 
 
 
 def test_a_rig_file_with_another_filter_is_refused(record: DiskRecord) -> None:
-    """A 10 Hz filter beside a record made with 4 Hz would take 48 ms off every lag, and nobody would notice."""
+    """A 10 Hz filter beside a record made with 4 Hz would take 48 ms off every lag, and nobody
+    would notice."""
     setup = replace(load_rig().disk_setup("fast"), conditioning=Conditioning(10.0, 2))
     with pytest.raises(InputError, match="made with conditioning of 2 pole"):
         record_chains(record, setup)
@@ -71,7 +73,8 @@ def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> Non
 def test_each_channel_goes_through_its_line_and_the_spike_finder_once(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two disks of six channels, although the lags are refined first: that fit's traces are the compensator's."""
+    """Two disks of six channels, although the lags are refined first: that fit's traces are the
+    compensator's."""
     calls = {"estimate_and_whiten_noise": 0, "apply_static": 0}
 
     def counting(name: str) -> None:

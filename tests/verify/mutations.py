@@ -1,7 +1,8 @@
-"""Thirty single changes of the physics, each in a copy of the source: do ``tcdyn verify`` or unit tests detect them?
+"""Thirty single changes of the physics, each in a copy of the source: do ``tcdyn verify`` or unit
+tests detect them?
 
-Run by hand: ``python -m tests.verify.mutations`` (all), with numbers for some, ``--tests`` to run the named unit tests
-also if ``verify`` has detected the change.
+Run by hand: ``python -m tests.verify.mutations`` (all), with numbers for some, ``--tests`` to run
+the named unit tests also if ``verify`` has detected the change.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ LIMIT_s = 900.0
 
 @dataclass(frozen=True)
 class Mutation:
-    """What is changed, in which file, the text before and after, and the unit tests that should see it."""
+    """What is changed, in which file, the text before and after, and the unit tests that should see
+    it."""
 
     what: str
     file: str
@@ -32,7 +34,8 @@ class Mutation:
     tests: str
 
     def changed(self, text: str) -> str:
-        """The source with the change made; raises ValueError unless the old text occurs exactly once."""
+        """The source with the change made; raises ValueError unless the old text occurs exactly
+        once."""
         if text.count(self.old) != 1:
             raise ValueError(f"{self.file}: {self.old!r} stands there {text.count(self.old)} times")
         return text.replace(self.old, self.new)
@@ -257,7 +260,8 @@ MUTATIONS: tuple[Mutation, ...] = (
 
 @dataclass(frozen=True)
 class Caught:
-    """Result of a mutation: the rows of ``verify`` that differ, or how it stopped; whether a unit test failed."""
+    """Result of a mutation: the rows of ``verify`` that differ, or how it stopped; whether a unit
+    test failed."""
 
     rows: tuple[str, ...]
     stopped: str

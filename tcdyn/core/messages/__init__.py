@@ -23,7 +23,7 @@ from tcdyn.core.messages.sensors import SENSOR
 from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
 
 # a message read from a file that has no codes
-FROM_FILES: dict[str, Message] = {"said": "{text}"}
+FROM_FILES: dict[str, Message] = {"from_file": "{text}"}
 
 # All messages by code; each code stands in one of these dictionaries.
 MESSAGES: dict[str, Message] = {
@@ -67,7 +67,7 @@ def message_text(
 
     Examples
     --------
-    >>> message_text("said", "D4.csv", "", {"text": "the clock stood still"})
+    >>> message_text("from_file", "D4.csv", "", {"text": "the clock stood still"})
     'D4.csv: the clock stood still'
     """
     template = MESSAGES[code]

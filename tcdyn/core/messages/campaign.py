@@ -76,7 +76,12 @@ def _outlying_test(
     explained: bool,
     **_: object,
 ) -> str:
-    """Message of ``campaign.stranger``; the arguments are the fields of the finding."""
+    """Message of ``campaign.stranger``.
+
+    ``cause`` is the departure that explains most, with its ``size``, standard uncertainty ``u`` and
+    ``z = size / u``. ``chi2`` is that of the test against all others on ``freedom`` degrees of
+    freedom, ``left`` what remains of it with the cause.
+    """
     effect = "agree" if explained else f"agree better (chi-squared {left:.0f})"
     return (
         f"{subject} does not agree with the other tests of its campaign: chi-squared is "
@@ -96,7 +101,11 @@ def _curve_shape(
     u: float,
     **_: object,
 ) -> str:
-    """Message of ``campaign.curve_shape``; the arguments are the fields of the finding."""
+    """Message of ``campaign.curve_shape``.
+
+    ``offset`` is the mean difference of the tests from the curve, with ``u``; ``scatter`` is the
+    standard deviation that was added to every test.
+    """
     return (
         f"the shape of the curve in {subject} does not fit the tests: with its level free "
         f"chi-squared is {chi2:.1f} on {count_with_noun(freedom, 'degree')} of freedom "
@@ -115,7 +124,11 @@ def _contradicted(
     sizes: Sequence[float],
     **_: object,
 ) -> str:
-    """Message of ``campaign.contradicted``; the arguments are the fields of the finding."""
+    """Message of ``campaign.contradicted``.
+
+    ``factor`` multiplies the shared uncertainties (the root of Birge's ratio). ``names`` are the
+    stated values that depart most, ``sizes`` their departures in stated standard uncertainties.
+    """
     departures = ", ".join(f"{name} ({size:+.1f})" for name, size in zip(names, sizes))
     return (
         f"the tests together contradict what is stated about the rig: chi-squared is {chi2:.0f} on "

@@ -66,7 +66,14 @@ def _reason(
     least: bool,
     **more: Any,
 ) -> str:
-    """Message of ``models.why``; the arguments are the fields of the finding."""
+    """Message of ``models.why``.
+
+    ``subject`` is the recommended model. ``by`` is the criterion: "BIC", "parameters" or "held
+    out"; by the last two it replaces ``other``, which has a lower BIC. ``rms`` and ``other_rms``
+    are the errors on the held-out data; ``least``: no model has a smaller one; ``only``: it is the
+    only model. ``ties`` are models within 2 of its BIC. The keys of ``REJECTED`` list rejected
+    models. ``freed``: the state at each start was estimated.
+    """
     if by == "parameters":
         text = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
     elif by == "held out":
@@ -96,7 +103,11 @@ def _reason(
 def _better_prediction(
     subject: str, other: str, ratio: float, white: bool, freed: bool = False, **more: Any
 ) -> str:
-    """Message of ``models.foresees``; the arguments are the fields of the finding."""
+    """Message of ``models.foresees``.
+
+    ``ratio`` is the held-out error of ``subject`` over that of ``other``, which BIC recommends.
+    ``freed``: the state at each start was estimated.
+    """
     text = (
         f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
     )
@@ -119,8 +130,9 @@ def _part_of_record(block: int = 0, share: float = 1.0, **_: Any) -> str:
         return ""
     rows = "rows" if block == 1 else f"means of {block} rows"
     return (
-        f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model above "
-        "is fitted to all rows, and the intervals do not include the choice of the structure."
+        f" The models were compared on {rows} of {100 * share:.3g} % of the record; the model "
+        "above is fitted to all rows, and the intervals do not include the choice of the "
+        "structure."
     )
 
 
@@ -150,9 +162,9 @@ def _disturbance(
     """
     if p_walk is not None:
         text = (
-            " The result is averaged over what may disturb the output besides white noise: a linear "
-            f"drift (probability {p_drift:.2g}), and a first-order disturbance, whose time constant "
-            f"exceeds the length of the record with probability {p_walk:.2g}"
+            " The result is averaged over what may disturb the output besides white noise: a "
+            f"linear drift (probability {p_drift:.2g}), and a first-order disturbance, whose time "
+            f"constant exceeds the length of the record with probability {p_walk:.2g}"
         )
         if memory_s and p_walk < EVEN_ODDS:
             text += f" and is most probably {memory_s:.2g} s"
@@ -206,8 +218,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "gain and lag of a general transfer function depend on its order, which their intervals do "
         "not include",
         "record.feedback": "check whether the input depends on the output (a closed loop)",
-        "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because another "
-        "one is more likely",
+        "record.other_hold": f"check the hold of the inputs ({option('hold', None)}), because "
+        "another one is more likely",
     }
     return [remedies[code] for code in troubles]
 
@@ -237,7 +249,12 @@ def _no_model(
     option: Spelling,
     **more: Any,
 ) -> str:
-    """Message of ``models.none``; the arguments are the fields of the finding."""
+    """Message of ``models.none``.
+
+    ``subject`` is the least bad model and ``why`` the sentence of its selection. ``against`` is a
+    key of ``OBJECTIONS``; ``untried`` are models that were not compared, ``troubles`` the codes of
+    the record's problems.
+    """
     objection = OBJECTIONS[against].format(fit_percent=fit_percent)
     steps = _remedies(troubles, option)
     if untried:
@@ -256,7 +273,11 @@ def _no_model(
 def _undetermined(
     subject: str, why: str, remark: str, troubles: list[str], option: Spelling, **_: Any
 ) -> str:
-    """Message of ``models.undetermined``; the arguments are the fields of the finding."""
+    """Message of ``models.undetermined``.
+
+    ``why`` is the sentence of the selection, ``remark`` what the data do not determine,
+    ``troubles`` the codes of the record's problems.
+    """
     return (
         f"Use {subject} with care. {why} But {remark}: use an input that excites the system more, "
         f"or fix what is known ({option('gain', 'K')}).{_but_first(troubles, option)}"
@@ -274,7 +295,12 @@ def _recommendation(
     option: Spelling,
     **more: Any,
 ) -> str:
-    """Message of ``models.provisional`` and ``models.recommended``; arguments as in the finding."""
+    """Message of ``models.provisional`` and ``models.recommended``.
+
+    ``why`` is the sentence of the selection. ``coloured``: the residuals are not white; ``small``:
+    the model explains little of the output; ``worse_than_mean``: on the held-out data it is worse
+    than a constant. ``troubles`` are the codes of the record's problems.
+    """
     if coloured:
         text = (
             "Its residuals are coloured, by disturbances or by dynamics; below their level the "
@@ -301,7 +327,11 @@ def _recommendation(
 def _coloured_residuals(
     subject: str, p_white: float, p_input: float, noise_model: bool, option: Spelling, **_: Any
 ) -> str:
-    """Message of ``residuals.coloured``; the arguments are the fields of the finding."""
+    """Message of ``residuals.coloured``.
+
+    ``p_white`` is the p-value of the Ljung-Box test, ``p_input`` that of the correlation with the
+    input. ``noise_model``: the fit has coloured noise already.
+    """
     if noise_model:
         remedy = "Try a noise model of higher order, or one more lag."
     else:
@@ -319,7 +349,11 @@ def _coloured_residuals(
 def _residuals_follow_input(
     subject: str, fit_percent: float, p_input: float, lag_s: float, input: str = "", **_: Any
 ) -> str:
-    """Message of ``residuals.follow_input``; the arguments are the fields of the finding."""
+    """Message of ``residuals.follow_input``.
+
+    ``p_input`` is the p-value of the correlation with the input, which is largest at ``lag_s``;
+    ``input`` is named where there are several.
+    """
     which = f"input {input}" if input else "input"
     return (
         f"{subject} misses dynamics although it explains {fit_percent:.1f} % of the output: its "
@@ -329,7 +363,11 @@ def _residuals_follow_input(
 
 
 def _white_residuals(subject: str, p_white: float, p_input: float, **_: Any) -> str:
-    """Message of ``residuals.white``; the arguments are the fields of the finding."""
+    """Message of ``residuals.white``.
+
+    ``p_white`` is the p-value of the Ljung-Box test, ``p_input`` that of the correlation with the
+    input.
+    """
     return (
         f"Residuals of {subject} are white (Ljung-Box {_p_value(p_white)}) and not correlated with "
         f"the input ({_p_value(p_input)}): this record does not contradict the model."
@@ -337,7 +375,10 @@ def _white_residuals(subject: str, p_white: float, p_input: float, **_: Any) -> 
 
 
 def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
-    """Message of ``residuals.spikes``; the arguments are the fields of the finding."""
+    """Message of ``residuals.spikes``.
+
+    ``robust``: the fit used a robust loss.
+    """
     text = "1 sample is an outlier" if count == 1 else f"{count} samples are outliers"
     if robust:
         return f"{text}, down-weighted by the robust loss."
@@ -345,7 +386,11 @@ def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
 
 
 def _uncertainty_not_given(share: float, floor: float, **_: Any) -> str:
-    """Message of ``response.unstated``; the arguments are the fields of the finding."""
+    """Message of ``response.unstated``.
+
+    ``share`` is the estimated standard uncertainty over the magnitude of the response, ``floor`` a
+    constant one that is added in squares; 0 without one.
+    """
     text = (
         "No uncertainty was given: the residuals correspond to "
         f"{100 * share:.2g} % of the magnitude"
@@ -359,7 +404,10 @@ def _uncertainty_not_given(share: float, floor: float, **_: Any) -> str:
 
 
 def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling, **_: Any) -> str:
-    """Message of ``record.hold``; the arguments are the fields of the finding."""
+    """Message of ``record.hold``.
+
+    ``step`` is the least step of the input, ``half_s`` half a sampling interval.
+    """
     return (
         f"Input {subject} moves by its least step of {step:.3g} only: either it was set in equal "
         "steps, or it was measured and rounded to them; the data look the same in both cases. It "
@@ -378,7 +426,11 @@ def _other_hold(
     option: Spelling,
     **_: Any,
 ) -> str:
-    """Message of ``record.other_hold``; the arguments are the fields of the finding."""
+    """Message of ``record.other_hold``.
+
+    ``hold`` is the one that was used, ``holds`` those of all inputs to try instead. ``bic`` is the
+    decrease of BIC with the other hold, None where the samples alone show it.
+    """
     kinds = {"zoh": "held between its samples (zoh)", "foh": "a straight line (foh)"}
     if bic is None:
         evidence = "but it stays constant and jumps, as if a computer had set it"
@@ -392,13 +444,20 @@ def _other_hold(
 
 
 def _gaps(count: int, **_: Any) -> str:
-    """Message of ``record.gaps``; the arguments are the fields of the finding."""
+    """Message of ``record.gaps``.
+
+    ``count`` is the number of gaps.
+    """
     gaps = count_with_noun(count, "gap")
     return f"After {gaps} of the input the state was estimated again."
 
 
 def _off_equilibrium(off: float, times_rms: float, option: Spelling, **_: Any) -> str:
-    """Message of ``record.off_equilibrium``; the arguments are the fields of the finding."""
+    """Message of ``record.off_equilibrium``.
+
+    ``off`` is the distance of the first output from its equilibrium, ``times_rms`` that over the
+    rms of the residuals.
+    """
     return (
         f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
         f"rms: fit with {option('initial', 'estimated')}."
@@ -406,7 +465,10 @@ def _off_equilibrium(off: float, times_rms: float, option: Spelling, **_: Any) -
 
 
 def _drift(correlation: float, option: Spelling, **_: Any) -> str:
-    """Message of ``record.drift``; the arguments are the fields of the finding."""
+    """Message of ``record.drift``.
+
+    ``correlation`` is that of the residuals with time.
+    """
     return (
         f"The residuals drift (correlation with time {correlation:.2f}): fit with "
         f"{option('baseline', 'trend')}."
@@ -414,7 +476,10 @@ def _drift(correlation: float, option: Spelling, **_: Any) -> str:
 
 
 def _feedback(p: float, **_: Any) -> str:
-    """Message of ``record.feedback``; the arguments are the fields of the finding."""
+    """Message of ``record.feedback``.
+
+    ``p`` is the p-value of the correlation with the future input.
+    """
     return (
         f"The residuals are correlated with the future input ({_p_value(p)}) and not with the past "
         "input: the input depends on the output (feedback, a closed loop, which biases the fit), "
@@ -467,9 +532,10 @@ IDENTIFY: dict[str, Message] = {
     "missing: check the wiring.",
     "record.hold": _hold,
     "record.other_hold": _other_hold,
-    "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the lag of "
-    "{lag_s:.3g} s behind {subject}: other structures fit the samples as well and have other lags, "
-    "which the intervals of lag and dead time do not include; log every {needed_s:.2g} s or faster.",
+    "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the "
+    "lag of {lag_s:.3g} s behind {subject}: other structures fit the samples as well and have "
+    "other lags, which the intervals of lag and dead time do not include; log every "
+    "{needed_s:.2g} s or faster.",
     "record.gaps": _gaps,
     "record.off_equilibrium": _off_equilibrium,
     "record.drift": _drift,

@@ -17,7 +17,10 @@ from tcdyn.core.messages.phrases import Message, count_with_noun
 
 
 def _no_number(place: str, text: str, count: int, **_: Any) -> str:
-    """Message of ``text.no_number``; the arguments are the fields of the finding."""
+    """Message of ``text.no_number``.
+
+    ``place`` is the first of ``count`` such cells, ``text`` its content.
+    """
     others = f" (and {count - 1} more)" if count > 1 else ""
     return f"{place}: {text!r} is no number{others}; taken as missing"
 
@@ -27,7 +30,10 @@ def _error_word(place: str, text: str, count: int, **_: Any) -> str:
 
 
 def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: Any) -> str:
-    """Message of ``tracks.aligned``; the arguments are the fields of the finding."""
+    """Message of ``tracks.aligned``.
+
+    ``subject`` is the channel that starts last, ``spread_s`` after the first.
+    """
     rates = ", ".join(f"{rate:g}" for rate in rates_Hz)
     return (
         f"channels start up to {spread_s:.6g} s apart ({subject} last), rates {rates} Hz; "
@@ -36,7 +42,11 @@ def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: An
 
 
 def _absent(place: str, longest: int, longest_s: float, count: int, **_: Any) -> str:
-    """Message of ``values.absent``; the arguments are the fields of the finding."""
+    """Message of ``values.absent``.
+
+    ``longest`` is the number of rows of the longest run without a value, which begins at ``place``;
+    ``count`` is that of all rows without one.
+    """
     run = "1 value is" if longest == 1 else f"{longest} values in a row are"
     text = f"{place}: {run} missing ({longest_s:.2g} s)"
     if count > longest:
@@ -45,7 +55,10 @@ def _absent(place: str, longest: int, longest_s: float, count: int, **_: Any) ->
 
 
 def _unused_columns(names: Sequence[str], **_: Any) -> str:
-    """Message of ``columns.unused``; the arguments are the fields of the finding."""
+    """Message of ``columns.unused``.
+
+    ``names`` are the columns.
+    """
     columns = count_with_noun(len(names), "column")
     return f"{columns} of the file not used: {', '.join(names)}"
 

@@ -30,6 +30,8 @@ SENSOR_FAULTS = {
     "unknown": "its junctions do not agree with the rim model (chi-square {chi2:.0f} for {dof} "
     "data), and no single swap, misplacement or offset explains it",
 }
+# Keys of rig.toml in which it differs from a record that a message lists; the others are counted.
+MAX_LISTED_KEYS = 3
 # exponent of the speed law: the two disks' difference is significant from this number of standard
 # deviations (about 95 %)
 EXPONENT_AGREES_Z = 2
@@ -37,24 +39,33 @@ EXPONENT_AGREES_Z = 2
 ESTIMATES_DISAGREE_Z = 3
 
 
-def _other_disk(
+def _rig_differs_from_record(
     subject: str, keys: Sequence[str], record: Sequence[str], rig: Sequence[str], **_: Any
 ) -> str:
-    """Message of ``record.other_disk``; the arguments are the fields of the finding."""
+    """Message of ``record.other_disk``.
+
+    ``keys`` are the keys of ``rig.toml`` that differ, ``record`` and ``rig`` their values when the
+    record was made and now.
+    """
     changes = [f"{key} = {new} (record: {old})" for key, old, new in zip(keys, record, rig)]
     text = (
         f"{subject} disk: rig.toml is used, and is not what the record was made with: "
-        f"{', '.join(changes[:3])}"
+        f"{', '.join(changes[:MAX_LISTED_KEYS])}"
     )
-    if len(changes) > 3:
-        text += f" and {len(changes) - 3} more"
+    if len(changes) > MAX_LISTED_KEYS:
+        text += f" and {len(changes) - MAX_LISTED_KEYS} more"
     return text
 
 
 def _suspected_fault(
     subject: str, kind: str, channels: Sequence[str], log_odds: float | None = None, **n: Any
 ) -> str:
-    """Message of ``sensors.suspect``; the arguments are the fields of the finding."""
+    """Message of ``sensors.suspect``.
+
+    ``kind`` is a key of ``SENSOR_FAULTS``. ``size`` is that of the fault in metres (deeper),
+    seconds (later) or kelvins. ``log_odds`` compares the fault with a sound disk; None where no
+    such comparison was made. ``rivals`` are other faults that explain the data about as well.
+    """
     if subject == "both":
         fast, slow = (channel.rpartition("_")[2] for channel in channels)
         return (
@@ -84,7 +95,11 @@ def _direction(deeper: float) -> str:
 
 
 def _no_fault(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
-    """Message of ``sensors.sound``; the arguments are the fields of the finding."""
+    """Message of ``sensors.sound``.
+
+    ``illogical`` of ``pairs`` pairs of junctions have temperatures in the wrong order for their
+    depths. ``blind`` are the pairs whose swap the data cannot show.
+    """
     text = (
         f"{subject} disk: no swapped, dead, misplaced, late or offset channel found; the order of "
         f"temperatures is wrong in {illogical} of {pairs} pairs"
@@ -97,7 +112,11 @@ def _no_fault(subject: str, illogical: int, pairs: int, blind: Sequence[str], **
 def _channel_left_out(
     subject: str, why: str, stand_ins: Sequence[str], kept: Sequence[str], **_: Any
 ) -> str:
-    """Message of ``channel.left_out``; the arguments are the numbers of the finding."""
+    """Message of ``channel.left_out``.
+
+    ``stand_ins`` are the channels that replace one of the inner row; ``kept`` are the remaining
+    channels of the outer row.
+    """
     if stand_ins:
         verb = "replaces" if len(stand_ins) == 1 else "replace"
         effect = f"{' and '.join(stand_ins)} {verb} it at the inner edge of the rim"
@@ -114,7 +133,11 @@ def _angular_harmonic(
     angle_deg: float,
     **_: Any,
 ) -> str:
-    """Message of ``unevenness``; the arguments are the fields of the finding."""
+    """Message of ``unevenness``.
+
+    ``amplitude_K`` is the first circumferential harmonic at the depth of the inner row,
+    ``angle_deg`` where it is hottest.
+    """
     amplitude = Estimate.normal(amplitude_K, u_K).text("K")
     return (
         f"{subject} disk: its bore contact is uneven: at the depth of the inner row the disk is "
@@ -139,7 +162,11 @@ def _ambient(
     count: int,
     **_: Any,
 ) -> str:
-    """Message of ``ambient.channels``; the arguments are the fields of the finding."""
+    """Message of ``ambient.channels``.
+
+    ``at`` is a key of ``_AMBIENT_LOCATIONS``, ``drift_K`` the change of the mean over the 150 s,
+    ``spread_K`` the standard deviation between ``count`` channels.
+    """
     text = (
         f"air at the {_AMBIENT_LOCATIONS[at]} of the {subject} disk by "
         f"{count_with_noun(count, 'channel')}: {mean_degC:.1f} degC over the last 150 s under "
@@ -151,7 +178,11 @@ def _ambient(
 
 
 def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
-    """Message of ``power.scale``; the arguments are the fields of the finding."""
+    """Message of ``power.scale``.
+
+    ``scale`` is the power that the disks show over the logged one; ``units`` are the mistaken units
+    that would explain it.
+    """
     cause = "check load, friction, speeds and their units"
     if units:
         cause = f"most likely: {' or '.join(units)}"
@@ -164,7 +195,11 @@ def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
 def _cables_exchanged(
     exponent: float, u: float, assumed: float, beta: float, at_rest: bool, **_: Any
 ) -> str:
-    """Message of ``cables.exchanged``; the arguments are the fields of the finding."""
+    """Message of ``cables.exchanged``.
+
+    ``exponent`` is the one that the log implies as it is, ``assumed`` that of the speed law.
+    ``at_rest``: the readings before the load show the exchange, too.
+    """
     text = "the cables of the two disks look exchanged: "
     if at_rest:
         text += (
@@ -193,7 +228,12 @@ JOINT_PARAMETERS = {  # parameter of the joint fit: text and unit
 def _profile_interval(
     subject: str, parameter: str, u: float, low95: float | None, high95: float | None, **n: Any
 ) -> str:
-    """Message of ``joint.interval``; the arguments are the fields of the finding."""
+    """Message of ``joint.interval``.
+
+    ``low95`` and ``high95`` are the ends by the profile, None where the data do not bound the
+    parameter; it was then examined to ``low_seen`` and ``high_seen``. ``normal_low95`` and
+    ``normal_high95`` are the ends by the standard uncertainty ``u``.
+    """
     fit = "both disks" if subject == "both" else f"{subject} disk"
     name, unit = JOINT_PARAMETERS[parameter]
     unbounded = []
@@ -206,13 +246,16 @@ def _profile_interval(
     return (
         f"Joint fit, {fit}: the 95 % interval of {name} is {text_rounded_to_u(low95, u)} to "
         f"{text_rounded_to_u(high95, u)}{unit} by its profile, and "
-        f"{text_rounded_to_u(n['normal_low95'], u)} to {text_rounded_to_u(n['normal_high95'], u)}{unit} "
-        "by its standard uncertainty."
+        f"{text_rounded_to_u(n['normal_low95'], u)} to "
+        f"{text_rounded_to_u(n['normal_high95'], u)}{unit} by its standard uncertainty."
     )
 
 
 def _stated_depth(subject: str, channel: str, deeper_mm: float, u_mm: float, **_: Any) -> str:
-    """Message of ``stated.depth``; the arguments are the fields of the finding."""
+    """Message of ``stated.depth``.
+
+    ``deeper_mm`` is the estimated depth less the stated one, with ``u_mm``.
+    """
     size = Estimate.normal(abs(deeper_mm), u_mm)
     return (
         f"the depth of junction {channel} of the {subject} disk (by this test {size} mm "
@@ -221,20 +264,29 @@ def _stated_depth(subject: str, channel: str, deeper_mm: float, u_mm: float, **_
 
 
 def _stated_value(subject: str, name: str, **_: Any) -> str:
-    """Message of ``stated.value``; the arguments are the fields of the finding."""
+    """Message of ``stated.value``.
+
+    ``name`` is the nuisance parameter, "parting" for the instant of unloading.
+    """
     if name == "parting":
         return "the instant of unloading, or the chain's shape (a dead time, a third lag)"
     return f"{name} of the {subject} disk" if subject else name
 
 
 def _stated_exponent(assumed: float, implied: float, u: float, **_: Any) -> str:
-    """Message of ``stated.exponent``; the arguments are the fields of the finding."""
+    """Message of ``stated.exponent``.
+
+    ``implied`` is the exponent that the two disks give, with its standard uncertainty ``u``.
+    """
     estimate = Estimate.normal(implied, u)
     return f"the speed exponent: {assumed:.3f} assumed, {estimate} implied by the two disks"
 
 
 def _stated_sensors(subject: str, kind: str, columns: Sequence[str], **_: Any) -> str:
-    """Message of ``stated.sensors``; the arguments are the fields of the finding."""
+    """Message of ``stated.sensors``.
+
+    ``kind`` is the fault, ``columns`` are the channels that it concerns; none for an unknown fault.
+    """
     channels = " and ".join(columns) or f"the junctions of the {subject} disk"
     return f"{channels} ({kind})"
 
@@ -275,7 +327,12 @@ def _usual_suspect(first: str, second: str) -> str:
 def _estimates_differ(
     one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **n: Any
 ) -> str:
-    """Message of ``ways.apart``; the arguments are the fields of the finding."""
+    """Message of ``ways.apart``.
+
+    ``one`` and ``other`` are the estimators that differ most significantly, by ``apart`` and ``z``
+    standard deviations. ``suspects`` are the stated values that the data contradict, ``suspects_z``
+    their tensions. ``n`` holds the fields of ``_usable``.
+    """
     suspected = _suspects(suspects, suspects_z) or _usual_suspect(one, other)
     return (
         f"The estimates of beta do NOT agree: {one} and {other} differ by {apart:.3f}, {z:.1f} "
@@ -286,7 +343,11 @@ def _estimates_differ(
 def _estimates_contradicted(
     low: float, high: float, suspects: Sequence[str], suspects_z: Sequence[float], **n: Any
 ) -> str:
-    """Message of ``ways.contradicted``; the arguments are the fields of the finding."""
+    """Message of ``ways.contradicted``.
+
+    ``low`` and ``high`` are the smallest and largest estimate of beta; the other fields are those
+    of ``_estimates_differ``.
+    """
     return (
         f"The estimates of beta agree ({low:.3f} to {high:.3f}), but the data contradict stated "
         f"values: suspect {_suspects(suspects, suspects_z)}. {_usable(**n)}"
@@ -294,7 +355,11 @@ def _estimates_contradicted(
 
 
 def _usable(holds: bool, **n: Any) -> str:
-    """Whether the recommended estimate may be used although something does not fit."""
+    """Whether the recommended estimate may be used although something does not fit.
+
+    ``holds``: it may. ``n`` holds it as ``both`` with ``both_u``, and its range over all model
+    forms, ``low95`` and ``high95``.
+    """
     if not holds:
         return "Do NOT trust beta before the cause is found."
     both = Estimate.normal(n["both"], n["both_u"])
@@ -307,7 +372,12 @@ def _usable(holds: bool, **n: Any) -> str:
 def _estimates_agree(
     one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any
 ) -> str:
-    """Message of ``ways.agree``; the arguments are the fields of the finding."""
+    """Message of ``ways.agree``.
+
+    ``one``, ``other``, ``apart`` and ``z`` are the most significant difference. ``steady`` is beta
+    by the speed law. ``strained`` is the stated value with the largest tension ``strained_z``,
+    which a share ``chance`` of sound tests exceeds.
+    """
     speed_law = ""
     if "steady" in n:
         speed_law = f", speed law {Estimate.normal(n['steady'], n['steady_u'])}"
@@ -332,14 +402,22 @@ ROUND_REASONS = {  # of `tcdyn.partition.fit_rounds`
 
 
 def _repeated_fits(reason: str, **_: Any) -> str:
-    """Message of ``fits.repeated``; the arguments are the fields of the finding."""
+    """Message of ``fits.repeated``.
+
+    ``reason`` is a key of ``ROUND_REASONS``.
+    """
     return f"the joint fits were repeated: {ROUND_REASONS[reason]}"
 
 
 def _recommended(
     beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any
 ) -> str:
-    """Message of ``headline.both``; the arguments are the fields of the finding."""
+    """Message of ``headline.both``.
+
+    ``exponent`` is the one that the fit implies, ``z`` its distance from the ``assumed`` one in
+    standard deviations. ``low95`` and ``high95`` hold over ``count`` other model forms; ``named``
+    is the one that the data support, with ``named_beta``.
+    """
     implied = Estimate.normal(n["exponent"], n["exponent_u"])
     if abs(z) < EXPONENT_AGREES_Z:
         comparison = "agrees with that of the speed law"
@@ -358,12 +436,21 @@ def _recommended(
 
 
 def _recommended_one_disk(subject: str, beta: float, u: float, **_: Any) -> str:
-    """Message of ``one_disk.headline``; the arguments are the fields of the finding."""
-    return f"beta = {text_with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
+    """Message of ``one_disk.headline``.
+
+    ``subject`` is the disk, ``beta`` the share of the fast disk.
+    """
+    return (
+        f"beta = {text_with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk "
+        "alone."
+    )
 
 
 def _withheld(subject: str, **_: Any) -> str:
-    """Message of ``headline.withheld``; the arguments are the fields of the finding."""
+    """Message of ``headline.withheld``.
+
+    ``subject`` is the disk of a log of one disk, else empty.
+    """
     if subject:
         return f"No beta is given: what the joint fit of the {subject} disk finds is impossible."
     return (
@@ -373,7 +460,10 @@ def _withheld(subject: str, **_: Any) -> str:
 
 
 def _impossible(ways: Sequence[str], **_: Any) -> str:
-    """Message of ``answers.impossible``; the arguments are the fields of the finding."""
+    """Message of ``answers.impossible``.
+
+    ``ways`` are the estimators whose results are impossible.
+    """
     return (
         "impossible numbers (beta outside 0 to 1, h not above zero, a power far from the logged "
         f"one): {', '.join(ways)} not reported"
@@ -430,7 +520,11 @@ def model_form_text(name: str) -> str:
 
 
 def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: Any) -> str:
-    """Message of ``structures.other``; the arguments are the fields of the finding."""
+    """Message of ``structures.other``.
+
+    ``name`` is a key of ``MODEL_FORMS`` or a junction's lag, ``log_odds`` its evidence against the
+    assumed form; ``beta`` and ``u`` are the estimate with it.
+    """
     remedy = MODEL_FORMS[name][1] if name in MODEL_FORMS else LAG_REMEDY
     return (
         f"the data support another model form than the assumed one: {model_form_text(name)} "
@@ -440,7 +534,11 @@ def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: An
 
 
 def _undecided_model_form(name: str, beta: float, u: float, **_: Any) -> str:
-    """Message of ``structures.undecided``; the arguments are the fields of the finding."""
+    """Message of ``structures.undecided``.
+
+    ``name`` is a key of ``MODEL_FORMS`` or a junction's lag; ``beta`` and ``u`` are the estimate
+    with it.
+    """
     return (
         f"this test cannot show whether {model_form_text(name)}; if it is so, beta of both disks "
         f"is {Estimate.normal(beta, u)}"
@@ -490,7 +588,7 @@ PARTITION: dict[str, Message] = {
     "channel.left_out": _channel_left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: "
     "check units",
-    "record.other_disk": _other_disk,
+    "record.other_disk": _rig_differs_from_record,
     "sensors.suspect": _suspected_fault,
     "sensors.sound": _no_fault,
     "unevenness": _angular_harmonic,

@@ -53,13 +53,20 @@ def probability_text(probability: float) -> str:
 
 
 def _far_from_prior(subject: str, kind: str, sds: float, **_: Any) -> str:
-    """Message of ``plunge.pull``; the arguments are the fields of the finding."""
+    """Message of ``plunge.pull``.
+
+    ``kind`` is a key of ``PARAMETERS``, ``subject`` the channel of a parameter of one channel.
+    """
     which = f"channel {subject}: the" if subject else "the"
     return f"{which} {PARAMETERS[kind]} is {sds:.1f} prior standard deviations from its prior mean"
 
 
 def _coloured(common: float, differential: float, apart: bool, **_: Any) -> str:
-    """Message of ``plunge.coloured``; the arguments are the fields of the finding."""
+    """Message of ``plunge.coloured``.
+
+    ``common`` and ``differential`` are the factors of the variance of the mean over all channels
+    and of differences between channels. ``apart``: that of differences is implausibly large.
+    """
     text = (
         f"residuals are coloured (variance factors {common:.1f} common, {differential:.1f} "
         "differential); the uncertainties were increased accordingly"
@@ -75,7 +82,11 @@ def _coloured(common: float, differential: float, apart: bool, **_: Any) -> str:
 def _lag(
     plunges: int, common_lag_s: float, u_s: float, known_burst_u_s: float, apart: bool, **_: Any
 ) -> str:
-    """Message of ``plunge.lag``; the arguments are the fields of the finding."""
+    """Message of ``plunge.lag``.
+
+    ``known_burst_u_s`` is the standard uncertainty of the common lag for a known entry burst and
+    entry time. ``apart``: the data separate lag and burst.
+    """
     source = "One plunge gives" if plunges == 1 else f"{plunges} plunges give"
     text = f"{source} a common lag of {text_with_u(common_lag_s, u_s, 's')}"
     u_known = rounded_texts(known_burst_u_s, known_burst_u_s)[1]
@@ -104,7 +115,13 @@ def _chain_structure(
     option: Spelling,
     **_: Any,
 ) -> str:
-    """Message of ``plunge.structure``; the arguments are the fields of the finding."""
+    """Message of ``plunge.structure``.
+
+    The lists have the chosen structure first, then those that are also probable, or the more
+    probable one that contradicts it (``contradicted``). ``second_s`` is a second lag and its
+    standard uncertainty, possible with another entry burst. ``u_before_s`` and ``u_after_s`` are
+    the standard uncertainty of the common lag without and with the choice of the structure.
+    """
     named = [f"{s} ({m})" for s, m in zip(structures, meanings)]
     lags = [text_with_u(lag, u, "s") for lag, u in zip(lag_s, u_s)]
     remedy = ""

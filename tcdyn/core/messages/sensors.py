@@ -14,30 +14,46 @@ from typing import Any
 
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
+# Relative standard uncertainty of a sampling rate [%] from which a message states it: the lags have
+# the same, and below it is small against the other contributions. Chosen by judgement.
+NOTABLE_RATE_U_PERCENT = 1.0
+
 
 def _carried_columns(columns: Sequence[str], **_: Any) -> str:
-    """Message of ``sensor.carried``; the arguments are the fields of the finding."""
+    """Message of ``sensor.carried``.
+
+    ``columns`` are the columns without a sensor.
+    """
     count = count_with_noun(len(columns), "column")
     return f"{count} without a sensor, copied as logged: {', '.join(columns)}"
 
 
 def _unit_assumed(subject: str, count: int = 1, **_: Any) -> str:
-    """Message of ``sensor.unit_assumed``; the arguments are the fields of the finding."""
+    """Message of ``sensor.unit_assumed``.
+
+    ``subject`` names all ``count`` columns.
+    """
     if count == 1:
         return f"column {subject} states no unit: read as degrees Celsius"
     return f"columns {subject} state no unit: read as degrees Celsius"
 
 
 def _few_decimals(rate_Hz: float, percent: float = 0.0, **_: Any) -> str:
-    """Message of ``sensor.few_decimals``; the arguments are the fields of the finding."""
+    """Message of ``sensor.few_decimals``.
+
+    ``rate_Hz`` is the estimated sampling rate, ``percent`` its relative standard uncertainty.
+    """
     text = f"the clock has few decimals: rows are taken as evenly sampled at {rate_Hz:.5g} Hz"
-    if percent > 1:
+    if percent > NOTABLE_RATE_U_PERCENT:
         text += f". This rate has a standard uncertainty of {percent:.2g} %, and so have the lags"
     return text
 
 
 def _noise_driving(subject: str, lags: int, **_: Any) -> str:
-    """Message of ``sensor.noise_driving``; the arguments are the fields of the finding."""
+    """Message of ``sensor.noise_driving``.
+
+    ``lags`` is the number of lags that the spectrum shows.
+    """
     text = (
         f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower "
         "ones add their time"
@@ -50,7 +66,11 @@ def _noise_driving(subject: str, lags: int, **_: Any) -> str:
 def _touch_other(
     touch: int, time_s: float, column: str, stated: str, exchanged: bool, **_: Any
 ) -> str:
-    """Message of ``touch.other``; the arguments are the fields of the finding."""
+    """Message of ``touch.other``.
+
+    ``touch`` is the number of the touch, ``column`` the one that responded. ``exchanged``: the
+    stated column responded when this one was touched.
+    """
     text = f"touch {touch} ({time_s:.1f} s): {column} responded, stated was {stated}"
     if exchanged:
         return f"{text}, and the other way round: the two are interchanged, or were touched so"
@@ -58,17 +78,20 @@ def _touch_other(
 
 
 def _touch_silent(columns: Sequence[str], **_: Any) -> str:
-    """Message of ``touch.silent``; the arguments are the fields of the finding."""
+    """Message of ``touch.silent``.
+
+    ``columns`` are the columns that responded most to no touch.
+    """
     return f"no touch after which {' or '.join(columns)} rose most"
 
 
 # tcdyn/sensors and tables compensated with a sensor file
 SENSOR: dict[str, Message] = {
-    "touch.count": "{count} touches found, {stated} stated: the order is not compared. Touch longer "
-    "or wait longer between touches, and look at columns that did not respond",
+    "touch.count": "{count} touches found, {stated} stated: the order is not compared. Touch "
+    "longer or wait longer between touches, and look at columns that did not respond",
     "touch.other": _touch_other,
-    "touch.unclear": "touch {touch} ({time_s:.1f} s): {column} responded most, but {second} rose by "
-    "{percent:.0f} % of it: touch this place again, nearer to one sensor",
+    "touch.unclear": "touch {touch} ({time_s:.1f} s): {column} responded most, but {second} "
+    "rose by {percent:.0f} % of it: touch this place again, nearer to one sensor",
     "touch.silent": _touch_silent,
     "sensor.exact": "the lag of {lag_s:.4g} s was given without an uncertainty: it is taken as "
     "exact, and the intervals of temperatures compensated with it include noise only; give an "
@@ -119,20 +142,20 @@ SENSOR: dict[str, Message] = {
     "sensor.medium": "{subject}: the lag of {lag_s:.2g} s is not long compared with that of the "
     "medium's own step, {medium_s:.2g} +- {medium_u_s:.2g} s: much of it may be the medium's; "
     "measure how fast the medium steps and specify it with --medium-s",
-    "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more than the "
-    "noise: taken as missing",
-    "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from there on "
-    "are not used",
+    "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more "
+    "than the noise: taken as missing",
+    "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from "
+    "there on are not used",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
     "for a lag of {lag_s:.3g} s: the final temperature is extrapolated",
-    "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and {cooling_s:.3g} s "
-    "when cooled: the difference is significant. The file is for both; for one direction give only "
-    "dips of that direction",
+    "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and "
+    "{cooling_s:.3g} s when cooled: the difference is significant. The file is for both; for one "
+    "direction give only dips of that direction",
     "sensor.pair_difference": "{subject}: the traces determine the difference of the lags, "
     "{difference_s:.3g} +- {u_s:.2g} s, but hardly the lags themselves: the fluid changed too "
     "slowly for their ratio",
-    "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % larger "
-    "than that of {other}: the lags are those of two sensors of different gain",
+    "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
+    "larger than that of {other}: the lags are those of two sensors of different gain",
     "sensor.pair_slower": "{subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
     "used, as sampled at the time of their row",
@@ -153,7 +176,7 @@ SENSOR: dict[str, Message] = {
     "or two lags (p = {p_value:.1g}): do not use the lag",
     "sensor.brief": "column {subject}: the table lasts {duration_s:.3g} s, less than the lag of "
     "{lag_s:.3g} s: is its time in another unit?",
-    "sensor.unit_contradicted": "column {subject} is taken in {said}, as requested, although its "
+    "sensor.unit_contradicted": "column {subject} is taken in {unit}, as requested, although its "
     "name states another unit",
     "sensor.slow": "column {subject}: the interval of {dt_s:.3g} s between rows is long for a lag "
     "of {lag_s:.3g} s",

@@ -19,7 +19,11 @@ from tcdyn.core.messages.phrases import Message
 def _noisy_inverse(
     bandwidth_Hz: float, noise_K: float, limit_K: float, best_Hz: float, **_: Any
 ) -> str:
-    """Message of ``inverse.noisy``; the arguments are the fields of the finding."""
+    """Message of ``inverse.noisy``.
+
+    ``limit_K`` is the noise that is allowed, ``best_Hz`` the largest bandwidth with no more; 0 if
+    there is none.
+    """
     text = (
         f"a bandwidth of {bandwidth_Hz:.3g} Hz makes {noise_K:.3g} K of noise, more than the "
         f"{limit_K:.3g} K allowed: "
@@ -32,7 +36,11 @@ def _noisy_inverse(
 def _coloured_noise(
     subject: str, before_K: float, after_K: float, lag_s: float = 0.0, **_: Any
 ) -> str:
-    """Message of ``noise.coloured``; the arguments are the fields of the finding."""
+    """Message of ``noise.coloured``.
+
+    ``before_K`` is the noise from before the filter, ``after_K`` that from after it, ``lag_s`` the
+    lag that colours the former; 0 for the conditioning filter.
+    """
     if lag_s:
         return (
             f"{subject}: noise of {before_K:.2g} K is coloured as by a lag of {lag_s:.2g} s, noise "
@@ -45,7 +53,10 @@ def _coloured_noise(
 
 
 def _coarse_logger(subject: str, step_K: float, channels: Sequence[str], **_: Any) -> str:
-    """Message of ``traces.coarse``; the arguments are the fields of the finding."""
+    """Message of ``traces.coarse``.
+
+    ``step_K`` is the resolution of the logger.
+    """
     return (
         f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "
         f"{', '.join(channels)}: such rounding is not white noise, and the uncertainties of lags "
@@ -54,7 +65,10 @@ def _coarse_logger(subject: str, step_K: float, channels: Sequence[str], **_: An
 
 
 def _one_disk(subject: str, other: str, option: Spelling, **_: Any) -> str:
-    """Message of ``compensate.one_disk``; the arguments are the fields of the finding."""
+    """Message of ``compensate.one_disk``.
+
+    ``subject`` is the disk without a record, ``other`` the one with a record.
+    """
     return (
         f"no record of the {subject} disk was given: its columns are copied as logged, and the "
         f"common lag of the {other} disk comes from its record; with both records the unloading "
