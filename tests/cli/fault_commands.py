@@ -312,7 +312,7 @@ class Trial:
 
 @contextlib.contextmanager
 def computed_once(names: tuple[str, ...]) -> Iterator[None]:
-    """The functions keep their first answer; one that is never called is an error of the table of commands."""
+    """The functions keep their first answer; one that is never called is an error of the table."""
     answers_of: dict[str, dict[str, Any]] = {name: {} for name in names}
     with pytest.MonkeyPatch.context() as patch:
         for name, answers in answers_of.items():
