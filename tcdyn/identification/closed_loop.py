@@ -23,7 +23,6 @@ from tcdyn.estimation import orthonormal_basis
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.segments import Segment, split_segments, true_intervals
-from tcdyn.identification.starting_values import interpolate_gaps
 
 # The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of
 # open loop, in tests/identify/closed_loop_study.py. Each comment gives the figures between which
@@ -194,7 +193,7 @@ def rows_of(segment: Segment, k: int, count: int) -> Rows:
     u = segment.inputs[:count, k]
     measured = segment.measured[:count]
     times = np.arange(count)
-    y = interpolate_gaps(segment)[:count]
+    y = segment.filled_y[:count]
     n_missing = np.cumsum(np.append(0, ~measured))
     first = np.maximum(times - PAST_LAGS, 0)
     return Rows(u, y, n_missing[times + 1] == n_missing[first])

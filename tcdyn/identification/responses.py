@@ -71,11 +71,8 @@ class Dynamics:
     @property
     def static_gain(self) -> Estimate:
         """Static gain with its uncertainty (without the integrator)."""
-        gradient = np.zeros(len(self.model.chain_rule(self.theta)))
-        gradient[0] = 1.0
-        by_parameter = gradient @ self.model.chain_rule(self.theta)
-        u = self.standard_uncertainty(by_parameter[:, None])[0]
-        return Estimate.normal(self.gain, u)
+        by_parameter = self.model.chain_rule(self.theta)[0]
+        return Estimate.normal(self.gain, self.standard_uncertainty(by_parameter[:, None])[0])
 
     @cached_property
     def lag_s(self) -> Estimate:

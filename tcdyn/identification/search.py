@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -58,10 +59,6 @@ class Fit(Result):
         Optimum of the innovations, without the robust ``weights``.
     residual
         Measured minus simulated output at the measured samples (N,).
-    innovation
-        Residuals whitened by the noise model, times the roots of the robust weights (N,).
-    jacobian
-        d(minus innovation)/dx (N, size).
     covariance_x
         Covariance of the complete vector x (size, size).
     noise
@@ -76,8 +73,6 @@ class Fit(Result):
     problem: IdentificationProblem
     optimum: Optimum
     residual: Array
-    innovation: Array
-    jacobian: Array
     covariance_x: Array
     noise: NoiseModel
     loss: Loss = "linear"
@@ -87,6 +82,16 @@ class Fit(Result):
     def x(self) -> Array:
         """Fitted vector (size,): parameters (positive ones as logarithms), offsets, states."""
         return self.optimum.theta
+
+    @property
+    def innovation(self) -> Array:
+        """Residuals whitened by the noise model, times the roots of the robust weights (N,)."""
+        return -self.optimum.residual * sqrt_weights(self.optimum.weights)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """d(minus innovation)/dx (N, size)."""
+        return (self.optimum.jacobian.T * sqrt_weights(self.optimum.weights)).T
 
     @property
     def sqrt_weights(self) -> Array:
