@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -358,16 +359,13 @@ def delayed_law(segments: Sequence[Rows]) -> bool:
     """
     inputs = []
     outputs = []
-    lags = range(PAST_LAGS + 1)
     for rows in segments:
-        n = len(rows.u)
-        if n <= PAST_LAGS:
+        if len(rows.u) <= PAST_LAGS:
             continue
         good = rows.is_measured[PAST_LAGS:]
-        lagged_u = np.column_stack([rows.u[PAST_LAGS - i : n - i] for i in lags])
-        lagged_y = np.column_stack([rows.y[PAST_LAGS - i : n - i] for i in lags])
-        inputs.append(lagged_u[good])
-        outputs.append(lagged_y[good])
+        # one column for each lag, the latest value first
+        inputs.append(sliding_window_view(rows.u, PAST_LAGS + 1)[good, ::-1])
+        outputs.append(sliding_window_view(rows.y, PAST_LAGS + 1)[good, ::-1])
     if sum(len(rows) for rows in inputs) < MIN_ROWS + 2 * PAST_LAGS:
         return False
     u = np.vstack(inputs)

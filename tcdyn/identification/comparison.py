@@ -48,7 +48,7 @@ from tcdyn.identification.recommendation import (
     responds_at_once,
 )
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import Setting, average_noise, bic
+from tcdyn.identification.setting import Setting, average_noise, bic, setting_of
 from tcdyn.identification.shared_poles import best_common_pole_fit
 from tcdyn.identification.tables import from_csv, from_frame, with_hold
 from tcdyn.identification.validation import (
@@ -731,7 +731,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     if is_part:
         final = fit_all_rows(ladder, best, record)
     elif best.loss == "linear" and not model.arx and model.free:
-        own = {**best.disturbance, **options}
+        own = {**setting_of(best).options, **options}
         final = fit(ladder.data, model, **own, start=start)
         final = average_noise(final, ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
@@ -748,14 +748,15 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     if initial == "estimated" and "initial" not in ladder.options:
         numbers["freed"] = True
     noise = final.noise
+    setting = setting_of(final)
     if noise.averaged:
         is_finite = noise.time_constant < len(final.residual)
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
         numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
-    elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
+    elif setting.is_disturbed:
         numbers["order"] = list(noise.order)
-        numbers["baseline"] = final.disturbance["baseline"]
+        numbers["baseline"] = setting.baseline
     final = add_findings(final, tuple(check_holds(ladder, final)))
     fits = {**result.fits, result.recommended: final}
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}

@@ -26,6 +26,7 @@ from tcdyn.identification.heldout import (
 )
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import NO_MODEL, Model, as_model, as_template, several
+from tcdyn.identification.recommendation import TIE_BIC
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, bic, select_setting
 from tcdyn.identification.starting_values import single_input_problem, starts
@@ -38,7 +39,6 @@ FURTHER_STRUCTURES = ("P1I", "P1DI", "P2DI", "P1DH", "P2DH")
 MAX_LAGS = 3  # of a process model
 
 # Thresholds, chosen by judgement.
-TIE_BIC = 2.0  # difference of BIC within which the smaller model is preferred
 MAX_SWEEPS = 6  # rounds over the inputs
 N_STARTS = 2  # starting values of a changed branch of several inputs
 

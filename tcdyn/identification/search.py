@@ -108,19 +108,6 @@ class Fit(Result):
         """Findings about the record and the model."""
         return self.identified.findings
 
-    @property
-    def disturbance(self) -> dict[str, Any]:
-        """The options ``noise`` and ``baseline`` of :func:`tcdyn.identification.fit` for this noise."""
-        if self.noise.averaged:
-            return {"noise": "slow", "baseline": "auto"}
-        walks = self.noise.is_random_walk
-        order = self.noise.order
-        if walks:
-            baseline = "walk"
-        else:
-            baseline = "trend" if self.problem.trend else "none"
-        return {"noise": order if any(order) or walks else "white", "baseline": baseline}
-
     def simulate_segments(self) -> list[Array]:
         """Return the model's output over every segment of the data, arrays (N,)."""
         outputs = self.problem.outputs(self.x)
