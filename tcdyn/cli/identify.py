@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -187,7 +187,7 @@ def identify(
     """
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identification import compare, from_csv, joint_table, read_identified
-    from tcdyn.identification.disturbance import BASELINE_OPTIONS, NOISE_OPTIONS
+    from tcdyn.identification.disturbance import Baseline, NoiseName
     from tcdyn.io.write import write_text
     from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
@@ -201,8 +201,8 @@ def identify(
     for each in holds:
         check_choice("--hold", each, ("foh", "zoh") if len(holds) > 1 else ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
-    check_choice("--noise", noise, NOISE_OPTIONS)
-    check_choice("--baseline", baseline, BASELINE_OPTIONS)
+    check_choice("--noise", noise, get_args(NoiseName))
+    check_choice("--baseline", baseline, get_args(Baseline))
     fit_settings: dict[str, Any] = {} if initial is None else {"initial": initial}
     fit_settings["input_noise"] = (
         "auto" if input_noise == "auto" else _standard_deviation(input_noise)

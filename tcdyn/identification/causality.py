@@ -18,7 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.identification.models import process
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.segments import MIN_REPEATED_SHARE
-from tcdyn.identification.starting_values import interpolate_gaps, lag_correlation
+from tcdyn.identification.starting_values import lag_correlation
 
 N_LEAD_LAGS = 12  # lags of the grid, of which two make a lead; chosen by judgement
 MAX_REFINEMENTS = 4  # refinements of the grid of lags, from a factor 3 to 1 %
@@ -134,7 +134,7 @@ def output_is_setpoint(problem: IdentificationProblem) -> bool:
 
     False where the input does too.
     """
-    outputs = np.concatenate([interpolate_gaps(s) for s in problem.segments])
+    outputs = np.concatenate([s.filled_y for s in problem.segments])
     inputs = np.concatenate([s.u for s in problem.segments])
     output_repeats = np.mean(np.diff(outputs) == 0)
     input_repeats = np.mean(np.diff(inputs) == 0)
@@ -170,7 +170,7 @@ def lead_correlation(problem: IdentificationProblem, ahead: int = 0) -> float:
             simulate_rows(system, s.u, problem.dt_s, 0.0, problem.hold, problem.start)[0][ahead:]
             for system in systems
         ]
-        output = interpolate_gaps(s)[: max(len(s.u) - ahead, 0)]
+        output = s.filled_y[: max(len(s.u) - ahead, 0)]
         rows.append(np.vstack([output, *lagged]))
     table = np.hstack(rows)
     table = table - table.mean(axis=1, keepdims=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -23,7 +24,6 @@ from tcdyn.estimation import orthonormal_basis
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.segments import Segment, split_segments, true_intervals
-from tcdyn.identification.starting_values import interpolate_gaps
 
 # The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of
 # open loop, in tests/identify/closed_loop_study.py. Each comment gives the figures between which
@@ -194,7 +194,7 @@ def rows_of(segment: Segment, k: int, count: int) -> Rows:
     u = segment.inputs[:count, k]
     measured = segment.measured[:count]
     times = np.arange(count)
-    y = interpolate_gaps(segment)[:count]
+    y = segment.filled_y[:count]
     n_missing = np.cumsum(np.append(0, ~measured))
     first = np.maximum(times - PAST_LAGS, 0)
     return Rows(u, y, n_missing[times + 1] == n_missing[first])
@@ -359,16 +359,13 @@ def delayed_law(segments: Sequence[Rows]) -> bool:
     """
     inputs = []
     outputs = []
-    lags = range(PAST_LAGS + 1)
     for rows in segments:
-        n = len(rows.u)
-        if n <= PAST_LAGS:
+        if len(rows.u) <= PAST_LAGS:
             continue
         good = rows.is_measured[PAST_LAGS:]
-        lagged_u = np.column_stack([rows.u[PAST_LAGS - i : n - i] for i in lags])
-        lagged_y = np.column_stack([rows.y[PAST_LAGS - i : n - i] for i in lags])
-        inputs.append(lagged_u[good])
-        outputs.append(lagged_y[good])
+        # one column for each lag, the latest value first
+        inputs.append(sliding_window_view(rows.u, PAST_LAGS + 1)[good, ::-1])
+        outputs.append(sliding_window_view(rows.y, PAST_LAGS + 1)[good, ::-1])
     if sum(len(rows) for rows in inputs) < MIN_ROWS + 2 * PAST_LAGS:
         return False
     u = np.vstack(inputs)

@@ -26,7 +26,7 @@ from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identification.fitting import add_findings, fit
-from tcdyn.identification.heldout import Progress, Task, split_held_out
+from tcdyn.identification.heldout import Progress, split_held_out
 from tcdyn.identification.identified import Identified, from_control
 from tcdyn.identification.iodata import Holds, IOData, as_iodata
 from tcdyn.identification.ladder import Ladder, select_structures
@@ -48,7 +48,7 @@ from tcdyn.identification.recommendation import (
     responds_at_once,
 )
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import Setting, average_noise, bic
+from tcdyn.identification.setting import Setting, average_noise, bic, setting_of
 from tcdyn.identification.shared_poles import best_common_pole_fit
 from tcdyn.identification.tables import from_csv, from_frame, with_hold
 from tcdyn.identification.validation import (
@@ -56,6 +56,7 @@ from tcdyn.identification.validation import (
     explains_little,
     has_coloured_residuals,
     is_adequate,
+    nrmse_percent,
     validate,
 )
 from tcdyn.rig.disk import Conditioning
@@ -293,10 +294,13 @@ def compare(
         data = replace(data, findings=(*data.findings, *closed_loop(data)))
     template = like or process("P1")
     given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
-    ladder = Ladder(replace(data, findings=()), template, given, progress)
+    ladder = Ladder(replace(data, findings=()), template, given, progress, held_out)
     given_models = [resolve_entry(m, data) for m in entries]
     record = search_record(ladder)
-    result = search_models(replace(ladder, data=record.data), record, held_out, given_models)
+    if isinstance(held_out, IOData):
+        held_out = block_means(held_out, record.block)
+    searched = replace(ladder, data=record.data, held_out=held_out)
+    result = search_models(searched, given_models)
     result = finish(ladder, data, result, record)
     rows = [
         simulator_row(m, f"{type(m).__name__}, {k}", data, held_out)
@@ -377,19 +381,13 @@ def identify(
     return compare(data, *models, **options)
 
 
-def search_models(
-    ladder: Ladder, record: SearchRecord, held_out: IOData | float, given_models: Sequence[Model]
-) -> Comparison:
+def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
     """Compare the models on the record of the search.
 
     Parameters
     ----------
     ladder
         The record of the search and the options.
-    record
-        The same record, and how it was made.
-    held_out
-        As in :func:`compare`.
     given_models
         The models that the caller has named; none for the ladder.
 
@@ -398,22 +396,19 @@ def search_models(
     Comparison
         Table, fits and recommendation.
     """
-    if isinstance(held_out, IOData):
-        held_out = block_means(held_out, record.block)
-    task = Task(ladder.data, held_out, ladder.progress, {**ladder.options, "check": False})
 
     def fit_models(ladder: Ladder) -> tuple[Mapping[str, Fit | InputError], Setting]:
         """Return the fits of the given models, or of the ladder, and their setting."""
         return fit_given(ladder, given_models) if given_models else select_structures(ladder)
 
     fits, setting = fit_models(ladder)
-    result = score(task, fits, setting)
+    result = score(ladder, fits, setting)
     is_doubtful = not is_adequate(result.best) or explains_little(result.best)
     if setting.is_disturbed and is_doubtful:
         fits, setting = fit_models(ladder.with_white_noise())
-        result = prefer_held_out(result, score(task, fits, setting))
+        result = prefer_held_out(result, score(ladder, fits, setting))
     if not given_models and not is_adequate(result.best):
-        result = add_common_pole_model(task, result, ladder.template)
+        result = add_common_pole_model(ladder, result)
     return replace(result, are_given=bool(given_models))
 
 
@@ -445,17 +440,15 @@ def simulator_row(model: Any, name: str, data: IOData, held_out: IOData | float)
         if any(np.isnan(run.u).any() or np.isnan(run.y).any() for run in record.runs):
             return {**row, "remark": "not scored: samples are missing"}
         errors = []
-        departures = []
+        outputs = []
         for k, run in enumerate(record.runs):
             lag = model.max_lag
             simulated = np.ravel(model.predict(X=run.u, y=run.y[:lag]))
             is_scored = (record.times_s(k) >= first_s) & (np.arange(run.n) >= lag)
-            y = run.y[is_scored, 0]
-            errors.append(y - simulated[is_scored])
-            departures.append(y - y.mean())
+            outputs.append(run.y[is_scored, 0])
+            errors.append(run.y[is_scored, 0] - simulated[is_scored])
         rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
-        spread = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
-        scores += [rms, 100 * (1 - rms / max(spread, 1e-300))]
+        scores += [rms, nrmse_percent(errors, outputs)]
     columns = ("rms", "fit_percent", "held_out_rms", "held_out_percent")
     return {**row, "parameters": len(np.ravel(model.theta)), **dict(zip(columns, scores))}
 
@@ -559,13 +552,13 @@ def fit_given(
     return fits, selected
 
 
-def score(task: Task, fits: Mapping[str, Fit | InputError], setting: Setting) -> Comparison:
+def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting) -> Comparison:
     """Score fits on held-out data, and recommend one.
 
     Parameters
     ----------
-    task
-        The comparison and its options.
+    ladder
+        The record and the options.
     fits
         Fits by name under one setting, or errors.
     setting
@@ -579,7 +572,6 @@ def score(task: Task, fits: Mapping[str, Fit | InputError], setting: Setting) ->
     fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
     ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
     scored = {*ranked[:N_HELD_OUT], *ALWAYS_HELD_OUT}
-    setting_task = replace(task, options={**setting.options, **task.options})
     rows: list[dict[str, Any]] = []
     for name, result in fits.items():
         if isinstance(result, InputError):
@@ -587,7 +579,8 @@ def score(task: Task, fits: Mapping[str, Fit | InputError], setting: Setting) ->
             continue
         held_out = (np.nan, np.nan, np.nan)
         if name in scored:
-            held_out = setting_task.held_out_error(result, start=result.identified.theta)
+            start = result.identified.theta
+            held_out = ladder.held_out_error(result, **setting.options, start=start)
         rows.append(_table_row(name, result, held_out))
     table = pd.DataFrame(rows).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
@@ -667,29 +660,27 @@ def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
     return other if other_error < HELD_OUT_GAIN_RATIO * error else result
 
 
-def add_common_pole_model(task: Task, result: Comparison, template: Model) -> Comparison:
+def add_common_pole_model(ladder: Ladder, result: Comparison) -> Comparison:
     """Add a transfer function whose inputs share their poles, if it is better.
 
     See :func:`tcdyn.identification.shared_poles.best_common_pole_fit`.
 
     Parameters
     ----------
-    task
-        The comparison and its options.
+    ladder
+        The record and the options.
     result
         The comparison so far.
-    template
-        What all models have: known factor, offset, fixed gain.
 
     Returns
     -------
     Comparison
         With that model as the recommended one, or ``result`` unchanged.
     """
-    if task.options.get("loss", "linear") != "linear":
+    if ladder.options.get("loss", "linear") != "linear":
         return result
-    task.progress("common poles", 1, 1)
-    better = best_common_pole_fit(task, result.best, result.best_row["held_out_rms"], template)
+    ladder.progress("common poles", 1, 1)
+    better = best_common_pole_fit(ladder, result.best, result.best_row["held_out_rms"])
     if better is None:
         return result
     fit_of_poles, ratio, error = better
@@ -740,7 +731,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     if is_part:
         final = fit_all_rows(ladder, best, record)
     elif best.loss == "linear" and not model.arx and model.free:
-        own = {**best.disturbance, **options}
+        own = {**setting_of(best).options, **options}
         final = fit(ladder.data, model, **own, start=start)
         final = average_noise(final, ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
@@ -757,14 +748,15 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     if initial == "estimated" and "initial" not in ladder.options:
         numbers["freed"] = True
     noise = final.noise
+    setting = setting_of(final)
     if noise.averaged:
         is_finite = noise.time_constant < len(final.residual)
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
         numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
-    elif final.disturbance["noise"] != "white" or final.disturbance["baseline"] != "none":
+    elif setting.is_disturbed:
         numbers["order"] = list(noise.order)
-        numbers["baseline"] = final.disturbance["baseline"]
+        numbers["baseline"] = setting.baseline
     final = add_findings(final, tuple(check_holds(ladder, final)))
     fits = {**result.fits, result.recommended: final}
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}

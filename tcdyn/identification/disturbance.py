@@ -31,12 +31,8 @@ from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit, residual_sd, search, sqrt_weights
 
 # Names of the noise models that ``fit`` takes.
-NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
-Baseline = Literal["none", "trend", "walk", "auto"]  # Names of the baselines that ``fit`` takes.
-# Names of the noise models, in the order of a help text.
-NOISE_OPTIONS = ("auto", "white", "slow", "ar", "arma")
-# Names of the baselines, in the order of a help text.
-BASELINE_OPTIONS = ("auto", "none", "trend", "walk")
+NoiseName = Literal["auto", "white", "slow", "ar", "arma"]
+Baseline = Literal["auto", "none", "trend", "walk"]  # Names of the baselines that ``fit`` takes.
 
 # The thresholds below are chosen by judgement.
 ARMA_ORDERS = [(1, 1), (2, 1), (2, 2)]  # orders (p, q) of ARMA noise that are tried

@@ -46,7 +46,6 @@ from tcdyn.identification.knowledge import (
     check_knowledge,
     checked_weights,
     measured_rows,
-    without_samples,
 )
 from tcdyn.identification.models import Model, as_model, base_name, input_suffix, same_input
 from tcdyn.identification.problem import IdentificationProblem, Initial
@@ -61,6 +60,7 @@ from tcdyn.identification.search import (
     search,
     search_findings,
     sort_lags,
+    sqrt_weights,
 )
 from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES
 from tcdyn.identification.setting import Setting, average_noise, select_setting
@@ -185,7 +185,8 @@ def fit(
     }
     if weights is not None:
         options["weights"] = checked_weights(data, weights)
-        data = without_samples(data, options["weights"] == 0)
+        is_left_out = options["weights"][:, None] == 0
+        data = data.with_outputs(np.where(is_left_out, np.nan, data.outputs))
     selectable = {"initial": initial, "noise": noise, "baseline": baseline}
     given = {name: value for name, value in selectable.items() if value != "auto"}
     setting = Setting.first(given)
@@ -440,19 +441,17 @@ def make_fit(
     rows = problem.evaluate(x)
     assert rows is not None
     residual = -rows[0]
-    root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
-    e = -optimum.residual * root
-    j = optimum.jacobian * root[:, None]
     is_robust = cov_x is not None
     if cov_x is None:
         effective_loss = loss if optimum.weights is not None else "linear"
         cov_x, is_robust = parameter_covariance(
-            problem, optimum, residual, e, j, covariance, effective_loss
+            problem, optimum, residual, covariance, effective_loss
         )
     scale = problem.natural_scale(x)
     n_model = problem.n_model
     cov_theta = (cov_x * np.outer(scale, scale))[:n_model, :n_model]
-    sse = float(e @ e)
+    root = sqrt_weights(optimum.weights)
+    sse = float(np.sum((optimum.residual * root) ** 2))
     identified = Identified.of(
         problem.model,
         problem.theta(x),
@@ -467,9 +466,7 @@ def make_fit(
         output_unit=data.output_units[0],
     )
     effective_weights = weights if optimum.weights is None else optimum.weights
-    result = Fit(
-        identified, problem, optimum, residual, e, j, cov_x, noise, loss, effective_weights
-    )
+    result = Fit(identified, problem, optimum, residual, cov_x, noise, loss, effective_weights)
     validation = validate(result)
     count = problem.size + 1 + noise.n_parameters
     # with a random walk, one sample after each gap determines its level

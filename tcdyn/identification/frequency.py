@@ -449,8 +449,7 @@ def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Pr
         rational = model.rational(theta)
         if not rational.stable:
             return None
-        natural_scale = np.exp(np.where(model.is_logarithm, x, 0.0))
-        chain_rule = model.chain_rule(theta) * natural_scale
+        chain_rule = model.chain_rule(theta) * model.natural_scale(x)
         residual = (rational.frequency_response(f) - data.response) / u
         jacobian = (rational.frequency_sensitivity(f).T @ chain_rule) / u[:, None]
         return (
@@ -619,8 +618,8 @@ def make_identified(
                 warning("response.misfit", subject=model.name, ratio=np.sqrt(variance), p=p)
             )
         variance = max(variance, 1.0) if p < ALARM_P else 1.0
-    natural_scale = np.exp(np.where(model.is_logarithm, best.theta, 0.0))
-    covariance = variance * best.covariance * np.outer(natural_scale, natural_scale)
+    scale = model.natural_scale(best.theta)
+    covariance = variance * best.covariance * np.outer(scale, scale)
     result = Identified.of(model, theta, covariance, dt_s=0.0)
     findings += search_findings(best, result.estimates, model.name, _undetermined)
     model_response = model.rational(theta).frequency_response(data.frequency_Hz)

@@ -25,6 +25,7 @@ from tcdyn.identification.intervals import innovation_covariance
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import search_findings
 from tcdyn.identification.segments import row_slices
+from tcdyn.identification.validation import nrmse_percent
 
 # Outputs of all runs, from the parameters by name and the data.
 SimulationFunction = Callable[[dict[str, float], IOData], Sequence[ArrayLike]]
@@ -163,9 +164,8 @@ def fit_function(
     estimates = {n: Estimate.normal(float(v), float(s)) for n, v, s in zip(names, optimum.theta, u)}
     findings = search_findings(optimum, estimates, "the model")
     outputs = _outputs(optimum.theta, data, model, names)
-    spread = max(float(np.std(with_gaps[measured])), 1e-300)
     rms = float(np.sqrt(np.mean(innovation**2)))
-    percent = 100 * (1 - rms / spread)
+    percent = nrmse_percent([innovation], [with_gaps[measured]])
     return FunctionFit(estimates, covariance, tuple(outputs), percent, rms, findings, optimum)
 
 

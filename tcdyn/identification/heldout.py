@@ -1,6 +1,6 @@
 """Held-out error: how well a fit simulates data that it has not used.
 
-``tcdyn.identification.comparison`` and ``shared_poles`` use it to compare models.
+``tcdyn.identification.ladder`` and ``shared_poles`` use it to compare models.
 The simulation has only its initial state and, in one case, its level fitted; all else comes from
 the fit. ``tests/identify/test_identify_closed_forms.py``, ``test_identify_data.py`` and
 ``test_identify_equation.py`` in that folder guard it.
@@ -8,8 +8,8 @@ the fit. ``tests/identify/test_identify_closed_forms.py``, ``test_identify_data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,11 @@ from scipy.special import fdtrc
 
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import autocorrelation_factor
-from tcdyn.identification.fitting import fit
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import Fit
 from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES, split_segments
 from tcdyn.identification.starting_values import solve_linear_parameters
+from tcdyn.identification.validation import nrmse_percent
 
 # Memory of a disturbance over the length of the held-out record, above which the simulation starts
 # from the level that the disturbance has reached (chosen by judgement).
@@ -104,58 +104,6 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     return held_out_statistics(result, test, from_s)[:2]
 
 
-@dataclass(frozen=True)
-class Task:
-    """A comparison: the data, what is held out, and the options of every fit.
-
-    Parameters
-    ----------
-    data
-        The record.
-    held_out
-        Another record, or the last share of ``data``.
-    progress
-        Called before each fit.
-    options
-        Options of :func:`tcdyn.identification.fit`.
-    """
-
-    data: IOData
-    held_out: IOData | float
-    progress: Progress
-    options: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        """Check that the held-out share is possible."""
-        split_held_out(self.data, self.held_out)  # raises InputError for an unusable share
-
-    def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
-        """Return the held-out statistics of a model, fitted to the training data if there are any.
-
-        Parameters
-        ----------
-        result
-            Fit to all of the data; its model is fitted again.
-        options
-            Further options of :func:`tcdyn.identification.fit`.
-
-        Returns
-        -------
-        rms, percent, p
-            As :func:`held_out_statistics` returns them.
-
-        Raises
-        ------
-        InputError
-            Where the training data are too short.
-        """
-        train, test, from_s = split_held_out(self.data, self.held_out)
-        if train is not None:
-            all_options = {**self.options, **options, **SCORING_OPTIONS}
-            result = fit(train, result.problem.model, **all_options)
-        return held_out_statistics(result, test, from_s)
-
-
 def held_out_statistics(
     result: Fit, test: IOData, from_s: float = -np.inf
 ) -> tuple[float, float, float]:
@@ -209,9 +157,9 @@ def held_out_statistics(
         holds=test.holds,
         trend=False,
     )
-    outputs = problem.outputs(solve_linear_parameters(problem, {})[1])
-    assert outputs is not None
-    residual = np.concatenate([(s.y - y)[s.measured] for s, (y, _) in zip(segments, outputs)])
+    simulated = problem.outputs(solve_linear_parameters(problem, {})[1])
+    assert simulated is not None
+    residual = np.concatenate([(s.y - y)[s.measured] for s, (y, _) in zip(segments, simulated)])
     is_test = np.concatenate([flags[s.measured] for s, flags in zip(segments, scored)])
     slices = replace(problem, segments=tuple(segments)).residual_slices
     if result.problem.trend and not is_test.all():
@@ -223,15 +171,12 @@ def held_out_statistics(
         error = error - np.mean(residual[~is_test][-MIN_SEGMENT_SAMPLES:])
     if len(error) == 0:
         return np.nan, np.nan, np.nan
-    departures = [
-        s.y[flags] - np.mean(s.y[flags]) for s, flags in zip(segments, scored) if flags.any()
-    ]
-    rms_error = float(np.sqrt(np.mean(error**2)))
-    rms_output = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
-    percent = 100 * (1 - rms_error / rms_output) if rms_output > 0 else np.nan
+    outputs = [s.y[flags] for s, flags in zip(segments, scored) if flags.any()]
+    rms = float(np.sqrt(np.mean(error**2)))
+    percent = nrmse_percent([error], outputs)
     ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
     dof = [max(len(e) / autocorrelation_factor(e), 1.0) for e in (innovation, result.innovation)]
-    return rms_error, percent, float(fdtrc(*dof, ratio))
+    return rms, percent, float(fdtrc(*dof, ratio))
 
 
 def block_held_out_rms(result: Fit, count: int = 6) -> float:

@@ -22,7 +22,7 @@ from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich
 from tcdyn.estimation import profile as likelihood_profile
 from tcdyn.identification.models import base_name, input_suffix
 from tcdyn.identification.problem import IdentificationProblem
-from tcdyn.identification.search import Fit, first_moment
+from tcdyn.identification.search import Fit, first_moment, sqrt_weights
 from tcdyn.identification.validation import ALARM_P, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]  # kind of the covariance
@@ -211,8 +211,6 @@ def parameter_covariance(
     problem: IdentificationProblem,
     optimum: Optimum,
     residual: Array,
-    e: Array,
-    j: Array,
     kind: Covariance,
     loss: Loss,
 ) -> tuple[Array, bool]:
@@ -224,8 +222,6 @@ def parameter_covariance(
         The identification problem and its optimum.
     residual
         Residuals (N,).
-    e, j
-        Innovations (N,) and their Jacobian (N, size).
     kind
         As in :func:`innovation_covariance`.
     loss
@@ -246,6 +242,9 @@ def parameter_covariance(
     """
     slices = problem.residual_slices
     precision = problem.prior_precision
+    root = sqrt_weights(optimum.weights)
+    e = -optimum.residual * root
+    j = (optimum.jacobian.T * root).T
     covariance, is_wider = innovation_covariance(e, j, slices, problem.dt_s, precision, kind)
     if loss != "linear":
         covariance = robust_covariance(optimum.residual, optimum.jacobian, loss)

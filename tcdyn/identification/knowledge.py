@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tcdyn.core import Array, Flags
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import Model
@@ -67,11 +67,6 @@ def checked_weights(data: IOData, weights: ArrayLike) -> Array:
     return values
 
 
-def without_samples(data: IOData, left_out: Flags) -> IOData:
-    """Return the data with NaN in place of the outputs (N,) that are left out."""
-    return data.with_outputs(np.where(left_out[:, None], np.nan, data.outputs))
-
-
 def measured_rows(
     problem: IdentificationProblem, data: IOData, values: NDArray[Any]
 ) -> NDArray[Any]:
@@ -79,7 +74,6 @@ def measured_rows(
     first_of_run = np.cumsum([0, *(run.n for run in data.runs)])
     rows = []
     for s in problem.segments:
-        since_s = s.start_s - data.runs[s.run].start_s
-        first = int(first_of_run[s.run]) + round(since_s / data.dt_s)
+        first = int(first_of_run[s.run]) + s.first
         rows.append(values[first : first + len(s.y)][s.measured])
     return np.concatenate(rows)

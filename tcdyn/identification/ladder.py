@@ -18,9 +18,15 @@ from typing import Any
 
 from tcdyn.core.errors import InputError
 from tcdyn.identification.fitting import fit
-from tcdyn.identification.heldout import SCORING_OPTIONS, Progress
+from tcdyn.identification.heldout import (
+    SCORING_OPTIONS,
+    Progress,
+    held_out_statistics,
+    split_held_out,
+)
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import NO_MODEL, Model, as_model, as_template, several
+from tcdyn.identification.recommendation import TIE_BIC
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, bic, select_setting
 from tcdyn.identification.starting_values import single_input_problem, starts
@@ -33,7 +39,6 @@ FURTHER_STRUCTURES = ("P1I", "P1DI", "P2DI", "P1DH", "P2DH")
 MAX_LAGS = 3  # of a process model
 
 # Thresholds, chosen by judgement.
-TIE_BIC = 2.0  # difference of BIC within which the smaller model is preferred
 MAX_SWEEPS = 6  # rounds over the inputs
 N_STARTS = 2  # starting values of a changed branch of several inputs
 
@@ -52,6 +57,8 @@ class Ladder:
         Options of :func:`tcdyn.identification.fit` that the caller has given.
     progress
         Called before each fit.
+    held_out
+        Another record, or the last share of ``data``, on which fits are scored.
     counter
         Numbers of the fits.
     """
@@ -60,7 +67,12 @@ class Ladder:
     template: Model
     options: Mapping[str, Any]
     progress: Progress
+    held_out: IOData | float = 0.3
     counter: Iterator[int] = field(default_factory=lambda: count(1))
+
+    def __post_init__(self) -> None:
+        """Check that the held-out share is possible."""
+        split_held_out(self.data, self.held_out)  # raises InputError for an unusable share
 
     def announce(self, name: str) -> None:
         """Report a fit, with its number; how many follow is not known."""
@@ -108,6 +120,32 @@ class Ladder:
             return self.checked_fit(model, setting, start)
         except InputError:
             return None
+
+    def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
+        """Return the held-out statistics of a model, fitted to the training data if there are any.
+
+        Parameters
+        ----------
+        result
+            Fit to all of the data; its model is fitted again.
+        options
+            Further options of :func:`tcdyn.identification.fit`.
+
+        Returns
+        -------
+        rms, percent, p
+            As :func:`tcdyn.identification.heldout.held_out_statistics` returns them.
+
+        Raises
+        ------
+        InputError
+            Where the training data are too short.
+        """
+        train, test, from_s = split_held_out(self.data, self.held_out)
+        if train is not None:
+            all_options = {**options, **self.options, **SCORING_OPTIONS}
+            result = fit(train, result.problem.model, **all_options)
+        return held_out_statistics(result, test, from_s)
 
     def select_setting(self, fits: Sequence[Fit], setting: Setting) -> tuple[Setting, Fit]:
         """Return :func:`tcdyn.identification.setting.select_setting` for fits under a setting."""

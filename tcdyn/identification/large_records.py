@@ -17,6 +17,7 @@ from tcdyn.identification.heldout import SCORING_OPTIONS
 from tcdyn.identification.iodata import IOData, Run, check_hold
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.search import Fit
+from tcdyn.identification.setting import setting_of
 
 # Rows that are searched at most: 20 to 40 fits of 10^4 rows take 3 CPU s with white noise and 15
 # with coloured noise (tests/benchmarks/large_records.py).
@@ -220,7 +221,7 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
     ladder.announce(f"{model.name}, all rows")
     options = {
         "initial": "estimated" if record.is_window else best.problem.initial,
-        "baseline": best.disturbance["baseline"],
+        "baseline": setting_of(best).baseline,
         **ladder.options,
         **SCORING_OPTIONS,
     }

@@ -207,8 +207,7 @@ class LevelLagProblem:
         change = self.output_change(x)
         if not np.isfinite(change).all():
             return None
-        steps = STEP * np.eye(len(x))
-        gradient = np.array([self.output_change(x + step) - change for step in steps]).T / STEP
+        gradient = approx_fprime(x, self.output_change, STEP)
         jacobian = np.column_stack([rows[1], np.zeros(len(change))]) + gradient
         whiten = self.linear_fit.noise.whiten
         slices = problem.residual_slices

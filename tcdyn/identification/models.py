@@ -219,6 +219,10 @@ class Model:
         """Which of the free parameters (P,) the search represents by their logarithm."""
         return np.array([self.positive(n) for n in self.free], dtype=bool)
 
+    def natural_scale(self, x: Array) -> Array:
+        """Return d(natural parameter)/dx (P,): the parameter for a logarithm, else one."""
+        return np.exp(np.where(self.is_logarithm, x, 0.0))
+
     def theta(self, x: Array) -> dict[str, float]:
         """Return all parameters by name at a vector x.
 
@@ -235,10 +239,15 @@ class Model:
         free = {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
         return self.all_parameters(free)
 
-    def vector(self, theta: Mapping[str, float]) -> Array:
-        """Return the free parameters as in x, logarithms of the positive ones.
+    def as_x(self, name: str, value: float) -> float:
+        """Return the value of a parameter as in x: the logarithm of a positive one.
 
         Positive parameters below ``MIN_POSITIVE`` are set to it.
+        """
+        return float(np.log(max(value, MIN_POSITIVE))) if self.positive(name) else value
+
+    def vector(self, theta: Mapping[str, float]) -> Array:
+        """Return the free parameters as in x (:meth:`as_x`).
 
         The inverse of :meth:`theta`.
 
@@ -252,10 +261,7 @@ class Model:
         array
             The vector (P,).
         """
-        x = [
-            np.log(max(theta[n], MIN_POSITIVE)) if self.positive(n) else theta[n] for n in self.free
-        ]
-        return np.array(x, dtype=float)
+        return np.array([self.as_x(n, theta[n]) for n in self.free], dtype=float)
 
     def bounds(self, lags_s: tuple[float, float], delay_s: float) -> tuple[Array, Array]:
         """Lower and upper bounds of the free parameters (P,) as in x.

@@ -1,35 +1,31 @@
 """Linearity test: lag against level by simulation, and polynomial NARX models.
 
 NARX terms are selected by FROLS (sysidentpy); the models are scored by free simulation. ``tcdyn
-identify`` uses it. ``tests/identify/test_identify_narx.py`` checks bias, bootstrap intervals and
-the linearised lag; ``tests/identify/test_identify_results.py`` the conclusion.
+identify`` uses it. ``tests/identify/test_identify_narx.py`` checks bias and simulation;
+``tests/identify/test_identify_results.py`` the conclusion.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares, newton
+from scipy.optimize import least_squares
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate
-from tcdyn.core.result import jsonable
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import autocorrelation_factor
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.level_lag import LevelLag, level_lag
+from tcdyn.identification.validation import nrmse_percent
 
 STEP = 1e-5  # of a weight, for numerical derivatives; chosen by judgement
-COMPLEX_STEP = 1e-30  # of a signal along the imaginary axis
-N_BOOTSTRAP = 200  # draws of the weights; chosen by judgement
 DIVERGED = 1e3  # scaled output above which a simulation has diverged (chosen by judgement)
-MIN_FINITE_SHARE = 0.9  # of samples or draws, below which a result is not used (by judgement)
+MIN_FINITE_SHARE = 0.9  # of samples, below which a result is not used (by judgement)
 # Held-out error of the quadratic over that of the linear model, below which it is better (chosen
 # by judgement).
 MAX_QUADRATIC_RATIO = 0.9
@@ -47,58 +43,26 @@ class Narx:
         Weight of each term.
     u_scale, y_scale
         (centre, spread) by which the signals are scaled.
-    dt_s
-        Sampling interval [s].
     one_step_percent
         Fit percent of one-step predictions of the training data.
     simulated_percent, held_out_percent
         Fit percent of free simulation of the training data and of the held-out data.
-    draws
-        Bootstrap samples of ``theta``.
     """
 
     terms: tuple[tuple[tuple[str, int], ...], ...]
     theta: tuple[float, ...]
     u_scale: tuple[float, float]
     y_scale: tuple[float, float]
-    dt_s: float
     one_step_percent: float = float("nan")
     simulated_percent: float = float("nan")
     held_out_percent: float = float("nan")
-    draws: tuple[tuple[float, ...], ...] = ()
-
-    @property
-    def intervals(self) -> tuple[Estimate | None, ...]:
-        """Each weight with its interval from the bootstrap; None where there are no draws."""
-        return tuple(
-            bootstrap_estimate(value, [draw[k] for draw in self.draws])
-            for k, value in enumerate(self.theta)
-        )
-
-    def lag_s(self, level: float) -> Estimate | None:
-        """:meth:`local_lag_s` with its interval from the bootstrap.
-
-        Parameters
-        ----------
-        level
-            Output at which the model is linearised, in its unit.
-
-        Returns
-        -------
-        Estimate or None
-            Lag [s]; None where it has no value, or too few draws have one.
-        """
-        draws = [replace(self, theta=theta, draws=()) for theta in self.draws]
-        return bootstrap_estimate(
-            self.local_lag_s(level), [draw.local_lag_s(level) for draw in draws]
-        )
 
     @property
     def order(self) -> int:
         """Largest lag of any term, in samples."""
         return max((lag for term in self.terms for _, lag in term), default=1)
 
-    def predict(self, signal: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
+    def predict(self, signal: Callable[[str, int], Any], theta: Iterable[Any]) -> Any:
         """Return sum_i theta_i prod(terms_i).
 
         Parameters
@@ -106,21 +70,15 @@ class Narx:
         signal
             Value of a signal at a lag, from its name and the lag.
         theta
-            Other weights.
+            The weights.
 
         Returns
         -------
         number or array
             Of the type that ``signal`` returns.
-
-        Notes
-        -----
-        It must stay analytic in the signals: :meth:`local_lag_s` differentiates it by a complex
-        step.
         """
-        weights = self.theta if theta is None else theta
         total: Any = 0
-        for weight, term in zip(weights, self.terms):
+        for weight, term in zip(theta, self.terms):
             total = total + weight * math.prod((signal(*factor) for factor in term), start=1.0)
         return total
 
@@ -193,70 +151,10 @@ class Narx:
         """
         signals = {"u": u, "y": y}
         k = self.order
-        predicted = self.predict(lambda name, lag: signals[name][k - lag : len(y) - lag])
+        predicted = self.predict(
+            lambda name, lag: signals[name][k - lag : len(y) - lag], self.theta
+        )
         return np.concatenate([np.full(k, np.nan), np.broadcast_to(predicted, len(y) - k)])
-
-    def local_lag_s(self, level: float) -> float:
-        """Return the first moment [s] of the model linearised at a steady state.
-
-        NaN where there is no steady state or it is not stable.
-
-        Parameters
-        ----------
-        level
-            Steady output, in its unit.
-
-        Returns
-        -------
-        float
-            Lag [s]; NaN where there is no steady state or it is not stable.
-        """
-        y0 = (level - self.y_scale[0]) / self.y_scale[1]
-
-        def excess(u: float) -> float:
-            """Return the output of a step from the steady state less that state."""
-            return float(self.predict(lambda name, lag: u if name == "u" else y0)) - y0
-
-        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
-            u0, state = newton(
-                excess, y0 - 0.1, x1=y0 + 0.1, tol=1e-10, disp=False, full_output=True
-            )
-        if not (state.converged and abs(u0) < DIVERGED):
-            return float("nan")
-        steady = {"u": u0, "y": y0}
-        k = self.order
-
-        def derivative(signal: str, lag: int) -> float:
-            """Return the derivative of the prediction with a signal at a lag, by a complex step.
-
-            Parameters
-            ----------
-            signal
-                "u" or "y", scaled.
-            lag
-                Lag in samples.
-
-            Notes
-            -----
-            :meth:`predict` must stay analytic: with ``abs``, ``float`` or clipping in it the
-            imaginary step is lost. Guarded by
-            ``test_local_lag_is_that_of_the_recursion_linearised_at_its_level`` in
-            ``tests/identify/test_identify_narx.py``.
-            """
-
-            def shifted(name: str, at: int) -> complex:
-                """Return the steady state, with an imaginary step of that signal at that lag."""
-                step = COMPLEX_STEP if (name, at) == (signal, lag) else 0.0
-                return complex(steady[name], step)
-
-            return float(np.imag(self.predict(shifted))) / COMPLEX_STEP
-
-        b = np.array([derivative("u", lag) for lag in range(k + 1)])
-        a = np.eye(k + 1)[0] - np.array([derivative("y", lag) for lag in range(k + 1)])
-        if np.max(np.abs(np.roots(a)), initial=0.0) >= 1 or b.sum() == 0:
-            return float("nan")
-        n = np.arange(k + 1)
-        return float(self.dt_s * ((n @ b) / b.sum() - (n @ a) / a.sum()))
 
 
 @dataclass(frozen=True)
@@ -302,7 +200,6 @@ class TemperatureDependence:
             "lag_low_95_s": [lag.low.low95, lag.low.high95],
             "lag_high_95_s": [lag.high.low95, lag.high.high95],
             "bend": {"value": lag.bend.value, "u": lag.bend.u},
-            "narx_lag_s": jsonable([self.nonlinear.lag_s(level) for level in lag.levels]),
             "held_out_percent_linear": self.linear.held_out_percent,
             "held_out_percent_quadratic": self.nonlinear.held_out_percent,
         }
@@ -313,7 +210,6 @@ def narx(
     *,
     degree: int = 2,
     lags: int = 3,
-    dead_samples: int = 0,
     held_out: float = 0.3,
     max_terms: int = 10,
 ) -> Narx:
@@ -330,8 +226,6 @@ def narx(
         Degree of the polynomial.
     lags
         Largest lag of input and output, in samples.
-    dead_samples
-        Dead time in samples, by which the input is delayed first.
     held_out
         Last share of the record that is not used for the fit.
     max_terms
@@ -352,8 +246,7 @@ def narx(
     The one-step score shows only how optimistic it is: it is easy to predict a slow output from
     its last value.
 
-    More lags or a higher degree give more candidate terms; the lag of the result is valid only
-    where the terms reach over the memory of the system at this sampling interval.
+    More lags or a higher degree give more candidate terms.
     """
     frols = frols_with_polynomials()
     run = data.runs[0]
@@ -363,7 +256,7 @@ def narx(
             where=data.name or "IOData",
             remedy="use fit(), which tolerates gaps",
         )
-    u = np.concatenate([np.full(dead_samples, run.u[0, 0]), run.u[: run.n - dead_samples, 0]])
+    u = run.u[:, 0]
     y = run.y[:, 0]
     n_train = int(len(y) * (1 - held_out))
     if n_train < 20 * lags:
@@ -380,15 +273,15 @@ def narx(
     codes = np.atleast_2d(model.final_model).astype(int).tolist()
     terms = tuple(tuple(_signal_and_lag(code) for code in row if code) for row in codes)
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
-    result = Narx(terms, theta, u_scale, y_scale, data.dt_s)
+    result = Narx(terms, theta, u_scale, y_scale)
     result = refine_weights(result, u[:n_train], y[:n_train])
     simulated = result.simulate(u, y)
     one_step = result.one_step(x[:n_train, 0], z[:n_train, 0]) * y_scale[1] + y_scale[0]
     return replace(
         result,
-        one_step_percent=nrmse_percent(y[:n_train], one_step),
-        simulated_percent=nrmse_percent(y[:n_train], simulated[:n_train]),
-        held_out_percent=nrmse_percent(y[n_train:], simulated[n_train:]),
+        one_step_percent=finite_percent(y[:n_train], one_step),
+        simulated_percent=finite_percent(y[:n_train], simulated[:n_train]),
+        held_out_percent=finite_percent(y[n_train:], simulated[n_train:]),
     )
 
 
@@ -438,7 +331,7 @@ def _signal_and_lag(code: int) -> tuple[str, int]:
 
 
 def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
-    """The model with the weights of least free-simulation error, and bootstrap ``draws`` of them.
+    """The model with the weights of least free-simulation error.
 
     Parameters
     ----------
@@ -450,17 +343,13 @@ def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
     Returns
     -------
     Narx
-        The model with refined weights and ``N_BOOTSTRAP`` draws.
+        The model with refined weights.
 
     Notes
     -----
     One-step least squares mistakes noise of the output for dynamics. Here the sum of squares of the
-    free simulation is minimised. The bootstrap resamples the residuals in blocks twice as long as
-    their correlation; each draw changes the weights by (J'J)^-1 J'e.
-
-    The seed of the bootstrap is fixed, so that the same data give the same interval.
-    ``tests/identify/test_identify_narx.py`` checks that weights are unbiased and intervals hold
-    them.
+    free simulation is minimised. ``tests/identify/test_identify_narx.py`` checks that the weights
+    are unbiased.
     """
     k = model.order
     n_terms = len(model.theta)
@@ -484,44 +373,10 @@ def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
     if not np.isfinite(model.simulate_scaled(u, y, start[:, None])).all():
         return model
     best = least_squares(residuals, start, jac=jacobian, max_nfev=30, x_scale="jac")
-    e = -best.fun - np.mean(-best.fun)
-    n = len(e)
-    e = e * np.sqrt(n / max(n - n_terms, 1))
-    block = int(np.clip(2 * autocorrelation_factor(e), 1, n // 4))
-    n_blocks = -(-n // block)
-    rng = np.random.default_rng(0)
-    starts = rng.integers(0, n - block + 1, (N_BOOTSTRAP, n_blocks))
-    index = (starts[:, :, None] + np.arange(block)).reshape(N_BOOTSTRAP, -1)[:, :n]
-    draws = best.x + np.linalg.lstsq(best.jac, e[index].T, rcond=1e-10)[0].T
-    return replace(model, theta=tuple(best.x.tolist()), draws=tuple(map(tuple, draws.tolist())))
+    return replace(model, theta=tuple(best.x.tolist()))
 
 
-def bootstrap_estimate(value: float, draws: Sequence[float]) -> Estimate | None:
-    """``value`` with the standard deviation and the 95 % interval of its bootstrap draws.
-
-    None where there are no draws, or too few finite ones.
-
-    Parameters
-    ----------
-    value
-        The estimate.
-    draws
-        Its bootstrap draws, some of which may be NaN.
-
-    Returns
-    -------
-    Estimate or None
-        With the standard deviation and the 2.5 and 97.5 % quantiles of the draws.
-    """
-    finite = np.array([d for d in draws if np.isfinite(d)])
-    too_few = len(finite) < MIN_FINITE_SHARE * len(draws) or not len(finite)
-    if not np.isfinite(value) or too_few:
-        return None
-    low, high = np.quantile(finite, [0.025, 0.975])
-    return Estimate(value=value, u=float(np.std(finite)), low95=float(low), high95=float(high))
-
-
-def nrmse_percent(y: Array, model: Array) -> float:
+def finite_percent(y: Array, model: Array) -> float:
     """Return the NRMSE fit percent where the model has a value.
 
     Parameters
@@ -539,14 +394,12 @@ def nrmse_percent(y: Array, model: Array) -> float:
     finite = np.isfinite(model)
     if finite.mean() < MIN_FINITE_SHARE:
         return float("-inf")
-    error = np.linalg.norm((y - model)[finite])
-    spread = np.linalg.norm(y[finite] - y[finite].mean())
-    return 100 * (1 - float(error / spread))
+    return nrmse_percent([(y - model)[finite]], [y[finite]])
 
 
 @one_blas_thread
 def temperature_dependence(
-    data: IOData, *, lags: int = 3, dead_samples: int = 0, held_out: float = 0.3
+    data: IOData, *, lags: int = 3, held_out: float = 0.3
 ) -> TemperatureDependence:
     """Whether the lag depends on the level, by simulation (:func:`level_lag`).
 
@@ -554,7 +407,7 @@ def temperature_dependence(
     ----------
     data
         One input and one output; of several runs the first is used, and the sentence says so.
-    lags, dead_samples, held_out
+    lags, held_out
         As for :func:`narx`.
 
     Returns
@@ -568,9 +421,8 @@ def temperature_dependence(
     A linear and a quadratic NARX, by held-out simulation, show whether something else is not
     linear.
     """
-    options: dict[str, Any] = {"lags": lags, "dead_samples": dead_samples, "held_out": held_out}
-    linear = narx(data, degree=1, **options)
-    quadratic = narx(data, degree=2, **options)
+    linear = narx(data, degree=1, lags=lags, held_out=held_out)
+    quadratic = narx(data, degree=2, lags=lags, held_out=held_out)
     lag = level_lag(data.run(0))
     sentence = _conclusion(lag, linear, quadratic, data.output_units[0] or "units")
     run = ""

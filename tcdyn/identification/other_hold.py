@@ -15,7 +15,7 @@ from tcdyn.identification.iodata import Hold, check_hold
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.recommendation import DECISIVE_BIC
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import Setting, bic
+from tcdyn.identification.setting import bic, setting_of
 from tcdyn.identification.tables import is_setpoint
 from tcdyn.identification.validation import is_undriven
 
@@ -100,9 +100,8 @@ def gain_of_hold(ladder: Ladder, result: Fit, holds: tuple[Hold, ...]) -> float:
     if result.loss != "linear" or model.arx or not model.free:
         return 0.0
     data = replace(ladder.data, hold=check_hold(holds, len(holds), "hold"))
-    setting = Setting(result.problem.initial, **result.disturbance)
     start = [result.identified.theta]
-    other = replace(ladder, data=data).fit_model(model, setting, start)
+    other = replace(ladder, data=data).fit_model(model, setting_of(result), start)
     if other is None or not is_undriven(other):
         return 0.0
     return bic(result) - bic(other)

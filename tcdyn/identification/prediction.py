@@ -121,13 +121,10 @@ def predict(fit: Fit, data: IOData, steps: int | None = 1) -> Prediction:
             innovation = lfilter(ar, ma, noise[s])
             predicted_noise[s] = noise[s] - lfilter(pulse, [1.0], innovation)
     predicted = [np.full(run.n, np.nan) for run in data.runs]
-    first_row = 0
-    for segment, (y, _) in zip(problem.segments, outputs):
+    noise_of_segments = problem.by_segment(predicted_noise)
+    for segment, (y, _), segment_noise in zip(problem.segments, outputs, noise_of_segments):
         y = y.copy()
-        end_row = first_row + int(segment.measured.sum())
-        y[segment.measured] += predicted_noise[first_row:end_row]
-        first = round((segment.start_s - data.runs[segment.run].start_s) / data.dt_s)
-        predicted[segment.run][first : first + len(y)] = y
-        first_row = end_row
+        y[segment.measured] += segment_noise
+        predicted[segment.run][segment.first : segment.first + len(y)] = y
     percent = fit_percent(problem, noise - predicted_noise)
     return Prediction(tuple(predicted), percent, steps, data)

@@ -30,7 +30,7 @@ from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.identification.iodata import Hold
-from tcdyn.identification.models import MIN_POSITIVE, Model, base_name
+from tcdyn.identification.models import Model, base_name
 from tcdyn.identification.segments import Segment, row_slices
 
 Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
@@ -269,17 +269,18 @@ class IdentificationProblem:
         mean = np.zeros(self.size)
         for name, (value, _) in self.priors.items():
             if name in self.model.free:
-                mean[self.model.free.index(name)] = self._as_x(name, value)
+                mean[self.model.free.index(name)] = self.model.as_x(name, value)
         return mean
-
-    def _as_x(self, name: str, value: float) -> float:
-        """Return the value of a parameter as in x: the logarithm of a positive one."""
-        return float(np.log(max(value, MIN_POSITIVE))) if self.model.positive(name) else value
 
     @property
     def n_measured(self) -> int:
         """Number of measured output samples."""
         return int(sum(s.measured.sum() for s in self.segments))
+
+    def by_segment(self, rows: Array) -> list[Array]:
+        """Return the rows (N, ..) of the measured samples, divided by segment."""
+        counts = [s.measured.sum() for s in self.segments]
+        return np.split(rows, np.cumsum(counts[:-1]))
 
     def theta(self, x: Array) -> dict[str, float]:
         """Return all model parameters by name at x."""
@@ -315,7 +316,8 @@ class IdentificationProblem:
 
     def natural_scale(self, x: Array) -> Array:
         """Return d(natural parameter)/dx (size,): the parameter for a logarithm, else one."""
-        return np.exp(np.where(self.is_logarithm, x, 0.0))
+        scale = self.model.natural_scale(x[: self.n_model])
+        return np.append(scale, np.ones(self.size - self.n_model))
 
     @cached_property
     def is_logarithm(self) -> Flags:
@@ -382,8 +384,8 @@ class IdentificationProblem:
         for name, (low, high) in self.limits.items():
             if name in self.model.free:
                 k = self.model.free.index(name)
-                lower[k] = max(lower[k], self._as_x(name, low))
-                upper[k] = min(upper[k], self._as_x(name, high))
+                lower[k] = max(lower[k], self.model.as_x(name, low))
+                upper[k] = min(upper[k], self.model.as_x(name, high))
         unbounded = np.full(self.size - self.n_model, np.inf)
         return np.append(lower, -unbounded), np.append(upper, unbounded)
 

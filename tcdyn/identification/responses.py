@@ -59,7 +59,7 @@ class Dynamics:
         if self.model.inputs:
             raise InputError(
                 f"{self.model.name} has {len(self.model.inputs)} inputs",
-                remedy=f"ask parts[{self.model.inputs[0]!r}]",
+                remedy=f"take by_input[{self.model.inputs[0]!r}]",
             )
         return self.model.rational(self.theta)
 
@@ -71,11 +71,8 @@ class Dynamics:
     @property
     def static_gain(self) -> Estimate:
         """Static gain with its uncertainty (without the integrator)."""
-        gradient = np.zeros(len(self.model.chain_rule(self.theta)))
-        gradient[0] = 1.0
-        by_parameter = gradient @ self.model.chain_rule(self.theta)
-        u = self.standard_uncertainty(by_parameter[:, None])[0]
-        return Estimate.normal(self.gain, u)
+        by_parameter = self.model.chain_rule(self.theta)[0]
+        return Estimate.normal(self.gain, self.standard_uncertainty(by_parameter[:, None])[0])
 
     @cached_property
     def lag_s(self) -> Estimate:

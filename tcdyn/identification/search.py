@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -58,10 +59,6 @@ class Fit(Result):
         Optimum of the innovations, without the robust ``weights``.
     residual
         Measured minus simulated output at the measured samples (N,).
-    innovation
-        Residuals whitened by the noise model, times the roots of the robust weights (N,).
-    jacobian
-        d(minus innovation)/dx (N, size).
     covariance_x
         Covariance of the complete vector x (size, size).
     noise
@@ -76,8 +73,6 @@ class Fit(Result):
     problem: IdentificationProblem
     optimum: Optimum
     residual: Array
-    innovation: Array
-    jacobian: Array
     covariance_x: Array
     noise: NoiseModel
     loss: Loss = "linear"
@@ -87,6 +82,16 @@ class Fit(Result):
     def x(self) -> Array:
         """Fitted vector (size,): parameters (positive ones as logarithms), offsets, states."""
         return self.optimum.theta
+
+    @property
+    def innovation(self) -> Array:
+        """Residuals whitened by the noise model, times the roots of the robust weights (N,)."""
+        return -self.optimum.residual * sqrt_weights(self.optimum.weights)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """d(minus innovation)/dx (N, size)."""
+        return (self.optimum.jacobian.T * sqrt_weights(self.optimum.weights)).T
 
     @property
     def sqrt_weights(self) -> Array:
@@ -102,19 +107,6 @@ class Fit(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the record and the model."""
         return self.identified.findings
-
-    @property
-    def disturbance(self) -> dict[str, Any]:
-        """Options ``noise`` and ``baseline`` of :func:`tcdyn.identification.fit` for this noise."""
-        if self.noise.averaged:
-            return {"noise": "slow", "baseline": "auto"}
-        walks = self.noise.is_random_walk
-        order = self.noise.order
-        if walks:
-            baseline = "walk"
-        else:
-            baseline = "trend" if self.problem.trend else "none"
-        return {"noise": order if any(order) or walks else "white", "baseline": baseline}
 
     def simulate_segments(self) -> list[Array]:
         """Return the model's output over every segment of the data, arrays (N,)."""
@@ -182,7 +174,7 @@ def make_problem(
         raise InputError(
             f"the data hold {len(data.output_names)} outputs ({', '.join(data.output_names)})",
             where=where,
-            remedy="fit them one by one: data.select(output=..), or compare_outputs(data)",
+            remedy="fit them one by one: data.select(output=...)",
         )
     if len(data.input_names) != n_inputs or model.inputs not in ((), data.input_names):
         raise InputError(

@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 
 from tcdyn.core import Array, Flags
-from tcdyn.estimation.trace_noise import MAD_TO_SD
+from tcdyn.estimation.trace_noise import MAD_TO_SD, interpolate_gaps
 from tcdyn.identification.iodata import IOData
 
 # Share of samples that equal the one before, above which the input was set by a computer and not
@@ -62,6 +62,8 @@ class Segment:
         Whether the output was measured (N,).
     run
         Number of its run.
+    first
+        Number of its first sample in the run.
     start_s
         Time of the first sample [s].
     past_inputs
@@ -72,6 +74,7 @@ class Segment:
     y: Array
     measured: np.ndarray
     run: int
+    first: int
     start_s: float
     past_inputs: Array
 
@@ -79,6 +82,11 @@ class Segment:
     def u(self) -> Array:
         """The first input (N,)."""
         return self.inputs[:, 0]
+
+    @property
+    def filled_y(self) -> Array:
+        """Output (N,) with its gaps interpolated linearly; not for estimates."""
+        return interpolate_gaps(self.y, self.measured)
 
     @property
     def past_input(self) -> Array:
@@ -170,7 +178,9 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
             earlier = np.arange(index[0], start)
             past = np.array([np.interp(earlier, index, u[index]) for u in inputs.T]).T
             start_s = run.start_s + start * data.dt_s
-            segments.append(Segment(inputs[start:end], y, measured, run_number, start_s, past))
+            segments.append(
+                Segment(inputs[start:end], y, measured, run_number, start, start_s, past)
+            )
     return tuple(segments)
 
 

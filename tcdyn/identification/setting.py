@@ -81,6 +81,18 @@ def bic(result: Fit) -> float:
     return float(result.identified.statistics["bic"])
 
 
+def setting_of(result: Fit) -> Setting:
+    """Return the setting under which a model was fitted."""
+    initial = result.problem.initial
+    noise = result.noise
+    if noise.averaged:
+        return Setting(initial, "slow", "auto")
+    if noise.is_random_walk:
+        return Setting(initial, noise.order, "walk")
+    baseline: Baseline = "trend" if result.problem.trend else "none"
+    return Setting(initial, noise.order if any(noise.order) else "white", baseline)
+
+
 def select_setting(
     fits: Sequence[Fit], setting: Setting, given: Mapping[str, Any], fit_model: FitModel
 ) -> tuple[Setting, Fit]:
@@ -194,11 +206,11 @@ def average_noise(best: Fit, given: Mapping[str, Any], fit_model: FitModel) -> F
     Fit
         The average where its residuals are not coloured, or those of ``best`` are; else ``best``.
     """
-    selected = Setting(best.problem.initial, **best.disturbance)
+    selected = setting_of(best)
     is_given = "noise" in given or given.get("baseline") == "walk"
     if is_given or not selected.is_disturbed or best.problem.n_measured > MAX_AVERAGE_ROWS:
         return best
-    averaged = Setting(best.problem.initial, "slow", given.get("baseline", "auto"))
+    averaged = replace(selected, noise="slow", baseline=given.get("baseline", "auto"))
     average = fit_model(best.problem.model, averaged, [best.identified.theta])
     if average is None or not is_undriven(average):
         return best

@@ -9,7 +9,6 @@ choice.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -18,8 +17,9 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.identification.fitting import fit
-from tcdyn.identification.heldout import SCORING_OPTIONS, Task, block_held_out_rms
+from tcdyn.identification.heldout import SCORING_OPTIONS, block_held_out_rms
 from tcdyn.identification.iodata import IOData
+from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.models import Model, as_template, base_name, several, transfer
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit, make_problem
@@ -35,20 +35,18 @@ MAX_DELAY_SAMPLES = 4  # dead times of the regressions are shorter
 
 
 def best_common_pole_fit(
-    task: Task, current: Fit, held_out_rms: float, like: Model
+    ladder: Ladder, current: Fit, held_out_rms: float
 ) -> tuple[Fit, float, tuple[float, float, float]] | None:
     """The best transfer function with one to five poles that all inputs share.
 
     Parameters
     ----------
-    task
-        The comparison.
+    ladder
+        The record and the options.
     current
         The recommended fit.
     held_out_rms
         Its held-out error.
-    like
-        What all models have: known factor, offset, fixed gain.
 
     Returns
     -------
@@ -67,16 +65,16 @@ def best_common_pole_fit(
     best = None
     limit = 1.0
     current_blocks = block_held_out_rms(current)
-    equation_error = [False] if {"noise", "baseline"} & set(task.options) else [False, True]
-    options = {"noise": "white", "baseline": "none", **task.options, **SCORING_OPTIONS}
-    task = replace(task, options=options)
+    equation_error = [False] if {"noise", "baseline"} & set(ladder.options) else [False, True]
+    ladder = ladder.with_white_noise()
+    options = {**ladder.options, **SCORING_OPTIONS}
     for order, arx in product(range(1, MAX_POLES + 1), equation_error):
-        for candidate in common_pole_fits(task.data, order, arx, options, like):
+        for candidate in common_pole_fits(ladder.data, order, arx, options, ladder.template):
             block_ratio = block_held_out_rms(candidate) / current_blocks
             if block_ratio > MAX_ERROR_RATIO:
                 continue
             try:
-                error = task.held_out_error(
+                error = ladder.held_out_error(
                     candidate,
                     initial=candidate.problem.initial,
                     start=candidate.identified.theta,

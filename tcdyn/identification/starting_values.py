@@ -36,12 +36,6 @@ PROCESS_ITERATIONS = 4  # of SRIVC for a process model
 TRANSFER_ITERATIONS = 8  # of SRIVC for a transfer function
 
 
-def interpolate_gaps(segment: Segment) -> Array:
-    """Return the output (N,) with its gaps interpolated linearly; not for estimates."""
-    index = np.arange(len(segment.y))
-    return np.interp(index, index[segment.measured], segment.y[segment.measured])
-
-
 def remove_run_slopes(problem: IdentificationProblem) -> IdentificationProblem:
     """Remove the least-squares slope of each run's output; its level stays."""
     segments: list[Segment] = []
@@ -112,7 +106,7 @@ def regression(
     model = realise(Rational(num, factors, delay_s, problem.model.integrators))
     tables = []
     for segment in problem.segments:
-        y = interpolate_gaps(segment)
+        y = segment.filled_y
         n_first = max(1, min(5, len(y) // 20))
         level = float(np.mean(y[:n_first]))
         filtered = simulate_rows(prefilter, y - level, problem.dt_s, 0.0, "foh", "zero")
@@ -208,8 +202,7 @@ def lag_correlation(
     explained = np.zeros((len(taus_s), n_shifts))
     total = np.full(n_shifts, 1e-300)
     for s in problem.segments:
-        y = interpolate_gaps(s)
-        y = y - y.mean()
+        y = s.filled_y - s.filled_y.mean()
         # number of samples that both shifted records have
         count = np.clip(len(y) - np.arange(lead, -delay - 1, -1), 1, len(y))
         cumulative = np.cumsum([np.append(0.0, y), np.append(0.0, y**2)], axis=1)

@@ -14,6 +14,7 @@ the rate of false alarms.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -318,8 +319,6 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
         problem=problem,
         optimum=replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None),
         residual=-unweighted[0],
-        innovation=-e,
-        jacobian=j,
         loss="linear",
         weights=None,
     )
@@ -581,8 +580,35 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
     return ResidualTest(lags_s, value, bound, p)
 
 
+def nrmse_percent(errors: Sequence[Array], outputs: Sequence[Array]) -> float:
+    """Return the NRMSE fit percent of one or several records.
+
+    Parameters
+    ----------
+    errors
+        Measured minus modelled output of each record (N,).
+    outputs
+        Measured output of each record (N,).
+
+    Returns
+    -------
+    float
+        100 (1 - |error|/|y - mean|), with the mean of each record: 100 is perfect, 0 as bad as the
+        mean; NaN for constant outputs.
+
+    Examples
+    --------
+    >>> nrmse_percent([np.array([1.0, -1.0])], [np.array([0.0, 20.0])])
+    90.0
+    """
+    departures = np.concatenate([y - y.mean() for y in outputs])
+    spread = float(np.linalg.norm(departures))
+    error = float(np.linalg.norm(np.concatenate(errors)))
+    return 100 * (1 - error / spread) if spread > 0 else np.nan
+
+
 def fit_percent(problem: IdentificationProblem, residual: Array) -> float:
-    """Return the NRMSE fit percent, runs pooled; that of one run is MATLAB's ``compare``.
+    """Return the NRMSE fit percent, segments pooled; that of one run is MATLAB's ``compare``.
 
     Parameters
     ----------
@@ -594,13 +620,10 @@ def fit_percent(problem: IdentificationProblem, residual: Array) -> float:
     Returns
     -------
     float
-        100 (1 - |residual|/|y - mean|), with the mean of each segment; 0 for a constant output.
+        As :func:`nrmse_percent`, with the mean of each segment; 0 for a constant output.
     """
-    outputs = [s.y[s.measured] for s in problem.segments]
-    spread = float(sum(np.sum((y - y.mean()) ** 2) for y in outputs))
-    if spread <= 0:
-        return 0.0
-    return 100.0 * (1.0 - float(np.sqrt(float(residual @ residual) / spread)))
+    percent = nrmse_percent([residual], problem.by_segment(problem.measured_output))
+    return percent if np.isfinite(percent) else 0.0
 
 
 def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
@@ -627,11 +650,10 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
     if problem.initial != "equilibrium":
         return ()
     rms = float(np.sqrt(np.mean(fit.residual**2)))
-    rows = np.cumsum([0, *(s.measured.sum() for s in problem.segments)])
     largest = 0.0
-    for row, free_state in zip(rows, problem.has_free_state):
+    for residual, free_state in zip(problem.by_segment(fit.residual), problem.has_free_state):
         if not free_state:
-            largest = max(largest, abs(float(np.median(fit.residual[row:][:3]))))
+            largest = max(largest, abs(float(np.median(residual[:3]))))
     if not largest > MAX_START_RMS * rms:
         return ()
     return (warning("record.off_equilibrium", off=largest, times_rms=largest / rms),)
@@ -692,11 +714,8 @@ def drift(problem: IdentificationProblem, residual: Array) -> tuple[Finding, ...
         Empty, or one warning where more than a quarter of the variance is a line.
     """
     pairs = []
-    start = 0
-    for s in problem.segments:
+    for s, r in zip(problem.segments, problem.by_segment(residual)):
         t = np.flatnonzero(s.measured).astype(float)
-        r = residual[start : start + len(t)]
-        start += len(t)
         pairs.append(np.stack([t - t.mean(), r - r.mean()]))
     t, r = np.hstack(pairs)
     correlation = float(r @ t) / float(np.sqrt(max((r @ r) * (t @ t), 1e-300)))
@@ -758,8 +777,3 @@ def is_undriven(fit: Fit) -> bool:
     Slow disturbances correlate a little with it by chance.
     """
     return fit.identified.statistics["p_input"] >= DRIVEN_P
-
-
-def is_disturbed(fit: Fit) -> bool:
-    """Whether the residuals are coloured, and not by missing dynamics."""
-    return has_coloured_residuals(fit) and is_undriven(fit)

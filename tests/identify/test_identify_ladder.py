@@ -16,13 +16,13 @@ from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identification import IOData, compare, fit
 from tcdyn.identification.comparison import average_gain_and_lag, overdamped
 from tcdyn.identification.ladder import (
-    TIE_BIC,
     Ladder,
     best_fit,
     neighbours,
     select_structures,
 )
 from tcdyn.identification.models import as_model, process
+from tcdyn.identification.recommendation import TIE_BIC
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, changed_settings
 
