@@ -153,7 +153,7 @@ def test_state_space_and_json_forms_repeat_the_simulation(tmp_path):
     )
     gains = np.array([p.gain for p in model.by_input.values()])
     assert np.allclose(response.outputs + gains @ u[0] + model.offset, model.simulate(u), atol=1e-6)
-    with pytest.raises(InputError, match=r"has 2 inputs.*parts\['heat'\]"):
+    with pytest.raises(InputError, match=r"has 2 inputs.*by_input\['heat'\]"):
         _ = model.rational
 
 
