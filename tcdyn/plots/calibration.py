@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from calibration.static_lines import OvenFit, error_histogram
-from calibration.transducers import BearingFriction, TransducerLine
+from calibration.static_lines import OvenFit
+from calibration.transducers import BearingFriction
 from immersion.plunge_result import LagShare
 from tcdyn.chain import Chain
 from tcdyn.core import Array
@@ -39,41 +39,11 @@ from tcdyn.rig.record import ChainRecord
 from tcdyn.rig.static_line import static_u
 from tcdyn.sensors.touch import TouchLog
 
-MIN_BINS = 12  # bins of a histogram over the range of the errors, at least; chosen by judgement
+MAX_BINS = 25  # bins of a histogram, at most; their width is 1, 2 or 5 times a power of ten
 CHANNEL_SHIFT = 0.006  # sideways shift between channels, as a share of the temperature range
 
 
-def bin_width(errors_K: ArrayLike) -> float:
-    """Return the widest of 0.5, 0.2, 0.1, 0.05 .. K that gives at least ``MIN_BINS`` bins.
-
-    Parameters
-    ----------
-    errors_K
-        Errors of any shape [K], NaN left out.
-
-    Returns
-    -------
-    width
-        [K]; 0.1 where all errors are equal.
-
-    Examples
-    --------
-    >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
-    (0.01, 0.2)
-    """
-    errors = np.asarray(errors_K, dtype=float)
-    span = float(np.nanmax(errors) - np.nanmin(errors)) if errors.size else 0.0
-    if not span > 0.0:
-        return 0.1
-    limit = span / MIN_BINS
-    power = 10.0 ** np.floor(np.log10(limit))
-    factor = max(k for k in (1, 2, 5) if k * power <= limit * (1 + 1e-9))
-    return float(round(power * factor, 12))
-
-
-def draw_error_histogram(
-    errors_K: ArrayLike, ax: Axes | None = None, *, label: str = "", width_K: float | None = None
-) -> Axes:
+def draw_error_histogram(errors_K: ArrayLike, ax: Axes | None = None) -> Axes:
     """Plot the histogram of the errors (thermocouple minus PRT), figure 2.16.
 
     95 % of the errors lie between the dashed lines.
@@ -81,13 +51,9 @@ def draw_error_histogram(
     Parameters
     ----------
     errors_K
-        Errors of any shape [K].
+        Errors of any shape [K], NaN left out.
     ax
         Axes to plot into; None: those of a new figure.
-    label
-        Entry of the legend.
-    width_K
-        Width of a bin [K]; by default that of :func:`bin_width`.
 
     Returns
     -------
@@ -96,15 +62,15 @@ def draw_error_histogram(
     """
     ax = axes_of(ax)
     errors = np.asarray(errors_K, dtype=float)
-    width = bin_width(errors) if width_K is None else width_K
-    counts, edges = error_histogram(errors, width)
-    style: dict[str, Any] = {"color": SLOW, "edgecolor": "white"}
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", label=label or None, **style)
+    errors = errors[np.isfinite(errors)]
+    edges = MaxNLocator(MAX_BINS, steps=[1, 2, 5, 10]).tick_values(errors.min(), errors.max())
+    ax.hist(errors, edges, color=SLOW, edgecolor="white")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
-    for limit in np.nanquantile(errors, [0.025, 0.975]):
+    for limit in np.quantile(errors, [0.025, 0.975]):
         ax.axvline(limit, color=TRUTH, linewidth=0.9, linestyle="--")
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    return style_axes(ax, "thermocouple minus PRT [K]", f"errors per {width:g} K")
+    width_K = edges[1] - edges[0]
+    return style_axes(ax, "thermocouple minus PRT [K]", f"errors per {width_K:.2g} K")
 
 
 def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
@@ -157,43 +123,6 @@ def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
         "columnspacing": 1.0,
     }
     return style_axes(ax, "PRT [°C]", "PRT minus line [K]", **above)
-
-
-def draw_transducer(
-    line: TransducerLine,
-    volts: ArrayLike,
-    force_N: ArrayLike,
-    session: ArrayLike,
-    ax: Axes | None = None,
-) -> Axes:
-    """Plot force against volts, one line for each session with a common slope (figure 2.21).
-
-    Parameters
-    ----------
-    line
-        Line of the transducer.
-    volts, force_N, session
-        The points (N,) from which it was fitted.
-    ax
-        Axes to plot into; None: those of a new figure.
-
-    Returns
-    -------
-    ax
-        The same axes.
-    """
-    ax = axes_of(ax)
-    voltage = np.asarray(volts, dtype=float)
-    force = np.asarray(force_N, dtype=float)
-    session_name = np.asarray(session).astype(str)
-    for name, intercept in line.intercept_N.items():
-        in_session = session_name == name
-        x = voltage[in_session]
-        dots = ax.plot(x, force[in_session], "o", markersize=4, label=name)[0]
-        ends = np.array([x.min(), x.max()])
-        fitted = line.slope_N_V.value * ends + intercept.value
-        ax.plot(ends, fitted, color=dots.get_color(), linewidth=1)
-    return style_axes(ax, "transducer [V]", "force [N]", legend_title="session")
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes | None = None) -> Axes:

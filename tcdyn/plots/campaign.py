@@ -302,7 +302,7 @@ def draw_junction_map(
     )
 
 
-def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_us_K_m_s") -> Axes:
+def draw_joined_beta(joined: JoinedCampaign, ax: Axes) -> Axes:
     """Plot beta of every test of the joint posterior, with the trend and the compared models.
 
     The thick bars are the 95 % intervals within the campaign, the thin bars the absolute ones.
@@ -313,8 +313,6 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
         Joint posterior of a campaign, with its trends and curves.
     ax
         Axes to plot into.
-    against
-        Condition on the x axis, a key of ``X_LABELS``.
 
     Returns
     -------
@@ -322,6 +320,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
         The same axes.
     """
     posterior = joined.posterior
+    against = "delta_T_us_K_m_s"
     x = np.array([test.conditions[against] for test in posterior.tests])
     beta = posterior.beta[0]
     u_within = np.array([estimates["beta_within"].u for estimates in posterior.estimates])

@@ -48,6 +48,7 @@ LEGEND_OVER_LINES: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgeco
 # Data; equal to the defaults of ``speed_exponent_low`` and ``speed_exponent_high`` in
 # ``tcdyn.rig.tables.UncertaintyTable``.
 LITERATURE_EXPONENTS = (0.571, 0.8)
+FIT_SHOWN_S = 10.0  # before and after the unloading, in the figure of the joint fit [s]
 RUNNING_MEAN_S = 0.5  # window of the running mean of the residuals [s]; chosen by judgement
 MIN_PLOTTED_U = 5e-5  # sources with a smaller u(beta) [1] are in the table only; judgement
 N_LEVELS = 20  # of the field of the first harmonic; chosen by judgement
@@ -122,9 +123,7 @@ def draw_unloading(
     return style_axes(ax, X_UNLOADING, Y_TEMPERATURE, title=f"{disk} disk", **LEGEND_OVER_LINES)
 
 
-def draw_joint_fit(
-    p: Partition, disk: str, upper: Axes, lower: Axes, around_s: float = 10.0
-) -> None:
+def draw_joint_fit(p: Partition, disk: str, upper: Axes, lower: Axes) -> None:
     """Plot block means of the readings with the model of the joint fit, and the residuals below.
 
     Parameters
@@ -135,8 +134,6 @@ def draw_joint_fit(
         Name of the disk.
     upper, lower
         Axes of the temperatures and of the residuals.
-    around_s
-        Time before and after the unloading [s].
 
     Notes
     -----
@@ -144,7 +141,7 @@ def draw_joint_fit(
     is for the eye; no result uses it.
     """
     blocks = compare_joint_fit(p, disk)
-    near = np.abs(blocks.time_since_unloading_s) <= around_s
+    near = np.abs(blocks.time_since_unloading_s) <= FIT_SHOWN_S
     t = blocks.time_since_unloading_s[near]
     band = 2 * np.nanmedian(blocks.sd_K[near], axis=1)
     lower.fill_between(t, -band, band, color=PALE, step="mid", linewidth=0)

@@ -124,10 +124,8 @@ def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Seque
     return axes
 
 
-def draw_window_study(
-    table: pd.DataFrame, ax: Axes | None = None, quantity: str = "beta", truth: float | None = None
-) -> Axes:
-    """Plot the estimate of the cooling fit over the length of its window, with 95 % bars.
+def draw_window_study(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Plot beta by the cooling fit over the length of its window, with 95 % bars.
 
     Markers are open where the window is shorter than the lag.
 
@@ -137,10 +135,6 @@ def draw_window_study(
         Table of ``cooling_by_window``.
     ax
         Axes to plot into; None: those of a new figure.
-    quantity
-        "beta" or "h_W_m2K".
-    truth
-        Value of a simulation.
 
     Returns
     -------
@@ -149,10 +143,10 @@ def draw_window_study(
     """
     ax = axes_of(ax)
     for k, disk in enumerate(DISKS):
-        rows = table[(table["disk"] == disk) & table[quantity].notna()]
+        rows = table[(table["disk"] == disk) & table["beta"].notna()]
         window_s = rows["window_s"] * (1.0 + 0.03 * k)  # the bars of the disks stay apart
-        values = rows[quantity]
-        half_width = Z95 * rows[f"u_{quantity}"]
+        values = rows["beta"]
+        half_width = Z95 * rows["u_beta"]
         colour = DISK_COLOUR[disk]
         bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "capsize": 2, "linewidth": 0.8}
         ax.errorbar(window_s, values, yerr=half_width, **bars)
@@ -170,14 +164,11 @@ def draw_window_study(
                     markerfacecolor=fill,
                     label=f"{disk} disk{remark}",
                 )
-    if truth is not None:
-        ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
     log_axis(ax, "x")
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
-    y = "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]"
-    return style_axes(ax, "window after the unloading [s]", y, legend=True)
+    return style_axes(ax, "window after the unloading [s]", "heat partition β [1]", legend=True)
 
 
 def draw_inverse_check(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
