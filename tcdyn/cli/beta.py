@@ -97,6 +97,7 @@ def beta(
     """
     from tcdyn.io.read import display_path
     from tcdyn.io.write import write_text
+    from tcdyn.partition.operating_conditions import read_bearing
     from tcdyn.rig.opened_log import (
         check_records_used,
         column_names,
@@ -105,7 +106,6 @@ def beta(
     )
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
-    from tcdyn.workflows.operating_conditions import read_bearing
 
     check_outputs([log, rig, bearing, *record], reporter.overwrite, out=out, report=report)
     records = records_by_disk(record)
@@ -243,6 +243,7 @@ def campaign(
     Example: tcdyn rig campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record
     slow.disk.json --out results
     """
+    from tcdyn.partition.operating_conditions import read_bearing
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
     from tcdyn.rig.disk import channels_left_out
@@ -255,7 +256,6 @@ def campaign(
         CampaignSettings,
         run_campaign,
     )
-    from tcdyn.workflows.operating_conditions import read_bearing
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")

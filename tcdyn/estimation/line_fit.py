@@ -1,7 +1,7 @@
 """Straight-line fit of calibration points: estimate, covariance, and tests of the straight line.
 
 ``calibration.static_lines`` and ``calibration.transducers`` fit their lines with it;
-``tcdyn.rig.oven_log`` and ``tcdyn.workflows.campaign_table`` use ``fit_line``.
+``tcdyn.rig.oven_log`` and ``tcdyn.campaign.summary_table`` use ``fit_line``.
 ``tcdyn.campaign.line_fit`` is another function: it has a full covariance of the points. Guarded by
 ``tests/calibration/test_static_lines.py``.
 """

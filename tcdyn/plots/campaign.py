@@ -17,6 +17,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from tcdyn.campaign import JoinedCampaign
+from tcdyn.campaign.summary_table import QUANTITIES, analysed_rows, trend
 from tcdyn.core.estimate import Z95
 from tcdyn.plots.style import (
     DARK,
@@ -32,7 +33,6 @@ from tcdyn.plots.style import (
 )
 from tcdyn.plots.transient import draw_depth_errors
 from tcdyn.rig.disk import DiskSetup
-from tcdyn.workflows.campaign_table import QUANTITIES, analysed_rows, trend
 
 # Labels of the conditions that can be on the x axis.
 X_LABELS = {
@@ -70,14 +70,14 @@ def draw_quantity(
     table
         Table of the tests of a campaign.
     quantity
-        Column of the table, such as those of ``tcdyn.workflows.campaign_table.QUANTITIES``. Points
+        Column of the table, such as those of ``tcdyn.campaign.summary_table.QUANTITIES``. Points
         have 95 % bars where the table has a column ``u_<quantity>``.
     ax
         Axes to plot into; None: those of a new figure.
     against
         "load_N" or "sliding_speed_m_s".
     compared
-        Other tests (``tcdyn.workflows.campaign_table.read_compared``), as open markers.
+        Other tests (``tcdyn.campaign.summary_table.read_compared``), as open markers.
 
     Returns
     -------

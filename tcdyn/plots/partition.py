@@ -18,6 +18,7 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import AngularHarmonic, radial_shape
+from tcdyn.partition.joint_results import compare_joint_fit, joint_budget
 from tcdyn.partition.steady import SteadyLine, exponent_sensitivity
 from tcdyn.plots.style import (
     DARK,
@@ -33,7 +34,6 @@ from tcdyn.plots.style import (
     style_axes,
 )
 from tcdyn.rig.disk import DISKS, DiskSetup
-from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 
 # Line styles of channels, in the order in which they are plotted.
 STYLES = ("-", "--", ":")

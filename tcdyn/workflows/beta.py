@@ -27,18 +27,19 @@ from tcdyn.partition.analyse import (
     check_corrected,
     unusable_channel,
 )
+from tcdyn.partition.beta_file import beta_file
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.operating_conditions import (
+    BearingFile,
+)
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, channels_left_out
 from tcdyn.rig.log import Log, iter_log
 from tcdyn.rig.opened_log import column_names, missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.workflows.beta_tables import beta_file, estimates_table
-from tcdyn.workflows.operating_conditions import (
-    BearingFile,
-)
-from tcdyn.workflows.prepare import prepare_test
+from tcdyn.workflows.beta_tables import estimates_table
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,7 +74,7 @@ class BetaRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json``, with its checksum.
 
-        Its keys are those of ``tcdyn.workflows.beta_tables.beta_file`` and ``kept``, the sufficient
+        Its keys are those of ``tcdyn.partition.beta_file.beta_file`` and ``kept``, the sufficient
         statistics that a campaign combines, which needs both disks.
         """
         source = {"file": self.log.path.name, "sha256": self.log.sha256}

@@ -20,6 +20,7 @@ from tcdyn.core.findings import messages
 from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.operating_conditions import BearingFile
 from tcdyn.partition.window import rows_between, steady_start_s
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import iter_log
@@ -28,7 +29,6 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import apply_static
 from tcdyn.version import __version__
 from tcdyn.workflows.beta import BetaRun, estimate_beta
-from tcdyn.workflows.operating_conditions import BearingFile
 
 
 @dataclass(frozen=True)

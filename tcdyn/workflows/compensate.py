@@ -33,6 +33,7 @@ from tcdyn.io.write import (
 )
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.joint import DiskFit
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.steady import with_inner_row_at_one_radius
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import Events
@@ -48,7 +49,6 @@ from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
 from tcdyn.workflows.channels import DiskColumns, disk_readings, with_common_lag
 from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.prepare import prepare_test
 from tcdyn.workflows.segments import (
     CompensationMethod,
     compensate_readings,

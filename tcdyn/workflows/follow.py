@@ -24,6 +24,7 @@ from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.appended import AppendedFile, digest
 from tcdyn.io.cells import is_number
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
@@ -37,7 +38,6 @@ from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
-from tcdyn.workflows.appended_file import AppendedFile, digest
 from tcdyn.workflows.compensate_table import check_delay, delayed_findings
 from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
 from tcdyn.workflows.segments import (

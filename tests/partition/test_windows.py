@@ -9,9 +9,9 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.cooling_checks import cooling_by_window, reference_table
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_inverse_check, draw_junctions, draw_window_study
-from tcdyn.workflows.beta_tables import cooling_by_window, reference_table
 from tests.conftest import Campaign
 from tests.pictures import bars
 
