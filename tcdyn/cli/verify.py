@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, option_groups
+from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, options_from_docstring
 from tcdyn.core.findings import warning
 
 if TYPE_CHECKING:
@@ -32,13 +32,11 @@ COLOURS = {
 }
 
 
-@option_groups
+@options_from_docstring
 def verify(
-    report: Annotated[
-        Path | None, typer.Option("--report", help="HTML report with the table and figures")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="table (.csv) to write")] = None,
-    why: Annotated[bool, typer.Option("--why", help="print the reason for every row")] = False,
+    report: Path | None = None,
+    out: Path | None = None,
+    why: bool = False,
     *,
     reporter: Reporter,
 ) -> None:
@@ -49,6 +47,15 @@ def verify(
     wrong model.
 
     Example: tcdyn verify --why --report verify.html
+
+    Parameters
+    ----------
+    report
+        HTML report with the table and figures
+    out
+        table (.csv) to write
+    why
+        print the reason for every row
     """
     from tcdyn.verify import verify_rows
 
