@@ -164,10 +164,11 @@ def options_from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     members: dict[str, list[str]] = {}
     groups: dict[str, Any] = {}
     for parameter in inspect.signature(command, eval_str=True).parameters.values():
-        if not is_dataclass(parameter.annotation):
+        group: type[Any] = parameter.annotation
+        if not is_dataclass(group):
             signature.append(_as_typer_parameter(parameter, help_texts))
             continue
-        group = groups[parameter.name] = parameter.annotation
+        groups[parameter.name] = group
         fields = inspect.signature(group, eval_str=True).parameters.values()
         members[parameter.name] = [field.name for field in fields]
         texts = split_docstring(group)[1]

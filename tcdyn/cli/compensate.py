@@ -114,19 +114,22 @@ def compensate(
     check_choice("--dialect", dialect, DIALECTS)
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
     target = out or beside(log, ".compensated.csv")
+    whole_log_options = {
+        "--report": report,
+        "--covariance": covariance,
+        "--noise-only": noise_only,
+        "--components": components,
+        "--method": method != "smoother",
+    }
     if sensor:
         rig_options = {
             "--record": record,
             "--rig": rig,
             "--criterion": criterion,
             "--bandwidth-Hz": bandwidth_Hz,
-            "--report": report,
-            "--covariance": covariance,
-            "--noise-only": noise_only or None,
-            "--components": components or None,
-            "--method": None if method == "smoother" else method,
+            **whole_log_options,
         }
-        only_with_records([option for option, value in rig_options.items() if value])
+        only_with_records(rig_options)
         table_options = {
             "columns": column or (),
             "delay_s": delay_s,
@@ -156,15 +159,8 @@ def compensate(
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     if delay_s is not None:
-        whole_log_options = {
-            "--report": report,
-            "--covariance": covariance,
-            "--noise-only": noise_only or None,
-            "--components": components or None,
-            "--method": None if method == "smoother" else method,
-        }
         for option, value in whole_log_options.items():
-            if value is not None:
+            if value:
                 raise InputError(f"{option} with --delay-s", remedy="leave one of them out")
         delayed_options = {"rig": rig_settings, "delay_s": delay_s, **of_csv}
         return compensate_any_table(

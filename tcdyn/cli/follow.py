@@ -93,8 +93,7 @@ def follow(
         )
     records: Any
     if sensor:
-        rig_options = {"--rig": rig, "--report": report}
-        only_with_records([option for option, value in rig_options.items() if value])
+        only_with_records({"--rig": rig, "--report": report})
         records = [read_sensor(path) for path in sensor]
     else:
         records = records_by_disk(record or [])

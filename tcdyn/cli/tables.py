@@ -145,14 +145,15 @@ def value_and_u(text: str, option: str, limit: float = 1e9) -> tuple[float, floa
     return value, u
 
 
-def only_with_records(options: list[str]) -> None:
-    """Raise InputError if ``options``, which need disk records, are not empty."""
-    if options:
-        raise InputError(
-            f"{options[0]} with --sensor",
-            remedy="leave one of them out: the first needs records of disks, --sensor is for any "
-            "table",
-        )
+def only_with_records(options: Mapping[str, object]) -> None:
+    """Raise InputError if one of ``options``, which need disk records, has a value."""
+    for option, value in options.items():
+        if value:
+            raise InputError(
+                f"{option} with --sensor",
+                remedy="leave one of them out: the first needs records of disks, --sensor is for "
+                "any table",
+            )
 
 
 def compensate_any_table(

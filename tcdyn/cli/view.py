@@ -61,7 +61,7 @@ def view(
     if record:
         calibrations = records_by_disk(record)
     else:
-        only_with_records(["--rig"] if rig else [])
+        only_with_records({"--rig": rig})
         calibrations = [read_sensor(path) for path in sensor or ()]
     page = out or log.with_name(f"{log.stem}.view.html")
     inputs = [log, rig, *(record or ()), *(sensor or ())]
