@@ -94,7 +94,8 @@ def tolerance_faults(record: DiskRecord, channel: str) -> list[str]:
     -----
     Guarded acceptance with the guard band w = U: accepted if |error| <= tolerance - U. The error
     of a corrected reading, and of a lag that is removed, is estimated as zero, so this is
-    U <= tolerance. Sources: :func:`tcdyn.report.formal.decision_rule`. U at rest is largest at an end of the range.
+    U <= tolerance. Sources: :func:`tcdyn.report.formal.decision_rule`. U at rest is largest at an
+    end of the range.
     """
     stated = record.setup.traceability
     faults = []

@@ -35,8 +35,8 @@ from tcdyn.cli.tables import (
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
+    from tcdyn.sensors.compensation import CompensationMethod
     from tcdyn.workflows.compensate import CompensatedLog
-    from tcdyn.workflows.segments import CompensationMethod
 
 
 @options_from_docstring
@@ -231,8 +231,8 @@ def _method(
     InputError
         Options that contradict each other.
     """
+    from tcdyn.sensors.compensation import METHODS, CompensationMethod
     from tcdyn.smoothing.process_noise import Criterion
-    from tcdyn.workflows.segments import METHODS, CompensationMethod
 
     check_choice("--method", method, tuple(m for m in METHODS if m != "noise-only"))
     if noise_only and method != "smoother":

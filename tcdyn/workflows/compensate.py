@@ -42,20 +42,20 @@ from tcdyn.rig.log import COMPENSATED, Log, LogChunks, open_log_for_records
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.sensors.table import unique_by_subject
-from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
-from tcdyn.smoothing.record import Compensated
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
-from tcdyn.smoothing.windows import window_means
-from tcdyn.workflows.channels import DiskColumns, disk_readings, with_common_lag
-from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.segments import (
+from tcdyn.sensors.compensation import (
     CompensationMethod,
     compensate_readings,
     compensated_segments,
     output_columns,
     write_segments,
 )
+from tcdyn.sensors.table import unique_by_subject
+from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
+from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
+from tcdyn.smoothing.windows import window_means
+from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.rig_channels import DiskColumns, disk_readings, with_common_lag
 
 # Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
 # compensated in one piece.
@@ -73,7 +73,7 @@ class LogSegments:
     log, channels
         The log, and how its channels are read.
     method, events
-        The method, and the listed events, see ``tcdyn.workflows.segments.compensate_readings``.
+        The method, and the listed events, see ``tcdyn.sensors.compensation.compensate_readings``.
     columns, header
         Columns of the log and of the output.
     notes

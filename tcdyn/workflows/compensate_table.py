@@ -21,8 +21,9 @@ from tcdyn.io.read import sha256
 from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
+from tcdyn.sensors.channels import Channel
+from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
 from tcdyn.sensors.table import RisingRows, Source, unique_by_subject
-from tcdyn.workflows.channels import Channel
 from tcdyn.workflows.log_source import (
     Calibrations,
     RawLog,
@@ -31,7 +32,6 @@ from tcdyn.workflows.log_source import (
     raw_log,
     raw_table,
 )
-from tcdyn.workflows.segments import Totals, compensated_segments, write_segments
 
 # Progress is reported after so many rows, then each time the count has doubled.
 PROGRESS_ROWS = 200_000

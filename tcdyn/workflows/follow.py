@@ -37,15 +37,15 @@ from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
-from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
-from tcdyn.workflows.compensate_table import check_delay, delayed_findings
-from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
-from tcdyn.workflows.segments import (
+from tcdyn.sensors.compensation import (
     CompensatedSegment,
     Totals,
     compensated_segments,
     text_columns,
 )
+from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
+from tcdyn.workflows.compensate_table import check_delay, delayed_findings
+from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
 
 STATE_SCHEMA = "tcdyn.follow/7"
 STOPPED_BY_USER = "stopped"

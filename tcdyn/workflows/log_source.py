@@ -29,10 +29,11 @@ from tcdyn.rig.opened_log import (
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.thermocouple_types import convert_columns
+from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import Source, source_of_table
 from tcdyn.sensors.units import cold_column
-from tcdyn.workflows.channels import TableChannels, record_channels, sensor_channels
+from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
 
