@@ -57,56 +57,38 @@ def verify(
     why
         print the reason for every row
     """
-    from tcdyn.verify import verify_rows
+    from tcdyn.verify import count_by_kind, summary_text, verify_rows
 
     check_outputs([], reporter.overwrite, report=report, out=out)
     rows = verify_rows()
-    reporter.json(lambda: {"sentence": summary_text(rows), "classes": by_kind(rows), "rows": rows})
+    summary = summary_text(rows)
+    reporter.json(lambda: {"sentence": summary, "classes": count_by_kind(rows), "rows": rows})
     if not reporter.is_silent:
-        _print(rows, why)
+        _print(summary, rows, why)
     if out is not None:
         from tcdyn.io.write import table_csv, write_text
 
         write_text(out, table_csv(_frame(rows)))
     if report is not None:
-        _report(rows, report)
+        _report(summary, rows, report)
     if any(row.failed for row in rows):
         raise typer.Exit(NOT_TRUSTED)
 
 
-def by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:
-    """Number of rows of each class."""
-    from tcdyn.verify import KINDS
-
-    return {kind: sum(row.kind == kind for row in rows) for kind in KINDS}
-
-
-def summary_text(rows: Sequence[VerifyRow]) -> str:
-    """Summary in two sentences: number of rows by result, and by class."""
-    from tcdyn.verify import KINDS
-
-    count = {v: sum(row.verdict == v for row in rows) for v in COLOURS}
-    counts = by_kind(rows)
-    classes = "; ".join(f"{counts[kind]} {text}" for kind, text in KINDS.items())
-    return (
-        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} "
-        f"show the same trend, {count['misprint']} are misprints there, {count['differs']} differ, "
-        f"{count['not checkable']} cannot be checked in size. By class: {classes}."
-    )
-
-
-def _print(rows: Sequence[VerifyRow], why: bool) -> None:
+def _print(summary: str, rows: Sequence[VerifyRow], why: bool) -> None:
     """Print the summary, then the rows by result, the most important first.
 
     Parameters
     ----------
+    summary
+        Summary of the rows.
     rows
         All rows.
     why
         Print the reason of rows that agree, too.
     """
     console = Console()
-    console.print(summary_text(rows), markup=False, highlight=False)
+    console.print(summary, markup=False, highlight=False)
     for verdict in COLOURS:
         selected = [row for row in rows if row.verdict == verdict]
         if selected:
@@ -158,11 +140,13 @@ def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
 REPORT_COLUMNS = ["quantity", "source", "published", "ours", "verdict", "kind", "why"]
 
 
-def _report(rows: Sequence[VerifyRow], path: Path) -> None:
+def _report(summary: str, rows: Sequence[VerifyRow], path: Path) -> None:
     """Write the page with all rows and the figures.
 
     Parameters
     ----------
+    summary
+        Summary of the rows.
     rows
         All rows.
     path
@@ -194,6 +178,6 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
         path,
         "Published numbers and ours",
         sections,
-        verdict=summary_text(rows),
+        verdict=summary,
         findings=differences,
     )

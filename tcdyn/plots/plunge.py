@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from matplotlib.ticker import LogLocator
 
 from immersion.hole import HoleComparison
-from immersion.plunge_data import block_sd
 from immersion.plunge_result import PlungeFit
 from tcdyn.design.compare import COMMON_LAG_LIMITS, DIFFERENCE_LIMITS, Design
 from tcdyn.plots.style import (
@@ -135,12 +134,7 @@ def draw_design(design: Design, ax: Axes | None = None) -> Axes:
     ):
         label = f"{100 * share:.0f} % of the lag: {name} determined well"
         ax.axvline(share * design.lag_s, color=GREY, lw=1.0, ls=line, label=label)
-    lowest = min(differential) / 2
-    highest = 2 * max(high)
-    candidates = np.outer(10.0 ** np.arange(-3, 1), (1, 2, 5)).ravel()
-    ticks = [t for t in candidates if lowest < t < highest]
-    ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    ax.minorticks_off()
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.set_yticks(y, table["test"].str.replace("degC", "°C"), fontsize="small")
     return style_axes(ax, "expected standard uncertainty [s]", "", legend=True)
 
@@ -188,28 +182,6 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes | None = None, until_s: float
     return style_axes(ax, X_ENTRY, "temperature [°C]", title=title, loc="upper left")
 
 
-def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
-    """Return the standardised residuals of the blocks of one plunge.
-
-    Parameters
-    ----------
-    fit
-        A plunge fit.
-    run
-        Index of the plunge.
-
-    Returns
-    -------
-    z
-        (B, C), residual over its standard deviation for white noise; NaN for an empty block.
-    """
-    problem = fit.optimum.problem
-    blocks = problem.models[run].blocks
-    residual = blocks.readings_degC - fit.optimum.predictions_degC[run]
-    z = residual / block_sd(problem.noise[run].sd_K, blocks.count)
-    return np.where(blocks.count > 0, z, np.nan)
-
-
 def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes | None = None) -> Axes:
     """Plot the standardised residuals of all channels and their mean over the logarithm of time.
 
@@ -230,7 +202,7 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes | None = None) -> A
     ax = axes_of(ax)
     blocks = fit.optimum.problem.models[run].blocks
     after_entry = blocks.time_s > FIRST_S
-    z = standardised(fit, run)[after_entry]
+    z = fit.standardised_residuals(run)[after_entry]
     t = blocks.time_s[after_entry]
     dots: dict[str, Any] = {"color": GREY, "markersize": 2}
     ax.plot(np.repeat(t, z.shape[1]), z.ravel(), ".", label="each channel", **dots)

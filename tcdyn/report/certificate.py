@@ -22,7 +22,7 @@ from immersion.plunge_fit import static_line_corrections
 from immersion.plunge_result import INTERVAL_NOTE, PlungeFit
 from tcdyn.core.estimate import text_with_u
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
-from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
+from tcdyn.plots.plunge import plunge_figure, residual_figure
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.formal import formal_sections, marks
 from tcdyn.report.page import Section, write_page
@@ -285,7 +285,7 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
     """Return sections of the first seconds of the plunges, and of the residuals of each channel."""
     rows = []
     for k, run in enumerate(fit.runs):
-        rms = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
+        rms = np.sqrt(np.nanmean(fit.standardised_residuals(k) ** 2, axis=0))
         residual_K = fit.optimum.problem.noise[k].sd_K * rms
         cells = {f"{c} [K]": f"{x:.2f}" for c, x in zip(fit.channels, residual_K)}
         rows.append({"plunge": run.name, **cells})
