@@ -22,10 +22,10 @@ from tcdyn.cli.common import (
     Verbose,
     check_outputs,
     count_progress,
-    dump,
     number_option,
     options_from_docstring,
     stage_progress,
+    write_json,
 )
 from tcdyn.core.errors import InputError, printable
 
@@ -93,7 +93,6 @@ def beta(
         analyse one of several loadings in the log, from 1 (default: all)
     """
     from tcdyn.io.read import display_path
-    from tcdyn.io.write import write_text
     from tcdyn.partition.operating_conditions import read_bearing
     from tcdyn.rig.opened_log import (
         check_records_used,
@@ -133,7 +132,7 @@ def beta(
             for file in files:
                 check_outputs([log], reporter.overwrite, out=file)
         for k, file in enumerate(files):
-            write_text(file, dump(contents()[k]))
+            write_json(file, contents()[k])
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report

@@ -17,11 +17,11 @@ from tcdyn.cli.common import (
     RigFile,
     Verbose,
     check_outputs,
-    dump,
     number_option,
     options_from_docstring,
     source_entry,
     stage_progress,
+    write_json,
 )
 from tcdyn.cli.tables import value_and_u
 from tcdyn.core.errors import InputError
@@ -144,7 +144,6 @@ def holes(
     from immersion.hole import compare_holes
     from immersion.plunge_data import with_filled_bath
     from tcdyn.core.findings import messages, unique
-    from tcdyn.io.write import write_text
     from tcdyn.rig.log import read_log
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.calibrate import log_findings
@@ -168,7 +167,7 @@ def holes(
     content = {**comparison.to_dict(), "warnings": list(messages(findings))}
     content["source"] = source_entry(log)
     if out is not None:
-        write_text(out, dump(content))
+        write_json(out, content)
     if report is not None:
         from functools import partial
 

@@ -235,7 +235,9 @@ class Reporter:
             Function that is called only with ``--json``, since its value may take time.
         """
         if self.json_:
-            print(dump(data()), end="")
+            from tcdyn.core.result import json_text
+
+            print(json_text(data()), end="")
 
     def summary(self, text: str) -> None:
         """Print the summary of a result without its findings, which :meth:`report` prints.
@@ -532,11 +534,20 @@ def beside(file: Path, ending: str) -> Path:
     return file.with_suffix(ending)
 
 
-def dump(data: Any) -> str:
-    """Text of a JSON file, as for all files and ``--json``; NaN is null."""
-    from tcdyn.core.result import json_text
+def write_json(path: Path, data: Any) -> None:
+    """Write a JSON file, with the text that ``--json`` prints; NaN is null.
 
-    return json_text(data)
+    Parameters
+    ----------
+    path
+        The file.
+    data
+        Its content.
+    """
+    from tcdyn.core.result import json_text
+    from tcdyn.io.write import write_text
+
+    write_text(path, json_text(data))
 
 
 def source_entry(path: Path) -> dict[str, str]:

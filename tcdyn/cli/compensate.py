@@ -17,11 +17,11 @@ from tcdyn.cli.common import (
     beside,
     check_choice,
     check_outputs,
-    dump,
     number_option,
     options_from_docstring,
     source_entry,
     stage_progress,
+    write_json,
 )
 from tcdyn.cli.tables import (
     CsvComments,
@@ -105,7 +105,7 @@ def compensate(
         rows that tcdyn follow gives
     """
     from tcdyn.io.read import open_table
-    from tcdyn.io.write import DIALECTS, output_style, write_text
+    from tcdyn.io.write import DIALECTS, output_style
     from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
@@ -180,7 +180,7 @@ def compensate(
             covariances = done.covariance(covariance_s, covariance_from_s)
         written, write_findings = done.write(target, progress, **of_csv)
         if covariance is not None:
-            write_text(covariance, dump({"source": source_entry(log), **(covariances or {})}))
+            write_json(covariance, {"source": source_entry(log), **(covariances or {})})
         if report is not None:
             from tcdyn.report.compensate import write_compensation_report
 

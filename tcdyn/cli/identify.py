@@ -20,10 +20,10 @@ from tcdyn.cli.common import (
     check_choice,
     check_outputs,
     count_progress,
-    dump,
     number_option,
     options_from_docstring,
     source_entry,
+    write_json,
 )
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
@@ -133,7 +133,6 @@ def identify(
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identification import compare, from_csv, joint_table, read_identified
     from tcdyn.identification.disturbance import BASELINE_OPTIONS, NOISE_OPTIONS
-    from tcdyn.io.write import write_text
     from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
@@ -220,7 +219,7 @@ def identify(
             content["narx"] = dependence.to_dict()
             level_dependence = dependence.sentence
             reporter.text(level_dependence)
-        write_text(json_files[y], dump(content))
+        write_json(json_files[y], content)
         read_identified(json_files[y])
         write_identify_report(pages[y], one_output, comparison, filter_, level_dependence, data)
         contents[y] = content
@@ -282,7 +281,6 @@ def response(
     import pandas as pd
 
     from tcdyn.identification import CANDIDATES, Response, fit_response, read_identified
-    from tcdyn.io.write import write_text
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
     pair = _columns("--column", column)
@@ -321,7 +319,7 @@ def response(
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
     content = best.to_dict() | {"source": source_entry(data)}
-    write_text(path, dump(content))
+    write_json(path, content)
     read_identified(path)
     reporter.json(lambda: content)
     reporter.summary(best.summary(as_option))

@@ -21,10 +21,10 @@ from tcdyn.cli.common import (
     Reporter,
     check_choice,
     check_outputs,
-    dump,
     number_option,
     options_from_docstring,
     source_entry,
+    write_json,
 )
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import messages, unique
@@ -192,7 +192,6 @@ def transducer(
     """
     from calibration.transducers import fit_transducer
     from tcdyn.io.read import read_numbers
-    from tcdyn.io.write import write_text
 
     if quantity is not None:
         check_choice("--quantity", quantity, ("load", "friction"))
@@ -201,7 +200,7 @@ def transducer(
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
-        write_text(out, dump(line.to_dict() | {"source": source_entry(table)}))
+        write_json(out, line.to_dict() | {"source": source_entry(table)})
     if quantity is None:
         reporter.json(line.to_dict)
         reporter.summary(line.summary())
