@@ -8,7 +8,6 @@ the gallery of the manual. Tests: ``tests/report/test_pictures.py`` and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -116,13 +115,15 @@ def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
         t, -band, band, color=PALE, zorder=0, label="95 % of the line, not of the points"
     )
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    above: dict[str, Any] = {
-        "ncols": 7,
-        "loc": "lower left",
-        "bbox_to_anchor": (0.0, 1.0),
-        "columnspacing": 1.0,
-    }
-    return style_axes(ax, "PRT [°C]", "PRT minus line [K]", **above)
+    return style_axes(
+        ax,
+        "PRT [°C]",
+        "PRT minus line [K]",
+        ncols=7,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        columnspacing=1.0,
+    )
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes | None = None) -> Axes:
@@ -209,9 +210,16 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
     y = np.arange(len(ordered))
     common = [s.u_common_s for s in ordered]
     differential = [s.u_differential_s for s in ordered]
-    hatched: dict[str, Any] = {"color": "white", "edgecolor": TRUTH, "hatch": "////"}
     ax.barh(y + 0.19, common, 0.36, color=SLOW, label="common lag")
-    ax.barh(y - 0.19, differential, 0.36, label="differences of channels", **hatched)
+    ax.barh(
+        y - 0.19,
+        differential,
+        0.36,
+        label="differences of channels",
+        color="white",
+        edgecolor=TRUTH,
+        hatch="////",
+    )
     largest = max([*common, *differential, 1e-6])
     for values, offset in ((common, 0.19), (differential, -0.19)):
         for k, value in enumerate(values):
@@ -358,5 +366,11 @@ def draw_touches(
             fontweight="normal" if is_as_stated else "bold",
             transform=ax.get_xaxis_transform(),
         )
-    below: dict[str, Any] = {"ncols": 3, "loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
-    return style_axes(ax, "time [s]", "reading minus its median [K]", **below)
+    return style_axes(
+        ax,
+        "time [s]",
+        "reading minus its median [K]",
+        ncols=3,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.16),
+    )

@@ -9,7 +9,6 @@ generalised least squares. Tests: ``tests/report/test_campaign_page.py`` and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -98,11 +97,9 @@ def draw_quantity(
             _draw_series(ax, group[is_compared], against, quantity, k, "", is_compared=True)
     if compared is not None:
         name = compared["test"].iloc[0]
-        open_marker: dict[str, Any] = {"color": TRUTH, "markerfacecolor": "white"}
-        ax.plot([], [], "o", label=name, **open_marker)
+        ax.plot([], [], "o", label=name, color=TRUTH, markerfacecolor="white")
     y = QUANTITIES.get(quantity, quantity)
-    legend: dict[str, Any] = {"legend_title": title, "title_fontsize": 8}
-    return style_axes(ax, X_LABELS[against], y, **legend)
+    return style_axes(ax, X_LABELS[against], y, legend_title=title, title_fontsize=8)
 
 
 def draw_beta(table: pd.DataFrame, ax: Axes | None = None) -> Axes:

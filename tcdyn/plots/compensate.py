@@ -71,8 +71,9 @@ def draw_compensated(
         y = np.asarray(logged, dtype=float)
         y = y[:, channel] if y.ndim == 2 else y
         plotted = in_window[screen_rows(y[in_window])]
-        style: dict[str, Any] = {"color": GREY, "label": "as logged"}
-        ax.plot(result.time_s[plotted], y[plotted], ".", markersize=2, **style)
+        ax.plot(
+            result.time_s[plotted], y[plotted], ".", markersize=2, color=GREY, label="as logged"
+        )
     plotted = in_window[screen_rows(result.temperature[in_window, channel])]
     t = result.time_s[plotted]
     x = result.temperature[plotted, channel]

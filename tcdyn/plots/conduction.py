@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -103,8 +102,14 @@ def draw_mesh_errors(
     styles = ((TRUTH, "o", "-"), (FAST, "s", "--"), (SLOW, "^", "-."))
     for k, (name, errors) in enumerate(computed.items()):
         colour, marker, line = styles[k % 3]
-        style: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": line}
-        ax.plot(IDEAL_TIMES_S, errors.maximum, label=f"mesh {name}", **style)
+        ax.plot(
+            IDEAL_TIMES_S,
+            errors.maximum,
+            label=f"mesh {name}",
+            color=colour,
+            marker=marker,
+            linestyle=line,
+        )
         ax.plot(IDEAL_TIMES_S, published[name], "x", color=colour)
     log_axis(ax, "y")
     y = "maximum error against mesh IV [%]"

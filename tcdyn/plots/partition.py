@@ -214,8 +214,9 @@ def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None)
     ax.set_xlim(0, h_max)
     x = "heat transfer coefficient of the disk [W/m²K]"
     y = "heat partition β (share of the fast disk) [1]"
-    below: dict[str, Any] = {"ncols": 2, "loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
-    return style_axes(ax, x, y, markerscale=0.7, **below)
+    return style_axes(
+        ax, x, y, markerscale=0.7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14)
+    )
 
 
 def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) -> None:
@@ -239,8 +240,9 @@ def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) ->
     if disk == "slow":
         beta = 1 - beta
         equation = "β = 1 - (C + D h)"
-    style: dict[str, Any] = {"color": DISK_COLOUR[disk], "linestyle": DISK_LINE[disk]}
-    ax.plot(h, beta, label=f"{label}, {equation}", **style)
+    ax.plot(
+        h, beta, label=f"{label}, {equation}", color=DISK_COLOUR[disk], linestyle=DISK_LINE[disk]
+    )
 
 
 def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str) -> None:
@@ -498,9 +500,15 @@ def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
         for channel, style in plotted_channels(record.setup, record.excluded).items():
             y = record.readings_degC[:, record.setup.channels.index(channel)]
             rows = screen_rows(y)
-            line: dict[str, Any] = {"color": DISK_COLOUR[disk], "linestyle": style}
             time_s = p.test.time_s[rows]
-            ax.plot(time_s, y[rows], linewidth=width, label=f"{disk} {channel}", **line)
+            ax.plot(
+                time_s,
+                y[rows],
+                linewidth=width,
+                label=f"{disk} {channel}",
+                color=DISK_COLOUR[disk],
+                linestyle=style,
+            )
     for event_s in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(event_s, color=TRUTH, linewidth=0.7)
     return style_axes(ax, "time [s]", Y_TEMPERATURE, ncols=2)
@@ -603,8 +611,7 @@ def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axe
     )
     ticks = np.linspace(-scale, scale, 5)
     label = "above the mean around the disk [K]"
-    scale_bar: dict[str, Any] = {"ticks": ticks, "format": "%.2g", "label": label}
-    ax.figure.colorbar(filled, ax=ax, shrink=0.75, **scale_bar)
+    ax.figure.colorbar(filled, ax=ax, shrink=0.75, ticks=ticks, format="%.2g", label=label)
     for radius in (inner_mm, outer_mm):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -204,8 +203,9 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes | None = None) -> A
     after_entry = blocks.time_s > FIRST_S
     z = fit.standardised_residuals(run)[after_entry]
     t = blocks.time_s[after_entry]
-    dots: dict[str, Any] = {"color": GREY, "markersize": 2}
-    ax.plot(np.repeat(t, z.shape[1]), z.ravel(), ".", label="each channel", **dots)
+    ax.plot(
+        np.repeat(t, z.shape[1]), z.ravel(), ".", label="each channel", color=GREY, markersize=2
+    )
     ax.plot(t, np.nanmean(z, axis=1), color=SLOW, linewidth=1.0, label="mean of the channels")
     for limit in (-1.96, 1.96):
         ax.axhline(limit, color=TRUTH, linewidth=0.8, ls="--")

@@ -81,9 +81,16 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     (interval,) = intervals(profile)
     low = interval.profile_low if interval.low95 is None else interval.low95
     high = interval.profile_high if interval.high95 is None else interval.high95
-    bar: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "alpha": 0.6}
     ends = [DEVIANCE_95, DEVIANCE_95]
-    ax.plot([low, high], ends, color=colour, label="interval of the profile", **bar)
+    ax.plot(
+        [low, high],
+        ends,
+        color=colour,
+        label="interval of the profile",
+        linewidth=3,
+        solid_capstyle="butt",
+        alpha=0.6,
+    )
     for end, marker, limit in ((low, "<", interval.low95), (high, ">", interval.high95)):
         if limit is None:
             ax.plot(end, DEVIANCE_95, marker, color=colour, markersize=8)
@@ -148,8 +155,9 @@ def draw_window_study(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
         values = rows["beta"]
         half_width = Z95 * rows["u_beta"]
         colour = DISK_COLOUR[disk]
-        bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "capsize": 2, "linewidth": 0.8}
-        ax.errorbar(window_s, values, yerr=half_width, **bars)
+        ax.errorbar(
+            window_s, values, yerr=half_width, fmt="none", ecolor=colour, capsize=2, linewidth=0.8
+        )
         within_lag = rows["within_lag"].to_numpy(dtype=bool)
         for selected, fill, remark in (
             (within_lag, "white", ", window shorter than the lag"),
@@ -268,8 +276,14 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes | None = None) -> Ax
     }
     excluded = [channel for test in tests.values() for channel in test.excluded]
     draw_depth_errors(deeper_mm, ax, "{} disk, by this test alone, 95 %", excluded)
-    above: dict[str, Any] = {"ncols": 3, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
-    return style_axes(ax, "junction", "deeper than nominal [mm]", **above)
+    return style_axes(
+        ax,
+        "junction",
+        "deeper than nominal [mm]",
+        ncols=3,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+    )
 
 
 def draw_depth_errors(
