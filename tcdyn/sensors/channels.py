@@ -191,7 +191,7 @@ def sensor_channels(
 ) -> tuple[TableChannels, list[Finding]]:
     """The columns of a table that sensors cover, in their order.
 
-    The parameters are those of ``tcdyn.workflows.compensate_table.compensate_table``; ``names`` are
+    The parameters are those of ``tcdyn.workflows.frames.compensate_frame``; ``names`` are
     the columns of the table, ``unit_row`` its row of units.
 
     Raises

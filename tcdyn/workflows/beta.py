@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import pandas as pd
 from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result, estimates_frame
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import with_checksum
@@ -127,7 +128,7 @@ def estimate_beta(
     bearing: BearingFile | None = None,
     stage: int | None = None,
     profiles: bool = False,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> BetaRun:
     """Read one EHL log and estimate beta by the speed law, the cooling fits and the joint fits.
 
@@ -389,7 +390,7 @@ def estimate_stages(
         One run for each test in the log.
     """
     first = estimate_beta(log, rig, records, stage=1, **options)
-    report = options.pop("progress", lambda _: None)
+    report = options.pop("progress", no_progress)
     runs = [first]
     for k in range(2, first.stages + 1):
         prefix = f"test {k} of {first.stages}"

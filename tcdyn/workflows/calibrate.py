@@ -8,7 +8,7 @@ and ``tests/calibration/test_new_user_run.py``.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from immersion.plunge_parameters import PlungePriors
 from immersion.plunge_result import PlungeFit
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, unique, warning
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.metadata import SIMULATED_KEY
@@ -105,7 +106,7 @@ def calibrate_disk(
     correlation: str = "churchill-chu-laminar",
     prt_u_degC: float = 0.0,
     reading_u_K: float | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
@@ -218,7 +219,7 @@ def _static_lines(
     rig: Rig,
     disk: str,
     prt_u_degC: float,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
     """Static lines from the oven log, or readings as they are with a stated uncertainty.
 

@@ -8,7 +8,7 @@ The command ``tcdyn compensate`` for logs of the rig; tables of other sensors ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, labelled_messages, warning
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
@@ -39,7 +40,7 @@ from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import Events
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import COMPENSATED, Log, LogChunks, open_log_for_records
-from tcdyn.rig.opened_log import rig_from_records
+from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
@@ -102,7 +103,7 @@ class LogSegments:
     def write(
         self,
         out: str | Path,
-        progress: Callable[[str], None],
+        progress: Progress,
         style: OutputStyle = STANDARD_STYLE,
     ) -> list[Finding]:
         """Write all rows to ``out`` in this style, atomically; return the findings."""
@@ -188,7 +189,7 @@ class CompensatedLog(Result):
     def write(
         self,
         path: str | Path,
-        progress: Callable[[str], None] = lambda _: None,
+        progress: Progress = no_progress,
         *,
         dialect: DialectName = "standard",
         comments: bool = False,
@@ -305,7 +306,7 @@ def compensate_log(
     way: CompensationMethod | None = None,
     parts: bool = False,
     delay_s: float | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> CompensatedLog:
     """Compensate all channels of an EHL or immersion log that a record covers.
 
@@ -347,10 +348,7 @@ def compensate_log(
     >>> "fast_a_u_K" in done.to_frame()  # doctest: +SKIP
     True
     """
-    if not records:
-        raise InputError(
-            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
-        )
+    check_any_given(records)
     rig = rig or rig_from_records(records)
     if delay_s is not None and (way is not None or parts):
         raise InputError(

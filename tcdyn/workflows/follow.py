@@ -35,7 +35,7 @@ from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
-from tcdyn.rig.opened_log import rig_from_records
+from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
     CompensatedSegment,
@@ -135,8 +135,10 @@ def follow(
     ----------
     log
         A text table that grows line by line.
-    calibrations, rig, options
+    calibrations, rig
         As for ``tcdyn.workflows.compensate_table.compensate_table``.
+    options
+        How the table is read.
     out
         Output, .csv. One that exists is refused, unless ``overwrite`` or ``state`` is given.
     delay_s
@@ -172,10 +174,7 @@ def follow(
     Rows at the end of the log, for which the delay has not passed when the run ends, are written
     with the rows that are there. A run that continues writes them again.
     """
-    if not calibrations:
-        raise InputError(
-            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
-        )
+    check_any_given(calibrations)
     check_delay(delay_s)
     log = Path(log)
     out = Path(out)
