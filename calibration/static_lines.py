@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -74,29 +74,6 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
             "Standard deviation": float(errors.std(ddof=1)),
         }
     )
-
-
-def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:
-    """Histogram of errors with bins about zero (figure 2.16).
-
-    Parameters
-    ----------
-    errors_K
-        Errors of any shape [K].
-    width_K
-        Width of a bin [K]; one bin is centred at zero.
-
-    Returns
-    -------
-    counts
-        (M,).
-    edges
-        (M + 1,) [K].
-    """
-    errors = _finite(errors_K)
-    half = int(np.ceil(np.abs(errors).max() / width_K)) if len(errors) else 1
-    counts, edges = np.histogram(errors, width_K * (np.arange(-half, half + 2) - 0.5))
-    return counts.astype(np.int64), edges.astype(np.float64)
 
 
 def _finite(errors_K: ArrayLike) -> Array:

@@ -1,7 +1,7 @@
 """Calibration of the force transducers by dead weights, and friction of the shafts' bearings.
 
 Used by ``tcdyn rig transducer`` (``tcdyn.cli.record``), the operating conditions of a test
-(:mod:`tcdyn.workflows.operating_conditions`) and ``tcdyn verify``. Figures 2.21 and
+(:mod:`tcdyn.partition.operating_conditions`) and ``tcdyn verify``. Figures 2.21 and
 2.25 of the thesis. Tests: ``tests/calibration/test_transducers.py``.
 """
 

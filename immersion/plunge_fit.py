@@ -297,7 +297,7 @@ def published_degC(
     """Junctions by each published correlation, with scale of h one and no burst.
 
     The keys are name and title of the correlation; the tables are like those of
-    :meth:`PlungeFit.junction_degC`. ``tcdyn.plots.draw_entry(run, tables, ax)`` draws them.
+    :meth:`PlungeFit.junction_degC`. An example of the gallery plots them.
 
     Figures 5.26 and 5.27 of the thesis.
 

@@ -17,7 +17,7 @@ import pandas as pd
 
 from immersion.chain_structures import StructureComparison
 from immersion.correlations import check_validity
-from immersion.plunge_data import PlungeRun
+from immersion.plunge_data import PlungeRun, block_sd
 from immersion.plunge_model import junction_degC
 from immersion.plunge_parameters import (
     BURST_KINDS,
@@ -443,6 +443,25 @@ class PlungeFit(Result):
             One row a time after the nominal entry, one column a channel.
         """
         return junction_degC(self.optimum.problem.models[run], self.layout, self.optimum.theta, run)
+
+    def standardised_residuals(self, run: int) -> Array:
+        """Residual of each block of a plunge over its standard deviation for white noise.
+
+        Parameters
+        ----------
+        run
+            Index of the plunge.
+
+        Returns
+        -------
+        z
+            (B, C); NaN for an empty block.
+        """
+        problem = self.optimum.problem
+        blocks = problem.models[run].blocks
+        residual = blocks.readings_degC - self.optimum.predictions_degC[run]
+        z = residual / block_sd(problem.noise[run].sd_K, blocks.count)
+        return np.where(blocks.count > 0, z, np.nan)
 
     def summary(self) -> str:
         """The lags, the structures and what limits them, in a few lines; warnings last."""

@@ -4,8 +4,9 @@ Shared quantities of the rig are estimated once, so differences between tests an
 better known than levels. Order of the work: ``compress`` makes the sufficient statistics of a test,
 ``posterior`` solves all tests, ``outliers`` removes tests that disagree, and ``exponent``,
 ``trends`` and ``result`` evaluate the posterior. ``stages`` splits a log into tests, ``planned``
-predicts a campaign, ``interchange`` compares
-the temperature maps of two tests. The tests are in ``tests/campaign``.
+predicts a campaign, ``interchange`` compares the temperature maps of two tests. Of tests analysed
+one by one, ``stored_results`` reads the files and ``summary_table`` is the table with its trend
+lines. The tests are in ``tests/campaign``.
 """
 
 from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of

@@ -1,6 +1,6 @@
 """Least-squares lines over the conditions of tests, with the uncertainty of the scatter about them.
 
-``tcdyn.workflows.campaign_table`` and ``tcdyn.plots.campaign`` draw them through quantities without
+``tcdyn.campaign.summary_table`` and ``tcdyn.plots.campaign`` draw them through quantities without
 a joint covariance, such as temperatures. Beta has one: its lines are in ``tcdyn.campaign.trends``.
 Guarded by ``tests/cli/test_campaign_command.py`` and ``tests/report/test_campaign_page.py``.
 """

@@ -22,10 +22,10 @@ from tcdyn.cli.common import (
     Verbose,
     check_outputs,
     count_progress,
-    dump,
     number_option,
-    option_groups,
+    options_from_docstring,
     stage_progress,
+    write_json,
 )
 from tcdyn.core.errors import InputError, printable
 
@@ -40,43 +40,23 @@ Without = Annotated[
     list[str] | None,
     typer.Option(help="channel not to use, such as fast_c; repeat for several"),
 ]
-WindowS = Annotated[
-    float, number_option("--window-s", "length of the cooling fit in seconds", 0, 1e6, ends=False)
-]
 Seed = Annotated[int, typer.Option(min=0, help="seed of the Monte Carlo of the uncertainty budget")]
 
 
-@option_groups
+@options_from_docstring
 def beta(
-    log: Annotated[Path, typer.Argument(help="EHL log as recorded (not compensated)")],
+    log: Path,
     record: RecordFiles,
     rig: RigFileOrRecords = None,
-    out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
-    report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
+    out: Path | None = None,
+    report: Path | None = None,
     bearing: Bearing = None,
     without: Without = None,
-    window_s: WindowS = 5.0,
-    sensor_check: Annotated[
-        bool,
-        typer.Option(
-            help="exclude dead channels, stop if channels are swapped, warn of misplaced junctions"
-        ),
-    ] = True,
+    window_s: Annotated[float, number_option(0, 1e6, ends=False)] = 5.0,
+    sensor_check: bool = True,
     seed: Seed = 0,
-    profiles: Annotated[
-        bool,
-        typer.Option(
-            "--profiles",
-            help="write the likelihood profiles of the joint fits into beta.json; the report "
-            "always has them",
-        ),
-    ] = False,
-    stage: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="analyse one of several loadings in the log, from 1 (default: all)"
-        ),
-    ] = None,
+    profiles: bool = False,
+    stage: Annotated[int | None, typer.Option(min=1)] = None,
     verbose: Verbose = False,
     *,
     reporter: Reporter,
@@ -94,9 +74,26 @@ def beta(
 
     Example: tcdyn rig beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json
     --out beta.json --report beta.html
+
+    Parameters
+    ----------
+    log
+        EHL log as recorded (not compensated)
+    out
+        beta.json to write
+    report
+        HTML report to write
+    window_s
+        length of the cooling fit in seconds
+    sensor_check
+        exclude dead channels, stop if channels are swapped, warn of misplaced junctions
+    profiles
+        write the likelihood profiles of the joint fits into beta.json; the report always has them
+    stage
+        analyse one of several loadings in the log, from 1 (default: all)
     """
     from tcdyn.io.read import display_path
-    from tcdyn.io.write import write_text
+    from tcdyn.partition.operating_conditions import read_bearing
     from tcdyn.rig.opened_log import (
         check_records_used,
         column_names,
@@ -105,7 +102,6 @@ def beta(
     )
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
-    from tcdyn.workflows.operating_conditions import read_bearing
 
     check_outputs([log, rig, bearing, *record], reporter.overwrite, out=out, report=report)
     records = records_by_disk(record)
@@ -136,7 +132,7 @@ def beta(
             for file in files:
                 check_outputs([log], reporter.overwrite, out=file)
         for k, file in enumerate(files):
-            write_text(file, dump(contents()[k]))
+            write_json(file, contents()[k])
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
@@ -182,46 +178,20 @@ def _output_files(out: Path, count: int) -> list[Path]:
     return [out.with_name(f"{out.stem}.{k}{out.suffix}") for k in range(1, count + 1)]
 
 
-@option_groups
+@options_from_docstring
 def campaign(
-    logs: Annotated[list[Path], typer.Argument(help="EHL logs as recorded")],
+    logs: list[Path],
     record: RecordFiles,
-    out: Annotated[
-        Path, typer.Option(help="folder for <log>.beta.json, campaign.csv and campaign.html")
-    ],
+    out: Annotated[Path, typer.Option()],
     rig: RigFileOrRecords = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=256, help="worker processes (default: 2 if there are two cores)"),
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")
-    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, max=256)] = None,
+    dask: str | None = None,
     bearing: Bearing = None,
     without: Without = None,
-    curve: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="CSV of a model curve to compare with beta: one of delta_T_us_K_m_s, load_N, "
-            "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; repeat for several"
-        ),
-    ] = None,
-    compare: Annotated[
-        Path | None,
-        typer.Option(
-            help="table of other tests to compare with, such as a campaign.csv: load_N, "
-            "sliding_speed_m_s and friction_N, fast_bulk_degC or other columns of campaign.csv"
-        ),
-    ] = None,
-    interchanged: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="of two logs of one test: a junction whose channel was interchanged with that of "
-            "another one between them, such as slow_a; give it twice; compares the temperature "
-            "maps (section 6.4.2.4)"
-        ),
-    ] = None,
-    window_s: WindowS = 5.0,
+    curve: list[Path] | None = None,
+    compare: Path | None = None,
+    interchanged: list[str] | None = None,
+    window_s: Annotated[float, number_option(0, 1e6, ends=False)] = 5.0,
     seed: Seed = 0,
     *,
     reporter: Reporter,
@@ -242,7 +212,30 @@ def campaign(
 
     Example: tcdyn rig campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record
     slow.disk.json --out results
+
+    Parameters
+    ----------
+    logs
+        EHL logs as recorded
+    out
+        folder for <log>.beta.json, campaign.csv and campaign.html
+    workers
+        worker processes (default: 2 if there are two cores)
+    dask
+        address of a Dask scheduler, e.g. tcp://host:8786
+    curve
+        CSV of a model curve to compare with beta: one of delta_T_us_K_m_s, load_N,
+        sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; repeat for several
+    compare
+        table of other tests to compare with, such as a campaign.csv: load_N, sliding_speed_m_s and
+        friction_N, fast_bulk_degC or other columns of campaign.csv
+    interchanged
+        of two logs of one test: a junction whose channel was interchanged with that of another one
+        between them, such as slow_a; give it twice; compares the temperature maps (section 6.4.2.4)
+    window_s
+        length of the cooling fit in seconds
     """
+    from tcdyn.partition.operating_conditions import read_bearing
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
     from tcdyn.rig.disk import channels_left_out
@@ -255,7 +248,6 @@ def campaign(
         CampaignSettings,
         run_campaign,
     )
-    from tcdyn.workflows.operating_conditions import read_bearing
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")

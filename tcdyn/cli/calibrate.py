@@ -17,57 +17,29 @@ from tcdyn.cli.common import (
     RigFile,
     Verbose,
     check_outputs,
-    dump,
     number_option,
-    option_groups,
+    options_from_docstring,
     source_entry,
     stage_progress,
+    write_json,
 )
 from tcdyn.cli.tables import value_and_u
 from tcdyn.core.errors import InputError
 
 
-@option_groups
+@options_from_docstring
 def calibrate(
     disk: Disk,
-    immersion: Annotated[list[Path], typer.Option(help="plunge log; repeat for each plunge")],
-    oven: Annotated[Path | None, typer.Option(help="oven log: one row per steady minute")] = None,
-    reading_u_k: Annotated[
-        float | None,
-        number_option(
-            "--reading-u-K",
-            "without an oven log: standard uncertainty of a logged reading [K], such as 0.9 for a "
-            "tolerance of 1.5 K",
-            0,
-            50,
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="record to write (default DISK.disk.json)")
-    ] = None,
+    immersion: Annotated[list[Path], typer.Option()],
+    oven: Path | None = None,
+    reading_u_K: Annotated[float | None, number_option(0, 50)] = None,
+    out: Path | None = None,
     rig: RigFile = None,
-    fluid: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="mobil-jet-ii, water or a table.csv; once for all plunges, or once for each"
-        ),
-    ] = None,
-    structure: Annotated[
-        str,
-        typer.Option(
-            help="chain structure: P1 (one lag), P2 (two), P3 (three), P1D or P2D (with a dead "
-            "time), "
-            "P2Z (with a zero: a slow tail); the others are fitted for comparison"
-        ),
-    ] = "P2",
-    correlation: Annotated[
-        str, typer.Option(help="natural convection: mcadams, similarity or churchill-chu-laminar")
-    ] = "churchill-chu-laminar",
-    report: Annotated[Path | None, typer.Option(help="HTML certificate to write")] = None,
-    earlier: Annotated[
-        list[Path] | None,
-        typer.Option(help="earlier record of this disk; the certificate then states the drift"),
-    ] = None,
+    fluid: list[str] | None = None,
+    structure: str = "P2",
+    correlation: str = "churchill-chu-laminar",
+    report: Path | None = None,
+    earlier: list[Path] | None = None,
     verbose: Verbose = False,
     *,
     reporter: Reporter,
@@ -76,6 +48,29 @@ def calibrate(
 
     Example: tcdyn rig calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv
     --immersion P2.csv --fluid mobil-jet-ii --out fast.disk.json --report fast.html
+
+    Parameters
+    ----------
+    immersion
+        plunge log; repeat for each plunge
+    oven
+        oven log: one row per steady minute
+    reading_u_K
+        without an oven log: standard uncertainty of a logged reading [K], such as 0.9 for a
+        tolerance of 1.5 K
+    out
+        record to write (default DISK.disk.json)
+    fluid
+        mobil-jet-ii, water or a table.csv; once for all plunges, or once for each
+    structure
+        chain structure: P1 (one lag), P2 (two), P3 (three), P1D or P2D (with a dead time), P2Z
+        (with a zero: a slow tail); the others are fitted for comparison
+    correlation
+        natural convection: mcadams, similarity or churchill-chu-laminar
+    report
+        HTML certificate to write
+    earlier
+        earlier record of this disk; the certificate then states the drift
     """
     from tcdyn.rig.record import read_record, write_record
     from tcdyn.rig.rigfile import load_rig
@@ -101,7 +96,7 @@ def calibrate(
             fluids,
             structure=structure,
             correlation=correlation,
-            reading_u_K=reading_u_k,
+            reading_u_K=reading_u_K,
             progress=progress,
         )
     write_record(run.record, target)
@@ -115,42 +110,40 @@ def calibrate(
     reporter.finish(f"{disk} disk", run.findings)
 
 
-@option_groups
+@options_from_docstring
 def holes(
-    log: Annotated[
-        Path,
-        typer.Argument(
-            help="log of several thermocouples at one depth, some clamped as a reference"
-        ),
-    ],
+    log: Path,
     rig: RigFile = None,
-    ideal: Annotated[
-        list[str] | None,
-        typer.Option(help="name of a clamped channel, without _degC (default: all named ideal_*)"),
-    ] = None,
-    limit_s: Annotated[
-        float,
-        number_option("--limit-s", "extra lag in seconds above which a hole is too slow", 0, 100),
-    ] = 0.20,
-    depth_mm: Annotated[
-        str,
-        typer.Option(
-            "--depth-mm", help="depth of all junctions in mm with its standard uncertainty"
-        ),
-    ] = "3+-0.05",
-    out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
-    report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
+    ideal: list[str] | None = None,
+    limit_s: Annotated[float, number_option(0, 100)] = 0.20,
+    depth_mm: str = "3+-0.05",
+    out: Path | None = None,
+    report: Path | None = None,
     *,
     reporter: Reporter,
 ) -> None:
     """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones.
 
     Example: tcdyn simulate hole --out hole.csv && tcdyn rig holes hole.csv --report hole.html
+
+    Parameters
+    ----------
+    log
+        log of several thermocouples at one depth, some clamped as a reference
+    ideal
+        name of a clamped channel, without _degC (default: all named ideal_*)
+    limit_s
+        extra lag in seconds above which a hole is too slow
+    depth_mm
+        depth of all junctions in mm with its standard uncertainty
+    out
+        JSON to write
+    report
+        HTML report to write
     """
     from immersion.hole import compare_holes
     from immersion.plunge_data import with_filled_bath
     from tcdyn.core.findings import messages, unique
-    from tcdyn.io.write import write_text
     from tcdyn.rig.log import read_log
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.calibrate import log_findings
@@ -174,7 +167,7 @@ def holes(
     content = {**comparison.to_dict(), "warnings": list(messages(findings))}
     content["source"] = source_entry(log)
     if out is not None:
-        write_text(out, dump(content))
+        write_json(out, content)
     if report is not None:
         from functools import partial
 

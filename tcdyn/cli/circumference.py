@@ -6,7 +6,7 @@ The field of the synthetic rig is :mod:`tcdyn.simulate.field`, the press fit
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -16,7 +16,7 @@ from tcdyn.cli.common import (
     Reporter,
     check_choice,
     check_picture,
-    option_groups,
+    options_from_docstring,
     save_picture,
 )
 from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, bore_contacts
@@ -35,7 +35,7 @@ app = typer.Typer(
 
 
 @app.command("simulate")
-@option_groups
+@options_from_docstring
 def simulate_circumference(
     picture: Picture,
     test: Test = "B3",
@@ -77,12 +77,10 @@ def simulate_circumference(
 
 
 @app.command("fit")
-@option_groups
+@options_from_docstring
 def fit_circumference(
     rig: RigPath = None,
-    disk: Annotated[
-        str | None, typer.Option(help="fast or slow (default: each with a stated fit)")
-    ] = None,
+    disk: str | None = None,
     picture: OptionalPicture = None,
     *,
     reporter: Reporter,
@@ -97,6 +95,11 @@ def fit_circumference(
     stated, `tcdyn simulate ehl`, `tcdyn rig circumference simulate` and `tcdyn rig beta` use it.
 
     Example: tcdyn rig circumference fit --rig rig.toml --disk slow --picture fit.png
+
+    Parameters
+    ----------
+    disk
+        fast or slow (default: each with a stated fit)
     """
     from functools import partial
 

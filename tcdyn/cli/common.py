@@ -1,22 +1,26 @@
 """Options, output on the terminal, progress and exit codes that the commands share.
 
-Used by every command. ``Reporter`` decides what goes to standard output and what to standard error.
-Tests: ``tests/cli/test_progress.py`` and ``tests/cli/test_options.py``.
+Used by every command. ``options_from_docstring`` makes the options of a command from its signature
+and docstring. ``Reporter`` decides what goes to standard output and what to standard error. Tests:
+``tests/cli/test_progress.py`` and ``tests/cli/test_options.py``.
 """
 
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, is_dataclass
 from functools import wraps
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
+from typer.models import OptionInfo
 
 from tcdyn.core.errors import InputError, Value, printable
 from tcdyn.core.findings import Finding, Severity, unique
@@ -34,30 +38,18 @@ OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
 }
 # Endings of pictures that matplotlib writes and the commands allow, and their option.
 PICTURES = (".png", ".svg", ".pdf")
-_PICTURE = typer.Option("--picture", help="picture to write: .png, .svg or .pdf")
+_PICTURE = typer.Option(help="picture to write: .png, .svg or .pdf")
 Picture = Annotated[Path, _PICTURE]
 OptionalPicture = Annotated[Path | None, _PICTURE]
-RigFile = Annotated[
-    Path | None, typer.Option("--rig", help="rig.toml; without it the defaults are used")
-]
+RigFile = Annotated[Path | None, typer.Option(help="rig.toml; without it the defaults are used")]
 RigFileOrRecords = Annotated[
-    Path | None,
-    typer.Option("--rig", help="rig.toml; without it the rig stored in the records is used"),
+    Path | None, typer.Option(help="rig.toml; without it the rig stored in the records is used")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print warnings and errors only")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="print a line for each stage, with the elapsed time")
 ]
-Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
-Strict = Annotated[bool, typer.Option("--strict", help="exit with code 1 if there is a warning")]
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite", help="replace an existing output also if it was not made from this input"
-    ),
-]
 # The option of disk records, required or not.
-RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
+RECORD = typer.Option(help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
 OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
 
@@ -96,44 +88,103 @@ def as_option(name: str, value: Value = None) -> str:
     return f"{option} {value}"
 
 
-def option_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorator: parameters of a command that are dataclasses become one option for each field.
+def split_docstring(documented: Any) -> tuple[str, dict[str, str]]:
+    """The text of a docstring above its first section, and its parameters with their texts.
+
+    Parameters
+    ----------
+    documented
+        A function or a class with a docstring as of numpydoc.
+
+    Returns
+    -------
+    text, help_texts
+        The text, and one line of text for each parameter or attribute.
+
+    Examples
+    --------
+    >>> sorted(split_docstring(beside)[1])
+    ['ending', 'file']
+    """
+    text, *sections = re.split(r"\n\n(.+)\n-+\n", inspect.getdoc(documented) or "")
+    titles = dict(zip(sections[::2], sections[1::2]))
+    entries = titles.get("Parameters", titles.get("Attributes", ""))
+    help_texts = {}
+    for entry in re.split(r"\n(?=\S)", entries):
+        name, _, lines = entry.partition("\n")
+        help_texts[name] = " ".join(lines.split())
+    return text, help_texts
+
+
+def _as_typer_parameter(
+    parameter: inspect.Parameter, help_texts: dict[str, str]
+) -> inspect.Parameter:
+    """A parameter of a command with its name and its text on the command line.
+
+    A parameter without a default is an argument, unless its annotation has a ``typer.Option``.
+    """
+    name = parameter.name
+    kind = parameter.annotation
+    is_required = parameter.default is parameter.empty
+    info = typer.Argument() if is_required else typer.Option()
+    if get_origin(kind) is Annotated:
+        kind, info = get_args(kind)
+        info = copy(info)
+    if info.default is ... and isinstance(info, OptionInfo):  # no name is given
+        option = f"--{name.strip('_').replace('_', '-')}"
+        opposite = f"/{option.replace('--', '--no-', 1)}" if parameter.default is True else ""
+        info.param_decls = (f"{option}{opposite}",)
+    info.help = info.help or help_texts[name]
+    return parameter.replace(annotation=Annotated[kind, info])
+
+
+def options_from_docstring(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator: a function with a docstring as of numpydoc becomes a command for Typer.
 
     Parameters
     ----------
     command
-        Function with dataclass parameters.
+        Function whose docstring describes its parameters. A parameter that is a dataclass becomes
+        one option for each field.
 
     Returns
     -------
     command
-        Function with one option for each field, for Typer.
+        Function with the options of the command.
 
     Notes
     -----
     Typer makes options from the signature of a command. The signature given here has the fields of
-    each dataclass in place of the dataclass; a call builds the dataclasses from them.
+    each dataclass in place of the dataclass, the name of each option, and its help from the
+    docstring; a call builds the dataclasses. ``typer.Option`` in an annotation states what these do
+    not: limits, short names, or a help that several commands share.
     """
-    parameters = inspect.signature(command, eval_str=True).parameters.values()
-    signature = [p for p in parameters if not is_dataclass(p.annotation)]
-    groups: dict[str, Any] = {
-        p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
-    }
-    fields = {
-        name: inspect.signature(group, eval_str=True).parameters for name, group in groups.items()
-    }
+    text, help_texts = split_docstring(command)
+    signature = []
+    members: dict[str, list[str]] = {}
+    groups: dict[str, Any] = {}
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        group: type[Any] = parameter.annotation
+        if not is_dataclass(group):
+            signature.append(_as_typer_parameter(parameter, help_texts))
+            continue
+        groups[parameter.name] = group
+        fields = inspect.signature(group, eval_str=True).parameters.values()
+        members[parameter.name] = [field.name for field in fields]
+        texts = split_docstring(group)[1]
+        for field in fields:
+            option = _as_typer_parameter(field, texts)
+            signature.append(option.replace(kind=inspect.Parameter.KEYWORD_ONLY))
 
     @wraps(command)
     def call_with_groups(*arguments: Any, **options: Any) -> None:
         """Build the dataclasses from the options and call the command."""
         for name, group in groups.items():
-            values = {field: options.pop(field) for field in fields[name] if field in options}
+            values = {field: options.pop(field) for field in members[name] if field in options}
             options[name] = group(**values)
         command(*arguments, **options)
 
-    for members in fields.values():
-        for field in members.values():
-            signature.append(field.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    call_with_groups.__doc__ = text
     call_with_groups.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
     return call_with_groups
 
@@ -145,19 +196,19 @@ class Reporter:
     Attributes
     ----------
     json_
-        Print the result as JSON.
+        print the result as JSON
     quiet
-        Print warnings and errors only.
+        print warnings and errors only
     strict
-        Exit with code 1 if there is a warning.
+        exit with code 1 if there is a warning
     overwrite
-        Whether the command may replace files that were not made from its inputs.
+        replace an existing output also if it was not made from this input
     """
 
-    json_: Json = False
-    quiet: Quiet = False
-    strict: Strict = False
-    overwrite: Overwrite = False
+    json_: bool = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q")] = False
+    strict: bool = False
+    overwrite: bool = False
 
     @property
     def is_silent(self) -> bool:
@@ -184,7 +235,9 @@ class Reporter:
             Function that is called only with ``--json``, since its value may take time.
         """
         if self.json_:
-            print(dump(data()), end="")
+            from tcdyn.core.result import json_text
+
+            print(json_text(data()), end="")
 
     def summary(self, text: str) -> None:
         """Print the summary of a result without its findings, which :meth:`report` prints.
@@ -257,65 +310,36 @@ class Reporter:
                 self.text(f"{content}: {path}")
 
 
-def in_range(
-    low: float, high: float, *, ends: bool = True
-) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Callback of an option: its numbers must lie from ``low`` to ``high``, and not be NaN.
+def number_option(low: float, high: float, *, help: str | None = None, ends: bool = True) -> Any:
+    """An option whose numbers must lie within limits, and not be NaN.
 
     Parameters
     ----------
     low, high
         Limits.
+    help
+        Its help, where the docstring of the command does not have it.
     ends
         Whether the limits themselves are allowed.
 
     Returns
     -------
-    callback
-        For ``typer.Option``; it raises InputError for a number out of range.
+    option
+        For the annotation of a parameter, one number or a list of them; it raises InputError for a
+        number out of range.
     """
-
-    def is_allowed(number: float) -> bool:
-        """Whether a number is within the limits; False for NaN."""
-        return low <= number <= high if ends else low < number < high
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
         """Check one number or a list of them, and return it."""
         numbers = value if isinstance(value, list | tuple) else [value]
         for number in numbers:
-            if number is not None and not is_allowed(number):
-                expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
-                raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
+            if number is None or low < number < high or (ends and low <= number <= high):
+                continue
+            expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
+            raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
         return value
 
-    return check
-
-
-def number_option(
-    option: str, help_text: str, low: float, high: float, *other_names: str, ends: bool = True
-) -> Any:
-    """An option whose numbers must lie within limits.
-
-    Parameters
-    ----------
-    option
-        Name of the option, with dashes.
-    help_text
-        Its help.
-    low, high
-        Limits.
-    *other_names
-        Other names of the option, with dashes.
-    ends
-        Whether the limits themselves are allowed.
-
-    Returns
-    -------
-    option
-        Option with the callback of :func:`in_range`.
-    """
-    callback = in_range(low, high, ends=ends)
-    return typer.Option(option, *other_names, help=help_text, callback=callback)
+    return typer.Option(help=help, callback=check)
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -510,11 +534,20 @@ def beside(file: Path, ending: str) -> Path:
     return file.with_suffix(ending)
 
 
-def dump(data: Any) -> str:
-    """Text of a JSON file, as for all files and ``--json``; NaN is null."""
-    from tcdyn.core.result import json_text
+def write_json(path: Path, data: Any) -> None:
+    """Write a JSON file, with the text that ``--json`` prints; NaN is null.
 
-    return json_text(data)
+    Parameters
+    ----------
+    path
+        The file.
+    data
+        Its content.
+    """
+    from tcdyn.core.result import json_text
+    from tcdyn.io.write import write_text
+
+    write_text(path, json_text(data))
 
 
 def source_entry(path: Path) -> dict[str, str]:

@@ -9,8 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-import typer
-
 from tcdyn.cli.common import (
     OptionalRecordFiles,
     Reporter,
@@ -19,11 +17,11 @@ from tcdyn.cli.common import (
     beside,
     check_choice,
     check_outputs,
-    dump,
     number_option,
-    option_groups,
+    options_from_docstring,
     source_entry,
     stage_progress,
+    write_json,
 )
 from tcdyn.cli.tables import (
     CsvComments,
@@ -37,93 +35,28 @@ from tcdyn.cli.tables import (
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
+    from tcdyn.sensors.compensation import CompensationMethod
     from tcdyn.workflows.compensate import CompensatedLog
-    from tcdyn.workflows.segments import CompensationMethod
 
 
-@option_groups
+@options_from_docstring
 def compensate(
-    log: Annotated[
-        Path,
-        typer.Argument(
-            help="EHL log or immersion log (CSV, TDMS, LVM or Parquet), or with --sensor any table"
-        ),
-    ],
+    log: Path,
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)"),
-    ] = None,
+    out: Path | None = None,
     rig: RigFileOrRecords = None,
-    refine: Annotated[
-        bool,
-        typer.Option(
-            help="estimate the common lag of a disk from the unloading in the log, with the "
-            "record as "
-            "prior"
-        ),
-    ] = True,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="smoother (RTS smoother); deconvolve (regularised deconvolution, without a model "
-            "of "
-            "the input, as a check); inverse (a causal filter)"
-        ),
-    ] = "smoother",
-    criterion: Annotated[
-        str | None,
-        typer.Option(
-            help="with deconvolve: gcv (default), discrepancy or l-curve, which chooses its weight"
-        ),
-    ] = None,
-    bandwidth_hz: Annotated[
-        float | None,
-        number_option("--bandwidth-Hz", "with inverse: bandwidth [Hz], default 0.5", 0, 1e4),
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(help="HTML report: properties of the filter, raw and compensated traces"),
-    ] = None,
-    covariance: Annotated[
-        Path | None,
-        typer.Option(
-            help="JSON to write: for a segment, the covariance between samples, and means with the "
-            "covariance between channels"
-        ),
-    ] = None,
-    covariance_from_s: Annotated[
-        float | None,
-        typer.Option(
-            "--covariance-from-s",
-            help="start of that segment as time_s (default: the last event, the unloading)",
-        ),
-    ] = None,
-    covariance_s: Annotated[
-        float, number_option("--covariance-s", "length of that segment in seconds", 0, 60)
-    ] = 1.0,
-    components: Annotated[
-        bool,
-        typer.Option(
-            "--components",
-            help="also write the components of each _u_K: _noise_u_K and _common_u_K",
-        ),
-    ] = False,
-    noise_only: Annotated[
-        bool,
-        typer.Option("--noise-only", help="remove only noise and static errors, not the lag"),
-    ] = False,
-    delay_s: Annotated[
-        float | None,
-        number_option(
-            "--delay-s",
-            "compensate each row only with the rows that are there this long after it, in seconds: "
-            "the rows that tcdyn follow gives",
-            0,
-            1e7,
-        ),
-    ] = None,
+    refine: bool = True,
+    method: str = "smoother",
+    criterion: str | None = None,
+    bandwidth_Hz: Annotated[float | None, number_option(0, 1e4)] = None,
+    report: Path | None = None,
+    covariance: Path | None = None,
+    covariance_from_s: float | None = None,
+    covariance_s: Annotated[float, number_option(0, 60)] = 1.0,
+    components: bool = False,
+    noise_only: bool = False,
+    delay_s: Annotated[float | None, number_option(0, 1e7)] = None,
     column: TableColumns = None,
     dialect: CsvDialect = "standard",
     comments: CsvComments = False,
@@ -138,9 +71,41 @@ def compensate(
     D4.compensated.csv
 
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
+
+    Parameters
+    ----------
+    log
+        EHL log or immersion log (CSV, TDMS, LVM or Parquet), or with --sensor any table
+    out
+        output: .csv, .parquet or .tdms (default LOG.compensated.csv)
+    refine
+        estimate the common lag of a disk from the unloading in the log, with the record as prior
+    method
+        smoother (RTS smoother); deconvolve (regularised deconvolution, without a model of the
+        input, as a check); inverse (a causal filter)
+    criterion
+        with deconvolve: gcv (default), discrepancy or l-curve, which chooses its weight
+    bandwidth_Hz
+        with inverse: bandwidth [Hz], default 0.5
+    report
+        HTML report: properties of the filter, raw and compensated traces
+    covariance
+        JSON to write: for a segment, the covariance between samples, and means with the covariance
+        between channels
+    covariance_from_s
+        start of that segment as time_s (default: the last event, the unloading)
+    covariance_s
+        length of that segment in seconds
+    components
+        also write the components of each _u_K: _noise_u_K and _common_u_K
+    noise_only
+        remove only noise and static errors, not the lag
+    delay_s
+        compensate each row only with the rows that are there this long after it, in seconds: the
+        rows that tcdyn follow gives
     """
     from tcdyn.io.read import open_table
-    from tcdyn.io.write import DIALECTS, output_style, write_text
+    from tcdyn.io.write import DIALECTS, output_style
     from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
@@ -149,19 +114,22 @@ def compensate(
     check_choice("--dialect", dialect, DIALECTS)
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
     target = out or beside(log, ".compensated.csv")
+    whole_log_options = {
+        "--report": report,
+        "--covariance": covariance,
+        "--noise-only": noise_only,
+        "--components": components,
+        "--method": method != "smoother",
+    }
     if sensor:
         rig_options = {
             "--record": record,
             "--rig": rig,
             "--criterion": criterion,
-            "--bandwidth-Hz": bandwidth_hz,
-            "--report": report,
-            "--covariance": covariance,
-            "--noise-only": noise_only or None,
-            "--components": components or None,
-            "--method": None if method == "smoother" else method,
+            "--bandwidth-Hz": bandwidth_Hz,
+            **whole_log_options,
         }
-        only_with_records([option for option, value in rig_options.items() if value])
+        only_with_records(rig_options)
         table_options = {
             "columns": column or (),
             "delay_s": delay_s,
@@ -191,15 +159,8 @@ def compensate(
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     if delay_s is not None:
-        whole_log_options = {
-            "--report": report,
-            "--covariance": covariance,
-            "--noise-only": noise_only or None,
-            "--components": components or None,
-            "--method": None if method == "smoother" else method,
-        }
         for option, value in whole_log_options.items():
-            if value is not None:
+            if value:
                 raise InputError(f"{option} with --delay-s", remedy="leave one of them out")
         delayed_options = {"rig": rig_settings, "delay_s": delay_s, **of_csv}
         return compensate_any_table(
@@ -209,7 +170,7 @@ def compensate(
     check_outputs([log, rig, *record], reporter.overwrite, **outputs)
     if comments or dialect != "standard":  # an error before the work
         output_style(**of_csv, table=open_table(log), out=target)
-    way = _method(method, criterion, bandwidth_hz, noise_only)
+    way = _method(method, criterion, bandwidth_Hz, noise_only)
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_log(
             log, records, rig_settings, refine=refine, way=way, parts=components, progress=progress
@@ -219,7 +180,7 @@ def compensate(
             covariances = done.covariance(covariance_s, covariance_from_s)
         written, write_findings = done.write(target, progress, **of_csv)
         if covariance is not None:
-            write_text(covariance, dump({"source": source_entry(log), **(covariances or {})}))
+            write_json(covariance, {"source": source_entry(log), **(covariances or {})})
         if report is not None:
             from tcdyn.report.compensate import write_compensation_report
 
@@ -270,8 +231,8 @@ def _method(
     InputError
         Options that contradict each other.
     """
+    from tcdyn.sensors.compensation import METHODS, CompensationMethod
     from tcdyn.smoothing.process_noise import Criterion
-    from tcdyn.workflows.segments import METHODS, CompensationMethod
 
     check_choice("--method", method, tuple(m for m in METHODS if m != "noise-only"))
     if noise_only and method != "smoother":

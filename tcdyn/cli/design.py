@@ -11,9 +11,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from tcdyn.cli.common import Disk, Reporter, RigFile, check_outputs, number_option, option_groups
+from tcdyn.cli.common import (
+    Disk,
+    Reporter,
+    RigFile,
+    check_outputs,
+    number_option,
+    options_from_docstring,
+)
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,66 +26,22 @@ if TYPE_CHECKING:
     from tcdyn.design.compare import Design
 
 
-@option_groups
+@options_from_docstring
 def design(
     rig: RigFile = None,
     disk: Disk = "fast",
-    fluid: Annotated[
-        str, typer.Option(help="bath fluid: mobil-jet-ii, water or a table.csv")
-    ] = "mobil-jet-ii",
-    bath_degC: Annotated[
-        list[float] | None,
-        number_option(
-            "--bath-degC",
-            "bath temperature; repeat for each plunge (default 110 and 138)",
-            -60,
-            400,
-        ),
-    ] = None,
-    initial_degC: Annotated[
-        float,
-        number_option("--initial-degC", "temperature of the disk before the plunge", -60, 400),
-    ] = 25.0,
-    duration_s: Annotated[
-        float, number_option("--duration-s", "length of each plunge in seconds", 10, 3600)
-    ] = 140.0,
-    noise_K: Annotated[
-        float, number_option("--noise-K", "noise of one sample (1 sd)", 1e-6, 100)
-    ] = 0.12,
-    noise_before_K: Annotated[
-        float,
-        number_option(
-            "--noise-before-K",
-            "additional noise of one sample, from before the conditioning filter (1 sd)",
-            0,
-            100,
-        ),
-    ] = 0.0,
-    rate_Hz: Annotated[float, number_option("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
-    entry_u_s: Annotated[
-        float,
-        number_option("--entry-u-s", "standard uncertainty of the instant of entry", 1e-6, 10),
-    ] = 0.05,
-    lag_s: Annotated[
-        float,
-        number_option("--lag-s", "expected lag, with the conditioning filter", 0, 100, ends=False),
-    ] = 0.73,
-    power_W: Annotated[
-        float,
-        number_option("--power-W", "heat flow into this disk before the unloading", 1e-3, 1e6),
-    ] = 100.0,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV of planned EHL tests (load_N, friction_N, speed_fast_rpm, speed_slow_rpm; "
-            "beta, "
-            "h_fast_W_m2K if expected): predicts u of beta, n and slopes, with the junctions of "
-            "--rig"
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")
-    ] = None,
+    fluid: str = "mobil-jet-ii",
+    bath_degC: Annotated[list[float] | None, number_option(-60, 400)] = None,
+    initial_degC: Annotated[float, number_option(-60, 400)] = 25.0,
+    duration_s: Annotated[float, number_option(10, 3600)] = 140.0,
+    noise_K: Annotated[float, number_option(1e-6, 100)] = 0.12,
+    noise_before_K: Annotated[float, number_option(0, 100)] = 0.0,
+    rate_Hz: Annotated[float, number_option(1, 1000)] = 75.0,
+    entry_u_s: Annotated[float, number_option(1e-6, 10)] = 0.05,
+    lag_s: Annotated[float, number_option(0, 100, ends=False)] = 0.73,
+    power_W: Annotated[float, number_option(1e-3, 1e6)] = 100.0,
+    campaign: Path | None = None,
+    out: Path | None = None,
     *,
     reporter: Reporter,
 ) -> None:
@@ -93,6 +54,34 @@ def design(
 
     Example: tcdyn rig design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out
     plan.html
+
+    Parameters
+    ----------
+    fluid
+        bath fluid: mobil-jet-ii, water or a table.csv
+    bath_degC
+        bath temperature; repeat for each plunge (default 110 and 138)
+    initial_degC
+        temperature of the disk before the plunge
+    duration_s
+        length of each plunge in seconds
+    noise_K
+        noise of one sample (1 sd)
+    noise_before_K
+        additional noise of one sample, from before the conditioning filter (1 sd)
+    rate_Hz
+        logging rate
+    entry_u_s
+        standard uncertainty of the instant of entry
+    lag_s
+        expected lag, with the conditioning filter
+    power_W
+        heat flow into this disk before the unloading
+    campaign
+        CSV of planned EHL tests (load_N, friction_N, speed_fast_rpm, speed_slow_rpm; beta,
+        h_fast_W_m2K if expected): predicts u of beta, n and slopes, with the junctions of --rig
+    out
+        table (.csv) or HTML report (.html) to write
     """
     from tcdyn.chain.logger_noise import noise_power_ratio
     from tcdyn.design.compare import compare_tests

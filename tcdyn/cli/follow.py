@@ -18,7 +18,7 @@ from tcdyn.cli.common import (
     check_choice,
     check_outputs,
     number_option,
-    option_groups,
+    options_from_docstring,
 )
 from tcdyn.cli.tables import (
     CsvComments,
@@ -33,47 +33,17 @@ if TYPE_CHECKING:
     from tcdyn.workflows.log_source import RawLog
 
 
-@option_groups
+@options_from_docstring
 def follow(
-    log: Annotated[
-        Path,
-        typer.Argument(
-            help="EHL log or immersion log that grows line by line, or with --sensor any table "
-            "(CSV)"
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="output .csv; must be a new file, unless --state or --overwrite is given"
-        ),
-    ],
+    log: Path,
+    out: Annotated[Path, typer.Option()],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: RigFileOrRecords = None,
-    delay_s: Annotated[
-        float | None,
-        number_option(
-            "--delay-s",
-            "how long after a row it is compensated, with the rows that are there then, in seconds "
-            "(default: two lags, at least 2 s)",
-            0,
-            1e7,
-        ),
-    ] = None,
-    idle_s: Annotated[
-        float, number_option("--idle-s", "end after this time without new rows, in seconds", 0, 1e6)
-    ] = 30.0,
-    state: Annotated[
-        Path | None,
-        typer.Option(help="JSON file with the state: read if it exists, written at the end"),
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            help="HTML report: a channel as logged and compensated, noise and uncertainty"
-        ),
-    ] = None,
+    delay_s: Annotated[float | None, number_option(0, 1e7)] = None,
+    idle_s: Annotated[float, number_option(0, 1e6)] = 30.0,
+    state: Path | None = None,
+    report: Path | None = None,
     dialect: CsvDialect = "standard",
     comments: CsvComments = False,
     *,
@@ -93,6 +63,22 @@ def follow(
     changes the output.
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
+
+    Parameters
+    ----------
+    log
+        EHL log or immersion log that grows line by line, or with --sensor any table (CSV)
+    out
+        output .csv; must be a new file, unless --state or --overwrite is given
+    delay_s
+        how long after a row it is compensated, with the rows that are there then, in seconds
+        (default: two lags, at least 2 s)
+    idle_s
+        end after this time without new rows, in seconds
+    state
+        JSON file with the state: read if it exists, written at the end
+    report
+        HTML report: a channel as logged and compensated, noise and uncertainty
     """
     from tcdyn.io.write import DIALECTS
     from tcdyn.rig.opened_log import records_by_disk
@@ -107,8 +93,7 @@ def follow(
         )
     records: Any
     if sensor:
-        rig_options = {"--rig": rig, "--report": report}
-        only_with_records([option for option, value in rig_options.items() if value])
+        only_with_records({"--rig": rig, "--report": report})
         records = [read_sensor(path) for path in sensor]
     else:
         records = records_by_disk(record or [])

@@ -20,11 +20,10 @@ from tcdyn.cli.common import (
     check_choice,
     check_outputs,
     count_progress,
-    dump,
-    in_range,
     number_option,
-    option_groups,
+    options_from_docstring,
     source_entry,
+    write_json,
 )
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
@@ -33,147 +32,33 @@ if TYPE_CHECKING:
     from tcdyn.identification import Model
 
 
-@option_groups
+@options_from_docstring
 def identify(
-    data: Annotated[
-        Path, typer.Argument(help="Table with one row for each sample: CSV, LVM, TDMS or Parquet.")
-    ],
-    input: Annotated[
-        list[str],
-        typer.Option("--input", "-u", help="Column of the input; repeat for several."),
-    ],
-    output: Annotated[
-        list[str],
-        typer.Option("--output", "-y", help="Column of the output; repeat for several."),
-    ],
-    run: Annotated[
-        str | None, typer.Option(help="Column whose values distinguish the runs.")
-    ] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(help="Time column; names such as time_s, Time (ms) and t are detected."),
-    ] = None,
-    time_unit: Annotated[
-        str | None,
-        typer.Option(
-            "--time-unit", help="Unit of the time, if its header does not state it: s, ms, min."
-        ),
-    ] = None,
-    dt_s: Annotated[
-        float | None,
-        number_option(
-            "--dt-s", "Sampling interval in seconds, if there is no time column.", 1e-9, 1e9
-        ),
-    ] = None,
-    resample_s: Annotated[
-        float | None,
-        number_option(
-            "--resample-s", "Resample uneven times to this interval in seconds.", 1e-9, 1e9
-        ),
-    ] = None,
-    hold: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Input between samples: foh (straight line) or zoh (constant); repeat for each "
-            "input (default: zoh for each input that was set in steps)."
-        ),
-    ] = None,
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--model",
-            "-m",
-            help="Model to compare, such as P1D, P2D or TF(1,2); repeat for several; for several "
-            "inputs P1D+P2 (one for each) or P1D (for all). Default: process models of one to "
-            "three lags with or without dead time, zero, complex pair and integrator, under one "
-            "model of the disturbance; with several inputs those that have an effect.",
-        ),
-    ] = None,
-    gain: Annotated[
-        float | None,
-        typer.Option(
-            help="Fix the static gain Kp at this value (process models).",
-            callback=in_range(-1e12, 1e12),
-        ),
-    ] = None,
-    cutoff_hz: Annotated[
-        float | None,
-        number_option(
-            "--cutoff-Hz",
-            "Cutoff of a known low-pass filter after the sensor [Hz]; it is not part of the lags.",
-            1e-6,
-            1e9,
-        ),
-    ] = None,
-    poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
-    shape: Annotated[
-        str,
-        typer.Option(help="Shape of that filter: cascade (of first-order lags) or butterworth."),
-    ] = "cascade",
-    no_offset: Annotated[
-        bool, typer.Option("--no-offset", help="The output has no offset.")
-    ] = False,
-    initial: Annotated[
-        str | None,
-        typer.Option(
-            help="Initial state of each run: equilibrium, zero or estimated (default: "
-            "equilibrium, or "
-            "estimated if a run starts off it)."
-        ),
-    ] = None,
-    noise: Annotated[
-        str,
-        typer.Option(
-            help="Noise of the output: white, slow (first-order, averaged over), ar, arma; auto: "
-            "chosen from "
-            "the data."
-        ),
-    ] = "auto",
-    baseline: Annotated[
-        str,
-        typer.Option(
-            help="Baseline of the output: none, trend (a linear drift), walk (a random walk) or "
-            "auto."
-        ),
-    ] = "auto",
-    input_noise: Annotated[
-        str,
-        typer.Option(
-            help="Standard deviation of the noise of a measured input, in its unit; 0: none; auto: "
-            "estimated from its samples."
-        ),
-    ] = "auto",
-    check: Annotated[
-        bool,
-        typer.Option(
-            help="Stop if the output moves before its input, or if the input is computed from the "
-            "output."
-        ),
-    ] = True,
-    robust: Annotated[
-        bool, typer.Option("--robust", help="Use the Huber loss, against outliers.")
-    ] = False,
-    held_out: Annotated[
-        float,
-        typer.Option(
-            help="Fraction of the record for validation (held-out part).",
-            callback=in_range(0, 1, ends=False),
-        ),
-    ] = 0.3,
-    narx: Annotated[
-        bool,
-        typer.Option(
-            "--narx",
-            help="Also test, by simulation and by NARX, whether the lag depends on the level.",
-        ),
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", help="HTML report to write (default: next to the JSON)."),
-    ] = None,
+    data: Path,
+    input: Annotated[list[str], typer.Option("--input", "-u")],
+    output: Annotated[list[str], typer.Option("--output", "-y")],
+    run: str | None = None,
+    time: str | None = None,
+    time_unit: str | None = None,
+    dt_s: Annotated[float | None, number_option(1e-9, 1e9)] = None,
+    resample_s: Annotated[float | None, number_option(1e-9, 1e9)] = None,
+    hold: list[str] | None = None,
+    model: Annotated[list[str] | None, typer.Option("--model", "-m")] = None,
+    gain: Annotated[float | None, number_option(-1e12, 1e12)] = None,
+    cutoff_Hz: Annotated[float | None, number_option(1e-6, 1e9)] = None,
+    poles: Annotated[int, typer.Option(min=1)] = 2,
+    shape: str = "cascade",
+    no_offset: bool = False,
+    initial: str | None = None,
+    noise: str = "auto",
+    baseline: str = "auto",
+    input_noise: str = "auto",
+    check: bool = True,
+    robust: bool = False,
+    held_out: Annotated[float, number_option(0, 1, ends=False)] = 0.3,
+    narx: bool = False,
+    out: Path | None = None,
+    report: Path | None = None,
     *,
     reporter: Reporter,
 ) -> None:
@@ -184,11 +69,70 @@ def identify(
 
     Example: tcdyn identify step.csv --input probe_degC --output a_degC --model P1D --model P2D
     --report step.html
+
+    Parameters
+    ----------
+    data
+        Table with one row for each sample: CSV, LVM, TDMS or Parquet.
+    input
+        Column of the input; repeat for several.
+    output
+        Column of the output; repeat for several.
+    run
+        Column whose values distinguish the runs.
+    time
+        Time column; names such as time_s, Time (ms) and t are detected.
+    time_unit
+        Unit of the time, if its header does not state it: s, ms, min.
+    dt_s
+        Sampling interval in seconds, if there is no time column.
+    resample_s
+        Resample uneven times to this interval in seconds.
+    hold
+        Input between samples: foh (straight line) or zoh (constant); repeat for each input
+        (default: zoh for each input that was set in steps).
+    model
+        Model to compare, such as P1D, P2D or TF(1,2); repeat for several; for several inputs P1D+P2
+        (one for each) or P1D (for all). Default: process models of one to three lags with or
+        without dead time, zero, complex pair and integrator, under one model of the disturbance;
+        with several inputs those that have an effect.
+    gain
+        Fix the static gain Kp at this value (process models).
+    cutoff_Hz
+        Cutoff of a known low-pass filter after the sensor [Hz]; it is not part of the lags.
+    poles
+        Poles of that filter.
+    shape
+        Shape of that filter: cascade (of first-order lags) or butterworth.
+    no_offset
+        The output has no offset.
+    initial
+        Initial state of each run: equilibrium, zero or estimated (default: equilibrium, or
+        estimated if a run starts off it).
+    noise
+        Noise of the output: white, slow (first-order, averaged over), ar, arma; auto: chosen from
+        the data.
+    baseline
+        Baseline of the output: none, trend (a linear drift), walk (a random walk) or auto.
+    input_noise
+        Standard deviation of the noise of a measured input, in its unit; 0: none; auto: estimated
+        from its samples.
+    check
+        Stop if the output moves before its input, or if the input is computed from the output.
+    robust
+        Use the Huber loss, against outliers.
+    held_out
+        Fraction of the record for validation (held-out part).
+    narx
+        Also test, by simulation and by NARX, whether the lag depends on the level.
+    out
+        JSON to write (default: DATA.identified.json).
+    report
+        HTML report to write (default: next to the JSON).
     """
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identification import compare, from_csv, joint_table, read_identified
     from tcdyn.identification.disturbance import Baseline, NoiseName
-    from tcdyn.io.write import write_text
     from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
@@ -243,8 +187,8 @@ def identify(
         hold=holds if len(holds) > 1 else holds[0],
     )
     filter_ = NO_CONDITIONING
-    if cutoff_hz is not None:
-        filter_ = Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
+    if cutoff_Hz is not None:
+        filter_ = Conditioning(cutoff_Hz, poles, shape)  # type: ignore[arg-type]
     model_settings = {"offset": "none" if no_offset else "free", "known": filter_}
     fixed = {} if gain is None else {"Kp": gain}
     model_list = [_model(name, inputs, fixed, model_settings) for name in model or ()]
@@ -275,7 +219,7 @@ def identify(
             content["narx"] = dependence.to_dict()
             level_dependence = dependence.sentence
             reporter.text(level_dependence)
-        write_text(json_files[y], dump(content))
+        write_json(json_files[y], content)
         read_identified(json_files[y])
         write_identify_report(pages[y], one_output, comparison, filter_, level_dependence, data)
         contents[y] = content
@@ -290,49 +234,17 @@ def identify(
     )
 
 
-@option_groups
+@options_from_docstring
 def response(
-    data: Annotated[
-        Path,
-        typer.Argument(help="Table with one row for each frequency: CSV, LVM, TDMS or Parquet."),
-    ],
-    column: Annotated[
-        list[str],
-        typer.Option(
-            help="Column of the magnitude, then column of the phase in degrees; give it twice."
-        ),
-    ],
-    frequency: Annotated[str, typer.Option(help="Column of the frequency in Hz.")] = "frequency_Hz",
-    form: Annotated[
-        str,
-        typer.Option(
-            help="Content of the two columns: magnitude or dB, each with the phase, or complex "
-            "(real, imaginary)."
-        ),
-    ] = "magnitude",
-    uncertainty: Annotated[
-        str | None,
-        typer.Option(help="Column of the standard uncertainty of real and imaginary part."),
-    ] = None,
-    coherence: Annotated[
-        str | None, typer.Option(help="Column of the coherence, instead of --uncertainty.")
-    ] = None,
-    averages: Annotated[
-        float | None,
-        typer.Option(help="Number of averages of that coherence.", callback=in_range(1, 1e12)),
-    ] = None,
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--model",
-            "-m",
-            help="Model to compare, such as P1D, P2D or TF(1,2); repeat for several (default: ten "
-            "processes, P1 to P3D).",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")
-    ] = None,
+    data: Path,
+    column: Annotated[list[str], typer.Option()],
+    frequency: str = "frequency_Hz",
+    form: str = "magnitude",
+    uncertainty: str | None = None,
+    coherence: str | None = None,
+    averages: Annotated[float | None, number_option(1, 1e12)] = None,
+    model: Annotated[list[str] | None, typer.Option("--model", "-m")] = None,
+    out: Path | None = None,
     *,
     reporter: Reporter,
 ) -> None:
@@ -342,11 +254,33 @@ def response(
 
     Example: tcdyn response bode.csv --frequency f_Hz --column gain_dB --column phase_deg
     --form dB --coherence g2 --averages 20
+
+    Parameters
+    ----------
+    data
+        Table with one row for each frequency: CSV, LVM, TDMS or Parquet.
+    column
+        Column of the magnitude, then column of the phase in degrees; give it twice.
+    frequency
+        Column of the frequency in Hz.
+    form
+        Content of the two columns: magnitude or dB, each with the phase, or complex (real,
+        imaginary).
+    uncertainty
+        Column of the standard uncertainty of real and imaginary part.
+    coherence
+        Column of the coherence, instead of --uncertainty.
+    averages
+        Number of averages of that coherence.
+    model
+        Model to compare, such as P1D, P2D or TF(1,2); repeat for several (default: ten processes,
+        P1 to P3D).
+    out
+        JSON to write (default: DATA.identified.json).
     """
     import pandas as pd
 
     from tcdyn.identification import CANDIDATES, Response, fit_response, read_identified
-    from tcdyn.io.write import write_text
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
     pair = _columns("--column", column)
@@ -385,7 +319,7 @@ def response(
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
     content = best.to_dict() | {"source": source_entry(data)}
-    write_text(path, dump(content))
+    write_json(path, content)
     read_identified(path)
     reporter.json(lambda: content)
     reporter.summary(best.summary(as_option))

@@ -21,10 +21,10 @@ from tcdyn.cli.common import (
     Reporter,
     check_choice,
     check_outputs,
-    dump,
     number_option,
-    option_groups,
+    options_from_docstring,
     source_entry,
+    write_json,
 )
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import messages, unique
@@ -45,7 +45,7 @@ RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def show(record: RecordPath, *, reporter: Reporter) -> None:
     """Print a record: static lines, lags, and the files it was made from.
 
@@ -82,17 +82,22 @@ def _print_line(console: Console, text: str) -> None:
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def diff(
     old: RecordPath,
     new: RecordPath,
-    every: Annotated[bool, typer.Option("--all", help="also list what did not drift")] = False,
+    every: Annotated[bool, typer.Option("--all")] = False,
     *,
     reporter: Reporter,
 ) -> None:
     """List what drifted significantly between two calibrations of one disk (5 %, Holm).
 
     Example: tcdyn rig record diff fast.2026.disk.json fast.disk.json
+
+    Parameters
+    ----------
+    every
+        also list what did not drift
     """
     from calibration.compare import compare_records
     from tcdyn.rig.record import read_record
@@ -111,7 +116,7 @@ def diff(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def check(record: RecordPath, *, reporter: Reporter) -> None:
     """Check a record: exit code 2 if it is damaged; warnings are listed.
 
@@ -129,11 +134,9 @@ def check(record: RecordPath, *, reporter: Reporter) -> None:
     reporter.finish(record.name, findings)
 
 
-@option_groups
+@options_from_docstring
 def check_rig(
-    file: Annotated[
-        Path | None, typer.Argument(help="rig.toml to check (default: the default values)")
-    ] = None,
+    file: Annotated[Path | None, typer.Argument()] = None,
     *,
     reporter: Reporter,
 ) -> None:
@@ -141,6 +144,11 @@ def check_rig(
 
     Example: tcdyn rig check > rig.toml writes a file to start with; tcdyn rig check rig.toml
     checks it.
+
+    Parameters
+    ----------
+    file
+        rig.toml to check (default: the default values)
     """
     from tcdyn.rig.rigfile import load_rig, rig_toml
 
@@ -149,28 +157,12 @@ def check_rig(
     reporter.text(rig_toml(settings).rstrip())
 
 
-@option_groups
+@options_from_docstring
 def transducer(
-    table: Annotated[
-        Path,
-        typer.Argument(
-            help="table with the columns volts, force_N and, for several sessions, session (a "
-            "number)"
-        ),
-    ],
-    out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
-    quantity: Annotated[
-        str | None, typer.Option(help="load or friction: print only the lines for the rig file")
-    ] = None,
-    weight_u_rel: Annotated[
-        float,
-        number_option(
-            "--weight-u-rel",
-            "relative standard uncertainty common to all weights, and of the lever",
-            0,
-            0.5,
-        ),
-    ] = 0.001,
+    table: Path,
+    out: Path | None = None,
+    quantity: str | None = None,
+    weight_u_rel: Annotated[float, number_option(0, 0.5)] = 0.001,
     *,
     reporter: Reporter,
 ) -> None:
@@ -186,10 +178,20 @@ def transducer(
 
     Example: tcdyn rig transducer weights.csv --out cell.json; tcdyn rig transducer torque.csv
     --quantity friction
+
+    Parameters
+    ----------
+    table
+        table with the columns volts, force_N and, for several sessions, session (a number)
+    out
+        JSON to write
+    quantity
+        load or friction: print only the lines for the rig file
+    weight_u_rel
+        relative standard uncertainty common to all weights, and of the lever
     """
     from calibration.transducers import fit_transducer
     from tcdyn.io.read import read_numbers
-    from tcdyn.io.write import write_text
 
     if quantity is not None:
         check_choice("--quantity", quantity, ("load", "friction"))
@@ -198,7 +200,7 @@ def transducer(
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
-        write_text(out, dump(line.to_dict() | {"source": source_entry(table)}))
+        write_json(out, line.to_dict() | {"source": source_entry(table)})
     if quantity is None:
         reporter.json(line.to_dict)
         reporter.summary(line.summary())
@@ -221,25 +223,11 @@ def transducer(
     reporter.finish(table.name, line.findings)
 
 
-@option_groups
+@options_from_docstring
 def line(
-    table: Annotated[
-        Path,
-        typer.Argument(
-            help="table with the columns temperature_degC and flux_W_m2 of a heated spot (figure "
-            "8.1)"
-        ),
-    ],
+    table: Path,
     disk: Disk = "fast",
-    flux_u_rel: Annotated[
-        float,
-        number_option(
-            "--flux-u-rel",
-            "relative uncertainty common to all fluxes: power of the heater, area of the spot",
-            0,
-            1,
-        ),
-    ] = 0.02,
+    flux_u_rel: Annotated[float, number_option(0, 1)] = 0.02,
     *,
     reporter: Reporter,
 ) -> None:
@@ -249,6 +237,13 @@ def line(
     of h and the ambient temperature there.
 
     Example: tcdyn rig line spot_fast.csv --disk fast >> rig.toml
+
+    Parameters
+    ----------
+    table
+        table with the columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)
+    flux_u_rel
+        relative uncertainty common to all fluxes: power of the heater, area of the spot
     """
     from tcdyn.io.read import read_numbers
     from tcdyn.rig.tables import fit_surface_flux

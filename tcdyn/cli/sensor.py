@@ -20,7 +20,7 @@ from tcdyn.cli.common import (
     check_outputs,
     check_picture,
     number_option,
-    option_groups,
+    options_from_docstring,
     save_picture,
 )
 from tcdyn.cli.tables import TableReading, value_and_u
@@ -38,23 +38,24 @@ app = typer.Typer(
     help="State or measure the lag of a thermocouple; the file is for compensate and follow.",
 )
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
-OneColumn = Annotated[str, typer.Option("--column", help="column of the sensor")]
-Columns = Annotated[
-    list[str], typer.Option("--column", help="column of the table; * matches any text")
-]
+OneColumn = Annotated[str, typer.Option(help="column of the sensor")]
+Columns = Annotated[list[str], typer.Option(help="column of the table; * matches any text")]
 
 
 @dataclass(frozen=True)
 class SensorOutput:
-    """Options for the sensor file to write."""
+    """Options for the sensor file to write.
 
-    out: Annotated[
-        Path | None,
-        typer.Option(help="*.sensor.json to write (default: the result is only printed)"),
-    ] = None
-    name: Annotated[
-        str | None, typer.Option(help="name of the sensor (default: name of the file)")
-    ] = None
+    Attributes
+    ----------
+    out
+        *.sensor.json to write (default: the result is only printed)
+    name
+        name of the sensor (default: name of the file)
+    """
+
+    out: Path | None = None
+    name: str | None = None
 
     @property
     def sensor_name(self) -> str:
@@ -107,39 +108,34 @@ class SensorOutput:
 
 @dataclass(frozen=True)
 class FilterOptions:
-    """Options for a known filter after the sensor."""
+    """Options for a known filter after the sensor.
 
-    cutoff_hz: Annotated[
-        float | None,
-        number_option(
-            "--cutoff-Hz",
-            "cutoff of a known low-pass filter after the sensor [Hz] (default: no filter)",
-            1e-6,
-            1e9,
-        ),
-    ] = None
-    poles: Annotated[
-        int | None, typer.Option(min=1, max=6, help="poles of that filter (default: 2)")
-    ] = None
-    shape: Annotated[
-        str | None,
-        typer.Option(
-            help="shape of that filter: cascade (of first-order lags, the default) or butterworth"
-        ),
-    ] = None
+    Attributes
+    ----------
+    cutoff_Hz
+        cutoff of a known low-pass filter after the sensor [Hz] (default: no filter)
+    poles
+        poles of that filter (default: 2)
+    shape
+        shape of that filter: cascade (of first-order lags, the default) or butterworth
+    """
+
+    cutoff_Hz: Annotated[float | None, number_option(1e-6, 1e9)] = None
+    poles: Annotated[int | None, typer.Option(min=1, max=6)] = None
+    shape: str | None = None
 
     def conditioning(self) -> Conditioning:
         """The filter; ``NO_CONDITIONING`` if none is specified."""
         from tcdyn.chain import NO_CONDITIONING
         from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
-        if self.cutoff_hz is None:
+        if self.cutoff_Hz is None:
             _check_needed("--poles", self.poles, "--cutoff-Hz")
             _check_needed("--shape", self.shape, "--cutoff-Hz")
             return NO_CONDITIONING
         shape = self.shape or "cascade"
         check_choice("--shape", shape, FILTER_SHAPES)
-        return Conditioning(self.cutoff_hz, self.poles or 2, shape)  # type: ignore[arg-type]
+        return Conditioning(self.cutoff_Hz, self.poles or 2, shape)  # type: ignore[arg-type]
 
 
 def _check_needed(option: str, value: object, needed: str) -> None:
@@ -149,23 +145,11 @@ def _check_needed(option: str, value: object, needed: str) -> None:
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def new(
-    tau_s: Annotated[
-        list[str],
-        typer.Option(
-            "--tau-s",
-            help="a lag in seconds with its standard uncertainty: 1.5+-0.1; repeat for several "
-            "lags",
-        ),
-    ],
+    tau_s: Annotated[list[str], typer.Option()],
     column: Columns,
-    dead_time_s: Annotated[
-        str,
-        typer.Option(
-            "--dead-time-s", help="dead time in seconds with its standard uncertainty: 0.2+-0.05"
-        ),
-    ] = "0",
+    dead_time_s: str = "0",
     *,
     output: SensorOutput,
     known_filter: FilterOptions,
@@ -174,6 +158,13 @@ def new(
     """Write a sensor file from a known lag, for example from a data sheet.
 
     Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
+
+    Parameters
+    ----------
+    tau_s
+        a lag in seconds with its standard uncertainty: 1.5+-0.1; repeat for several lags
+    dead_time_s
+        dead time in seconds with its standard uncertainty: 0.2+-0.05
     """
     from tcdyn.sensors import specified_sensor
 
@@ -189,15 +180,20 @@ def new(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def show(
-    file: Annotated[Path, typer.Argument(help="*.sensor.json, or the JSON of tcdyn identify")],
+    file: Path,
     *,
     reporter: Reporter,
 ) -> None:
     """Print a sensor file: lag, times of the step response, how the lag was determined.
 
     Example: tcdyn sensor show probe.sensor.json
+
+    Parameters
+    ----------
+    file
+        *.sensor.json, or the JSON of tcdyn identify
     """
     from tcdyn.sensors import read_sensor
 
@@ -206,46 +202,16 @@ def show(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def plunge(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="table with a time column: CSV, LVM, TDMS or Parquet; one for each dip",
-        ),
-    ],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...")],
     column: OneColumn,
-    entry_s: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--entry-s",
-            help="instant of entry on the clock of the table in seconds, with its standard "
-            "uncertainty: 12.3+-0.02; with several dips once for each, in their order",
-        ),
-    ] = None,
-    medium_s: Annotated[
-        str,
-        typer.Option(
-            "--medium-s",
-            help="time constant of the temperature step itself in seconds; it is not part of the "
-            "lag",
-        ),
-    ] = "0.02+-0.02",
-    medium: Annotated[
-        str | None,
-        typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522"),
-    ] = None,
-    diameter_mm: Annotated[
-        float | None, typer.Option("--diameter-mm", help="with --medium: diameter of the sheath")
-    ] = None,
-    speed_m_s: Annotated[
-        float | None, typer.Option("--speed-m-s", help="with --medium: another speed of the stream")
-    ] = None,
-    junction: Annotated[
-        str,
-        typer.Option(help="axis (insulated, in the axis of the sheath) or sheath (welded to it)"),
-    ] = "axis",
+    entry_s: list[str] | None = None,
+    medium_s: str = "0.02+-0.02",
+    medium: str | None = None,
+    diameter_mm: float | None = None,
+    speed_m_s: float | None = None,
+    junction: str = "axis",
     *,
     output: SensorOutput,
     known_filter: FilterOptions,
@@ -259,6 +225,24 @@ def plunge(
 
     Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water
     --diameter-mm 3
+
+    Parameters
+    ----------
+    logs
+        table with a time column: CSV, LVM, TDMS or Parquet; one for each dip
+    entry_s
+        instant of entry on the clock of the table in seconds, with its standard uncertainty:
+        12.3+-0.02; with several dips once for each, in their order
+    medium_s
+        time constant of the temperature step itself in seconds; it is not part of the lag
+    medium
+        water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522
+    diameter_mm
+        with --medium: diameter of the sheath
+    speed_m_s
+        with --medium: another speed of the stream
+    junction
+        axis (insulated, in the axis of the sheath) or sheath (welded to it)
     """
     from tcdyn.sensors import sensor_from_dip
 
@@ -282,37 +266,14 @@ def plunge(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def pair(
     log: Log,
-    column: Annotated[
-        list[str], typer.Option("--column", help="one of the two columns; give it twice")
-    ],
-    speed: Annotated[
-        str | None,
-        typer.Option(
-            "--speed", help="column of the flow speed v: lags are proportional to v^-n, n about 0.5"
-        ),
-    ] = None,
-    exponent: Annotated[
-        str | None,
-        typer.Option(
-            "--exponent",
-            help="with --speed: n and its standard uncertainty (default: 0.5+-0.1)",
-        ),
-    ] = None,
-    flow_step_s: Annotated[
-        list[float] | None,
-        typer.Option(
-            "--flow-step-s",
-            help="instant of a step of the flow in seconds; lags are constant between steps; "
-            "repeat for "
-            "several",
-        ),
-    ] = None,
-    bare: Annotated[
-        bool, typer.Option("--bare", help="both are bare wires, which have one lag each")
-    ] = False,
+    column: Annotated[list[str], typer.Option()],
+    speed: str | None = None,
+    exponent: str | None = None,
+    flow_step_s: list[float] | None = None,
+    bare: bool = False,
     *,
     output: SensorOutput,
     reading: TableReading,
@@ -325,6 +286,20 @@ def pair(
 
     Example: tcdyn sensor pair exhaust.csv --column T1 --column T2 --speed flow_m_s --out
     pair.sensor.json
+
+    Parameters
+    ----------
+    column
+        one of the two columns; give it twice
+    speed
+        column of the flow speed v: lags are proportional to v^-n, n about 0.5
+    exponent
+        with --speed: n and its standard uncertainty (default: 0.5+-0.1)
+    flow_step_s
+        instant of a step of the flow in seconds; lags are constant between steps; repeat for
+        several
+    bare
+        both are bare wires, which have one lag each
     """
     from tcdyn.sensors import sensor_from_pair
 
@@ -343,21 +318,12 @@ def pair(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def current(
     log: Log,
     column: OneColumn,
-    current: Annotated[
-        str,
-        typer.Option("--current", help="column of the heating current, in any unit"),
-    ],
-    off_only: Annotated[
-        bool,
-        typer.Option(
-            "--off-only",
-            help="use only rows without current, as a thermocouple cannot be read while heated",
-        ),
-    ] = False,
+    current: Annotated[str, typer.Option()],
+    off_only: bool = False,
     *,
     output: SensorOutput,
     reading: TableReading,
@@ -368,6 +334,13 @@ def current(
     The lag is converted to that of a plunge.
 
     Example: tcdyn sensor current lcsr.csv --column R1 --current I_mA --out pipe.sensor.json
+
+    Parameters
+    ----------
+    current
+        column of the heating current, in any unit
+    off_only
+        use only rows without current, as a thermocouple cannot be read while heated
     """
     from tcdyn.sensors import sensor_from_current
 
@@ -379,7 +352,7 @@ def current(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def noise(
     log: Log,
     column: OneColumn,
@@ -402,20 +375,12 @@ def noise(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def touch(
     log: Log,
     column: Columns,
-    order: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="column that was touched; repeat for each in the order of touching (default: not "
-            "stated)"
-        ),
-    ] = None,
-    touch_s: Annotated[
-        float, number_option("--touch-s", "duration of a touch in seconds", 0.01, 600)
-    ] = 2.0,
+    order: list[str] | None = None,
+    touch_s: Annotated[float, number_option(0.01, 600)] = 2.0,
     picture: OptionalPicture = None,
     *,
     reading: TableReading,
@@ -429,6 +394,13 @@ def touch(
 
     Example: tcdyn sensor touch touch.csv --column "slow_*_degC" --order slow_a --order slow_b
     --picture t.png
+
+    Parameters
+    ----------
+    order
+        column that was touched; repeat for each in the order of touching (default: not stated)
+    touch_s
+        duration of a touch in seconds
     """
     from functools import partial
 

@@ -22,9 +22,8 @@ from tcdyn.cli.common import (
     check_choice,
     check_outputs,
     count_progress,
-    in_range,
     number_option,
-    option_groups,
+    options_from_docstring,
     stage_progress,
 )
 from tcdyn.cli.record import rich_table
@@ -42,18 +41,16 @@ app = typer.Typer(
     add_completion=False,
 )
 
-Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
+Out = Annotated[Path, typer.Option(help="CSV file to write")]
 Seed = Annotated[
     int, typer.Option(min=0, help="random seed; the same seed gives the same rig and the same file")
 ]
 Test = Annotated[str, typer.Option(help="test A1 to D4 (table 6.1)")]
 Beta = Annotated[
     float | None,
-    typer.Option(help="true heat partition (default: random)", callback=in_range(0, 1)),
+    number_option(0, 1, help="true heat partition (default: random)"),
 ]
-RigPath = Annotated[
-    Path | None, typer.Option("--rig", help="rig.toml (default: the default values)")
-]
+RigPath = Annotated[Path | None, typer.Option(help="rig.toml (default: the default values)")]
 Uneven = Annotated[
     list[str] | None,
     typer.Option(
@@ -69,16 +66,17 @@ Clean = Annotated[
 
 @dataclass(frozen=True)
 class SimulatedRig:
-    """Options for the rig whose logs are simulated."""
+    """Options for the rig whose logs are simulated.
+
+    Attributes
+    ----------
+    uncertain
+        random steel, depths, washers and so on, within the uncertainties of rig.toml
+    """
 
     seed: Seed = 0
     rig: RigPath = None
-    uncertain: Annotated[
-        bool,
-        typer.Option(
-            help="random steel, depths, washers and so on, within the uncertainties of rig.toml"
-        ),
-    ] = False
+    uncertain: bool = False
     clean: Clean = False
 
     def truth(self) -> RigTruth:
@@ -119,7 +117,7 @@ class SimulatedRig:
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def oven(out: Out, disk: Disk = "fast", *, simulated: SimulatedRig, reporter: Reporter) -> None:
     """Simulate the oven calibration of one disk, 20 to 160 degC, three repeats.
 
@@ -132,22 +130,14 @@ def oven(out: Out, disk: Disk = "fast", *, simulated: SimulatedRig, reporter: Re
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def immersion(
     out: Out,
     disk: Disk = "fast",
-    bath_degC: Annotated[
-        float, number_option("--bath-degC", "temperature of the bath", -60, 400)
-    ] = 110.0,
-    fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
-    duration_s: Annotated[
-        float,
-        number_option("--duration-s", "length of the log after the entry in seconds", 10, 3600),
-    ] = 140.0,
-    plunge: Annotated[
-        int,
-        typer.Option(min=1, help="number of the plunge; each is another plunge of the same rig"),
-    ] = 1,
+    bath_degC: Annotated[float, number_option(-60, 400)] = 110.0,
+    fluid: str = "mobil-jet-ii",
+    duration_s: Annotated[float, number_option(10, 3600)] = 140.0,
+    plunge: Annotated[int, typer.Option(min=1)] = 1,
     *,
     simulated: SimulatedRig,
     reporter: Reporter,
@@ -155,6 +145,17 @@ def immersion(
     """Simulate a plunge of one disk into a hot bath.
 
     Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
+
+    Parameters
+    ----------
+    bath_degC
+        temperature of the bath
+    fluid
+        mobil-jet-ii or water
+    duration_s
+        length of the log after the entry in seconds
+    plunge
+        number of the plunge; each is another plunge of the same rig
     """
     from tcdyn.simulate.bath import FLUIDS
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
@@ -175,7 +176,7 @@ def immersion(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) -> None:
     """Simulate the comparison of holes of section 5.4.
 
@@ -191,47 +192,16 @@ def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) 
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def ehl(
     out: Out,
     test: Test = "B3",
     beta: Beta = None,
-    unloading_s: Annotated[
-        float,
-        number_option(
-            "--unloading-s",
-            "time in seconds in which load and friction fall to zero; 1.5 in figure 4.20",
-            0.001,
-            10,
-        ),
-    ] = 0.02,
-    brake_s: Annotated[
-        float | None,
-        number_option(
-            "--brake-s",
-            "time in seconds after the unloading in which both speeds fall to 1/e",
-            0.1,
-            1e6,
-        ),
-    ] = None,
-    again: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="another contact after the unloading: length@time after it, in seconds; repeat "
-            "for "
-            "several"
-        ),
-    ] = None,
+    unloading_s: Annotated[float, number_option(0.001, 10)] = 0.02,
+    brake_s: Annotated[float | None, number_option(0.1, 1e6)] = None,
+    again: list[str] | None = None,
     uneven: Uneven = None,
-    film_air_K: Annotated[
-        float,
-        number_option(
-            "--film-air-K",
-            "temperature of the air at the running surfaces, above the ambient [K]",
-            -50,
-            50,
-        ),
-    ] = 0.0,
+    film_air_K: Annotated[float, number_option(-50, 50)] = 0.0,
     *,
     simulated: SimulatedRig,
     reporter: Reporter,
@@ -240,6 +210,17 @@ def ehl(
 
     Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --unloading-s 1.5 --brake-s 3
     --again 0.2@1 --uneven slow:0.5@30
+
+    Parameters
+    ----------
+    unloading_s
+        time in seconds in which load and friction fall to zero; 1.5 in figure 4.20
+    brake_s
+        time in seconds after the unloading in which both speeds fall to 1/e
+    again
+        another contact after the unloading: length@time after it, in seconds; repeat for several
+    film_air_K
+        temperature of the air at the running surfaces, above the ambient [K]
     """
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
@@ -258,20 +239,12 @@ def ehl(
 
 
 @app.command()
-@option_groups
+@options_from_docstring
 def campaign(
-    out: Annotated[Path, typer.Option("--out", help="folder to write")],
-    test: Annotated[
-        list[str] | None,
-        typer.Option(help="test A1 to D4, or all (default B3); repeat for several"),
-    ] = None,
-    bath_degC: Annotated[
-        list[float] | None,
-        number_option("--bath-degC", "bath temperature of a plunge; repeat for several", -60, 400),
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, max=256, help="worker processes on this machine")
-    ] = 1,
+    out: Annotated[Path, typer.Option()],
+    test: list[str] | None = None,
+    bath_degC: Annotated[list[float] | None, number_option(-60, 400)] = None,
+    workers: Annotated[int, typer.Option(min=1, max=256)] = 1,
     *,
     simulated: SimulatedRig,
     reporter: Reporter,
@@ -279,6 +252,17 @@ def campaign(
     """Simulate a complete campaign: rig.toml, oven logs, plunge logs, EHL tests and truth/.
 
     Example: tcdyn simulate campaign --out lab --test B3 --test D4 --seed 7
+
+    Parameters
+    ----------
+    out
+        folder to write
+    test
+        test A1 to D4, or all (default B3); repeat for several
+    bath_degC
+        bath temperature of a plunge; repeat for several
+    workers
+        worker processes on this machine
     """
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, PlannedPlunge, simulate_campaign
@@ -302,13 +286,11 @@ def campaign(
     reporter.summary(files.summary())
 
 
-@option_groups
+@options_from_docstring
 def demo(
-    out: Annotated[Path, typer.Option(help="folder to write")] = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0, help="random seed; each seed is another rig")] = 1,
-    test: Annotated[
-        list[str] | None, typer.Option(help="test of table 6.1 (default B3); repeat for several")
-    ] = None,
+    out: Path = Path("demo"),
+    seed: Annotated[int, typer.Option(min=0)] = 1,
+    test: list[str] | None = None,
     verbose: Verbose = False,
     *,
     reporter: Reporter,
@@ -319,6 +301,15 @@ def demo(
     simulated, the true value is printed next to every result. No stage reads it.
 
     Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
+
+    Parameters
+    ----------
+    out
+        folder to write
+    seed
+        random seed; each seed is another rig
+    test
+        test of table 6.1 (default B3); repeat for several
     """
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import source_table

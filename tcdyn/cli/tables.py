@@ -22,20 +22,16 @@ if TYPE_CHECKING:
 SensorFiles = Annotated[
     list[Path] | None,
     typer.Option(
-        "--sensor",
         help="*.sensor.json, or the JSON of identify, for any table; repeat for each sensor",
     ),
 ]
 TableColumns = Annotated[
     list[str] | None,
-    typer.Option(
-        "--column", help="with --sensor: column of the sensor, instead of the one in its file"
-    ),
+    typer.Option(help="with --sensor: column of the sensor, instead of the one in its file"),
 ]
 CsvDialect = Annotated[
     str,
     typer.Option(
-        "--dialect",
         help="of CSV: standard (UTF-8, commas, decimal points) or input (separator, decimal mark, "
         "encoding and line ends of the log)",
     ),
@@ -43,7 +39,6 @@ CsvDialect = Annotated[
 CsvComments = Annotated[
     bool,
     typer.Option(
-        "--comments",
         help="of CSV: metadata as lines '# key: value' above the header, instead of in "
         "OUT.meta.json",
     ),
@@ -52,31 +47,27 @@ CsvComments = Annotated[
 
 @dataclass(frozen=True)
 class TableReading:
-    """Options for time and units of a table whose column names do not state them."""
+    """Options for time and units of a table whose column names do not state them.
 
-    time: Annotated[
-        str | None, typer.Option(help="of a table: the time column, if it is not detected")
-    ] = None
-    time_unit: Annotated[
-        str | None,
-        typer.Option(
-            "--time-unit", help="of a table: unit of its time, if the header does not state it"
-        ),
-    ] = None
-    unit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="of a table: degC, K, degF or mV, if the names do not state it; T1=K for one "
-            "column"
-        ),
-    ] = None
-    couple: Annotated[
-        str | None, typer.Option(help="with mV: thermocouple type E, J, K, N or T (ITS-90)")
-    ] = None
-    cold_junction: Annotated[
-        str,
-        typer.Option(help="with mV: temperature of the reference junction in degC, or its column"),
-    ] = "0"
+    Attributes
+    ----------
+    time
+        of a table: the time column, if it is not detected
+    time_unit
+        of a table: unit of its time, if the header does not state it
+    unit
+        of a table: degC, K, degF or mV, if the names do not state it; T1=K for one column
+    couple
+        with mV: thermocouple type E, J, K, N or T (ITS-90)
+    cold_junction
+        with mV: temperature of the reference junction in degC, or its column
+    """
+
+    time: str | None = None
+    time_unit: str | None = None
+    unit: list[str] | None = None
+    couple: str | None = None
+    cold_junction: str = "0"
 
     def options(self) -> dict[str, Any]:
         """Keyword arguments of ``compensate_table``.
@@ -154,14 +145,15 @@ def value_and_u(text: str, option: str, limit: float = 1e9) -> tuple[float, floa
     return value, u
 
 
-def only_with_records(options: list[str]) -> None:
-    """Raise InputError if ``options``, which need disk records, are not empty."""
-    if options:
-        raise InputError(
-            f"{options[0]} with --sensor",
-            remedy="leave one of them out: the first needs records of disks, --sensor is for any "
-            "table",
-        )
+def only_with_records(options: Mapping[str, object]) -> None:
+    """Raise InputError if one of ``options``, which need disk records, has a value."""
+    for option, value in options.items():
+        if value:
+            raise InputError(
+                f"{option} with --sensor",
+                remedy="leave one of them out: the first needs records of disks, --sensor is for "
+                "any table",
+            )
 
 
 def compensate_any_table(

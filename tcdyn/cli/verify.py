@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, option_groups
+from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, options_from_docstring
 from tcdyn.core.findings import warning
 
 if TYPE_CHECKING:
@@ -32,13 +32,11 @@ COLOURS = {
 }
 
 
-@option_groups
+@options_from_docstring
 def verify(
-    report: Annotated[
-        Path | None, typer.Option("--report", help="HTML report with the table and figures")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="table (.csv) to write")] = None,
-    why: Annotated[bool, typer.Option("--why", help="print the reason for every row")] = False,
+    report: Path | None = None,
+    out: Path | None = None,
+    why: bool = False,
     *,
     reporter: Reporter,
 ) -> None:
@@ -49,57 +47,48 @@ def verify(
     wrong model.
 
     Example: tcdyn verify --why --report verify.html
+
+    Parameters
+    ----------
+    report
+        HTML report with the table and figures
+    out
+        table (.csv) to write
+    why
+        print the reason for every row
     """
-    from tcdyn.verify import verify_rows
+    from tcdyn.verify import count_by_kind, summary_text, verify_rows
 
     check_outputs([], reporter.overwrite, report=report, out=out)
     rows = verify_rows()
-    reporter.json(lambda: {"sentence": summary_text(rows), "classes": by_kind(rows), "rows": rows})
+    summary = summary_text(rows)
+    reporter.json(lambda: {"sentence": summary, "classes": count_by_kind(rows), "rows": rows})
     if not reporter.is_silent:
-        _print(rows, why)
+        _print(summary, rows, why)
     if out is not None:
         from tcdyn.io.write import table_csv, write_text
 
         write_text(out, table_csv(_frame(rows)))
     if report is not None:
-        _report(rows, report)
+        _report(summary, rows, report)
     if any(row.failed for row in rows):
         raise typer.Exit(NOT_TRUSTED)
 
 
-def by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:
-    """Number of rows of each class."""
-    from tcdyn.verify import KINDS
-
-    return {kind: sum(row.kind == kind for row in rows) for kind in KINDS}
-
-
-def summary_text(rows: Sequence[VerifyRow]) -> str:
-    """Summary in two sentences: number of rows by result, and by class."""
-    from tcdyn.verify import KINDS
-
-    count = {v: sum(row.verdict == v for row in rows) for v in COLOURS}
-    counts = by_kind(rows)
-    classes = "; ".join(f"{counts[kind]} {text}" for kind, text in KINDS.items())
-    return (
-        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} "
-        f"show the same trend, {count['misprint']} are misprints there, {count['differs']} differ, "
-        f"{count['not checkable']} cannot be checked in size. By class: {classes}."
-    )
-
-
-def _print(rows: Sequence[VerifyRow], why: bool) -> None:
+def _print(summary: str, rows: Sequence[VerifyRow], why: bool) -> None:
     """Print the summary, then the rows by result, the most important first.
 
     Parameters
     ----------
+    summary
+        Summary of the rows.
     rows
         All rows.
     why
         Print the reason of rows that agree, too.
     """
     console = Console()
-    console.print(summary_text(rows), markup=False, highlight=False)
+    console.print(summary, markup=False, highlight=False)
     for verdict in COLOURS:
         selected = [row for row in rows if row.verdict == verdict]
         if selected:
@@ -151,11 +140,13 @@ def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
 REPORT_COLUMNS = ["quantity", "source", "published", "ours", "verdict", "kind", "why"]
 
 
-def _report(rows: Sequence[VerifyRow], path: Path) -> None:
+def _report(summary: str, rows: Sequence[VerifyRow], path: Path) -> None:
     """Write the page with all rows and the figures.
 
     Parameters
     ----------
+    summary
+        Summary of the rows.
     rows
         All rows.
     path
@@ -187,6 +178,6 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
         path,
         "Published numbers and ours",
         sections,
-        verdict=summary_text(rows),
+        verdict=summary,
         findings=differences,
     )

@@ -6,9 +6,7 @@ The page is made by :func:`tcdyn.report.view.view`. Test: ``tests/report/test_vi
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from tcdyn.cli.common import (
     OptionalRecordFiles,
@@ -16,21 +14,21 @@ from tcdyn.cli.common import (
     RigFileOrRecords,
     Verbose,
     check_outputs,
-    option_groups,
+    options_from_docstring,
     stage_progress,
 )
 from tcdyn.cli.tables import SensorFiles, TableColumns, TableReading, only_with_records
 from tcdyn.core.errors import InputError
 
 
-@option_groups
+@options_from_docstring
 def view(
-    log: Annotated[Path, typer.Argument(help="log of the rig, or any table with a column of time")],
+    log: Path,
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: RigFileOrRecords = None,
-    out: Annotated[Path | None, typer.Option(help="page to write (default LOG.view.html)")] = None,
-    open_: Annotated[bool, typer.Option("--open/--no-open", help="open it in the browser")] = True,
+    out: Path | None = None,
+    open_: bool = True,
     column: TableColumns = None,
     verbose: Verbose = False,
     *,
@@ -42,6 +40,15 @@ def view(
     Example: tcdyn view kiln.csv --sensor probe.sensor.json
 
     A log of the rig: tcdyn view D4.csv --record fast.disk.json --record slow.disk.json
+
+    Parameters
+    ----------
+    log
+        log of the rig, or any table with a column of time
+    out
+        page to write (default LOG.view.html)
+    open_
+        open it in the browser
     """
     from tcdyn.report.view import view as write_view
     from tcdyn.rig.opened_log import records_by_disk
@@ -54,7 +61,7 @@ def view(
     if record:
         calibrations = records_by_disk(record)
     else:
-        only_with_records(["--rig"] if rig else [])
+        only_with_records({"--rig": rig})
         calibrations = [read_sensor(path) for path in sensor or ()]
     page = out or log.with_name(f"{log.stem}.view.html")
     inputs = [log, rig, *(record or ()), *(sensor or ())]

@@ -11,7 +11,7 @@ model forms. Used by :mod:`tcdyn.workflows`, :mod:`tcdyn.report`, :mod:`tcdyn.pl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -32,6 +32,7 @@ from tcdyn.core.findings import (
     warning,
     warnings_and_errors,
 )
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.at_rest import cables_exchanged, disks_differ
 from tcdyn.partition.cooling import (
@@ -227,7 +228,7 @@ def analyse(
     weights: Array | None = None,
     seed: int = 0,
     sensor_check: bool = True,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> Partition:
     """Steady lines, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
@@ -281,7 +282,7 @@ def analyse_corrected(
     profile: Profile = "modal",
     weights: Array | None = None,
     seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> Partition:
     """The stages of :func:`analyse` after the sensor check.
 

@@ -10,7 +10,7 @@ junctions do not determine the second harmonic: for two groups of junctions that
 nearly the same in both.
 
 The joint fits estimate the harmonic, :mod:`tcdyn.partition.analyse` subtracts it, and
-:mod:`tcdyn.workflows.circumferential` draws it. Guarded by ``tests/partition/test_uneven.py`` and
+:mod:`tcdyn.partition.circumferential` draws it. Guarded by ``tests/partition/test_uneven.py`` and
 ``tests/partition/test_stated_fit.py``.
 """
 

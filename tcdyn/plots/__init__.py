@@ -16,18 +16,15 @@ from tcdyn.plots.calibration import (
     draw_lags,
     draw_log,
     draw_touches,
-    draw_transducer,
 )
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
 from tcdyn.plots.campaign import draw_beta, draw_junction_map, draw_quantity
 from tcdyn.plots.circumferential import draw_middle_plane, draw_running_surface
-from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.conduction import (
     draw_comparison,
     draw_convergence,
-    draw_field,
     draw_mesh_errors,
-    draw_profiles,
 )
 from tcdyn.plots.identify import (
     draw_band,
@@ -52,13 +49,9 @@ from tcdyn.plots.pick import draw
 from tcdyn.plots.plunge import (
     draw_common_lag,
     draw_design,
-    draw_differential_lags,
-    draw_entry,
-    draw_heat_transfer,
     draw_holes,
     draw_plunge,
     draw_plunge_residuals,
-    draw_record,
 )
 from tcdyn.plots.transient import draw_inverse_check, draw_junctions, draw_window_study
 
@@ -79,13 +72,9 @@ __all__ = [
     "draw_correlation",
     "draw_data",
     "draw_design",
-    "draw_differential_lags",
-    "draw_entry",
     "draw_error_histogram",
-    "draw_field",
     "draw_filter_report",
     "draw_fit",
-    "draw_heat_transfer",
     "draw_holes",
     "draw_inverse_check",
     "draw_junction_map",
@@ -100,16 +89,12 @@ __all__ = [
     "draw_plunge",
     "draw_plunge_residuals",
     "draw_poles",
-    "draw_profiles",
     "draw_quantity",
-    "draw_record",
     "draw_residuals",
     "draw_running_surface",
     "draw_step",
     "draw_temperatures",
     "draw_touches",
-    "draw_tradeoff",
-    "draw_transducer",
     "draw_unloading",
     "draw_window_study",
 ]

@@ -8,7 +8,6 @@ the gallery of the manual. Tests: ``tests/report/test_pictures.py`` and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from calibration.static_lines import OvenFit, error_histogram
-from calibration.transducers import BearingFriction, TransducerLine
+from calibration.static_lines import OvenFit
+from calibration.transducers import BearingFriction
 from immersion.plunge_result import LagShare
 from tcdyn.chain import Chain
 from tcdyn.core import Array
@@ -39,41 +38,11 @@ from tcdyn.rig.record import ChainRecord
 from tcdyn.rig.static_line import static_u
 from tcdyn.sensors.touch import TouchLog
 
-MIN_BINS = 12  # bins of a histogram over the range of the errors, at least; chosen by judgement
+MAX_BINS = 25  # bins of a histogram, at most; their width is 1, 2 or 5 times a power of ten
 CHANNEL_SHIFT = 0.006  # sideways shift between channels, as a share of the temperature range
 
 
-def bin_width(errors_K: ArrayLike) -> float:
-    """Return the widest of 0.5, 0.2, 0.1, 0.05 .. K that gives at least ``MIN_BINS`` bins.
-
-    Parameters
-    ----------
-    errors_K
-        Errors of any shape [K], NaN left out.
-
-    Returns
-    -------
-    width
-        [K]; 0.1 where all errors are equal.
-
-    Examples
-    --------
-    >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
-    (0.01, 0.2)
-    """
-    errors = np.asarray(errors_K, dtype=float)
-    span = float(np.nanmax(errors) - np.nanmin(errors)) if errors.size else 0.0
-    if not span > 0.0:
-        return 0.1
-    limit = span / MIN_BINS
-    power = 10.0 ** np.floor(np.log10(limit))
-    factor = max(k for k in (1, 2, 5) if k * power <= limit * (1 + 1e-9))
-    return float(round(power * factor, 12))
-
-
-def draw_error_histogram(
-    errors_K: ArrayLike, ax: Axes | None = None, *, label: str = "", width_K: float | None = None
-) -> Axes:
+def draw_error_histogram(errors_K: ArrayLike, ax: Axes | None = None) -> Axes:
     """Plot the histogram of the errors (thermocouple minus PRT), figure 2.16.
 
     95 % of the errors lie between the dashed lines.
@@ -81,13 +50,9 @@ def draw_error_histogram(
     Parameters
     ----------
     errors_K
-        Errors of any shape [K].
+        Errors of any shape [K], NaN left out.
     ax
         Axes to plot into; None: those of a new figure.
-    label
-        Entry of the legend.
-    width_K
-        Width of a bin [K]; by default that of :func:`bin_width`.
 
     Returns
     -------
@@ -96,15 +61,15 @@ def draw_error_histogram(
     """
     ax = axes_of(ax)
     errors = np.asarray(errors_K, dtype=float)
-    width = bin_width(errors) if width_K is None else width_K
-    counts, edges = error_histogram(errors, width)
-    style: dict[str, Any] = {"color": SLOW, "edgecolor": "white"}
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", label=label or None, **style)
+    errors = errors[np.isfinite(errors)]
+    edges = MaxNLocator(MAX_BINS, steps=[1, 2, 5, 10]).tick_values(errors.min(), errors.max())
+    ax.hist(errors, edges, color=SLOW, edgecolor="white")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
-    for limit in np.nanquantile(errors, [0.025, 0.975]):
+    for limit in np.quantile(errors, [0.025, 0.975]):
         ax.axvline(limit, color=TRUTH, linewidth=0.9, linestyle="--")
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    return style_axes(ax, "thermocouple minus PRT [K]", f"errors per {width:g} K")
+    width_K = edges[1] - edges[0]
+    return style_axes(ax, "thermocouple minus PRT [K]", f"errors per {width_K:.2g} K")
 
 
 def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
@@ -150,50 +115,15 @@ def draw_residuals(oven: OvenFit, ax: Axes | None = None) -> Axes:
         t, -band, band, color=PALE, zorder=0, label="95 % of the line, not of the points"
     )
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    above: dict[str, Any] = {
-        "ncols": 7,
-        "loc": "lower left",
-        "bbox_to_anchor": (0.0, 1.0),
-        "columnspacing": 1.0,
-    }
-    return style_axes(ax, "PRT [°C]", "PRT minus line [K]", **above)
-
-
-def draw_transducer(
-    line: TransducerLine,
-    volts: ArrayLike,
-    force_N: ArrayLike,
-    session: ArrayLike,
-    ax: Axes | None = None,
-) -> Axes:
-    """Plot force against volts, one line for each session with a common slope (figure 2.21).
-
-    Parameters
-    ----------
-    line
-        Line of the transducer.
-    volts, force_N, session
-        The points (N,) from which it was fitted.
-    ax
-        Axes to plot into; None: those of a new figure.
-
-    Returns
-    -------
-    ax
-        The same axes.
-    """
-    ax = axes_of(ax)
-    voltage = np.asarray(volts, dtype=float)
-    force = np.asarray(force_N, dtype=float)
-    session_name = np.asarray(session).astype(str)
-    for name, intercept in line.intercept_N.items():
-        in_session = session_name == name
-        x = voltage[in_session]
-        dots = ax.plot(x, force[in_session], "o", markersize=4, label=name)[0]
-        ends = np.array([x.min(), x.max()])
-        fitted = line.slope_N_V.value * ends + intercept.value
-        ax.plot(ends, fitted, color=dots.get_color(), linewidth=1)
-    return style_axes(ax, "transducer [V]", "force [N]", legend_title="session")
+    return style_axes(
+        ax,
+        "PRT [°C]",
+        "PRT minus line [K]",
+        ncols=7,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        columnspacing=1.0,
+    )
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes | None = None) -> Axes:
@@ -280,9 +210,16 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
     y = np.arange(len(ordered))
     common = [s.u_common_s for s in ordered]
     differential = [s.u_differential_s for s in ordered]
-    hatched: dict[str, Any] = {"color": "white", "edgecolor": TRUTH, "hatch": "////"}
     ax.barh(y + 0.19, common, 0.36, color=SLOW, label="common lag")
-    ax.barh(y - 0.19, differential, 0.36, label="differences of channels", **hatched)
+    ax.barh(
+        y - 0.19,
+        differential,
+        0.36,
+        label="differences of channels",
+        color="white",
+        edgecolor=TRUTH,
+        hatch="////",
+    )
     largest = max([*common, *differential, 1e-6])
     for values, offset in ((common, 0.19), (differential, -0.19)):
         for k, value in enumerate(values):
@@ -429,5 +366,11 @@ def draw_touches(
             fontweight="normal" if is_as_stated else "bold",
             transform=ax.get_xaxis_transform(),
         )
-    below: dict[str, Any] = {"ncols": 3, "loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
-    return style_axes(ax, "time [s]", "reading minus its median [K]", **below)
+    return style_axes(
+        ax,
+        "time [s]",
+        "reading minus its median [K]",
+        ncols=3,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.16),
+    )

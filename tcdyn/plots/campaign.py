@@ -9,7 +9,6 @@ generalised least squares. Tests: ``tests/report/test_campaign_page.py`` and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +17,7 @@ from matplotlib.axes import Axes
 
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.scatter_trend import least_squares_trend
+from tcdyn.campaign.summary_table import QUANTITIES, analysed_rows
 from tcdyn.core.estimate import Z95
 from tcdyn.plots.style import (
     DARK,
@@ -33,7 +33,6 @@ from tcdyn.plots.style import (
 )
 from tcdyn.plots.transient import draw_depth_errors
 from tcdyn.rig.disk import DiskSetup
-from tcdyn.workflows.campaign_table import QUANTITIES, analysed_rows
 
 # Labels of the conditions that can be on the x axis.
 X_LABELS = {
@@ -71,14 +70,14 @@ def draw_quantity(
     table
         Table of the tests of a campaign.
     quantity
-        Column of the table, such as those of ``tcdyn.workflows.campaign_table.QUANTITIES``. Points
+        Column of the table, such as those of ``tcdyn.campaign.summary_table.QUANTITIES``. Points
         have 95 % bars where the table has a column ``u_<quantity>``.
     ax
         Axes to plot into; None: those of a new figure.
     against
         "load_N" or "sliding_speed_m_s".
     compared
-        Other tests (``tcdyn.workflows.campaign_table.read_compared``), as open markers.
+        Other tests (``tcdyn.campaign.summary_table.read_compared``), as open markers.
 
     Returns
     -------
@@ -99,11 +98,9 @@ def draw_quantity(
             _draw_series(ax, group[is_compared], against, quantity, k, "", is_compared=True)
     if compared is not None:
         name = compared["test"].iloc[0]
-        open_marker: dict[str, Any] = {"color": TRUTH, "markerfacecolor": "white"}
-        ax.plot([], [], "o", label=name, **open_marker)
+        ax.plot([], [], "o", label=name, color=TRUTH, markerfacecolor="white")
     y = QUANTITIES.get(quantity, quantity)
-    legend: dict[str, Any] = {"legend_title": title, "title_fontsize": 8}
-    return style_axes(ax, X_LABELS[against], y, **legend)
+    return style_axes(ax, X_LABELS[against], y, legend_title=title, title_fontsize=8)
 
 
 def draw_beta(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
@@ -303,7 +300,7 @@ def draw_junction_map(
     )
 
 
-def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_us_K_m_s") -> Axes:
+def draw_joined_beta(joined: JoinedCampaign, ax: Axes) -> Axes:
     """Plot beta of every test of the joint posterior, with the trend and the compared models.
 
     The thick bars are the 95 % intervals within the campaign, the thin bars the absolute ones.
@@ -314,8 +311,6 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
         Joint posterior of a campaign, with its trends and curves.
     ax
         Axes to plot into.
-    against
-        Condition on the x axis, a key of ``X_LABELS``.
 
     Returns
     -------
@@ -323,6 +318,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
         The same axes.
     """
     posterior = joined.posterior
+    against = "delta_T_us_K_m_s"
     x = np.array([test.conditions[against] for test in posterior.tests])
     beta = posterior.beta[0]
     u_within = np.array([estimates["beta_within"].u for estimates in posterior.estimates])

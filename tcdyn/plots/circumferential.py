@@ -9,7 +9,6 @@ Used by the pages of a test (:mod:`tcdyn.report.circumferential`) and by the com
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,9 +51,8 @@ def draw_middle_plane(around: CircumferentialTemperature, ax: Axes | None = None
         around.angle_deg, depth, around.middle_degC, levels=N_LEVELS, cmap="cividis"
     )
     every_second = np.array(filled.levels)[::2]
-    line_style: dict[str, Any] = {"colors": "k", "linewidths": 0.4}
     lines = ax.contour(
-        around.angle_deg, depth, around.middle_degC, levels=every_second, **line_style
+        around.angle_deg, depth, around.middle_degC, levels=every_second, colors="k", linewidths=0.4
     )
     for text in ax.clabel(lines, fmt="%.4g", fontsize=7):
         if not CLIPPED < text.get_position()[1] / depth.max() < 1 - CLIPPED:

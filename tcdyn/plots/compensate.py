@@ -1,4 +1,4 @@
-"""Figures of compensation: traces with bands, filter design report, L-curve of deconvolution.
+"""Figures of compensation: traces with bands, filter design report.
 
 Used by the page of ``tcdyn compensate`` (:mod:`tcdyn.report.compensate`) and by
 :func:`tcdyn.plots.pick.draw`. Tests: ``tests/report/test_pictures.py``.
@@ -23,12 +23,10 @@ from tcdyn.plots.style import (
     axes_of,
     channel_style,
     line_with_band,
-    log_axis,
     screen_rows,
     style_axes,
 )
 from tcdyn.smoothing.inverse import FilterReport
-from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
 from tcdyn.workflows.traces import Trace
 
@@ -73,8 +71,9 @@ def draw_compensated(
         y = np.asarray(logged, dtype=float)
         y = y[:, channel] if y.ndim == 2 else y
         plotted = in_window[screen_rows(y[in_window])]
-        style: dict[str, Any] = {"color": GREY, "label": "as logged"}
-        ax.plot(result.time_s[plotted], y[plotted], ".", markersize=2, **style)
+        ax.plot(
+            result.time_s[plotted], y[plotted], ".", markersize=2, color=GREY, label="as logged"
+        )
     plotted = in_window[screen_rows(result.temperature[in_window, channel])]
     t = result.time_s[plotted]
     x = result.temperature[plotted, channel]
@@ -172,39 +171,3 @@ def draw_filter_report(report: FilterReport, ax: Axes | None = None) -> Axes:
         title=f"{shift}, {noise}",
         loc="lower right",
     )
-
-
-def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes | None = None, channel: int = 0) -> Axes:
-    """Plot the L-curve of a regularised deconvolution, and the weight that was chosen.
-
-    Parameters
-    ----------
-    tradeoff
-        Misfit and roughness over the weight.
-    ax
-        Axes to plot into; None: those of a new figure.
-    channel
-        Index of the channel.
-
-    Returns
-    -------
-    ax
-        The same axes.
-
-    Notes
-    -----
-    The chosen point is interpolated along the curve in the logarithm of the intensity.
-    """
-    ax = axes_of(ax)
-    misfit = tradeoff.misfit[:, channel]
-    roughness = tradeoff.roughness[:, channel]
-    ax.plot(misfit, roughness, "o-", markersize=3, color=SLOW)
-    log_intensity = np.log(tradeoff.intensity[:, channel])
-    log_chosen = np.log(tradeoff.chosen[channel])
-    chosen_misfit = np.exp(np.interp(log_chosen, log_intensity, np.log(misfit)))
-    chosen_roughness = np.exp(np.interp(log_chosen, log_intensity, np.log(roughness)))
-    label = f"chosen by {tradeoff.criterion}"
-    ax.plot(chosen_misfit, chosen_roughness, "s", color=FAST, label=label)
-    log_axis(ax, "x")
-    log_axis(ax, "y")
-    return style_axes(ax, "mean square residual [K²]", "roughness [K²/s³]", legend=True)

@@ -18,6 +18,7 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import AngularHarmonic, radial_shape
+from tcdyn.partition.joint_results import compare_joint_fit, joint_budget
 from tcdyn.partition.steady import SteadyLine, exponent_sensitivity
 from tcdyn.plots.style import (
     DARK,
@@ -33,7 +34,6 @@ from tcdyn.plots.style import (
     style_axes,
 )
 from tcdyn.rig.disk import DISKS, DiskSetup
-from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 
 # Line styles of channels, in the order in which they are plotted.
 STYLES = ("-", "--", ":")
@@ -48,6 +48,7 @@ LEGEND_OVER_LINES: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgeco
 # Data; equal to the defaults of ``speed_exponent_low`` and ``speed_exponent_high`` in
 # ``tcdyn.rig.tables.UncertaintyTable``.
 LITERATURE_EXPONENTS = (0.571, 0.8)
+FIT_SHOWN_S = 10.0  # before and after the unloading, in the figure of the joint fit [s]
 RUNNING_MEAN_S = 0.5  # window of the running mean of the residuals [s]; chosen by judgement
 MIN_PLOTTED_U = 5e-5  # sources with a smaller u(beta) [1] are in the table only; judgement
 N_LEVELS = 20  # of the field of the first harmonic; chosen by judgement
@@ -122,9 +123,7 @@ def draw_unloading(
     return style_axes(ax, X_UNLOADING, Y_TEMPERATURE, title=f"{disk} disk", **LEGEND_OVER_LINES)
 
 
-def draw_joint_fit(
-    p: Partition, disk: str, upper: Axes, lower: Axes, around_s: float = 10.0
-) -> None:
+def draw_joint_fit(p: Partition, disk: str, upper: Axes, lower: Axes) -> None:
     """Plot block means of the readings with the model of the joint fit, and the residuals below.
 
     Parameters
@@ -135,8 +134,6 @@ def draw_joint_fit(
         Name of the disk.
     upper, lower
         Axes of the temperatures and of the residuals.
-    around_s
-        Time before and after the unloading [s].
 
     Notes
     -----
@@ -144,7 +141,7 @@ def draw_joint_fit(
     is for the eye; no result uses it.
     """
     blocks = compare_joint_fit(p, disk)
-    near = np.abs(blocks.time_since_unloading_s) <= around_s
+    near = np.abs(blocks.time_since_unloading_s) <= FIT_SHOWN_S
     t = blocks.time_since_unloading_s[near]
     band = 2 * np.nanmedian(blocks.sd_K[near], axis=1)
     lower.fill_between(t, -band, band, color=PALE, step="mid", linewidth=0)
@@ -217,8 +214,9 @@ def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None)
     ax.set_xlim(0, h_max)
     x = "heat transfer coefficient of the disk [W/m²K]"
     y = "heat partition β (share of the fast disk) [1]"
-    below: dict[str, Any] = {"ncols": 2, "loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
-    return style_axes(ax, x, y, markerscale=0.7, **below)
+    return style_axes(
+        ax, x, y, markerscale=0.7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14)
+    )
 
 
 def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) -> None:
@@ -242,8 +240,9 @@ def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) ->
     if disk == "slow":
         beta = 1 - beta
         equation = "β = 1 - (C + D h)"
-    style: dict[str, Any] = {"color": DISK_COLOUR[disk], "linestyle": DISK_LINE[disk]}
-    ax.plot(h, beta, label=f"{label}, {equation}", **style)
+    ax.plot(
+        h, beta, label=f"{label}, {equation}", color=DISK_COLOUR[disk], linestyle=DISK_LINE[disk]
+    )
 
 
 def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str) -> None:
@@ -501,9 +500,15 @@ def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
         for channel, style in plotted_channels(record.setup, record.excluded).items():
             y = record.readings_degC[:, record.setup.channels.index(channel)]
             rows = screen_rows(y)
-            line: dict[str, Any] = {"color": DISK_COLOUR[disk], "linestyle": style}
             time_s = p.test.time_s[rows]
-            ax.plot(time_s, y[rows], linewidth=width, label=f"{disk} {channel}", **line)
+            ax.plot(
+                time_s,
+                y[rows],
+                linewidth=width,
+                label=f"{disk} {channel}",
+                color=DISK_COLOUR[disk],
+                linestyle=style,
+            )
     for event_s in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(event_s, color=TRUTH, linewidth=0.7)
     return style_axes(ax, "time [s]", Y_TEMPERATURE, ncols=2)
@@ -606,8 +611,7 @@ def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axe
     )
     ticks = np.linspace(-scale, scale, 5)
     label = "above the mean around the disk [K]"
-    scale_bar: dict[str, Any] = {"ticks": ticks, "format": "%.2g", "label": label}
-    ax.figure.colorbar(filled, ax=ax, shrink=0.75, **scale_bar)
+    ax.figure.colorbar(filled, ax=ax, shrink=0.75, ticks=ticks, format="%.2g", label=label)
     for radius in (inner_mm, outer_mm):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
 

@@ -75,9 +75,14 @@ def figure(
         _style_frame(ax)
     if len(axes) > 1:
         for letter, ax in zip(ascii_lowercase, axes):
-            above: dict[str, Any] = {"xytext": (-30, 6), "textcoords": "offset points"}
             ax.annotate(
-                letter, (0, 1), xycoords="axes fraction", weight="bold", gid=PANEL_LETTER, **above
+                letter,
+                (0, 1),
+                xycoords="axes fraction",
+                weight="bold",
+                gid=PANEL_LETTER,
+                xytext=(-30, 6),
+                textcoords="offset points",
             )
     return fig, axes
 
@@ -236,7 +241,15 @@ def line_with_band(
         Keyword arguments of ``Axes.plot`` for the line.
     """
     half_width = Z95 * u
-    style: dict[str, Any] = {"color": colour, "alpha": BAND_ALPHA, "linewidth": 0, "label": band}
     group = line.get("label")  # a chart shows and hides both together
-    ax.fill_between(x, y - half_width, y + half_width, gid=group, **style)
+    ax.fill_between(
+        x,
+        y - half_width,
+        y + half_width,
+        gid=group,
+        color=colour,
+        alpha=BAND_ALPHA,
+        linewidth=0,
+        label=band,
+    )
     ax.plot(x, y, color=colour, gid=group, **line)

@@ -81,9 +81,16 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     (interval,) = intervals(profile)
     low = interval.profile_low if interval.low95 is None else interval.low95
     high = interval.profile_high if interval.high95 is None else interval.high95
-    bar: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "alpha": 0.6}
     ends = [DEVIANCE_95, DEVIANCE_95]
-    ax.plot([low, high], ends, color=colour, label="interval of the profile", **bar)
+    ax.plot(
+        [low, high],
+        ends,
+        color=colour,
+        label="interval of the profile",
+        linewidth=3,
+        solid_capstyle="butt",
+        alpha=0.6,
+    )
     for end, marker, limit in ((low, "<", interval.low95), (high, ">", interval.high95)):
         if limit is None:
             ax.plot(end, DEVIANCE_95, marker, color=colour, markersize=8)
@@ -124,10 +131,8 @@ def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Seque
     return axes
 
 
-def draw_window_study(
-    table: pd.DataFrame, ax: Axes | None = None, quantity: str = "beta", truth: float | None = None
-) -> Axes:
-    """Plot the estimate of the cooling fit over the length of its window, with 95 % bars.
+def draw_window_study(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Plot beta by the cooling fit over the length of its window, with 95 % bars.
 
     Markers are open where the window is shorter than the lag.
 
@@ -137,10 +142,6 @@ def draw_window_study(
         Table of ``cooling_by_window``.
     ax
         Axes to plot into; None: those of a new figure.
-    quantity
-        "beta" or "h_W_m2K".
-    truth
-        Value of a simulation.
 
     Returns
     -------
@@ -149,13 +150,14 @@ def draw_window_study(
     """
     ax = axes_of(ax)
     for k, disk in enumerate(DISKS):
-        rows = table[(table["disk"] == disk) & table[quantity].notna()]
+        rows = table[(table["disk"] == disk) & table["beta"].notna()]
         window_s = rows["window_s"] * (1.0 + 0.03 * k)  # the bars of the disks stay apart
-        values = rows[quantity]
-        half_width = Z95 * rows[f"u_{quantity}"]
+        values = rows["beta"]
+        half_width = Z95 * rows["u_beta"]
         colour = DISK_COLOUR[disk]
-        bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "capsize": 2, "linewidth": 0.8}
-        ax.errorbar(window_s, values, yerr=half_width, **bars)
+        ax.errorbar(
+            window_s, values, yerr=half_width, fmt="none", ecolor=colour, capsize=2, linewidth=0.8
+        )
         within_lag = rows["within_lag"].to_numpy(dtype=bool)
         for selected, fill, remark in (
             (within_lag, "white", ", window shorter than the lag"),
@@ -170,14 +172,11 @@ def draw_window_study(
                     markerfacecolor=fill,
                     label=f"{disk} disk{remark}",
                 )
-    if truth is not None:
-        ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
     log_axis(ax, "x")
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
-    y = "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]"
-    return style_axes(ax, "window after the unloading [s]", y, legend=True)
+    return style_axes(ax, "window after the unloading [s]", "heat partition β [1]", legend=True)
 
 
 def draw_inverse_check(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
@@ -277,8 +276,14 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes | None = None) -> Ax
     }
     excluded = [channel for test in tests.values() for channel in test.excluded]
     draw_depth_errors(deeper_mm, ax, "{} disk, by this test alone, 95 %", excluded)
-    above: dict[str, Any] = {"ncols": 3, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
-    return style_axes(ax, "junction", "deeper than nominal [mm]", **above)
+    return style_axes(
+        ax,
+        "junction",
+        "deeper than nominal [mm]",
+        ncols=3,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+    )
 
 
 def draw_depth_errors(

@@ -16,6 +16,8 @@ import pandas as pd
 
 from tcdyn.core.findings import Finding
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.cooling_checks import cooling_by_window, reference_table
+from tcdyn.partition.joint_results import joint_budget
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, panel_figure
@@ -31,12 +33,9 @@ from tcdyn.report.page import MainResult, Section, write_page
 from tcdyn.workflows.beta_tables import (
     budget_table,
     conditions_table,
-    cooling_by_window,
     estimates_table,
     interval_table,
-    joint_budget,
     junctions_table,
-    reference_table,
     residuals_table,
     structures_table,
 )

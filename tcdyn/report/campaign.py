@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tcdyn.campaign import MapComparison
+from tcdyn.campaign.summary_table import QUANTITIES, comparison_table, trend_table
 from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure, panel_figure
@@ -27,7 +28,6 @@ from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign import CampaignRun
-from tcdyn.workflows.campaign_table import QUANTITIES, comparison_table, trend_table
 
 # Texts of the page.
 DELTA_T_US = (

@@ -1,8 +1,8 @@
 """Certificate of a calibrated disk: a verdict on each thermocouple, then the evidence for it.
 
 Written by ``tcdyn rig calibrate --report``. The verdicts come from
-:func:`calibration.compare.check_record`; the formal part is :mod:`tcdyn.report.formal`. Tests:
-``tests/rig/test_record.py``, ``tests/cli/test_calibrate_command.py`` and
+:func:`calibration.decisions.channel_verdicts`; the formal part is :mod:`tcdyn.report.formal`.
+Tests: ``tests/rig/test_record.py``, ``tests/cli/test_calibrate_command.py`` and
 ``tests/calibration/test_budget.py``.
 """
 
@@ -16,27 +16,21 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.compare import check_record
+from calibration.decisions import FIT_TO_USE, channel_verdicts, has_oven_lines
 from calibration.static_lines import OvenFit
 from immersion.plunge_fit import static_line_corrections
 from immersion.plunge_result import INTERVAL_NOTE, PlungeFit
 from tcdyn.core.estimate import text_with_u
-from tcdyn.core.findings import messages
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
-from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
+from tcdyn.plots.plunge import plunge_figure, residual_figure
 from tcdyn.plots.style import panel_figure
-from tcdyn.report.formal import formal_sections, has_oven_lines, marks, tolerance_faults
+from tcdyn.report.formal import formal_sections, marks
 from tcdyn.report.page import Section, write_page
 from tcdyn.rig.record import ChainRecord, DiskRecord
 from tcdyn.rig.static_line import reading_u
 from tcdyn.version import __version__
 from tcdyn.workflows.calibrate import CalibrationRun
 
-# first part of codes
-CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "from_file")
-EXTRAPOLATED = "line.extrapolated"  # a plunge beyond the range of the oven
-# Verdict on a thermocouple without a finding.
-FIT_TO_USE = "fit to use"
 # No-break space.
 NO_BREAK = "\u00a0"
 SIMILAR_UNCERTAINTY = 1.5  # ratio of u(common lag) to u(difference) below which it is not stated
@@ -77,40 +71,6 @@ def write_certificate(
         marks=marks(record),
         footer=f"Made {record.created} with tcdyn {__version__}; not signed.",
     )
-
-
-def channel_verdicts(record: DiskRecord) -> dict[str, str]:
-    """Return a sentence on each thermocouple: fit to use, or what is wrong with it.
-
-    The rule is :func:`tcdyn.report.formal.decision_rule`. A gap or an impossible value in a log, or
-    a plunge beyond the oven's range, is no fault of a thermocouple.
-
-    Parameters
-    ----------
-    record
-        The record.
-
-    Returns
-    -------
-    verdicts
-        By channel.
-
-    Notes
-    -----
-    ``CHANNEL_FINDINGS`` names the kinds of findings that count against a thermocouple. A new kind
-    that should count must be added there.
-    """
-    findings = [
-        finding
-        for finding in check_record(record)
-        if finding.code.partition(".")[0] in CHANNEL_FINDINGS and finding.code != EXTRAPOLATED
-    ]
-    verdicts: dict[str, str] = {}
-    for name in sorted(record.static):
-        faults = [finding for finding in findings if name in finding.channels]
-        texts = [*messages(faults), *tolerance_faults(record, name)]
-        verdicts[name] = "; ".join(texts) or FIT_TO_USE
-    return verdicts
 
 
 def summary_table(record: DiskRecord) -> pd.DataFrame:
@@ -325,7 +285,7 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
     """Return sections of the first seconds of the plunges, and of the residuals of each channel."""
     rows = []
     for k, run in enumerate(fit.runs):
-        rms = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
+        rms = np.sqrt(np.nanmean(fit.standardised_residuals(k) ** 2, axis=0))
         residual_K = fit.optimum.problem.noise[k].sd_K * rms
         cells = {f"{c} [K]": f"{x:.2f}" for c, x in zip(fit.channels, residual_K)}
         rows.append({"plunge": run.name, **cells})

@@ -12,11 +12,11 @@ import pandas as pd
 
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import harmonic_K
+from tcdyn.partition.circumferential import circumferential_temperature
 from tcdyn.plots import partition as draw
 from tcdyn.plots.circumferential import circumferential_figure
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section
-from tcdyn.workflows.circumferential import circumferential_temperature
 
 
 def unevenness_section(p: Partition) -> Section:

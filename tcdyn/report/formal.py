@@ -9,26 +9,31 @@ Used by :mod:`tcdyn.report.certificate`. Tests: ``tests/report/test_certificate.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from datetime import date, timedelta
-from typing import Any
+from collections.abc import Sequence
 
 import pandas as pd
 
-from calibration.budget import UncertaintyBudget, expanded_of_skewed, uncertainty_budget
-from calibration.compare import compare_records
-from tcdyn.core.estimate import Estimate, rounded_texts, text_with_u
+from calibration.budget import UncertaintyBudget, expanded_of_skewed
+from calibration.decisions import (
+    calibrated_on,
+    channel_budget,
+    draft_reasons,
+    has_oven_lines,
+    lag_of_channel,
+    next_calibration,
+    range_temperatures,
+    simulated_files,
+    widest,
+)
+from tcdyn.core.estimate import rounded_texts
 from tcdyn.report.page import Section
-from tcdyn.rig.record import DiskRecord, parse_time
-from tcdyn.rig.tables import YEAR_DAYS
+from tcdyn.rig.record import DiskRecord
 from tcdyn.version import __version__
 
 # Texts of the certificate.
 NOT_STATED = "not stated"
 OVEN = "oven against a PRT, straight lines"
 NO_OVEN = "readings at rest taken as logged, their uncertainty stated"
-MIN_YEARS = 0.05  # between two calibrations for a rate of drift; chosen by judgement
-MAX_DAYS = 3653  # until the next calibration: ten years; chosen by judgement
 # Texts of the certificate on limits, and on the symbols of its table.
 NOT_MEASURED = (
     "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data "
@@ -51,72 +56,10 @@ LAG_TOTALS = ("everything", "all of the fit")
 LAG_TYPE_A = ("noise alone",)
 
 
-def has_oven_lines(record: DiskRecord) -> bool:
-    """Return whether the static lines come from an oven and not from the user."""
-    return not any(finding.code == "static.stated" for finding in record.findings)
-
-
 def marks(record: DiskRecord) -> tuple[str, ...]:
     """Return the words next to the title: "draft", "simulated", both or none."""
     draft = (DRAFT,) if draft_reasons(record) else ()
     return (*draft, SIMULATED) if simulated_files(record) else draft
-
-
-def simulated_files(record: DiskRecord) -> list[str]:
-    """Return the names of the logs that are simulated by their metadata."""
-    return [str(finding.subject) for finding in record.findings if finding.code == "log.simulated"]
-
-
-def draft_reasons(record: DiskRecord) -> list[str]:
-    """Return why the page is no calibration certificate; empty for one that is."""
-    reasons = []
-    missing = record.setup.traceability.missing
-    if missing:
-        reasons.append(f"[traceability] of rig.toml does not state {', '.join(missing)}")
-    if not has_oven_lines(record):
-        reasons.append("without an oven log the readings at rest are not traceable")
-    simulated = simulated_files(record)
-    if simulated:
-        reasons.append(f"simulated: {', '.join(simulated)}")
-    return reasons
-
-
-def tolerance_faults(record: DiskRecord, channel: str) -> list[str]:
-    """Return in what a channel does not meet the decision rule; empty if it meets it.
-
-    Parameters
-    ----------
-    record
-        The record.
-    channel
-        Name of the channel.
-
-    Notes
-    -----
-    Guarded acceptance with the guard band w = U: accepted if |error| <= tolerance - U. The error
-    of a corrected reading, and of a lag that is removed, is estimated as zero, so this is
-    U <= tolerance. Sources: :func:`decision_rule`. U at rest is largest at an end of the range.
-    """
-    stated = record.setup.traceability
-    faults = []
-    expanded_K, t = max(
-        (channel_budget(record, channel, t).expanded, t) for t in record.static[channel].range_degC
-    )
-    if expanded_K > stated.tolerance_K:
-        faults.append(
-            f"U = {expanded_K:.2g} K at {t:.0f} degC exceeds the tolerance of "
-            f"{stated.tolerance_K:g} K"
-        )
-    lag_s = _lag_s(record, channel)
-    if lag_s is None:
-        return faults
-    expanded_s, _ = expanded_of_skewed(lag_s)
-    if expanded_s > stated.lag_tolerance_s:
-        faults.append(
-            f"U = {expanded_s:.2g} s of its lag exceeds the tolerance of "
-            f"{stated.lag_tolerance_s:g} s"
-        )
-    return faults
 
 
 def decision_rule(record: DiskRecord) -> str:
@@ -130,36 +73,6 @@ def decision_rule(record: DiskRecord) -> str:
         "it is accepted if |error| + U does not exceed the tolerance. After correction the error "
         "is estimated as zero, so U must not exceed it; the probability that an accepted "
         "thermocouple is beyond its tolerance is then at most 5 %."
-    )
-
-
-def _lag_s(record: DiskRecord, channel: str) -> Estimate | None:
-    """Return the lag of a channel; None if the record does not have it."""
-    if record.chain is None or channel not in record.chain.channels:
-        return None
-    return record.chain.channels[channel].lag_s
-
-
-def calibrated_on(record: DiskRecord) -> date:
-    """Return the day of the calibration."""
-    return parse_time(record.created).date()
-
-
-def channel_budget(record: DiskRecord, channel: str, temperature_degC: float) -> UncertaintyBudget:
-    """Return the uncertainty budget of one channel at rest.
-
-    Parameters
-    ----------
-    record
-        The record.
-    channel
-        Name of the channel.
-    temperature_degC
-        Temperature of the reading.
-    """
-    line = record.static[channel]
-    return uncertainty_budget(
-        line, record.setup.traceability, calibrated_on(record), temperature_degC
     )
 
 
@@ -213,19 +126,12 @@ def _instrument(name: str, serial: str, certificate: str, day: str) -> str:
     )
 
 
-def temperatures(record: DiskRecord) -> list[float]:
-    """Return lowest, middle and highest temperature of the range common to all channels [degC]."""
-    low = max(line.range_degC[0] for line in record.static.values())
-    high = min(line.range_degC[1] for line in record.static.values())
-    return [low, 0.5 * (low + high), high]
-
-
 def results(record: DiskRecord) -> pd.DataFrame:
     """Return correction and expanded uncertainty at three temperatures, and lag, by channel."""
     rows = []
     for channel, line in sorted(record.static.items()):
         row = {"channel": channel}
-        for t in temperatures(record):
+        for t in range_temperatures(record):
             logged = (t - line.offset) / line.gain
             expanded = channel_budget(record, channel, t).expanded
             correction_text, expanded_text = rounded_texts(t - logged, expanded)
@@ -233,7 +139,7 @@ def results(record: DiskRecord) -> pd.DataFrame:
             row[f"U at {t:.0f} degC [K]"] = expanded_text
         if record.chain is not None:
             row |= dict.fromkeys(("lag [s]", "U of the lag [s]", "k", "95 % interval [s]"), "")
-            lag_s = _lag_s(record, channel)
+            lag_s = lag_of_channel(record, channel)
             if lag_s is not None:
                 expanded_s, coverage = expanded_of_skewed(lag_s)
                 lag_text, expanded_text = rounded_texts(lag_s.value, expanded_s)
@@ -310,90 +216,6 @@ def lag_budget_table(record: DiskRecord) -> pd.DataFrame:
 def _freedom(dof: float) -> str:
     """Return degrees of freedom as text."""
     return "infinite" if math.isinf(dof) or dof > 1e6 else f"{dof:.0f}"
-
-
-def widest(record: DiskRecord) -> tuple[str, float]:
-    """Return channel and temperature [degC] of the largest expanded uncertainty at rest.
-
-    Returns
-    -------
-    channel
-        Name of the channel.
-    temperature_degC
-        One of :func:`temperatures`.
-    """
-    cases = [(channel, t) for channel in sorted(record.static) for t in temperatures(record)]
-    return max(cases, key=lambda case: channel_budget(record, *case).expanded)
-
-
-def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> tuple[date, str]:
-    """Return the day of the next calibration, and the reason.
-
-    It is ``valid_days`` after this one, or sooner where a channel drifts: the fastest drift of any
-    channel between the last of ``earlier`` and this record, plus its standard uncertainty, must not
-    exceed ``limit_K`` before that day.
-
-    Parameters
-    ----------
-    record
-        The present record.
-    earlier
-        Records of the same disk.
-
-    Returns
-    -------
-    day
-        Day of the next calibration.
-    reason
-        One sentence.
-
-    Notes
-    -----
-    ``MIN_YEARS`` keeps the scatter of two calibrations from being taken as a drift. ``MAX_DAYS``
-    only keeps the computed day finite; ``valid_days`` may not be longer. Test:
-    ``tests/calibration/test_budget.py``.
-    """
-    traceability = record.setup.traceability
-    today = calibrated_on(record)
-    latest = today + timedelta(days=traceability.valid_days)
-    default = (
-        f"no later than {latest}, {traceability.valid_days} days after this one ([traceability] "
-        "valid_days)"
-    )
-    comparable = []
-    for candidate in earlier:
-        age_days = (today - calibrated_on(candidate)).days
-        if (
-            age_days > MIN_YEARS * YEAR_DAYS
-            and has_oven_lines(candidate)
-            and has_oven_lines(record)
-        ):
-            comparable.append(candidate)
-    if not comparable:
-        return latest, f"{default}; no earlier record was given that determines its drift"
-    last = max(comparable, key=calibrated_on)
-    last_day = calibrated_on(last)
-    years = (today - last_day).days / YEAR_DAYS
-    table = compare_records(last, record).table
-    changes = table[table["quantity"].str.endswith("degC")].to_dict("records")
-    if not any(_largest_change(row) > 0 for row in changes):
-        return latest, f"{default}; the earlier record shares no range of temperature with this one"
-    fastest = max(changes, key=_largest_change)
-    drift = text_with_u(fastest["change"] / years, fastest["u"] / years, "K a year")
-    rate_K_year = _largest_change(fastest) / years
-    days = int(min(traceability.limit_K / rate_K_year * YEAR_DAYS, MAX_DAYS))
-    due = today + timedelta(days=days)
-    if due >= latest:
-        return latest, f"{default}; the largest drift since {last_day}, {drift}, allows longer"
-    return due, (
-        f"no later than {due}: {fastest['quantity']} drifted by {drift} since {last_day}, and may "
-        f"drift by {traceability.limit_K:g} K until then"
-    )
-
-
-def _largest_change(row: Mapping[Any, Any]) -> float:
-    """Return the size of a change plus its standard uncertainty [K]."""
-    return abs(row["change"]) + row["u"]
 
 
 def formal_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> list[Section]:

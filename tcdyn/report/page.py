@@ -174,10 +174,15 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     for text in figure.findobj(Text):
         text.set(text=CONTROL.sub(" ", text.get_text()), parse_math=False)
     buffer = io.BytesIO()
-    size: dict[str, Any] = {"dpi": dpi, "bbox_inches": "tight", "pad_inches": MARGIN_IN}
     metadata = {"Software": None}
     figure.savefig(
-        buffer, format="png", metadata=metadata, pil_kwargs={"compress_level": COMPRESSION}, **size
+        buffer,
+        format="png",
+        metadata=metadata,
+        pil_kwargs={"compress_level": COMPRESSION},
+        dpi=dpi,
+        bbox_inches="tight",
+        pad_inches=MARGIN_IN,
     )
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 

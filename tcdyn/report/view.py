@@ -7,7 +7,7 @@ Traces are decimated for the screen (:func:`tcdyn.plots.style.screen_rows`). Tes
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from tcdyn.core.findings import Finding
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.io.read import sha256
 from tcdyn.io.unit_names import unit_in
 from tcdyn.plots.compensate import draw_traces
@@ -39,7 +40,7 @@ def view(
     rig: Rig | None = None,
     out: str | Path | None = None,
     open_browser: bool = True,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
     **reading: Any,
 ) -> tuple[Path, tuple[Finding, ...]]:
     """Write a page with the traces of a log, raw and compensated, and open it in the browser.
@@ -60,7 +61,7 @@ def view(
         Called with the name of each stage.
     **reading
         Of any table: ``columns``, ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold``, see
-        :func:`tcdyn.workflows.compensate_table.compensate_table`.
+        :func:`tcdyn.workflows.frames.compensate_frame`.
 
     Returns
     -------

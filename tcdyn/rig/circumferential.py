@@ -1,6 +1,6 @@
 """Circumferential temperature of a disk: the result of a measured test, or of the synthetic rig.
 
-Made by :mod:`tcdyn.workflows.circumferential` and :mod:`tcdyn.simulate.field`, drawn by
+Made by :mod:`tcdyn.partition.circumferential` and :mod:`tcdyn.simulate.field`, drawn by
 :mod:`tcdyn.plots.circumferential`. It stands here so that the simulator and the workflow can both
 import it. Test: ``tests/partition/test_around.py``.
 """

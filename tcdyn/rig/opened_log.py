@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -76,6 +76,14 @@ def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
             )
         records[record.disk] = record
     return records
+
+
+def check_any_given(calibrations: Collection[Any]) -> None:
+    """Raise InputError without a record or a sensor."""
+    if not calibrations:
+        raise InputError(
+            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
+        )
 
 
 def rig_from_records(records: Mapping[str, DiskRecord]) -> Rig:

@@ -1,4 +1,7 @@
-"""Thermocouples outside the rig: their file, and methods to determine their lag."""
+"""Thermocouples outside the rig: their file, methods to determine their lag, and compensation.
+
+``compensation`` smooths a table segment by segment, with the channels of ``channels``.
+"""
 
 from tcdyn.sensors.file import (
     SensorFile,

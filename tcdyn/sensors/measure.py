@@ -89,7 +89,7 @@ def read_readings(
     others
         Columns that are not temperatures.
     time, time_unit, unit, couple, cold
-        As for ``tcdyn.workflows.compensate_table.compensate_table``.
+        As for ``tcdyn.workflows.frames.compensate_frame``.
     several
         Whether a pattern may match several columns.
 

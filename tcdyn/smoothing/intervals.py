@@ -7,7 +7,7 @@ settle.
 
 Used by :mod:`tcdyn.smoothing.state_space`, :mod:`tcdyn.smoothing.process_noise`,
 :mod:`tcdyn.smoothing.smoother` and, for the margins of long logs, by
-:mod:`tcdyn.workflows.segments` and :mod:`tcdyn.workflows.compensate_table`. Guarded by
+:mod:`tcdyn.sensors.compensation` and :mod:`tcdyn.workflows.compensate_table`. Guarded by
 ``tests/smoothing/test_states.py`` (knots, corner, margins) and ``tests/smoothing/test_smoother.py``
 (chunks equal the full record).
 """

@@ -1,7 +1,7 @@
 """The proper inverse of a chain (causal and fast), and the report on a filter before it is used.
 
 C(s) = R(s)/G_0(s), with a roll-off R of given bandwidth and the chain G_0 without what cannot be
-inverted. Used by :mod:`tcdyn.workflows.segments`, :mod:`tcdyn.workflows.compensate` and
+inverted. Used by :mod:`tcdyn.sensors.compensation`, :mod:`tcdyn.workflows.compensate` and
 :mod:`tcdyn.report.compensate`; the reports and the filters for lags also by the live smoother.
 Guarded by ``tests/smoothing/test_causal.py`` and ``tests/smoothing/test_before_use.py``, which
 compare with closed forms. Limits without a source were chosen by judgement.

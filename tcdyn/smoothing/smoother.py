@@ -3,7 +3,7 @@
 The temperature at the junction comes with a standard deviation for every sample. Regularised
 deconvolution is the same smoother with a weight by another criterion.
 
-``smooth`` is the estimator of ``tcdyn compensate`` (:mod:`tcdyn.workflows.segments`,
+``smooth`` is the estimator of ``tcdyn compensate`` (:mod:`tcdyn.sensors.compensation`,
 :mod:`tcdyn.workflows.compensate_table`) and of the cooling fit (:mod:`tcdyn.partition.cooling`).
 Guarded by ``tests/smoothing/test_smoother.py`` (dense least squares, coverage),
 ``tests/smoothing/test_deconvolve.py`` and ``tests/smoothing/test_any_unit.py``.

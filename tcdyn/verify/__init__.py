@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Literal
+from typing import Literal, get_args
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.threads import one_blas_thread
@@ -215,3 +215,20 @@ def verify_rows() -> list[VerifyRow]:
             why = f"{chapter} stopped: {error}"
             rows.append(VerifyRow(quantity, file, "", "", "differs", why, "physics"))
     return rows
+
+
+def count_by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:
+    """Number of rows of each kind."""
+    return {kind: sum(row.kind == kind for row in rows) for kind in KINDS}
+
+
+def summary_text(rows: Sequence[VerifyRow]) -> str:
+    """Summary in two sentences: number of rows by verdict, and by kind."""
+    count = {v: sum(row.verdict == v for row in rows) for v in get_args(Verdict)}
+    counts = count_by_kind(rows)
+    classes = "; ".join(f"{counts[kind]} {text}" for kind, text in KINDS.items())
+    return (
+        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} "
+        f"show the same trend, {count['misprint']} are misprints there, {count['differs']} differ, "
+        f"{count['not checkable']} cannot be checked in size. By class: {classes}."
+    )

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import pandas as pd
 from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result, estimates_frame
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import with_checksum
@@ -27,18 +28,19 @@ from tcdyn.partition.analyse import (
     check_corrected,
     unusable_channel,
 )
+from tcdyn.partition.beta_file import beta_file
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.operating_conditions import (
+    BearingFile,
+)
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, channels_left_out
 from tcdyn.rig.log import Log, iter_log
 from tcdyn.rig.opened_log import column_names, missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.workflows.beta_tables import beta_file, estimates_table
-from tcdyn.workflows.operating_conditions import (
-    BearingFile,
-)
-from tcdyn.workflows.prepare import prepare_test
+from tcdyn.workflows.beta_tables import estimates_table
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,7 +75,7 @@ class BetaRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json``, with its checksum.
 
-        Its keys are those of ``tcdyn.workflows.beta_tables.beta_file`` and ``kept``, the sufficient
+        Its keys are those of ``tcdyn.partition.beta_file.beta_file`` and ``kept``, the sufficient
         statistics that a campaign combines, which needs both disks.
         """
         source = {"file": self.log.path.name, "sha256": self.log.sha256}
@@ -126,7 +128,7 @@ def estimate_beta(
     bearing: BearingFile | None = None,
     stage: int | None = None,
     profiles: bool = False,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> BetaRun:
     """Read one EHL log and estimate beta by the speed law, the cooling fits and the joint fits.
 
@@ -390,7 +392,7 @@ def estimate_stages(
         One run for each test in the log.
     """
     first = estimate_beta(log, rig, records, stage=1, **options)
-    report = options.pop("progress", lambda _: None)
+    report = options.pop("progress", no_progress)
     runs = [first]
     for k in range(2, first.stages + 1):
         prefix = f"test {k} of {first.stages}"

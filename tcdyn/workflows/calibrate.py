@@ -8,17 +8,17 @@ and ``tests/calibration/test_new_user_run.py``.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from calibration.static_lines import OvenFit, fit_static_lines
 from immersion.entry import EntryEvent
 from immersion.fluids import fluid
+from immersion.plunge_checks import check_junction_order, check_not_repeated, deviating_at_rest
 from immersion.plunge_data import PlungeRun, run_from_log, with_filled_bath
 from immersion.plunge_fit import (
     identify_plunges,
@@ -26,9 +26,10 @@ from immersion.plunge_fit import (
     with_structure_uncertainty,
 )
 from immersion.plunge_parameters import PlungePriors
-from immersion.plunge_result import MAX_VARIANCE_FACTOR, PlungeFit
+from immersion.plunge_result import PlungeFit
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, unique, warning
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.metadata import SIMULATED_KEY
@@ -43,32 +44,7 @@ from tcdyn.rig.record import (
     parse_time,
 )
 from tcdyn.rig.rigfile import Rig
-from tcdyn.rig.static_line import StaticLine, extrapolation_warnings, identity_lines, static_u
-
-# Two plunges whose samples all agree within this [K] are the same plunge: a file that was saved
-# again may have lost decimals.
-SAME_SAMPLES_K = 0.02
-# Check of a disk at rest before the entry: time [s] before the entry that is left out, fewest
-# samples, and scatter [K] of a disk at one temperature. Chosen by judgement.
-ENTRY_MARGIN_S = 0.5
-MIN_REST_SAMPLES = 20
-REST_U_K = 0.07
-# What is expected, and what to do, for each finding on the order of the junctions in a plunge.
-JUNCTION_ORDER = {
-    "junctions.swapped": (
-        "each column from the junction that rig.toml says",
-        "map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
-    ),
-    "junctions.uneven_start": (
-        "a disk of one temperature before the entry",
-        "let the disk rest in air until all channels agree, then plunge it again",
-    ),
-    "junctions.uneven_disk": (
-        "a disk that warms evenly around its circumference",
-        "plunge it again with the whole running surface in the bath and nothing that touches "
-        "one side",
-    ),
-}
+from tcdyn.rig.static_line import StaticLine, extrapolation_warnings, identity_lines
 
 
 @dataclass(frozen=True, repr=False)
@@ -130,7 +106,7 @@ def calibrate_disk(
     correlation: str = "churchill-chu-laminar",
     prt_u_degC: float = 0.0,
     reading_u_K: float | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
@@ -191,7 +167,7 @@ def calibrate_disk(
     for k, path in enumerate(immersion):
         progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
         log = read_log(path, "immersion", rig, disk)
-        _check_not_repeated(log, logs)
+        check_not_repeated(log, logs)
         logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
         run = run_from_log(
@@ -206,7 +182,7 @@ def calibrate_disk(
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
-    _check_junction_order(logs, fit)
+    check_junction_order(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_uncertainty(fit)
     line_findings = [
@@ -238,49 +214,13 @@ def calibrate_disk(
     return CalibrationRun(record, static, tuple(runs), fit)
 
 
-def deviating_at_rest(run: PlungeRun) -> set[str]:
-    """Channels that deviate from the median of the disk by more than three u before the entry.
-
-    A disk at rest has one temperature, so their static lines or columns belong to another disk. The
-    set is empty for a disk that still warms or cools, whose junctions differ.
-
-    Parameters
-    ----------
-    run
-        The plunge with its readings and static lines.
-
-    Notes
-    -----
-    u is the uncertainty of the static line and ``REST_U_K``. With a larger ``REST_U_K`` fewer
-    swapped disks are reported. ``tests/calibration/test_new_user_run.py`` guards it.
-    """
-    before = run.readings_degC[
-        run.time_s < run.entry.time_s - max(4 * run.entry.u_s, ENTRY_MARGIN_S)
-    ]
-    if len(before) < MIN_REST_SAMPLES or not run.lines:
-        return set()
-    third = len(before) // 3
-    mean = np.nanmean(before, axis=0)
-    if (
-        abs(np.nanmedian(np.nanmean(before[-third:], axis=0) - np.nanmean(before[:third], axis=0)))
-        > REST_U_K
-    ):
-        return set()
-    u = np.array([float(static_u(run.lines[c], x)) for c, x in zip(run.channels, mean)])
-    return {
-        c
-        for c, off in zip(run.channels, np.abs(mean - np.nanmedian(mean)) / np.hypot(u, REST_U_K))
-        if off > 3
-    }
-
-
 def _static_lines(
     oven: str | Path | None,
     reading_u_K: float | None,
     rig: Rig,
     disk: str,
     prt_u_degC: float,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
     """Static lines from the oven log, or readings as they are with a stated uncertainty.
 
@@ -353,64 +293,6 @@ def simulated_findings(log: Log) -> list[Finding]:
     if SIMULATED_KEY in log.metadata:
         return [info("log.simulated", subject=log.path.name)]
     return []
-
-
-def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
-    """Check that a plunge was not given before, in any file.
-
-    Counted twice, it would make the uncertainty of the lags too small.
-
-    Parameters
-    ----------
-    log
-        The plunge.
-    earlier
-        The plunges before it.
-
-    Raises
-    ------
-    InputError
-        If all samples agree within ``SAME_SAMPLES_K``.
-    """
-    columns = [*log.channels]
-    for other in earlier:
-        if len(other.frame) != len(log.frame):
-            continue
-        difference = np.abs(other.frame[columns].to_numpy() - log.frame[columns].to_numpy())
-        if not np.nanmax(difference, initial=0.0) > SAME_SAMPLES_K:
-            raise InputError(
-                f"holds the same samples as {other.path.name}",
-                where=log.path.name,
-                expected="each plunge once",
-                remedy="give another plunge, or leave it out",
-            )
-
-
-def _check_junction_order(logs: Sequence[Log], fit: PlungeFit) -> None:
-    """Check that channels whose order contradicts their depths at least move together in the fit.
-
-    Parameters
-    ----------
-    logs
-        Plunge logs, with their findings about the order of junctions.
-    fit
-        Fit of the chains to them.
-
-    Raises
-    ------
-    InputError
-        If the log shows another order of the junctions, and the differences between channels do not
-        fit (variance factor above ``immersion.plunge_result.MAX_VARIANCE_FACTOR``). The message
-        names the cause: swapped channels, a disk that was not at one temperature, or one that warms
-        unevenly.
-    """
-    for log, factor in zip(logs, fit.optimum.problem.noise):
-        findings = [f for f in log.findings if f.code in JUNCTION_ORDER]
-        if findings and factor.differential > MAX_VARIANCE_FACTOR:
-            expected, remedy = JUNCTION_ORDER[findings[0].code]
-            raise InputError(
-                findings[0].sentence, where=log.path.name, expected=expected, remedy=remedy
-            )
 
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:

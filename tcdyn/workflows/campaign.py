@@ -21,6 +21,20 @@ from tcdyn.campaign import (
     joined,
     rig_fingerprint,
 )
+from tcdyn.campaign.stored_results import (
+    RESULT_SUFFIX,
+    is_altered,
+    merge_findings,
+    read_given_result,
+    read_result,
+)
+from tcdyn.campaign.summary_table import (
+    AGREE_CODE,
+    campaign_table,
+    comparison_table,
+    read_compared,
+    table_row,
+)
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
 from tcdyn.core.errors import InputError, utf8
@@ -32,20 +46,6 @@ from tcdyn.io.read import sha256
 from tcdyn.io.write import table_csv, write_text
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
-from tcdyn.workflows.campaign_results import (
-    RESULT_SUFFIX,
-    is_altered,
-    merge_findings,
-    read_given_result,
-    read_result,
-)
-from tcdyn.workflows.campaign_table import (
-    AGREE_CODE,
-    campaign_table,
-    comparison_table,
-    read_compared,
-    table_row,
-)
 
 # files that a campaign writes into its folder, next to one result a test
 TABLE_FILE = "campaign.csv"
@@ -141,7 +141,7 @@ class CampaignRun(Result):
 
         Those of the tests are merged by :func:`merge_findings`: one that several tests have comes
         once. That the methods agree (``AGREE_CODE``) is left out: it is in the table. The same code
-        is left out of the count in ``tcdyn.workflows.campaign_table.table_row``; change both.
+        is left out of the count in ``tcdyn.campaign.summary_table.table_row``; change both.
         """
         each = [
             (o.name, Finding.from_dict(finding))
@@ -224,7 +224,7 @@ def run_campaign(
     models
         Files of curves to compare with the tests.
     compare
-        Table of other tests to compare with (``tcdyn.workflows.campaign_table.read_compared``).
+        Table of other tests to compare with (``tcdyn.campaign.summary_table.read_compared``).
     interchanged
         Two junctions, such as ("slow_a", "slow_c"), whose channels were interchanged between the
         first test and the second; then there must be two tests.

@@ -15,20 +15,18 @@ from typing import Any
 import numpy as np
 
 from tcdyn.campaign.stages import read_stage
+from tcdyn.campaign.steady_maps import logged_map_degC, steady_degC
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages
 from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import rows_between, steady_start_s
+from tcdyn.partition.operating_conditions import BearingFile
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import iter_log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.rig.static_line import apply_static
 from tcdyn.version import __version__
-from tcdyn.workflows.beta import BetaRun, estimate_beta
-from tcdyn.workflows.operating_conditions import BearingFile
+from tcdyn.workflows.beta import estimate_beta
 
 
 @dataclass(frozen=True)
@@ -163,53 +161,10 @@ def _analyse_stage(
             d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS
         },
         "steady_degC": steady,
-        "map_degC": read_map_degC(run),
+        "map_degC": logged_map_degC(test, run.log.frame, run.records),
         "stages": run.stages,
     }
     return with_checksum(data), run.stages
-
-
-def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
-    """Mean reading of each junction in steady state [degC], None for one that is left out.
-
-    By disk and channel. The mean of a disk is its bulk temperature (section 6.4.1). The last half
-    second before the unloading is left out.
-    """
-    rows = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
-    return {
-        d: {
-            c: None if c in test.disks[d].excluded else float(x)
-            for c, x in zip(test.disks[d].setup.channels, means[d])
-        }
-        for d in DISKS
-    }
-
-
-def read_map_degC(run: BetaRun) -> dict[str, dict[str, float | None]]:
-    """Reading of each junction in steady state, with its static line and nothing else [degC].
-
-    By disk and channel, None for one that is left out. ``steady_degC`` is without the harmonic
-    around the disk, whose estimate takes over errors of single channels. Median, against spikes.
-
-    Parameters
-    ----------
-    run
-        Result of the test.
-    """
-    test = run.partition.test
-    frame = run.log.frame
-    times_s = frame["time_s"].to_numpy(dtype=float)
-    rows = rows_between(times_s, steady_start_s(test), test.events.unload_s - 0.5)
-    readings: dict[str, dict[str, float | None]] = {}
-    for d, disk in test.disks.items():
-        readings[d] = {}
-        for c in disk.setup.channels:
-            readings[d][c] = None
-            if c not in disk.excluded:
-                logged = np.nanmedian(frame[f"{d}_{c}_degC"].to_numpy(dtype=float)[rows])
-                readings[d][c] = float(apply_static(logged, run.records[d].static[c]))
-    return readings
 
 
 def _hash(text: str) -> str:

@@ -8,7 +8,7 @@ The command ``tcdyn compensate`` for logs of the rig; tables of other sensors ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, labelled_messages, warning
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
@@ -33,29 +34,29 @@ from tcdyn.io.write import (
 )
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.joint import DiskFit
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.steady import with_inner_row_at_one_radius
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import Events
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import COMPENSATED, Log, LogChunks, open_log_for_records
-from tcdyn.rig.opened_log import rig_from_records
+from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.sensors.table import unique_by_subject
-from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
-from tcdyn.smoothing.record import Compensated
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
-from tcdyn.smoothing.windows import window_means
-from tcdyn.workflows.channels import DiskColumns, disk_readings, with_common_lag
-from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.prepare import prepare_test
-from tcdyn.workflows.segments import (
+from tcdyn.sensors.compensation import (
     CompensationMethod,
     compensate_readings,
     compensated_segments,
     output_columns,
     write_segments,
 )
+from tcdyn.sensors.table import unique_by_subject
+from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
+from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
+from tcdyn.smoothing.windows import window_means
+from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.rig_channels import DiskColumns, disk_readings, with_common_lag
 
 # Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
 # compensated in one piece.
@@ -73,7 +74,7 @@ class LogSegments:
     log, channels
         The log, and how its channels are read.
     method, events
-        The method, and the listed events, see ``tcdyn.workflows.segments.compensate_readings``.
+        The method, and the listed events, see ``tcdyn.sensors.compensation.compensate_readings``.
     columns, header
         Columns of the log and of the output.
     notes
@@ -102,7 +103,7 @@ class LogSegments:
     def write(
         self,
         out: str | Path,
-        progress: Callable[[str], None],
+        progress: Progress,
         style: OutputStyle = STANDARD_STYLE,
     ) -> list[Finding]:
         """Write all rows to ``out`` in this style, atomically; return the findings."""
@@ -188,7 +189,7 @@ class CompensatedLog(Result):
     def write(
         self,
         path: str | Path,
-        progress: Callable[[str], None] = lambda _: None,
+        progress: Progress = no_progress,
         *,
         dialect: DialectName = "standard",
         comments: bool = False,
@@ -305,7 +306,7 @@ def compensate_log(
     way: CompensationMethod | None = None,
     parts: bool = False,
     delay_s: float | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> CompensatedLog:
     """Compensate all channels of an EHL or immersion log that a record covers.
 
@@ -349,10 +350,7 @@ def compensate_log(
     >>> "fast_a_u_K" in done.to_frame()  # doctest: +SKIP
     True
     """
-    if not records:
-        raise InputError(
-            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
-        )
+    check_any_given(records)
     rig = rig or rig_from_records(records)
     if delay_s is not None and (way is not None or parts):
         raise InputError(

@@ -6,23 +6,25 @@ that ``tcdyn follow`` has when it writes it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import sha256
 from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
+from tcdyn.sensors.channels import Channel
+from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
 from tcdyn.sensors.table import RisingRows, Source, unique_by_subject
-from tcdyn.workflows.channels import Channel
 from tcdyn.workflows.log_source import (
     Calibrations,
     RawLog,
@@ -31,7 +33,6 @@ from tcdyn.workflows.log_source import (
     raw_log,
     raw_table,
 )
-from tcdyn.workflows.segments import Totals, compensated_segments, write_segments
 
 # Progress is reported after so many rows, then each time the count has doubled.
 PROGRESS_ROWS = 200_000
@@ -87,17 +88,12 @@ def compensate_table(
     calibrations: Calibrations,
     out: str | Path | Callable[[pd.DataFrame], None],
     *,
-    columns: Sequence[str] = (),
-    time: str | None = None,
-    time_unit: str | None = None,
-    unit: Mapping[str, str] | str = "",
-    couple: str = "",
-    cold: float | str = 0.0,
     rig: Rig | None = None,
     delay_s: float | None = None,
     dialect: DialectName = "standard",
     comments: bool = False,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
+    **options: Unpack[TableOptions],
 ) -> CompensatedTable:
     """Compensate the columns of any table that sensors cover, and write the table to ``out``.
 
@@ -115,17 +111,6 @@ def compensate_table(
         of a rig by disk, for the file of a log of the rig.
     out
         Output, .csv or .parquet; or a function that is called with the rows, part by part.
-    columns
-        Columns that a single sensor covers here, instead of those in its file.
-    time
-        The time column, where its name does not say so.
-    time_unit
-        Its unit (s, ms, us, ns, min, h or days), where neither its name nor a row of units says so.
-    unit
-        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names or a
-        row of units say.
-    couple, cold
-        Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
     rig
         The rig of the records; None: the one in them.
     delay_s
@@ -135,6 +120,8 @@ def compensate_table(
         How a CSV file is written, as for ``tcdyn.workflows.compensate.CompensatedLog.write``.
     progress
         Called with the row that was reached.
+    **options
+        How the table is read, see ``tcdyn.workflows.log_source.TableOptions``.
 
     Raises
     ------
@@ -145,14 +132,6 @@ def compensate_table(
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
     check_delay(delay_s)
-    options: TableOptions = {
-        "columns": columns,
-        "time": time,
-        "time_unit": time_unit,
-        "unit": unit,
-        "couple": couple,
-        "cold": cold,
-    }
     raw = _opened(log, calibrations, rig, options)
     out_path = Path() if callable(out) else Path(out)
     if not callable(out):

@@ -6,7 +6,7 @@ The command ``tcdyn demo``. Guarded by ``tests/core/test_results.py``.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.estimate import rounded_texts
+from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.write import write_text
@@ -98,7 +99,7 @@ def run_demo(
     out: str | Path,
     seed: int = 1,
     tests: Sequence[str] = ("B3",),
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> DemoRun:
     """Simulate a campaign and run every stage on its files, as a user would.
 

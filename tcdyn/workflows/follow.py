@@ -24,6 +24,7 @@ from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.appended import AppendedFile, digest
 from tcdyn.io.cells import is_number
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
@@ -34,18 +35,17 @@ from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
-from tcdyn.rig.opened_log import rig_from_records
+from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.rigfile import Rig
-from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
-from tcdyn.workflows.appended_file import AppendedFile, digest
-from tcdyn.workflows.compensate_table import check_delay, delayed_findings
-from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
-from tcdyn.workflows.segments import (
+from tcdyn.sensors.compensation import (
     CompensatedSegment,
     Totals,
     compensated_segments,
     text_columns,
 )
+from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
+from tcdyn.workflows.compensate_table import check_delay, delayed_findings
+from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
 
 STATE_SCHEMA = "tcdyn.follow/7"
 STOPPED_BY_USER = "stopped"
@@ -135,8 +135,10 @@ def follow(
     ----------
     log
         A text table that grows line by line.
-    calibrations, rig, options
+    calibrations, rig
         As for ``tcdyn.workflows.compensate_table.compensate_table``.
+    options
+        How the table is read.
     out
         Output, .csv. One that exists is refused, unless ``overwrite`` or ``state`` is given.
     delay_s
@@ -172,10 +174,7 @@ def follow(
     Rows at the end of the log, for which the delay has not passed when the run ends, are written
     with the rows that are there. A run that continues writes them again.
     """
-    if not calibrations:
-        raise InputError(
-            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
-        )
+    check_any_given(calibrations)
     check_delay(delay_s)
     log = Path(log)
     out = Path(out)

@@ -55,8 +55,12 @@ def compensate_frame(
         ``time_unit`` states another unit. An index of integers without a name is taken for the
         numbers of the rows, unless ``time_unit`` is given; a column with the name of a time is used
         then.
-    time_unit, unit, couple, cold
-        As for ``tcdyn.workflows.compensate_table.compensate_table``.
+    time_unit
+        Unit of the time (s, ms, us, ns, min, h or days), where its name does not say so.
+    unit
+        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names say.
+    couple, cold
+        Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
 
     Returns
     -------

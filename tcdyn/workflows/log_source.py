@@ -21,6 +21,7 @@ from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
 from tcdyn.rig.opened_log import (
     all_column_names,
+    check_any_given,
     log_kind,
     rig_from_records,
     rig_layouts,
@@ -29,16 +30,32 @@ from tcdyn.rig.opened_log import (
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.thermocouple_types import convert_columns
+from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import Source, source_of_table
 from tcdyn.sensors.units import cold_column
-from tcdyn.workflows.channels import TableChannels, record_channels, sensor_channels
+from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
 
 
 class TableOptions(TypedDict, total=False):
-    """How any table is read where its names do not state it, see ``compensate_table``."""
+    """How any table is read where its names do not state it.
+
+    Attributes
+    ----------
+    columns
+        Columns that a single sensor covers, instead of those in its file.
+    time
+        The time column, where its name does not say so.
+    time_unit
+        Its unit (s, ms, us, ns, min, h or days), where neither its name nor a row of units says so.
+    unit
+        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names or a
+        row of units say.
+    couple, cold
+        Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
+    """
 
     columns: Sequence[str]
     time: str | None
@@ -124,10 +141,7 @@ def raw_log(
     InputError
         For a table that is compensated already, and for missing columns.
     """
-    if not calibrations:
-        raise InputError(
-            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
-        )
+    check_any_given(calibrations)
     if isinstance(calibrations, Mapping):
         return _rig_log(path, table, calibrations, rig or rig_from_records(calibrations))
     source = source_of_table(path, table, options.get("time"), options.get("time_unit"))

@@ -13,17 +13,11 @@ from scipy import stats
 
 from calibration.budget import Contribution, UncertaintyBudget, uncertainty_budget
 from calibration.compare import compare_records
+from calibration.decisions import channel_budget, next_calibration, range_temperatures
 from calibration.static_lines import fit_static_lines
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import text_with_u
-from tcdyn.report.formal import (
-    budget_table,
-    channel_budget,
-    formal_sections,
-    next_calibration,
-    results,
-    temperatures,
-)
+from tcdyn.report.formal import budget_table, formal_sections, results
 from tcdyn.report.page import render_page
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import DiskRecord
@@ -167,10 +161,10 @@ def test_results_correct_readings_at_the_ends_and_the_middle_of_the_range() -> N
         c: x.model_copy(update={"range_degC": (20.0, 160.0)}) for c, x in record.static.items()
     }
     record = record.model_copy(update={"static": {**static, "a": line}})
-    assert temperatures(record) == [20.0, 90.0, 160.0]
+    assert range_temperatures(record) == [20.0, 90.0, 160.0]
     row = results(record).iloc[0]
     # reads (t + 0.5)/1.01 at t; printed to a hundredth of a kelvin or finer
-    for t in temperatures(record):
+    for t in range_temperatures(record):
         assert float(row[f"correction at {t:.0f} degC [K]"]) == pytest.approx(
             t - (t + 0.5) / 1.01, abs=0.006
         )
@@ -200,7 +194,7 @@ def test_certificate_states_responsibility_method_and_uncertainty() -> None:
         assert text in page, text
     table = results(record)
     assert list(table["channel"]) == list(CHANNELS)
-    assert len(table.columns) == 1 + 2 * len(temperatures(record))
+    assert len(table.columns) == 1 + 2 * len(range_temperatures(record))
 
 
 @pytest.mark.parametrize(

@@ -241,9 +241,9 @@ def test_sessions_with_different_gains_end_with_a_warning(tmp_path, capsys):
 def test_channels_that_deviate_before_a_plunge_are_named_only_for_a_disk_at_rest():
     from immersion.entry import EntryEvent
     from immersion.fluids import fluid
+    from immersion.plunge_checks import deviating_at_rest
     from immersion.plunge_data import PlungeRun
     from tcdyn.rig.static_line import StaticLine
-    from tcdyn.workflows.calibrate import deviating_at_rest
 
     t = np.arange(0.0, 12.0, 1 / 75)
     rng = np.random.default_rng(0)

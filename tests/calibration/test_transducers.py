@@ -8,7 +8,7 @@ from scipy import stats
 
 from calibration.transducers import fit_bearing_friction, fit_transducer
 from tcdyn.core.errors import InputError
-from tcdyn.plots.calibration import draw_bearing, draw_transducer
+from tcdyn.plots.calibration import draw_bearing
 from tcdyn.plots.style import figure
 
 LOADS = np.linspace(0, 2400, 9)
@@ -37,19 +37,6 @@ def test_intervals_of_slope_and_shift_have_nominal_coverage():
     assert 0.917 <= np.mean(slope) <= 0.983
     assert 0.917 <= np.mean(shift) <= 0.983
     assert np.mean(alarms) <= 0.083
-
-
-def test_lines_are_plotted_through_their_points():
-    volts, force, session = sessions(3)
-    ax = draw_transducer(
-        fit_transducer(volts, force, session), volts, force, session, figure()[1][0]
-    )
-    plotted = [np.transpose(line.get_data()) for line in ax.lines]
-    assert len(plotted) == 6
-    for dots, line in zip(plotted[::2], plotted[1::2]):
-        expected = np.polyval(np.polyfit(*dots.T, 1), line[:, 0])
-        assert line[:, 1] == pytest.approx(expected, abs=2.0)
-        assert [line[:, 0].min(), line[:, 0].max()] == [dots[:, 0].min(), dots[:, 0].max()]
 
 
 def test_shift_between_sessions_is_that_of_figure_2_21():

@@ -12,10 +12,10 @@ from tcdyn.campaign import solve_campaign
 from tcdyn.campaign.stages import loading_events, split_stages, stage_of
 from tcdyn.core.errors import InputError
 from tcdyn.partition.joint import joint_fits
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.steady import steady_lines, with_inner_row_at_one_radius
 from tcdyn.partition.window import fit_rows
 from tcdyn.rig.log import Log
-from tcdyn.workflows.prepare import prepare_test
 from tests.campaign.rigs import compressed_joint_fit
 from tests.partition.study_rigs import StudyRig, study_rig
 

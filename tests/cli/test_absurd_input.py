@@ -104,8 +104,8 @@ def test_stored_files_beyond_reason(
 
 @pytest.mark.parametrize("kind", ["lists", "digits", "no object"])
 def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
+    from tcdyn.campaign.stored_results import is_altered, read_given_result
     from tcdyn.simulate.campaign import simulate_campaign
-    from tcdyn.workflows.campaign_results import is_altered, read_given_result
 
     path = tmp_path / "EHL_B3.beta.json"
     path.write_text(JSON[kind], encoding="utf-8")

@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calibration.decisions import FIT_TO_USE, channel_verdicts
 from tcdyn.core.errors import InputError
-from tcdyn.report.certificate import FIT_TO_USE, certificate_verdict, channel_verdicts
+from tcdyn.report.certificate import certificate_verdict
 from tcdyn.rig.record import read_record
 from tcdyn.workflows import calibrate_disk
 from tcdyn.workflows.calibrate import CalibrationRun

@@ -18,16 +18,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tcdyn.campaign.summary_table import COLUMNS, table_columns, trend_table
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
 from tcdyn.io.checksum import with_checksum
+from tcdyn.partition.operating_conditions import read_bearing
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.rig.log import read_log
 from tcdyn.workflows import campaign_log as stage
 from tcdyn.workflows.campaign import run_campaign
 from tcdyn.workflows.campaign_log import CampaignSettings
-from tcdyn.workflows.campaign_table import COLUMNS, table_columns, trend_table
-from tcdyn.workflows.operating_conditions import read_bearing
-from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 
 

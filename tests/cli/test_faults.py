@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tcdyn.campaign.stored_results import read_result
 from tcdyn.cli.app import run
 from tcdyn.core.errors import InputError
 from tcdyn.io.checksum import ALTERED_CODE, with_checksum
 from tcdyn.io.write import log_writer, write_log, write_text
 from tcdyn.rig.record import read_record
 from tcdyn.sensors import read_sensor, specified_sensor, write_sensor
-from tcdyn.workflows.campaign_results import read_result
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".tdms", ".txt"])

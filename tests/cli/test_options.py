@@ -9,14 +9,14 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
 import pytest
 import typer
 
 from tcdyn.cli.app import OLD_NAMES, _print_new_name, app
-from tcdyn.cli.common import Reporter, as_option
+from tcdyn.cli.common import Reporter, as_option, number_option, options_from_docstring
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
 from tcdyn.rig.log import read_log
@@ -123,6 +123,42 @@ def test_an_option_has_one_meaning_in_all_commands() -> None:
     several = {name: kind for name, kind in kinds.items() if len(kind) > 1}
     assert several == {}
     assert {short: names for short, names in short_names.items() if len(names) > 1} == {}
+
+
+def _command(
+    log: Path, limit_K: Annotated[float, number_option(0, 1)] = 0.5, refine: bool = True
+) -> None:
+    """Do nothing.
+
+    Parameters
+    ----------
+    log
+        log to
+        read
+    limit_K
+        largest error
+    refine
+        refine it
+    """
+
+
+def test_options_have_the_names_of_parameters_and_the_help_of_the_docstring() -> None:
+    one = typer.Typer()
+    one.command()(options_from_docstring(_command))
+    command = typer.main.get_command(one)
+    log, limit, refine = command.params[:3]
+    assert command.help == "Do nothing."
+    assert (log.param_type_name, log.help) == ("argument", "log to read")
+    assert (limit.opts, limit.help, limit.default) == (["--limit-K"], "largest error", 0.5)
+    assert (refine.opts, refine.secondary_opts) == (["--refine"], ["--no-refine"])
+
+
+def test_a_parameter_that_the_docstring_does_not_describe_is_an_error() -> None:
+    def command(log: Path) -> None:
+        """Do nothing."""
+
+    with pytest.raises(KeyError, match="log"):
+        options_from_docstring(command)
 
 
 def test_help_keeps_its_brackets() -> None:

@@ -16,13 +16,13 @@ import pytest
 
 import tcdyn
 from calibration.compare import compare_records
+from tcdyn.campaign.steady_maps import steady_degC
+from tcdyn.campaign.summary_table import campaign_table, table_row
 from tcdyn.core.result import Result
 from tcdyn.rig.record import read_record, write_record
 from tcdyn.workflows import BetaRun
 from tcdyn.workflows.calibrate import CalibrationRun
 from tcdyn.workflows.campaign import CampaignRun
-from tcdyn.workflows.campaign_log import steady_degC
-from tcdyn.workflows.campaign_table import campaign_table, table_row
 from tcdyn.workflows.demo import DemoRun, compare_with_truth
 from tests.conftest import Campaign
 from tests.core.conftest import by_class

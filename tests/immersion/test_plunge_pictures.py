@@ -4,7 +4,6 @@ page."""
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -50,15 +49,8 @@ def planned() -> Design:
 
 
 def test_figures_of_a_fit_have_axes_with_units() -> None:
-    run = fit().runs[0]
-    models = {**published_degC(run, SETUP), "fitted": fit().junction_degC(0)}
     drawings = [
-        lambda ax: pictures.draw_record(run, ax),
-        lambda ax: pictures.draw_record(run, ax, until_s=20.0),
-        lambda ax: pictures.draw_entry(run, models, ax),
-        lambda ax: pictures.draw_heat_transfer(fit(), 0, ax),
         lambda ax: pictures.draw_common_lag(fit(), ax),
-        lambda ax: pictures.draw_differential_lags(fit(), ax),
         lambda ax: pictures.draw_holes(compare_holes(simulate_hole(1)[0]), ax),
         lambda ax: pictures.draw_design(planned(), ax),
     ]
@@ -98,57 +90,6 @@ def test_interval_of_the_common_lag_is_plotted_over_its_posterior() -> None:
     )
 
 
-def test_differential_lags_have_bars_of_95_percent() -> None:
-    marks, low, high = bars(pictures.draw_differential_lags(fit(), figure()[1][0]))
-    estimates = [fit().differential_lag_s[c] for c in fit().channels]
-    assert marks[:, 1] == pytest.approx([e.value for e in estimates])
-    assert low == pytest.approx([e.low95 for e in estimates])
-    assert high == pytest.approx([e.high95 for e in estimates])
-
-
-def test_record_is_plotted_from_its_start_up_to_the_requested_time() -> None:
-    run = fit().runs[0]
-    time_since_entry = run.time_s - run.entry.time_s
-    for until_s, end in ((None, time_since_entry[-1]), (20.0, 20.0)):
-        *channels, bath, entry = pictures.draw_record(run, figure()[1][0], until_s).lines
-        assert [line.get_label() for line in channels] == list(run.channels)
-        assert (bath.get_label(), np.unique(entry.get_xdata())) == ("bath", 0.0)
-        for k, line in enumerate(channels):
-            t, y = np.transpose(line.get_data()).T
-            step = t[1] - t[0]
-            assert 1500 <= len(t) <= 8000
-            assert t[0] == time_since_entry[0]
-            assert end - step < t[-1] <= end
-            assert y == pytest.approx(np.interp(t, time_since_entry, run.readings_degC[:, k]))
-        t, y = np.transpose(bath.get_data()).T  # each line has rows of its own
-        assert y == pytest.approx(np.interp(t, time_since_entry, run.fluid_degC))
-
-
-def test_entry_is_plotted_with_switch_probe_and_uncertainty() -> None:
-    entry = fit().runs[0].entry
-    entry = replace(entry, switch_s=entry.time_s + 0.1, probe_s=entry.time_s - 0.05)
-    run = replace(fit().runs[0], entry=entry)
-    ax = pictures.draw_entry(
-        run, {"fitted": fit().junction_degC(0)}, figure()[1][0], channel="b", until_s=12.0
-    )
-    measured, fitted, *event_marks = ax.lines
-    time_since_entry = run.time_s - run.entry.time_s
-    in_window = (time_since_entry > -3) & (time_since_entry < 12)
-    assert measured.get_xdata() == pytest.approx(time_since_entry[in_window])
-    assert measured.get_ydata() == pytest.approx(
-        run.readings_degC[in_window, run.channels.index("b")]
-    )
-    assert 11.5 < np.max(fitted.get_xdata()) < 12.0  # its steps grow to 0.3 s
-    (band,) = ax.patches
-    assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx(
-        [-run.entry.u_s, run.entry.u_s]
-    )
-    assert {str(line.get_label()): np.mean(line.get_xdata()) for line in event_marks} == {
-        "switch": pytest.approx(0.1),
-        "free probe": pytest.approx(-0.05),
-    }
-
-
 def test_first_seconds_of_a_plunge_are_plotted_for_the_shallowest_and_deepest_junction() -> None:
     blocks = fit().optimum.problem.models[0].blocks
     predicted = fit().optimum.predictions_degC[0]
@@ -165,16 +106,6 @@ def test_first_seconds_of_a_plunge_are_plotted_for_the_shallowest_and_deepest_ju
         np.testing.assert_array_equal(model.get_ydata(), predicted[in_window, j])
         assert model.get_label() == f"{c}, {depth_mm[c]:g} mm deep"
     assert 0.5 < depth_mm[end_channels[0]] < depth_mm[end_channels[1]] < 10  # a disk of 20 mm
-
-
-def test_h_is_plotted_from_a_hundredth_of_a_second_and_agrees_with_the_correlation() -> None:
-    fitted, published = pictures.draw_heat_transfer(fit(), 0, figure()[1][0]).lines
-    t, h = np.transpose(fitted.get_data()).T
-    assert 0.01 < t[0] < 0.1
-    assert t[-1] > 30
-    after_20_s = t > 20
-    ratio = h[after_20_s] / np.asarray(published.get_ydata())[after_20_s]
-    assert ((ratio > 0.5) & (ratio < 2)).all()  # correlations disagree by half
 
 
 def test_holes_are_plotted_from_one_second_before_entry_with_all_readings_visible() -> None:
@@ -208,8 +139,9 @@ def test_marks_of_a_planned_test_are_side_by_side_within_the_ticks() -> None:
     low = table["u_differential_s"].min()
     high = table["u_common_90_s"].max()
     ticks = ax.get_xticks()
-    assert low / 2 < ticks.min() <= 1.25 * low  # steps of 1, 2, 5
-    assert 0.8 * high <= ticks.max() < 2 * high
+    assert ticks.min() <= 1.25 * low  # steps of 1, 2, 5
+    assert 0.8 * high <= ticks.max()
+    assert (np.diff(np.log10(ticks)) < 0.4).all()
     assert [t.get_text() for t in ax.get_xticklabels()] == [f"{t:g}" for t in ticks]
 
 
@@ -230,7 +162,7 @@ def test_plunges_are_plotted_two_in_a_row(n_plunges: int) -> None:
 
 
 def test_residuals_of_a_plunge_are_plotted_in_units_of_the_noise() -> None:
-    residuals = pictures.standardised(fit(), 0)
+    residuals = fit().standardised_residuals(0)
     assert np.nanstd(residuals) == pytest.approx(1.0, abs=0.3)
     ax = pictures.draw_plunge_residuals(fit(), 0, figure()[1][0])
     inside = np.abs(residuals[np.isfinite(residuals)]) < 1.96

@@ -21,11 +21,11 @@ import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.partition.analyse import Partition, analyse
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import parse_rig
-from tcdyn.workflows.prepare import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
 LOAD_REL = 0.03

@@ -19,6 +19,7 @@ from calibration.static_lines import fit_static_lines
 from tcdyn.core.estimate import Estimate
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import ChainRecord, ChannelChain, DiskRecord, now_utc
@@ -26,7 +27,6 @@ from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth
-from tcdyn.workflows.prepare import prepare_test
 
 # standard uncertainties from a pair of plunges
 COMMON_U_S = 0.05

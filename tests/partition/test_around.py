@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.circumferential import circumferential_temperature
 from tcdyn.plots.circumferential import draw_middle_plane, draw_running_surface
 from tcdyn.plots.style import figure
 from tcdyn.rig.circumferential import CircumferentialTemperature
@@ -16,7 +17,6 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.field import _middle, disk_fields
 from tcdyn.simulate.truth import BoreContact, draw_truth
-from tcdyn.workflows.circumferential import circumferential_temperature
 from tests.partition.study_rigs import QUICK, study_rig
 
 SEED = 7000

@@ -21,13 +21,13 @@ from tcdyn.partition.nuisance import (
     parameters_of_test,
 )
 from tcdyn.partition.nuisance_parameter import NuisanceParameter
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.window import fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.rig.tables import air_name
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.workflows.prepare import prepare_test
 from tests.partition import as_logged_study as forms
 from tests.partition.study_rigs import StudyRig, study_rig
 from tests.partition.test_events import DT, simulated_log

@@ -23,6 +23,7 @@ from tcdyn.partition.crosscheck import (
     tensions,
 )
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.sensor_check import check_sensors
 from tcdyn.partition.sensor_faults import DepthTest, FaultFit, depth_test
 from tcdyn.partition.sensor_window import sensor_window
@@ -30,7 +31,6 @@ from tcdyn.partition.steady import with_inner_row_at_one_radius
 from tcdyn.rig.contact import FrictionCorrection
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
-from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import with_specified_depth

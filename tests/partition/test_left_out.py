@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tcdyn.campaign.summary_table import table_row
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, Severity
@@ -19,6 +20,7 @@ from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import CombinedFit, joint_fits
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.steady import disk_line, steady_lines
 from tcdyn.partition.window import fit_rows
 from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT_TEXT, channels_left_out
@@ -27,8 +29,6 @@ from tcdyn.workflows import beta as stage
 from tcdyn.workflows.beta import estimate_beta
 from tcdyn.workflows.beta_tables import junctions_table
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
-from tcdyn.workflows.campaign_table import table_row
-from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
 

@@ -17,12 +17,12 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.joint import disk_fit
+from tcdyn.partition.joint_results import compare_joint_fit, joint_budget
 from tcdyn.report.beta import write_beta_report
 from tcdyn.report.page import typeset
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import write_record
 from tcdyn.workflows import BetaRun, compensate_log, estimate_one_disk
-from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SLOW = [f"slow_{c}_degC" for c in CHANNELS]

@@ -10,15 +10,15 @@ import pandas as pd
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.rig.contact import Events
-from tcdyn.rig.tables import Constant, air_name
-from tcdyn.workflows.operating_conditions import (
+from tcdyn.partition.operating_conditions import (
     check_no_copies,
     constants_rel_u,
     disk_air,
     forces_N,
     speeds_rpm,
 )
+from tcdyn.rig.contact import Events
+from tcdyn.rig.tables import Constant, air_name
 
 
 def constants(**values: tuple[float, float]) -> dict[str, Constant]:

@@ -15,6 +15,7 @@ from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.angular_harmonic import harmonic_at_junctions
 from tcdyn.partition.at_rest import cables_exchanged, disks_differ, faults_at_rest
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, hotter_junction
 from tcdyn.partition.sensor_window import AFTER_LOADING_S, AFTER_UNLOADING_S, sensor_window
 from tcdyn.partition.steady import with_inner_row_at_one_radius
@@ -25,7 +26,6 @@ from tcdyn.rig.record import read_record, write_record
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.smoothing.traces import DiskTraces
-from tcdyn.workflows.prepare import prepare_test
 from tests.conftest import Campaign
 from tests.partition.fault_study import CASES
 from tests.partition.study_rigs import study_rig

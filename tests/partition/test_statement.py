@@ -15,6 +15,7 @@ from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import nuisance_effects
+from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.specified import (
     conductivity_slope_effect,
     linear_about,
@@ -25,7 +26,6 @@ from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.rig.tables import SurfaceFlux, fit_surface_flux
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.workflows.prepare import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SEED = 7000

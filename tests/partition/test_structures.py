@@ -14,6 +14,7 @@ from tcdyn.core.estimate import Estimate, mixture_interval95
 from tcdyn.core.findings import Severity
 from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.beta_file import beta_file
 from tcdyn.partition.departures import (
     MODEL_FORMS,
     STEM_SD,
@@ -248,7 +249,7 @@ def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() 
     # shares of a power that is off by a factor of four carry no information
     assert p.status == "withheld"
     assert {"joint fast", "joint slow", "both beta"} <= p.impossible
-    data = beta_tables.beta_file(p, {})
+    data = beta_file(p, {})
     text = summary_of(p)
     for d in DISKS:
         assert data["joint"][d]["beta"] == dict.fromkeys(("value", "u", "low95", "high95"))
@@ -262,7 +263,7 @@ def test_recommended_estimate_comes_first_in_summary_tables_and_files(
 ) -> None:
     _, p = baseline
     both = p.combined.estimates["beta"]
-    data = beta_tables.beta_file(p, {})
+    data = beta_file(p, {})
     assert data["headline"]["beta"] == both.model_dump()
     assert data["headline"]["way"] == "joint both"
     assert data["status"] == p.status == "sound"

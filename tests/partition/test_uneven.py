@@ -21,12 +21,12 @@ from tcdyn.partition.angular_harmonic import (
     harmonic_K,
     radial_shape,
 )
+from tcdyn.partition.beta_file import beta_file
 from tcdyn.partition.joint import joint_fits
 from tcdyn.report.beta import unevenness_section
 from tcdyn.rig.disk import CHANNELS, DISKS, DiskSetup
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import BoreContact, draw_truth
-from tcdyn.workflows.beta_tables import beta_file
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SETUP = load_rig().disk_setup("slow")

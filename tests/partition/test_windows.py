@@ -9,9 +9,9 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.cooling_checks import cooling_by_window, reference_table
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_inverse_check, draw_junctions, draw_window_study
-from tcdyn.workflows.beta_tables import cooling_by_window, reference_table
 from tests.conftest import Campaign
 from tests.pictures import bars
 
@@ -78,14 +78,11 @@ def test_compensated_and_commuted_forms_agree(partition: Partition) -> None:
     assert (table["difference"] == table["compensated"] - table["commuted"]).all()
 
 
-@pytest.mark.parametrize("quantity", ["beta", "h_W_m2K"])
-def test_windows_are_drawn_side_by_side_with_95_percent_bars(
-    by_window: pd.DataFrame, quantity: str
-) -> None:
-    marks, low, high = bars(draw_window_study(by_window, figure()[1][0], quantity))
+def test_windows_are_drawn_side_by_side_with_95_percent_bars(by_window: pd.DataFrame) -> None:
+    marks, low, high = bars(draw_window_study(by_window, figure()[1][0]))
     table = by_window.sort_values("disk", kind="stable")
-    assert (low + high) / 2 == pytest.approx(table[quantity])
-    assert high - low == pytest.approx(2 * Z95 * table[f"u_{quantity}"])
+    assert (low + high) / 2 == pytest.approx(table["beta"])
+    assert high - low == pytest.approx(2 * Z95 * table["u_beta"])
     position = marks[:, 0] / table["window_s"]
     assert set(position[table["disk"] == "fast"].round(6)) == {1.0}
     assert set(position[table["disk"] == "slow"].round(6)) == {1.03}
@@ -114,7 +111,7 @@ def test_junctions_are_drawn_at_their_estimated_depths(partition: Partition) -> 
 
 def test_plots_show_both_disks(by_window: pd.DataFrame, partition: Partition) -> None:
     fig, axes = figure(1, 2)
-    draw_window_study(by_window, axes[0], truth=0.7)
+    draw_window_study(by_window, axes[0])
     draw_inverse_check(reference_table(partition), axes[1])
     legend = " ".join(t.get_text() for t in axes[0].get_legend().get_texts())
     assert "fast disk" in legend

@@ -10,7 +10,9 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
+from tcdyn.partition import joint_results
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.beta_file import beta_file
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
 from tcdyn.report.beta import beta_assumptions, verdict, write_beta_report
@@ -31,7 +33,9 @@ def test_uncertainty_components_add_up_to_the_total(partition: Partition) -> Non
     cooling = partition.budget.total.u_beta_transient
     assert steady is not None
     joint_u = partition.combined.estimates["beta"].u
-    assert hypot(*beta_tables.joint_budget(partition).values()) == pytest.approx(joint_u, rel=1e-9)
+    assert hypot(*joint_results.joint_budget(partition).values()) == pytest.approx(
+        joint_u, rel=1e-9
+    )
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
         [joint_u, steady, cooling], abs=5e-5
     )
@@ -45,7 +49,7 @@ def test_uncertainty_components_add_up_to_the_total(partition: Partition) -> Non
 
 
 def test_budget_has_a_line_of_the_heat_that_leaves_with_the_oil(partition: Partition) -> None:
-    share = beta_tables.oil_film_share(partition)
+    share = joint_results.oil_film_share(partition)
     assert 1 / 1500 < share < 1 / 150  # appendix B: 1/1200 to 1/500 for 16 tests
     table = beta_tables.budget_table(partition).set_index("source")
     friction, film = (
@@ -83,7 +87,7 @@ def test_crosscheck_is_a_finding_and_is_printed_once(partition: Partition, tmp_p
     sentence = partition.crosscheck.sentence
     assert findings[-1] is partition.crosscheck.finding
     assert sum(f.code.startswith("ways.") for f in findings) == 1
-    stored = beta_tables.beta_file(partition, {})
+    stored = beta_file(partition, {})
     assert stored["findings"][-1]["code"] == partition.crosscheck.finding.code
     assert stored["crosscheck"]["sentence"] == sentence
     assert sentence not in stored["warnings"]
@@ -93,7 +97,7 @@ def test_crosscheck_is_a_finding_and_is_printed_once(partition: Partition, tmp_p
 
 def test_model_on_the_page_is_the_model_of_the_joint_fit(partition: Partition) -> None:
     for disk in DISKS:
-        comparison = beta_tables.compare_joint_fit(partition, disk)
+        comparison = joint_results.compare_joint_fit(partition, disk)
         assert comparison.time_since_unloading_s[0] < -60
         assert comparison.time_since_unloading_s[-1] > 5
         is_loaded = comparison.time_since_unloading_s < 0

@@ -15,6 +15,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy import stats
 
 from tcdyn.campaign import JoinedCampaign, joined
+from tcdyn.campaign.stored_results import merge_findings
+from tcdyn.campaign.summary_table import (
+    QUANTITIES,
+    comparison_table,
+    read_compared,
+    table_columns,
+)
 from tcdyn.campaign.trends import Curve, CurveTest
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
@@ -34,13 +41,6 @@ from tcdyn.report.campaign_joint import beta_table, exponent_text, joined_sectio
 from tcdyn.report.campaign_joint import trend_lines as joined_trend_lines
 from tcdyn.report.page import table_html
 from tcdyn.workflows.campaign import CampaignRun
-from tcdyn.workflows.campaign_results import merge_findings
-from tcdyn.workflows.campaign_table import (
-    QUANTITIES,
-    comparison_table,
-    read_compared,
-    table_columns,
-)
 from tests.campaign.toy import beta_json, toy
 
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]

@@ -7,17 +7,11 @@ import pytest
 from scipy import stats
 
 from calibration.budget import expanded_of_skewed
+from calibration.decisions import FIT_TO_USE, channel_verdicts, draft_reasons
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import info
-from tcdyn.report.certificate import FIT_TO_USE, certificate_verdict, channel_verdicts
-from tcdyn.report.formal import (
-    DRAFT,
-    draft_reasons,
-    formal_sections,
-    lag_budget_table,
-    marks,
-    results,
-)
+from tcdyn.report.certificate import certificate_verdict
+from tcdyn.report.formal import DRAFT, formal_sections, lag_budget_table, marks, results
 from tcdyn.report.page import render_page
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.tables import REQUIRED_ENTRIES

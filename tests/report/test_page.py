@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
+from calibration.decisions import channel_verdicts
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.plots.style import figure
-from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, cells_with_u, figure_data_uri, render_page, table_html
 from tcdyn.report.sources import log_row, record_rows
 from tcdyn.rig.log import Log

@@ -18,7 +18,7 @@ from tcdyn.estimation.line_fit import fit_line
 from tcdyn.plots import calibration as pictures
 from tcdyn.plots import partition as partitions
 from tcdyn.plots.campaign import name_points
-from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_inverse_check
 from tcdyn.rig.rigfile import load_rig
@@ -127,17 +127,7 @@ def test_partition_line_of_a_disk_passes_through_points_on_it(disk: str, word: s
     assert (high - low)[::2] == pytest.approx(2 * Z95 * 50.0)  # those along h
 
 
-def test_lines_of_transducers_end_at_their_points() -> None:
-    volts = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 3.0])
-    session = np.array(["a"] * 3 + ["b"] * 3)
-    line: Any = SimpleNamespace(
-        slope_N_V=Estimate.normal(200.0, 1.0),
-        intercept_N={"a": Estimate.normal(5.0, 1.0), "b": Estimate.normal(-10.0, 1.0)},
-    )
-    force = 200 * volts + np.repeat([5.0, -10.0], 3)
-    ax = pictures.draw_transducer(line, volts, force, session, axes())
-    assert points_of(ax.lines[1]) == pytest.approx(np.array([[0.0, 5.0], [2.0, 405.0]]))
-    assert points_of(ax.lines[3]) == pytest.approx(np.array([[0.5, 90.0], [3.0, 590.0]]))
+def test_line_of_a_transducer_ends_at_its_points() -> None:
     load = np.array([500.0, 1000.0, 3000.0])
     bearing: Any = SimpleNamespace(speeds_rpm=[400.0], lines=[fit_line(load, 3.0 + load / 250)])
     dots, through = pictures.draw_bearing(bearing, axes()).lines
@@ -199,12 +189,18 @@ def test_lag_budget_shows_pairs_of_bars_with_the_largest_on_top() -> None:
 
 def test_error_histogram_counts_all_errors_and_marks_the_95_percent_limits() -> None:
     errors = np.linspace(-1.0, 1.0, 201)
-    ax = pictures.draw_error_histogram(errors, axes(), width_K=0.25)
-    assert sum(b.get_height() for b in ax.containers[0]) == 201  # type: ignore[attr-defined]
+    ax = pictures.draw_error_histogram([*errors, np.nan], axes())
+    (counts,) = ax.containers
+    assert sum(b.get_height() for b in counts) == 201  # type: ignore[attr-defined]
+    assert [b.get_width() for b in counts] == pytest.approx([0.1] * len(counts))  # type: ignore[attr-defined]
+    assert ax.get_ylabel() == "errors per 0.1 K"
     assert [line.get_xdata()[0] for line in ax.lines] == pytest.approx([0.0, -0.95, 0.95])  # type: ignore[index]
-    assert pictures.bin_width(np.array([0.0, 2.4])) == 0.2  # twelve bins
-    assert pictures.bin_width(np.array([0.0, 2.3])) == 0.1
-    assert pictures.bin_width(np.array([3.0, 3.0])) == 0.1
+
+
+def test_histogram_of_equal_errors_has_one_full_bin() -> None:
+    ax = pictures.draw_error_histogram(np.full(5, 0.25), axes())
+    heights = [b.get_height() for b in ax.containers[0]]  # type: ignore[attr-defined]
+    assert [height for height in heights if height] == [5]
 
 
 def test_oven_log_is_plotted_as_errors_and_a_trace_by_at_most_4000_points() -> None:
@@ -320,19 +316,6 @@ def test_compensated_trace_is_plotted_with_band_flags_and_events_in_the_window()
     )
     full_line = draw_compensated(result, None, axes()).lines[0]
     assert points_of(full_line)[[0, -1], 0] == pytest.approx(t[[0, -1]])
-
-
-def test_chosen_weight_is_plotted_on_the_l_curve_between_its_neighbours() -> None:
-    weights = np.array([[1.0], [100.0]])
-    tradeoff: Any = SimpleNamespace(
-        misfit=np.array([[4.0], [1.0]]),
-        roughness=np.array([[1.0], [9.0]]),
-        intensity=weights,
-        chosen=np.array([10.0]),
-        criterion="the corner",
-    )
-    _, chosen = draw_tradeoff(tradeoff, axes()).lines
-    assert points_of(chosen) == pytest.approx(np.array([[2.0, 3.0]]))  # geometric means
 
 
 def test_step_response_of_a_filter_report_is_plotted_for_at_most_eight_rise_times() -> None:

@@ -15,9 +15,9 @@ from tcdyn.chain import Chain
 from tcdyn.core.estimate import Estimate
 from tcdyn.rig.record import ChainRecord, ChannelChain, DiskRecord
 from tcdyn.rig.static_line import StaticLine
+from tcdyn.sensors.channels import Channel, ChannelGroup, TableChannels
+from tcdyn.sensors.compensation import compensated_segments
 from tcdyn.sensors.units import Unit
-from tcdyn.workflows.channels import Channel, ChannelGroup, TableChannels
-from tcdyn.workflows.segments import compensated_segments
 
 Array = NDArray[np.float64]
 NAMES = [f"fast_{c}_degC" for c in "abcdef"]

@@ -15,11 +15,11 @@ import pytest
 from tcdyn.campaign import stages
 from tcdyn.core.errors import InputError
 from tcdyn.rig.log import iter_log, read_log, write_log
+from tcdyn.sensors import compensation as engine
 from tcdyn.sensors import table
+from tcdyn.sensors.compensation import CompensatedSegment, CompensationMethod
 from tcdyn.workflows import compensate, compensate_log
-from tcdyn.workflows import segments as engine
 from tcdyn.workflows.compensate import LogSegments
-from tcdyn.workflows.segments import CompensatedSegment, CompensationMethod
 from tests.cli.test_compensate_command import both, tcdyn, whole
 from tests.conftest import Campaign
 

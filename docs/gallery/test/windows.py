@@ -9,8 +9,8 @@ junctions.
 import matplotlib.pyplot as plt
 from shared import analysed
 
+from tcdyn.partition.cooling_checks import cooling_by_window, reference_table
 from tcdyn.plots import draw_inverse_check, draw_junctions, draw_window_study
-from tcdyn.workflows.beta_tables import cooling_by_window, reference_table
 
 p = analysed()
 _, axes = plt.subplots(3, 1, figsize=(8.5, 11.0), layout="constrained")

@@ -21,6 +21,15 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.partition.events import EhlTest, find_events
+from tcdyn.partition.operating_conditions import (
+    RowMask,
+    check_no_copies,
+    constants_rel_u,
+    disk_air,
+    forces_N,
+    rig_constants,
+    speeds_rpm,
+)
 from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import (
     MIN_ZERO_SAMPLES,
@@ -39,15 +48,6 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, changed_keys
 from tcdyn.rig.tables import Constant
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
-from tcdyn.workflows.operating_conditions import (
-    RowMask,
-    check_no_copies,
-    constants_rel_u,
-    disk_air,
-    forces_N,
-    rig_constants,
-    speeds_rpm,
-)
 
 # Tables of rig.toml that describe a disk: a change of them after the calibration gives a warning.
 DISK_TABLES = {"disk", "washer", "thermocouples"}

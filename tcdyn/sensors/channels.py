@@ -1,39 +1,29 @@
-"""Channels that are compensated: columns, units, static lines, chains; and their readings.
+"""Channels of any table that are compensated: columns, units, static lines, chains; their readings.
 
-``TableChannels`` takes raw columns of any source: with sensor files (``compensate_table``), or with
-the records of a rig where a log is compensated with a fixed delay or followed. ``DiskColumns``
-takes a checked rig log (``compensate_log``), whose noise is estimated for all channels of a disk
-together. Guarded by ``tests/sensors/test_sensor_file.py`` and
-``tests/cli/test_compensate_command.py``.
+Used with sensor files by ``tcdyn.workflows.compensate_table``, and with the records of a rig where
+a log is compensated with a fixed delay or followed. Guarded by
+``tests/sensors/test_sensor_file.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pandas as pd
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate, text_with_u
+from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.io.checksum import ALTERED_CODE
-from tcdyn.partition.cooling import lag_covariance_with_common_u, refined_chains
-from tcdyn.partition.joint import DiskFit
-from tcdyn.rig.check_clock import sample_interval_s
-from tcdyn.rig.columns import junction_columns
-from tcdyn.rig.record import DiskRecord
-from tcdyn.rig.rigfile import Rig
-from tcdyn.rig.static_line import StaticLine, apply_static, reading_u, shared_u_K
+from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
+from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import EvenTimes, TableSegment, even_times, on_grid
 from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
-from tcdyn.smoothing.traces import DiskTraces, disk_channels, disk_traces, summarise_spikes
-from tcdyn.workflows.segments import Readings
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
 # judgement (memory).
@@ -80,7 +70,7 @@ class ChannelGroup:
     channels
         The channels.
     lag_covariance_s2, split_u_s
-        As in ``Readings``.
+        As in ``ChannelReadings``.
     disk
         Disk of the channels, in messages; empty for a table.
     """
@@ -121,7 +111,7 @@ class TableChannels:
         """The largest lag [s]."""
         return max((channel.chain.lag_s for channel in self.channels), default=0.0)
 
-    def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
+    def readings(self, segment: TableSegment) -> tuple[list[ChannelReadings], list[Finding]]:
         """Readings of the channels that have enough of them, and findings."""
         findings = []
         for channel in self.channels:
@@ -163,7 +153,7 @@ def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
 
 def _grouped(
     group: ChannelGroup, indices: list[int], y: Array, start_s: float, grid: EvenTimes
-) -> Readings:
+) -> ChannelReadings:
     """Readings ``y`` (N, M) [degC] of some channels of a group."""
     channels = [group.channels[i] for i in indices]
     static_u_K = np.zeros_like(y)
@@ -172,7 +162,7 @@ def _grouped(
         if channel.line:
             static_u_K[:, k] = reading_u(channel.line, y[:, k])
             shared_K[k] = channel.line.shared_u_K
-    return Readings(
+    return ChannelReadings(
         tuple(channel.column for channel in channels),
         tuple(channel.unit for channel in channels),
         y,
@@ -201,7 +191,7 @@ def sensor_channels(
 ) -> tuple[TableChannels, list[Finding]]:
     """The columns of a table that sensors cover, in their order.
 
-    The parameters are those of ``tcdyn.workflows.compensate_table.compensate_table``; ``names`` are
+    The parameters are those of ``tcdyn.workflows.frames.compensate_frame``; ``names`` are
     the columns of the table, ``unit_row`` its row of units.
 
     Raises
@@ -256,136 +246,3 @@ def sensor_channels(
             if other_number == number:
                 covariance[i, j] = file.lag_covariance_s2[index, other_index]
     return TableChannels((ChannelGroup(tuple(channels), covariance, split_u_s),), where), findings
-
-
-def record_channels(
-    records: Mapping[str, DiskRecord], rig: Rig, prefixed: bool, where: str
-) -> tuple[TableChannels, list[Finding]]:
-    """The channels of the disks that have a record; those of a disk are smoothed together.
-
-    ``prefixed``: whether the columns contain the name of the disk.
-    """
-    groups = []
-    findings = []
-    for disk, record in records.items():
-        findings += [f for f in record.findings if f.code == ALTERED_CODE]
-        setup = rig.disk_setup(disk)
-        described = disk_channels(record, setup, disk if prefixed else "")
-        assert record.chain is not None  # disk_channels refuses a record without a chain
-        channels = tuple(
-            Channel(column, Unit(), chain, record.chain.channels[name].lag_s, line, disk)
-            for name, column, chain, line in zip(
-                setup.channels, described.columns, described.chains, described.lines
-            )
-        )
-        groups.append(
-            ChannelGroup(channels, described.lag_covariance_s2, described.split_u_s, disk)
-        )
-    return TableChannels(tuple(groups), where), findings
-
-
-def with_common_lag(
-    traces: DiskTraces, record: DiskRecord, fit: DiskFit | None
-) -> tuple[DiskTraces, str]:
-    """Return the traces with the common lag of the fit, if there is one, and a note about it."""
-    if fit is not None:
-        lag = fit.estimates["lag_s"]
-        chains = refined_chains(traces.chains, fit.chain)
-        traces = replace(
-            traces,
-            chains=chains,
-            lag_covariance_s2=lag_covariance_with_common_u(traces.lag_covariance_s2, lag.u),
-        )
-        return traces, f"{text_with_u(lag.value, lag.u)} s, from the unloading, record as prior"
-    assert record.chain is not None
-    common = record.chain.common_lag_s
-    return traces, f"{text_with_u(common.value, common.u)} s, from the record"
-
-
-def disk_readings(traces: DiskTraces, time_s: Array) -> Readings:
-    """The traces of a disk as readings, one for each of the even times ``time_s`` (N,) [s]."""
-    shared_K = shared_u_K(traces.lines)
-    return Readings(
-        traces.columns,
-        (Unit(),) * len(traces.columns),
-        traces.measured_degC,
-        float(time_s[0]),
-        sample_interval_s(time_s),
-        np.arange(len(time_s)),
-        traces.chains,
-        traces.lag_covariance_s2,
-        traces.split_u_s,
-        np.hypot(traces.static_u(traces.readings_degC), shared_K),
-        shared_K,
-        traces.noise_K,
-        traces.name,
-    )
-
-
-@dataclass(frozen=True)
-class DiskColumns:
-    """Channels of the disks in a checked log of the rig, on even times.
-
-    Noise is estimated in each segment. Lags are those of the unloading (``fits``) or of the
-    records.
-
-    Attributes
-    ----------
-    rig, records, fits
-        Rig; records by disk; joint fits by disk, for their common lags.
-    prefixed
-        Whether the columns contain the name of the disk.
-    removes_lag
-        Whether the lag is removed.
-    where
-        The log, in messages.
-    """
-
-    rig: Rig
-    records: Mapping[str, DiskRecord]
-    fits: Mapping[str, DiskFit]
-    prefixed: bool
-    removes_lag: bool
-    where: str
-
-    @property
-    def units(self) -> dict[str, Unit]:
-        """Columns of the junctions, in degrees Celsius."""
-        names: list[str] = []
-        for disk in self.records:
-            channels = self.rig.disk_setup(disk).channels
-            names += junction_columns(channels, disk if self.prefixed else "")
-        return dict.fromkeys(names, Unit())
-
-    @property
-    def lag_s(self) -> float:
-        """The largest lag [s]."""
-        lags = [
-            channel.lag_s.value
-            for record in self.records.values()
-            if record.chain
-            for channel in record.chain.channels.values()
-        ]
-        return max(lags, default=0.0)
-
-    def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
-        """Readings of each disk, and findings."""
-        prepared = []
-        findings: list[Finding] = []
-        frame = pd.DataFrame(segment.data)
-        for disk, record in self.records.items():
-            traces = disk_traces(
-                frame,
-                disk,
-                self.rig,
-                record,
-                prefixed=self.prefixed,
-                where=self.where,
-                lag=self.removes_lag,
-            )
-            if self.removes_lag:
-                traces = with_common_lag(traces, record, self.fits.get(disk))[0]
-            prepared.append(disk_readings(traces, segment.time_s))
-            findings += [f.at(disk) for f in traces.extrapolation_findings("the log")]
-            findings += traces.findings
-        return prepared, summarise_spikes(findings)

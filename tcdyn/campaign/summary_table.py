@@ -1,7 +1,7 @@
 """Table of a campaign (tables 7.1 to 7.3), groups of equal sliding speed, trend lines, comparison.
 
 Used by :mod:`tcdyn.workflows.campaign`, and by plots and pages of a campaign. ``COLUMNS`` names the
-keys of ``tcdyn.workflows.beta_tables.beta_file``: change both together. Guarded by
+keys of ``tcdyn.partition.beta_file.beta_file``: change both together. Guarded by
 ``tests/cli/test_campaign_command.py`` and ``tests/core/test_results.py``.
 """
 

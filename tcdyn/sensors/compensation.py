@@ -2,7 +2,8 @@
 
 ``compensated_segments`` reads a source of rows in overlapping segments
 (``tcdyn.sensors.table.read_segments``), smooths the channels of each, and yields the rows of the
-output. Where the readings and the chains come from is the matter of ``tcdyn.workflows.channels``.
+output. Where the readings and the chains come from is the matter of ``tcdyn.sensors.channels`` and
+``tcdyn.workflows.rig_channels``.
 Used by ``compensate_table``, ``compensate_log`` (logs that are too long for the memory) and
 ``follow``. Guarded by ``tests/smoothing/test_long_log.py``, ``tests/sensors/test_sensor_file.py``
 and ``tests/smoothing/test_fixed_delay.py``.
@@ -79,7 +80,7 @@ class CompensationMethod:
 
 
 @dataclass(frozen=True)
-class Readings:
+class ChannelReadings:
     """Readings of M channels that are smoothed together, at N even times.
 
     Attributes
@@ -129,7 +130,7 @@ class Readings:
             return list(self.columns)
         return [column.removesuffix("_degC") for column in self.columns]
 
-    def single(self, index: int) -> Readings:
+    def single(self, index: int) -> ChannelReadings:
         """The readings of one channel."""
         one = slice(index, index + 1)
         return replace(
@@ -157,7 +158,7 @@ class Channels(Protocol):
     def lag_s(self) -> float:
         """Largest lag, for the margins of a segment [s]."""
 
-    def readings(self, segment: TableSegment) -> tuple[list[Readings], list[Finding]]:
+    def readings(self, segment: TableSegment) -> tuple[list[ChannelReadings], list[Finding]]:
         """Readings that are smoothed together, and findings."""
 
 
@@ -196,7 +197,7 @@ class CompensatedSegment:
 
 
 def compensate_readings(
-    readings: Readings,
+    readings: ChannelReadings,
     method: CompensationMethod,
     events: Mapping[float, float] | None = None,
 ) -> Compensated:
@@ -243,7 +244,7 @@ def compensate_readings(
 
 
 def output_columns(
-    readings: Readings,
+    readings: ChannelReadings,
     result: Compensated,
     method: CompensationMethod,
     rows: slice | None = None,
@@ -301,11 +302,11 @@ def compensate_segment(
 
 
 def _smoothed(
-    readings: Readings,
+    readings: ChannelReadings,
     method: CompensationMethod,
     events: Mapping[float, float] | None,
     findings: list[Finding],
-) -> Iterator[tuple[Readings, Compensated]]:
+) -> Iterator[tuple[ChannelReadings, Compensated]]:
     """Smooth channels together; where that fails one by one, with a warning for each that fails."""
     try:
         result = compensate_readings(readings, method, events)

@@ -117,39 +117,29 @@ class AppendedFile:
             If it was renamed, deleted, replaced or changed.
         """
         before = f"rows 1 to {self.rows}" if self.rows else "no rows"
-        after = (
-            f", and rows {self.rows + 1} to {self.rows + next_rows} were not written"
-            if next_rows
-            else ""
-        )
-        open_file = os.fstat(self.stream.fileno())
+        after = ""
+        if next_rows:
+            after = f", and rows {self.rows + 1} to {self.rows + next_rows} were not written"
+        there = f"{before} are in the file that was there{after}"
         try:
-            file_at_path = os.stat(self.path)
+            file = os.stat(self.path)
         except OSError:
-            raise InputError(
-                f"the output was renamed or deleted while it was written: {before} are in the "
-                f"file that was there{after}",
-                where=str(self.path),
-                remedy="follow the log with another {out}",
-                parameters={"out": "FILE"},
-            ) from None
-        if not os.path.samestat(open_file, file_at_path):
-            raise InputError(
-                f"the output was replaced by another file while it was written: {before} are "
-                f"in the file that was there{after}",
-                where=str(self.path),
-                remedy="follow the log with another {out}",
-                parameters={"out": "FILE"},
-            )
-        if file_at_path.st_size != self.size:
-            raise InputError(
-                f"the output was changed by another program: it has {file_at_path.st_size} "
-                f"bytes after {before}{after}",
-                where=str(self.path),
-                expected=f"{self.size} bytes",
-                remedy="follow the log with another {out}",
-                parameters={"out": "FILE"},
-            )
+            raise self._lost(f"renamed or deleted while it was written: {there}") from None
+        if not os.path.samestat(os.fstat(self.stream.fileno()), file):
+            raise self._lost(f"replaced by another file while it was written: {there}")
+        if file.st_size != self.size:
+            changed = f"changed by another program: it has {file.st_size} bytes after {before}"
+            raise self._lost(f"{changed}{after}", expected=f"{self.size} bytes")
+
+    def _lost(self, what: str, expected: str = "") -> InputError:
+        """The error for an output that is no longer what was written."""
+        return InputError(
+            f"the output was {what}",
+            where=str(self.path),
+            expected=expected,
+            remedy="follow the log with another {out}",
+            parameters={"out": "FILE"},
+        )
 
 
 def digest(path: Path, size: int) -> Any:

@@ -1,6 +1,6 @@
 """Operating conditions of a test: forces, speeds and air from the log, else from rig.toml.
 
-Steps of ``tcdyn.workflows.prepare.prepare_test``. Guarded by ``tests/partition/test_running.py``
+Steps of ``tcdyn.partition.prepare.prepare_test``. Guarded by ``tests/partition/test_running.py``
 and ``tests/partition/test_as_logged.py``.
 """
 
