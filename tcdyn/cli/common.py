@@ -7,6 +7,7 @@ Tests: ``tests/cli/test_progress.py`` and ``tests/cli/test_options.py``.
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tcdyn.cli import debug
 from tcdyn.core.errors import InputError, Value, printable
 from tcdyn.core.findings import Finding, Severity, unique
 
@@ -54,6 +56,12 @@ Overwrite = Annotated[
     bool,
     typer.Option(
         "--overwrite", help="replace an existing output also if it was not made from this input"
+    ),
+]
+Debug = Annotated[
+    bool,
+    typer.Option(
+        "--debug", help="after an internal error, write a file with what its report needs"
     ),
 ]
 # The option of disk records, required or not.
@@ -152,12 +160,19 @@ class Reporter:
         Exit with code 1 if there is a warning.
     overwrite
         Whether the command may replace files that were not made from its inputs.
+    debug
+        Whether an internal error writes a file (:mod:`tcdyn.cli.debug`).
     """
 
     json_: Json = False
     quiet: Quiet = False
     strict: Strict = False
     overwrite: Overwrite = False
+    debug: Debug = False
+
+    def __post_init__(self) -> None:
+        """Let ``tcdyn.cli.app.run`` know of ``--debug``."""
+        debug.is_on.set(self.debug)
 
     @property
     def is_silent(self) -> bool:
@@ -483,6 +498,33 @@ def check_outputs(
             )
         uses[file] = f"which is --{option}"
         check_may_replace(path, files, overwrite)
+
+
+def check_folder(out: Path) -> None:
+    """Check that the folder of a campaign is no file, and not the root of a file system.
+
+    Parameters
+    ----------
+    out
+        Folder to write; it need not exist.
+
+    Raises
+    ------
+    InputError
+        For another path.
+
+    Examples
+    --------
+    >>> check_folder(Path("results"))
+    """
+    full = Path(os.path.abspath(out))
+    if full == Path(full.anchor):
+        raise InputError(
+            f"--out is {out}, the root of the file system",
+            expected="a folder for the files of this command",
+        )
+    if full.exists() and not full.is_dir():
+        raise InputError(f"--out is {out}, which is not a folder", expected="a folder to write")
 
 
 def beside(file: Path, ending: str) -> Path:

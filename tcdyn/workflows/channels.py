@@ -30,7 +30,7 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u, shared_u_K
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import EvenTimes, TableSegment, even_times, on_grid
+from tcdyn.sensors.table import EvenTimes, TableSegment, check_numbers, even_times, on_grid
 from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
 from tcdyn.smoothing.traces import DiskTraces, disk_channels, disk_traces, summarise_spikes
 from tcdyn.workflows.segments import Readings
@@ -125,7 +125,12 @@ class TableChannels:
         """Readings of the channels that have enough of them, and findings."""
         findings = []
         for channel in self.channels:
-            findings += unit_findings(channel.column, channel.unit, segment.data[channel.column])
+            values = segment.data[channel.column]
+            check_numbers(channel.column, values, self.where)
+            junction = channel.unit.reference_junction
+            if isinstance(junction, str):
+                check_numbers(junction, segment.data[junction], self.where)
+            findings += unit_findings(channel.column, channel.unit, values)
         if len(segment.time_s) < MIN_ROWS:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
         grid, grid_findings = even_times(segment.time_s, self.where)
