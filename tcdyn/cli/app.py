@@ -26,7 +26,7 @@ from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
 from tcdyn.cli.stop_signals import stop_signals
-from tcdyn.cli.streams import message_stream
+from tcdyn.cli.streams import escape_what_cannot_be_encoded, message_stream
 from tcdyn.cli.verify import verify
 from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
@@ -290,6 +290,7 @@ def main() -> None:
     """Run the command of ``sys.argv``; ends with SystemExit."""
     _stop_as_with_ctrl_c()
     sys.stderr = message_stream(sys.stderr)
+    escape_what_cannot_be_encoded(sys.stdout)
     code = run(app)
     try:
         sys.stdout.flush()

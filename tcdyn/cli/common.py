@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tcdyn.cli import debug
+from tcdyn.cli.streams import json_for_stream
 from tcdyn.core.errors import InputError, Value, printable
 from tcdyn.core.findings import Finding, Severity, unique
 
@@ -199,7 +200,7 @@ class Reporter:
             Function that is called only with ``--json``, since its value may take time.
         """
         if self.json_:
-            print(dump(data()), end="")
+            print(json_for_stream(dump(data()), sys.stdout), end="")
 
     def summary(self, text: str) -> None:
         """Print the summary of a result without its findings, which :meth:`report` prints.
