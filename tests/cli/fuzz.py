@@ -216,10 +216,8 @@ class World:
         tcdyn("follow", files["table"], "--sensor", files["sensor"], *words, "--idle-s", "0", "-q")
         return cls(files, folder / "run")
 
-    def run(self, words: list[str], changed: dict[str, bytes]) -> Outcome:
-        """Run a command whose words name inputs as {name}, some of them changed."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir()
+    def given(self, words: list[str], changed: dict[str, bytes]) -> list[str]:
+        """The words with paths of inputs, some of them changed, and of outputs in the folder."""
         given = []
         for word in words:
             if word.startswith("{") and word[1:-1] in self.files:
@@ -229,6 +227,13 @@ class World:
                 given.append(str(path))
             else:
                 given.append(str(self.folder / word) if word in OUTPUTS else word)
+        return given
+
+    def run(self, words: list[str], changed: dict[str, bytes]) -> Outcome:
+        """Run a command whose words name inputs as {name}, some of them changed."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir()
+        given = self.given(words, changed)
         out, err = io.StringIO(), io.StringIO()
         code: int | str
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), time_limit():
