@@ -17,7 +17,7 @@ from typing import Any
 
 import typer
 
-from tcdyn.cli import circumference, record, sensor, simulate
+from tcdyn.cli import circumference, debug, record, sensor, simulate
 from tcdyn.cli.beta import beta, campaign
 from tcdyn.cli.calibrate import calibrate, holes
 from tcdyn.cli.common import as_option
@@ -25,7 +25,8 @@ from tcdyn.cli.compensate import compensate
 from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
-from tcdyn.cli.streams import message_stream
+from tcdyn.cli.stop_signals import stop_signals
+from tcdyn.cli.streams import escape_what_cannot_be_encoded, message_stream
 from tcdyn.cli.verify import verify
 from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
@@ -177,6 +178,7 @@ def run(command: Callable[[], Any]) -> int:
     2. Ctrl-C gives 130, a closed pipe at the output 0. Any other exception is an internal error: it
     prints its traceback and one line on standard error, and gives exit code 70.
     """
+    debug.is_on.set(False)
     try:
         code = _exit_code(command)
         sys.stdout.flush()  # an output that cannot be written is reported here
@@ -251,26 +253,36 @@ def _system_error(problem: Exception) -> str:
 
 
 def _internal_error(problem: BaseException) -> int:
-    """Print the traceback and one line on standard error; return the exit code."""
+    """Print the traceback and one line on standard error; return the exit code.
+
+    With ``--debug`` the line names a file with the traceback, the command and the versions.
+    """
     traceback.print_exception(problem)
+    content = "the lines above, the command"
+    advice = "; --debug writes a file for it"
+    if debug.is_on.get():
+        try:
+            content = str(debug.write_error_file(problem))
+            advice = ""
+        except OSError as refusal:
+            advice = f"; --debug could not write a file ({refusal.strerror})"
     print(
         f"tcdyn: internal error ({type(problem).__name__}): this is a fault in tcdyn "
         f"{__version__}, "
-        "not in your input; please report it in the project's issue tracker with the lines above, "
-        "the command and, if you can, its input",
+        f"not in your input; please report it in the project's issue tracker with {content} "
+        f"and, if you can, its input{advice}",
         file=sys.stderr,
     )
     return INTERNAL_ERROR
 
 
 def _stop_as_with_ctrl_c() -> None:
-    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, so that no worker process remains.
+    """Let signals to stop end a command as Ctrl-C does, so that no worker process remains.
 
-    A signal that is ignored, as under ``nohup``, stays ignored. Windows has no SIGHUP.
+    A signal that is ignored, as SIGHUP under ``nohup``, stays ignored.
     """
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+    for number in stop_signals():
+        if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
 
 
@@ -278,6 +290,7 @@ def main() -> None:
     """Run the command of ``sys.argv``; ends with SystemExit."""
     _stop_as_with_ctrl_c()
     sys.stderr = message_stream(sys.stderr)
+    escape_what_cannot_be_encoded(sys.stdout)
     code = run(app)
     try:
         sys.stdout.flush()

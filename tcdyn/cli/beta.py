@@ -20,6 +20,7 @@ from tcdyn.cli.common import (
     Reporter,
     RigFileOrRecords,
     Verbose,
+    check_folder,
     check_outputs,
     count_progress,
     number_option,
@@ -251,6 +252,7 @@ def campaign(
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
+    check_folder(out)
     read_files = [*logs, rig, bearing, compare, *record, *(curve or ())]
     page = out / PAGE_FILE
     is_earlier_run = page.is_file() and b"tcdyn" in page.read_bytes()

@@ -8,6 +8,7 @@ and docstring. ``Reporter`` decides what goes to standard output and what to sta
 from __future__ import annotations
 
 import inspect
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -22,6 +23,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 import typer
 from typer.models import OptionInfo
 
+from tcdyn.cli import debug
+from tcdyn.cli.streams import json_for_stream
 from tcdyn.core.errors import InputError, Value, printable
 from tcdyn.core.findings import Finding, Severity, unique
 
@@ -203,12 +206,19 @@ class Reporter:
         exit with code 1 if there is a warning
     overwrite
         replace an existing output also if it was not made from this input
+    debug
+        after an internal error, write a file with what its report needs
     """
 
     json_: bool = False
     quiet: Annotated[bool, typer.Option("--quiet", "-q")] = False
     strict: bool = False
     overwrite: bool = False
+    debug: bool = False
+
+    def __post_init__(self) -> None:
+        """Let ``tcdyn.cli.app.run`` know of ``--debug``."""
+        debug.is_on.set(self.debug)
 
     @property
     def is_silent(self) -> bool:
@@ -237,7 +247,7 @@ class Reporter:
         if self.json_:
             from tcdyn.core.result import json_text
 
-            print(json_text(data()), end="")
+            print(json_for_stream(json_text(data()), sys.stdout), end="")
 
     def summary(self, text: str) -> None:
         """Print the summary of a result without its findings, which :meth:`report` prints.
@@ -507,6 +517,33 @@ def check_outputs(
             )
         uses[file] = f"which is --{option}"
         check_may_replace(path, files, overwrite)
+
+
+def check_folder(out: Path) -> None:
+    """Check that the folder of a campaign is no file, and not the root of a file system.
+
+    Parameters
+    ----------
+    out
+        Folder to write; it need not exist.
+
+    Raises
+    ------
+    InputError
+        For another path.
+
+    Examples
+    --------
+    >>> check_folder(Path("results"))
+    """
+    full = Path(os.path.abspath(out))
+    if full == Path(full.anchor):
+        raise InputError(
+            f"--out is {out}, the root of the file system",
+            expected="a folder for the files of this command",
+        )
+    if full.exists() and not full.is_dir():
+        raise InputError(f"--out is {out}, which is not a folder", expected="a folder to write")
 
 
 def beside(file: Path, ending: str) -> Path:

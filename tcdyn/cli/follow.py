@@ -20,6 +20,7 @@ from tcdyn.cli.common import (
     number_option,
     options_from_docstring,
 )
+from tcdyn.cli.stop_signals import stop_signals
 from tcdyn.cli.tables import (
     CsvComments,
     CsvDialect,
@@ -139,16 +140,19 @@ def follow(
 
 @contextmanager
 def _stop_request() -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether Ctrl-C or SIGTERM was received.
+    """Yield a function that returns whether a signal to stop was received.
 
-    The signal does not interrupt at once, so that no line is written in part.
+    The signal does not interrupt at once, so that no line is written in part. One that is ignored,
+    as SIGHUP under ``nohup``, stays ignored.
     """
     requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield requested.is_set
         return
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = {s: signal.signal(s, lambda *_: requested.set()) for s in signals}
+    previous = {}
+    for number in stop_signals():
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            previous[number] = signal.signal(number, lambda *_: requested.set())
     try:
         yield requested.is_set
     finally:

@@ -20,6 +20,7 @@ from tcdyn.cli.common import (
     Verbose,
     beside,
     check_choice,
+    check_folder,
     check_outputs,
     count_progress,
     number_option,
@@ -267,6 +268,7 @@ def campaign(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, PlannedPlunge, simulate_campaign
 
+    check_folder(out)
     tests = tuple(test or ("B3",))
     if "all" in tests:
         tests = ALL_TESTS
@@ -315,8 +317,10 @@ def demo(
     from tcdyn.report.sources import source_table
     from tcdyn.workflows import run_demo
 
+    tests = tuple(test or ("B3",))
+    _check_demo_folder(out, tests, reporter.overwrite)
     with stage_progress(reporter.is_silent, verbose) as progress:
-        run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
+        run = run_demo(out, seed, tests, progress=progress)
         progress("writing the report")
         truths = {
             name: float(
@@ -324,10 +328,10 @@ def demo(
             )
             for name in run.tests
         }
-        tests = {n: b.partition for n, b in run.tests.items()}
+        partitions = {n: b.partition for n, b in run.tests.items()}
         files = [out / f"{disk}.disk.json" for disk in next(iter(run.tests.values())).records]
         sources = source_table([*run.tests.values()], files, out / "rig.toml")
-        report = write_beta_report(out / "report.html", tests, truths, sources)
+        report = write_beta_report(out / "report.html", partitions, truths, sources)
     reporter.json(lambda: {**run.to_dict(), "report": report})
     if reporter.is_silent:
         return
@@ -336,6 +340,38 @@ def demo(
     for name, beta in run.tests.items():
         console.print(f"{name}: {beta.partition.crosscheck.sentence}", highlight=False)
     console.print(f"report: {report}", highlight=False, soft_wrap=True)
+
+
+def _check_demo_folder(out: Path, tests: tuple[str, ...], overwrite: bool) -> None:
+    """Check that the demo replaces no result but those of an earlier demo in the folder.
+
+    Parameters
+    ----------
+    out
+        Folder to write.
+    tests
+        Tests to simulate.
+    overwrite
+        Whether results may be replaced that were made from other logs than those in the folder.
+
+    Raises
+    ------
+    InputError
+        For an unknown test, a folder that cannot be one, and a file that may not be replaced.
+    """
+    from tcdyn.rig.disk import DISKS
+    from tcdyn.simulate.programme import ehl_test
+
+    check_folder(out)
+    logs = [out / f"oven_{disk}.csv" for disk in DISKS]
+    results = {f"record_{disk}": out / f"{disk}.disk.json" for disk in DISKS}
+    for test in tests:
+        name = ehl_test(test).name
+        logs.append(out / f"EHL_{name}.csv")
+        results[f"beta_{name}"] = out / f"EHL_{name}.beta.json"
+        results[f"compensated_{name}"] = out / f"EHL_{name}.compensated.csv"
+    results["report"] = out / "report.html"
+    check_outputs(logs, overwrite, **results)
 
 
 def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Standard error of a command, on which a command does not depend.
+"""Standard error of a command, on which a command does not depend, and its standard output.
 
 Used by :mod:`tcdyn.cli.app`. Test: ``tests/cli/test_streams.py``.
 """
@@ -6,6 +6,7 @@ Used by :mod:`tcdyn.cli.app`. Test: ``tests/cli/test_streams.py``.
 from __future__ import annotations
 
 import io
+import json
 import os
 from typing import TextIO
 
@@ -50,3 +51,50 @@ def message_stream(stream: TextIO | None) -> TextIO:
     return MessageStream(
         stream.buffer, encoding=stream.encoding, errors=stream.errors, line_buffering=True
     )
+
+
+def escape_what_cannot_be_encoded(stream: TextIO) -> None:
+    """Let a stream write characters that its encoding does not have as escapes.
+
+    Windows redirects to a file in the encoding of its language, in which a name or a unit may be
+    missing; Python would raise an exception.
+
+    Parameters
+    ----------
+    stream
+        Standard output; one that a caller replaced is not changed.
+
+    Examples
+    --------
+    >>> stream = io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    >>> escape_what_cannot_be_encoded(stream)
+    >>> stream.write("β in °C")
+    7
+    >>> stream.flush()
+    >>> stream.buffer.getvalue()
+    b'\\\\u03b2 in \\xb0C'
+    """
+    if isinstance(stream, io.TextIOWrapper):
+        stream.reconfigure(errors="backslashreplace")
+
+
+def json_for_stream(text: str, stream: TextIO) -> str:
+    """JSON that the stream can encode: non-ASCII characters escaped where it is necessary.
+
+    Parameters
+    ----------
+    text
+        JSON.
+    stream
+        Stream that it is written to.
+
+    Examples
+    --------
+    >>> json_for_stream('{"name": "β"}', io.TextIOWrapper(io.BytesIO(), encoding="ascii"))
+    '{\\n  "name": "\\\\u03b2"\\n}\\n'
+    """
+    try:
+        text.encode(stream.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return json.dumps(json.loads(text), indent=2) + "\n"
+    return text

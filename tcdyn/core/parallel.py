@@ -8,6 +8,7 @@ Dask.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from multiprocessing import current_process
 from typing import TypeVar
 
 from tcdyn.core.errors import InputError
@@ -15,6 +16,8 @@ from tcdyn.core.threads import one_blas_thread
 
 Job = TypeVar("Job")
 Value = TypeVar("Value")
+# Worker processes end so long after their last job [s]; joblib keeps them for 300 s.
+IDLE_S = 5.0
 # time limit for the connection to the Dask scheduler, which takes well below a second
 CONNECT_S = 10.0
 
@@ -33,7 +36,8 @@ def parallel_map(
     jobs : sequence
         Arguments of ``function``, one for each call.
     workers : int
-        Number of worker processes. With 1, the jobs run in this process, one after the other.
+        Number of worker processes. With 1, the jobs run in this process, one after the other; also
+        in a worker of ``multiprocessing.Pool``, which may not start processes.
     dask : str, optional
         Address of a Dask scheduler, for example "tcp://host:8786". ``workers`` is then not used.
 
@@ -50,7 +54,8 @@ def parallel_map(
 
     Notes
     -----
-    BLAS libraries use one thread in each worker.
+    BLAS libraries use one thread in each worker. The worker processes end ``IDLE_S`` after the last
+    job.
 
     Dask is used through its client. joblib's Dask backend does not report a killed worker: the
     iteration over its results does not end (joblib 1.6 with dask 2026.8).
@@ -64,7 +69,7 @@ def parallel_map(
         return _on_dask(function, jobs, dask)
     if workers < 1:
         raise InputError(f"{workers} workers", expected="at least 1")
-    if workers == 1 or len(jobs) < 2:
+    if workers == 1 or len(jobs) < 2 or current_process().daemon:
         return ((index, function(job)) for index, job in enumerate(jobs))
     return _in_processes(function, jobs, min(workers, len(jobs)))
 
@@ -105,7 +110,12 @@ def _in_processes(
         """Result of one job with its index, in the worker process."""
         return index, _on_one_blas_thread(function, job)
 
-    pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
+    pool = Parallel(
+        n_jobs=workers,
+        batch_size=1,
+        return_as="generator_unordered",
+        idle_worker_timeout=IDLE_S,
+    )
     try:
         yield from pool(delayed(run)(index, job) for index, job in enumerate(jobs))
     except TerminatedWorkerError:

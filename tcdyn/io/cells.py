@@ -269,8 +269,15 @@ class TextColumn:
             self.bad_cells += 1
         return np.nan
 
-    def findings(self, cells: int) -> list[Finding]:
-        """Findings about the column, which has ``cells`` cells.
+    def findings(self, cells: int, is_complete: bool = True) -> list[Finding]:
+        """Findings about the column.
+
+        Parameters
+        ----------
+        cells
+            Number of its cells.
+        is_complete
+            Whether too few numbers are an error and not a warning.
 
         Raises
         ------
@@ -289,7 +296,7 @@ class TextColumn:
         if not self.bad_cells:
             return findings
         first = self.first_cells["bad"]
-        if self.bad_cells > max(BAD_CELLS, BAD_SHARE * cells):
+        if is_complete and self.bad_cells > max(BAD_CELLS, BAD_SHARE * cells):
             mark = "comma" if self.decimal == "," else "point"
             raise InputError(
                 f"column {self.name}, row {first['row']}: {first['text']!r} is no number "

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -126,9 +125,8 @@ class GrowingText:
                 lines = []
                 ends = []
                 least = 1
-        with suppress(InputError):  # too few numbers in a column: the rows are written already
-            findings = tuple(reader.findings())
-            yield Columns({name: np.empty(0) for name in wanted}, location, findings)
+        findings = tuple(reader.findings(is_complete=False))
+        yield Columns({name: np.empty(0) for name in wanted}, location, findings)
 
     def _new_rows(self) -> tuple[list[bytes], list[int]]:
         """New complete lines with all their fields, and the positions of their ends."""

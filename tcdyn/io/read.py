@@ -154,7 +154,9 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
     chunks = partial(text_chunks, dialect)
     if findings:
         chunks = partial(_chunks_with_findings, chunks, findings)
-    clocks = tuple(name for name, cell in zip(dialect.names, dialect.first_row) if is_stamp(cell))
+    first_cells = list(zip(dialect.names, dialect.first_row))
+    clocks = tuple(name for name, cell in first_cells if is_stamp(cell))
+    dates = tuple(name for name, cell in first_cells if is_date(cell, name))
     return CsvTable(
         where,
         dialect.names,
@@ -163,6 +165,7 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
         dialect,
         units=dialect.units,
         clock_columns=clocks,
+        date_columns=dates,
     )
 
 
@@ -543,10 +546,23 @@ class TextReader:
                 column = TextColumn(name, self.dialect.decimal, self.location, clock=False)
                 self.text_columns[name] = column
 
-    def findings(self) -> list[Finding]:
-        """Findings about the text columns; InputError for a column with too few numbers."""
+    def findings(self, is_complete: bool = True) -> list[Finding]:
+        """Findings about the text columns.
+
+        Parameters
+        ----------
+        is_complete
+            Whether a column with too few numbers is an error; in a log that grows its rows are
+            used already, and it is a warning.
+
+        Raises
+        ------
+        InputError
+            For a column with too few numbers.
+        """
         columns = self.text_columns.values()
-        return [finding for column in columns for finding in column.findings(self.rows_done)]
+        rows = self.rows_done
+        return [finding for column in columns for finding in column.findings(rows, is_complete)]
 
     def _read_options(self, rows: int) -> pacsv.ReadOptions:
         """Options of pyarrow for small blocks, none of them read ahead, to limit the memory.

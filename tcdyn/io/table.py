@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, warning
+from tcdyn.io.times import is_time_name, split_unit
 
 CHUNK_ROWS = 50_000  # rows of a chunk: memory; chosen by judgement
 # samples: starts of channels closer than this are equal (time stamps have microseconds)
@@ -69,6 +70,8 @@ class Table:
         Columns whose first cell is a clock time.
     types
         Types of the columns of instants and durations of a Parquet file, by column.
+    date_columns
+        Columns whose first cell is a date without a time.
     """
 
     where: str
@@ -78,6 +81,13 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     clock_columns: tuple[str, ...] = field(default=(), kw_only=True)
     types: Mapping[str, pa.DataType] = field(default_factory=dict, kw_only=True)
+    date_columns: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def is_time(self, name: str) -> bool:
+        """Whether a column holds dates, clock times or a time by its name (not "T" alone)."""
+        is_clock = name in self.clock_columns or name in self.date_columns or name in self.types
+        name_without_unit = split_unit(name)[0]
+        return is_clock or (len(name_without_unit) > 1 and is_time_name(name))
 
 
 def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:

@@ -12,8 +12,8 @@ from __future__ import annotations
 import errno
 import io
 import os
+import secrets
 import stat
-import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -158,7 +158,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
     Notes
     -----
-    A file that is replaced keeps its permissions; a new one has those of the umask.
+    A file that is replaced keeps its permissions; a new one has those of the umask. On Windows, a
+    file that another program has open cannot be replaced: that is an error with this advice.
 
     Stopped at any moment, the block leaves the previous file or none. The temporary name starts
     with a dot and keeps the ending, for writers that depend on endings.
@@ -180,24 +181,18 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         target = Path(path).resolve()
         target.parent.mkdir(parents=True, exist_ok=True)
         check_writable(target)
-        permissions = 0o666 & ~_umask()
-        if target.exists():
-            permissions = stat.S_IMODE(target.stat().st_mode)
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.stem[:40]}.", suffix=target.suffix, dir=target.parent
-        )
+        temporary = _new_file_beside(target, is_private=target.exists())
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as problem:
         raise _unwritable(problem, path, "give a folder that you may write into") from None
-    os.close(handle)
-    temporary = Path(name)
     try:
         yield temporary
-        with open(temporary, "rb") as written:
+        with open(temporary, "r+b") as written:  # Windows can only flush what is open for writing
             os.fsync(written.fileno())
-        os.chmod(temporary, permissions)
-        os.replace(temporary, target)
+        if target.exists():
+            os.chmod(temporary, stat.S_IMODE(target.stat().st_mode))
+        _replace(temporary, target, path)
     except OSError as problem:
         if problem.errno not in FULL:  # it may come from reading in the block
             raise
@@ -207,6 +202,44 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()
+
+
+def _new_file_beside(target: Path, is_private: bool) -> Path:
+    """A new empty file in the folder of ``target``.
+
+    Parameters
+    ----------
+    target
+        The file that it will replace.
+    is_private
+        Whether only its owner may read it, until it gets the permissions of ``target``. Otherwise
+        it has those of the umask, which cannot be read without changing it for all threads.
+    """
+    mode = 0o600 if is_private else 0o666
+    while True:
+        name = f".{target.stem[:40]}.{secrets.token_hex(4)}{target.suffix}"
+        file = target.with_name(name)
+        try:
+            handle = os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode)
+        except FileExistsError:
+            continue
+        os.close(handle)
+        return file
+
+
+def _replace(temporary: Path, target: Path, path: str | Path) -> None:
+    """Rename ``temporary`` to ``target``, which messages call ``path``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be replaced, as on Windows while another program has it open.
+    """
+    try:
+        os.replace(temporary, target)
+    except PermissionError as problem:
+        remedy = "close it in other programs, or give another name; the file was not changed"
+        raise _unwritable(problem, path, remedy) from None
 
 
 @contextmanager
@@ -409,13 +442,6 @@ def _unwritable(problem: Exception, path: str | Path, remedy: str) -> InputError
     """
     reason = " ".join(str(getattr(problem, "strerror", None) or problem).split())
     return InputError(f"cannot be written ({reason})", where=str(path), remedy=remedy)
-
-
-def _umask() -> int:
-    """The mask of permissions of this process, which can only be read by setting it."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def write_log(

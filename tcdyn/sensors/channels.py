@@ -22,7 +22,7 @@ from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import EvenTimes, TableSegment, even_times, on_grid
+from tcdyn.sensors.table import EvenTimes, TableSegment, check_numbers, even_times, on_grid
 from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
@@ -115,7 +115,12 @@ class TableChannels:
         """Readings of the channels that have enough of them, and findings."""
         findings = []
         for channel in self.channels:
-            findings += unit_findings(channel.column, channel.unit, segment.data[channel.column])
+            values = segment.data[channel.column]
+            check_numbers(channel.column, values, self.where)
+            junction = channel.unit.reference_junction
+            if isinstance(junction, str):
+                check_numbers(junction, segment.data[junction], self.where)
+            findings += unit_findings(channel.column, channel.unit, values)
         if len(segment.time_s) < MIN_ROWS:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
         grid, grid_findings = even_times(segment.time_s, self.where)

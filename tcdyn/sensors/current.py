@@ -381,6 +381,13 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
         samples = np.concatenate([samples, new])
         log_p = np.r_[log_p, [density(shape) for shape in new]]
         log_q = logsumexp([p.log_density(samples) for p in proposals], axis=0)
+        if not np.isfinite(log_p).any():
+            raise InputError(
+                "the reading does not determine the lag: no sensor responds to this current as "
+                "it does",
+                expected="the reading and the current of a sensor that was heated by a step",
+                remedy="check the column of the current for single wrong values",
+            )
         weights = softmax(log_p - log_q)
         effective_size = 1 / np.sum(weights**2)
         if effective_size > SAMPLES / 4:
@@ -403,7 +410,7 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
 
     def model(theta: Array) -> Array | None:
         """Return the readings of the model (N,), or None beyond ``MAX_LOG``."""
-        if np.any(np.abs(theta[4:]) > MAX_LOG):
+        if not np.all(np.abs(theta[4:]) <= MAX_LOG):
             return None
         return record.table(theta[4:]) @ theta[:4]
 
@@ -455,7 +462,7 @@ class _LogPosterior:
 
     def __call__(self, shape: Array) -> float:
         """Return the log density at a shape, up to a constant."""
-        if np.any(np.abs(shape) > MAX_LOG):
+        if not np.all(np.abs(shape) <= MAX_LOG):
             return -np.inf
         table = self._whiten(self.record.table(shape)[self.finite])
         linear = np.linalg.lstsq(table, self.white_y, rcond=None)[0]

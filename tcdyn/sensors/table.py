@@ -297,7 +297,7 @@ def read_columns(
     t = np.concatenate([times_s for times_s, _, _ in chunks])
     raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}
     for name, values in raw.items():
-        _check_numbers(name, values, source)
+        check_numbers(name, values, source.table.where)
     findings = [finding for _, _, noted in chunks for finding in noted]
     grid, grid_findings = even_times(t, where)
     check_gaps(t, grid.dt_s, where)
@@ -319,14 +319,33 @@ def read_columns(
     return t[0] + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
 
 
-def _check_numbers(column: str, values: NDArray[Any], source: Source) -> None:
-    """Raise InputError for a column of text, with its first cell."""
+def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
+    """Check that a column holds numbers.
+
+    Parameters
+    ----------
+    column
+        Its name.
+    values
+        Its values (N,), from the first row of the table on.
+    where
+        The table, in the message.
+
+    Raises
+    ------
+    InputError
+        For a column of text, with its first cell.
+
+    Examples
+    --------
+    >>> check_numbers("T1", np.array([20.0, 20.1]), "log.csv")
+    """
     if values.dtype != object:
         return
     row = next((k for k, cell in enumerate(values) if cell), 0)
     raise InputError(
         f"column {column!r} holds text, such as {values[row]!r} in row {row + 1} below the header",
-        where=source.table.where,
+        where=where,
         expected="numbers",
     )
 

@@ -213,7 +213,8 @@ def remaining_jump(fit: Smoothed) -> Array:
     free_s = {b.start_s for q in fit.intensities for b in q.bursts} | set(fit.record.events_s)
     chi2[np.isin(knots, list(free_s))] = 0.0  # there a jump has its own prior
     for c in np.flatnonzero((chi2 > threshold).any(axis=0)):
-        jump = 0.5 * np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
+        with np.errstate(over="ignore"):  # no jump is determined where the variance is zero
+            jump = 0.5 * np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
         jump = np.where(chi2[:, c] > threshold, jump, 0.0)
         out[:, c] = np.interp(t, knots, maximum_filter1d(jump, 3))
     return out
@@ -485,13 +486,18 @@ def weigh_event(
         gaps = np.minimum(gaps, widest)
         width = 0.5 * (gaps[:-1] + gaps[1:])
         for k, total in enumerate(value.sum(axis=0).T):
+            if not np.isfinite(total.max()):  # no time is possible for this kind
+                continue
             weight = np.exp(total - total.max()) * width
             best_s[k] = float(weight @ times / weight.sum())
             spread = float(np.sqrt(weight @ (times - best_s[k]) ** 2 / weight.sum()))
             u_s[k] = float(np.clip(spread, 0.01 * dt, lag))
 
     level, without = _level_without_event(window, plain)
-    gain = value - BURST_FIT_NATS - without[:, None, None]
+    # a channel whose model without event overflows is no evidence for one
+    is_possible = np.isfinite(without)
+    gain = value - BURST_FIT_NATS - np.where(is_possible, without, 0.0)[:, None, None]
+    gain[~is_possible] = -np.inf
     # log of prior times likelihood, relative to no event: (M, times, kinds with "nothing" first)
     log_joint = np.concatenate([np.zeros_like(gain[..., :1]), gain], axis=2) + np.log(PRIOR)
     log_density = logsumexp(log_joint, axis=2)

@@ -331,7 +331,8 @@ def likelihood(
     Returns
     -------
     value
-        Log likelihood (M, Q) without the constant -n/2 log(2 pi) of n samples.
+        Log likelihood (M, Q) without the constant -n/2 log(2 pi) of n samples; minus infinity where
+        the intensity is so far from the data that the filter overflows.
     ratio
         Factor (M, Q) by which the noise variance would have to change so that the chi-square equals
         the number of samples minus two minus the number of events.
@@ -344,15 +345,20 @@ def likelihood(
     model = full_model(record, noise_var, proposals, fine)
     log_det = np.zeros(model.mean0.shape[:2])
     quadratic = np.zeros(model.mean0.shape[:2])
-    for (mean, step, gain, innovation), score in zip(kalman_filter(model), model.score):
-        sign, log_size = np.linalg.slogdet(gain)
-        # a sign lost to rounding occurs only at intensities far from the data
-        log_det += np.where(sign > 0, log_size, np.inf)
-        quadratic -= ((score + innovation) * mean + innovation * step).sum(axis=-1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for (mean, step, gain, innovation), score in zip(kalman_filter(model), model.score):
+            sign, log_size = np.linalg.slogdet(gain)
+            # a sign lost to rounding occurs only at intensities far from the data
+            log_det += np.where(sign > 0, log_size, np.inf)
+            quadratic -= ((score + innovation) * mean + innovation * step).sum(axis=-1)
     n_samples = (record.weight > 0).sum(axis=0)
     chi2 = quadratic + ((record.weight * record.y**2).sum(axis=0) / noise_var)[:, None]
     value = -0.5 * (log_det + chi2 + (n_samples * np.log(noise_var))[:, None])
-    return value, chi2 / np.maximum(n_samples - 2 - len(record.events_s), 1)[:, None]
+    ratio = chi2 / np.maximum(n_samples - 2 - len(record.events_s), 1)[:, None]
+    is_lost = ~np.isfinite(value)
+    value[is_lost] = -np.inf
+    ratio[is_lost] = 1.0
+    return value, ratio
 
 
 class SmoothedSamples(NamedTuple):

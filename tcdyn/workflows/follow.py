@@ -13,6 +13,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from tcdyn.io.cells import is_number
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.growing import ROW_END, GrowingText, open_growing
-from tcdyn.io.metadata import START_TIME_KEY
+from tcdyn.io.metadata import START_TIME_KEY, metadata_path
 from tcdyn.io.read import display_path
 from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
@@ -221,7 +222,10 @@ def follow(
     announce(raw, delay_s)
     rising = RisingRows(raw.source)
     totals = Totals()
-    with AppendedFile(out, stand.out_bytes, stand.written) as output:
+    with (
+        _removed_without_rows(out, state),
+        AppendedFile(out, stand.out_bytes, stand.written) as output,
+    ):
         growing.go_on = lambda has_new: patience.goes_on(has_new, output)
         segments = compensated_segments(
             rising,
@@ -271,6 +275,29 @@ def follow(
         totals.table(list(raw.channels.units)),
         unique_by_subject(findings),
     )
+
+
+@contextmanager
+def _removed_without_rows(out: Path, state: Path | None) -> Iterator[None]:
+    """Delete a new output that gets no row because the block fails.
+
+    Parameters
+    ----------
+    out
+        The output, with its header.
+    state
+        File of the state; where it exists, the output can be continued and is not deleted.
+    """
+    bytes_before = out.stat().st_size
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            can_continue = state is not None and state.exists()
+            if not can_continue and out.stat().st_size == bytes_before:
+                out.unlink()
+                metadata_path(out).unlink(missing_ok=True)
+        raise
 
 
 def _without_reader(raw: RawLog) -> RawLog:

@@ -167,8 +167,9 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
         table.units,
     )
     carried = tuple(n for n in value_columns if n not in channels.units)
-    if carried:
-        findings.append(info("sensor.carried", columns=list(carried)))
+    without_sensor = [name for name in carried if not table.is_time(name)]
+    if without_sensor:
+        findings.append(info("sensor.carried", columns=without_sensor))
     return _with_output(source, source.time, source.time, channels, carried, findings)
 
 

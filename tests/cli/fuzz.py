@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import shutil
 import signal
 import sys
@@ -31,7 +32,11 @@ from tests.cli.test_options import ALL
 from tests.conftest import RECORDS
 
 SECONDS = 120  # after which a command hangs
-ROWS = 250  # rows of a table that are kept, for speed
+# Rows of a table that are kept, for speed: every N-th of a log that a command needs from its start
+# to its end, else the first ones; sound inputs end with 0 or 1 (``test_fuzz.py``).
+ROWS = 250
+FIRST_ROWS = {"steady": 4000, "oven": 10_000}
+EVERY_NTH_ROW = {"ehl": 8, "plunge": 10}
 # Commands by the inputs that are mutated: of ``QUICK``, and further ones.
 WORDS = {
     **{
@@ -80,6 +85,8 @@ VALUES: tuple[Any, ...] = (
     *("", "a", "a" * 5000, "\x00", "\ud800", "2024-13-45", "*", "T1_degC", "tcdyn.sensor/1"),
     *([], [[]], [None], {}, {"": {}}, [1, 2, 3], {"value": 1, "u": -1}, [[1e308] * 3] * 3),
 )
+SCALES = (-1, 0, 0.5, 0.9, 1.1, 3, 100, 1e6, 1e-6, 1e300)  # of a number
+NUMBER_IN_TEXT = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?![\w.])")
 OPTION_VALUES = (
     *("", " ", "0", "-1", "1", "2.5", "nan", "inf", "-inf", "1e400", "1e308", "-1e308", "1e-320"),
     *(
@@ -176,7 +183,7 @@ class World:
 
     @classmethod
     def made(cls, folder: Path) -> World:
-        """Write all inputs; tables are cut to ``ROWS`` rows."""
+        """Write all inputs; tables are cut to few rows."""
         files = small_files(folder)
         options = EhlOptions(load_on_s=30.0, unload_s=60.0, duration_s=80.0)
         campaign = simulate_campaign(folder / "campaign", 3, ("B3",), ehl_options=options)
@@ -186,10 +193,14 @@ class World:
             "plunge": campaign.plunges["fast"][0],
             "ehl": campaign.ehl["B3"],
         }
-        for path in files.values():
+        for name, path in files.items():
             if path.suffix == ".csv":
-                lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-                path.write_text("".join(lines[: ROWS + 1]), encoding="utf-8")
+                header, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
+                if name in EVERY_NTH_ROW:
+                    kept = rows[:: EVERY_NTH_ROW[name]]
+                else:
+                    kept = rows[: FIRST_ROWS.get(name, ROWS)]
+                path.write_text("".join([header, *kept]), encoding="utf-8")
         for disk in ("fast", "slow"):
             files[disk] = Path(shutil.copy(RECORDS / f"{disk}.disk.json", folder))
         files["identified"] = folder / "i.identified.json"
@@ -209,10 +220,8 @@ class World:
         tcdyn("follow", files["table"], "--sensor", files["sensor"], *words, "--idle-s", "0", "-q")
         return cls(files, folder / "run")
 
-    def run(self, words: list[str], changed: dict[str, bytes]) -> Outcome:
-        """Run a command whose words name inputs as {name}, some of them changed."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir()
+    def given(self, words: list[str], changed: dict[str, bytes]) -> list[str]:
+        """The words with paths of inputs, some of them changed, and of outputs in the folder."""
         given = []
         for word in words:
             if word.startswith("{") and word[1:-1] in self.files:
@@ -222,6 +231,13 @@ class World:
                 given.append(str(path))
             else:
                 given.append(str(self.folder / word) if word in OUTPUTS else word)
+        return given
+
+    def run(self, words: list[str], changed: dict[str, bytes]) -> Outcome:
+        """Run a command whose words name inputs as {name}, some of them changed."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir()
+        given = self.given(words, changed)
         out, err = io.StringIO(), io.StringIO()
         code: int | str
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), time_limit():
@@ -281,7 +297,12 @@ def mutated_text(data: bytes, kind: int, place: int, value: int) -> bytes:
     def exchange(a: int, b: int) -> None:
         lines[a], lines[b] = lines[b], lines[a]
 
-    kinds = 20
+    def scaled(text: bytes) -> bytes:
+        """The first number of a text multiplied, nothing else changed."""
+        scale = SCALES[value % len(SCALES)]
+        return NUMBER_IN_TEXT.sub(lambda found: b"%g" % (float(found[0]) * scale), text, count=1)
+
+    kinds = 26
     match kind % kinds:
         case 0 | 1 | 2 | 3:
             cells[c] = cell
@@ -322,6 +343,24 @@ def mutated_text(data: bytes, kind: int, place: int, value: int) -> bytes:
             return data + data
         case 18:
             lines[k:] = sorted(lines[k:])
+        case 19 | 20:
+            cells[-1] = scaled(cells[-1])
+            lines[k] = separator.join(cells)
+        case 21 | 22:
+            cells[c] = scaled(cells[c])
+            lines[k] = separator.join(cells)
+        case 23 if separator == b",":
+            for j, line in enumerate(lines[1:], 1):
+                row = line.split(separator)
+                if c < len(row):
+                    row[c] = scaled(row[c])
+                lines[j] = separator.join(row)
+        case 24 if separator == b",":  # a channel that is stuck from row k
+            for j in range(k + 1, len(lines)):
+                row = lines[j].split(separator)
+                if c < min(len(row), len(cells)):
+                    row[c] = cells[c]
+                lines[j] = separator.join(row)
         case _:
             lines = lines[: 1 + value % 30]
     return b"\n".join(lines)
@@ -348,8 +387,8 @@ def mutated_json(data: bytes, edits: list[tuple[int, int, int]]) -> bytes:
             case 2:
                 other, other_key = places[value % len(places)]
                 parent[key] = json.loads(json.dumps(other[other_key]))
-            case 3 if isinstance(parent[key], int | float):
-                parent[key] = parent[key] * (-1, 0, 1e6, 1e-6, 1e300)[value % 5]
+            case 3 | 4 if isinstance(parent[key], int | float):
+                parent[key] = parent[key] * SCALES[value % len(SCALES)]
             case _:
                 parent[key] = VALUES[value % len(VALUES)]
     if edits and edits[0][2] % 2 and isinstance(content, dict) and CHECKSUM_KEY in content:

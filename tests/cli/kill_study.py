@@ -4,6 +4,8 @@ it.
 ``python -m tests.cli.kill_study [moments] [commands]`` prints a line a command. Half of the moments
 are the calls that open, write, flush and rename files; the others are spread over the run, most
 over its last part, where it writes.
+
+``tests.cli.signal_study`` sends signals that a command can handle.
 """
 
 from __future__ import annotations

@@ -35,6 +35,14 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 
 @pytest.mark.e2e
+@pytest.mark.parametrize("command", WORDS)
+def test_sound_inputs_give_a_result(world: World, command: str) -> None:
+    """A mutation of an input that is refused anyway would test nothing behind the first checks."""
+    done = world.run(WORDS[command].split(), {})
+    assert done.code in (0, 1), (done.words, done.error)
+
+
+@pytest.mark.e2e
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @given(
     st.sampled_from(list(WORDS)), NUMBER, st.lists(st.tuples(NUMBER, NUMBER, NUMBER), max_size=3)
@@ -170,6 +178,42 @@ def test_a_log_with_an_odd_name_does_not_end_a_campaign(
     assert tcdyn("campaign", tmp_path / "short.csv", odd, circle, *words) in (1, 2)
     table = pd.read_csv(tmp_path / "out" / "campaign.csv")
     assert len(table) == 3
+
+
+@pytest.mark.parametrize("command", ["compensate", "follow"])
+@pytest.mark.parametrize("is_junction", [False, True])
+def test_a_channel_or_a_reference_junction_that_holds_only_text_is_refused(
+    tmp_path: Path, command: str, is_junction: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = 0.1 * np.arange(100)
+    table = pd.DataFrame({"time_s": t, "T1_mV": 1 + 0.1 * np.sin(t), "CJ_degC": 20.0})
+    table["CJ_degC" if is_junction else "T1_mV"] = "abc"
+    table.to_csv(tmp_path / "log.csv", index=False)
+    sensor = tmp_path / "s.sensor.json"
+    new = ("sensor", "new", "--tau-s", "1.5+-0.1", "--column", "T1", "--out", sensor, "-q")
+    assert tcdyn(*new) == 0
+    out = tmp_path / "o.csv"
+    words = (command, tmp_path / "log.csv", "--sensor", sensor, "--out", out)
+    of_unit = ("--unit", "T1_mV=mV", "--couple", "K", "--cold-junction", "CJ_degC", "-q")
+    waits = ("--idle-s", "0") if command == "follow" else ()
+    assert tcdyn(*words, *of_unit, *waits) == 2
+    assert "holds text, such as 'abc' in row 1" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_followed_channel_that_turns_into_text_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`compensate` refuses such a log; the rows of `follow` are written when they come."""
+    t = 0.1 * np.arange(200)
+    rows = [f"{x:.1f},{20 + np.sin(x):.3f}" for x in t[:100]] + [f"{x:.1f},abc" for x in t[100:]]
+    (tmp_path / "log.csv").write_text("\n".join(["time_s,T1_degC", *rows, ""]), encoding="utf-8")
+    sensor = tmp_path / "s.sensor.json"
+    new = ("sensor", "new", "--tau-s", "1.5+-0.1", "--column", "T1", "--out", sensor, "-q")
+    assert tcdyn(*new) == 0
+    words = ("--sensor", sensor, "--out", tmp_path / "o.csv", "--idle-s", "0", "-q")
+    assert tcdyn("follow", tmp_path / "log.csv", *words) == 0
+    assert "'abc' is no number (and 99 more)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--couple", "--cold-junction"])

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 
@@ -29,6 +30,42 @@ def test_an_uncaught_exception_of_a_command_ends_with_70(
     assert trace[-1] == "ZeroDivisionError: of the command"
     assert sentence.startswith("tcdyn: internal error (ZeroDivisionError)")
     assert "issue tracker" in sentence
+
+
+def test_debug_writes_a_file_for_the_report(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tcdyn.verify.verify_rows", broken)
+    monkeypatch.setattr("sys.argv", ["tcdyn", "verify", "--out", "a b.csv", "--debug"])
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert run(lambda: app(["verify", "--debug"])) == 70
+    sentence = capsys.readouterr().err.splitlines()[-1]
+    (file,) = tmp_path.iterdir()
+    assert str(file) in sentence
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith("command: tcdyn verify --out 'a b.csv' --debug\ntcdyn ")
+    assert f"numpy {np.__version__}" in text
+    assert text.endswith("\nZeroDivisionError: of the command\n")
+    assert run(lambda: app(["verify"])) == 70  # the option of the previous call does not remain
+    assert "--debug writes a file" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_file_of_debug_that_cannot_be_written_changes_nothing_else(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tcdyn.verify.verify_rows", broken)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
+    assert run(lambda: app(["verify", "--debug"])) == 70
+    assert "could not write a file (No such file" in capsys.readouterr().err
+
+
+def test_input_that_is_refused_writes_no_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert run(lambda: app(["rig", "check", "missing.toml", "--debug"])) == 2
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_process_of_the_command_ends_with_70(tmp_path: Path) -> None:

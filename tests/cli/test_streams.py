@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tcdyn.cli.app import app, run
-from tcdyn.cli.streams import message_stream
+from tcdyn.cli.streams import escape_what_cannot_be_encoded, message_stream
 from tests.cli.fault_commands import small_files
 
 COMMAND = [sys.executable, "-m", "tcdyn.cli.app"]
@@ -43,6 +45,24 @@ def test_a_full_standard_error_changes_nothing(
         monkeypatch.setattr(sys, "stderr", message_stream(full))
         assert run(lambda: app(words)) == code
     assert capsys.readouterr().out == sound.out
+
+
+def test_names_that_the_encoding_of_the_output_lacks_are_escaped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows, where a file has the encoding of the language."""
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="cp1252")
+    escape_what_cannot_be_encoded(stream)
+    monkeypatch.setattr(sys, "stdout", stream)
+    name = "\u03b2 \U0001f321 \xb0"
+    words = ["sensor", "new", "--tau-s", "1+-0.1", "--column", "T1", "--name", name]
+    assert run(lambda: app([*words, "--out", str(tmp_path / "s.sensor.json")])) == 0
+    assert "\\u03b2 \\U0001f321 \xb0" in raw.getvalue().decode("cp1252")
+    raw.truncate(0)
+    raw.seek(0)
+    assert run(lambda: app([*words, "--json"])) == 0
+    assert json.loads(raw.getvalue().decode("cp1252"))["sensor"] == name
 
 
 @pytest.mark.e2e

@@ -1,23 +1,34 @@
-"""The library inside other programs: pools, threads, asyncio, strict interpreters, many calls.
+"""The library inside other programs: pools, threads, asyncio, notebooks, strict interpreters.
 
-The same numbers come out everywhere, and nothing remains afterwards.
+The same numbers come out everywhere, and nothing remains afterwards. The tests themselves run in
+the workers of pytest-xdist. ``test_parallel.py`` has worker processes that the library starts.
 """
 
 from __future__ import annotations
 
 import asyncio
 import gc
+import locale
+import logging
 import multiprocessing
 import os
+import random
+import signal
 import subprocess
 import sys
 import threading
+import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from threadpoolctl import threadpool_info
 
 import tcdyn
 from tcdyn.sensors import specified_sensor
@@ -69,6 +80,83 @@ def test_pool_of_every_start_method_gives_the_same_numbers_and_takes_all_results
         assert pool.apply(numbers) == expected
         assert pool.apply(as_dicts, (quick_results,)) == as_dicts(quick_results)
     assert multiprocessing.active_children() == []
+
+
+def state_of_process(folder: Path) -> dict[str, Any]:
+    """What a program would notice if a library changed it; ``folder``: of temporary files."""
+    stop_signals = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
+    return {
+        "environment": dict(os.environ),
+        "working directory": os.getcwd(),
+        "temporary files": sorted(os.listdir(folder)),
+        "threads": {thread.name for thread in threading.enumerate()},
+        "children": {child.pid for child in multiprocessing.active_children()},
+        "signals": [signal.getsignal(s) for s in stop_signals if s is not None],
+        "warnings": list(warnings.filters),
+        "floating point errors": np.geterr(),
+        "printing of arrays": np.get_printoptions(),
+        "random numbers": (random.getstate(), str(np.random.get_state(legacy=False))),  # noqa: NPY002
+        "locale": locale.setlocale(locale.LC_ALL),
+        "time zone": time.tzname,
+        "recursion limit": sys.getrecursionlimit(),
+        "logging": (logging.root.level, list(logging.root.handlers)),
+        "hooks": (sys.excepthook, sys.displayhook, sys.stdout, sys.stderr),
+        "garbage collector": (gc.isenabled(), gc.get_threshold()),
+        "import path": (list(sys.path), list(sys.meta_path)),
+        "BLAS": [(lib["filepath"], lib["num_threads"]) for lib in threadpool_info()],
+        "matplotlib": {key: value for key, value in mpl.rcParams.items() if key != "backend"},
+        "open figures": plt.get_fignums(),
+    }
+
+
+def test_calls_change_nothing_in_their_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Environment, signals, warnings, random numbers, locale and so on, as ``state_of_process``."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    first = numbers()  # imports
+    before = state_of_process(tmp_path)
+    assert numbers() == first
+    after = state_of_process(tmp_path)
+    assert {key for key in before if before[key] != after[key]} == set()
+
+
+def test_threads_give_the_same_numbers() -> None:
+    expected = numbers()
+    environment = dict(os.environ)
+    with ThreadPoolExecutor(3) as threads:
+        results = [threads.submit(numbers) for _ in range(3)]
+        assert [result.result() for result in results] == [expected] * 3
+    assert dict(os.environ) == environment
+
+
+@pytest.mark.e2e
+def test_a_notebook_gives_the_same_numbers_and_nothing_remains(tmp_path: Path) -> None:
+    """Its kernel runs an event loop, in which the cells are executed."""
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    cells = [
+        "from tests.core.test_embedding import numbers, state_of_process\n"
+        "first = numbers()\n"
+        f"folder = {str(tmp_path)!r}\n"
+        "before = state_of_process(folder)",
+        "assert numbers() == first\n"
+        "after = state_of_process(folder)\n"
+        "changed = {key for key in before if before[key] != after[key]}",
+        "print([repr(first), sorted(changed)])",
+        "import asyncio\n"
+        "print(await asyncio.gather(*[asyncio.to_thread(numbers) for _ in range(2)]))",
+    ]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(c) for c in cells])
+    client = nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": ROOT}})
+    client.execute()
+    printed = [
+        "".join(output.get("text", "") for output in cell["outputs"]) for cell in notebook.cells
+    ]
+    expected = numbers()
+    assert printed[2] == f"{[repr(expected), []]}\n"
+    assert printed[3] == f"{[expected, expected]}\n"
 
 
 @pytest.mark.e2e

@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
@@ -111,6 +112,48 @@ def test_number_of_processes_is_at_most_that_of_workers() -> None:
     assert os.getpid() not in pids
     assert len(pids) <= 2
     assert [*parallel_map(process_id, [], workers=2)] == []
+
+
+@pytest.mark.usefixtures("workers_ended")
+def test_worker_processes_end_after_their_last_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tcdyn.core.parallel.IDLE_S", 0.1)
+    get_reusable_executor().shutdown(wait=True)  # those of other tests have a longer time
+    before = {child.pid for child in multiprocessing.active_children()}
+    assert dict(parallel_map(abs, [-1, 2, -3], workers=2)) == {0: 1, 1: 2, 2: 3}
+    until = time.monotonic() + WAIT_S
+    while {child.pid for child in multiprocessing.active_children()} - before:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+@pytest.mark.usefixtures("workers_ended")
+def test_a_handler_of_the_program_does_not_run_in_its_worker_processes(tmp_path: Path) -> None:
+    """Version 0.2 ran it in forked copies, where it deleted the temporary files of the program."""
+    previous = signal.signal(signal.SIGTERM, lambda *_: (tmp_path / "ran").touch())
+    try:
+        assert dict(parallel_map(abs, [-1, 2, -3], workers=2)) == {0: 1, 1: 2, 2: 3}
+        workers = multiprocessing.active_children()
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.join(WAIT_S)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+    assert workers
+    assert not (tmp_path / "ran").exists()
+
+
+def sizes_without_a_warning(workers: int) -> dict[int, object]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return dict(parallel_map(abs, [-1, 2, -3], workers=workers))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a forked pool is quick")
+def test_a_daemonic_process_computes_the_jobs_itself() -> None:
+    """A worker of multiprocessing.Pool may not have children; 0.2 ended in AssertionError."""
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert pool.apply(sizes_without_a_warning, (2,)) == {0: 1, 1: 2, 2: 3}
 
 
 @pytest.mark.e2e
