@@ -75,6 +75,7 @@ def test_a_fit_to_block_means_gives_the_parameters_of_the_fit_to_all_rows():
         assert abs(means[name].value - estimate.value) < 0.3 * estimate.u
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("seed", [81, 82, 83])
 def test_a_decimated_search_gives_the_structure_and_the_estimates_of_the_full_one(

@@ -297,6 +297,7 @@ def test_small_drift_of_a_channel_is_not_reported_as_swap(
         assert "swapped" not in [fault.kind for fault in faults_at_rest(drifted)["fast"]]
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(("channel", "shift_s"), [("e", 0.5), ("a", 0.5), ("e", -0.4)])
 def test_large_time_shift_of_a_column_is_identified_with_its_size(

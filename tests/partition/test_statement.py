@@ -264,6 +264,7 @@ def test_surface_flux_intervals_have_the_stated_coverage(points: int) -> None:
     assert np.all((coverage > 0.92) & (coverage < 0.995))
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_measured_surface_flux_determines_h_when_the_ambient_does_not_cool() -> None:
     """The oil cools both running surfaces 8 K below the logged ambient: without the measurement h

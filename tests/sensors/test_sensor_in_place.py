@@ -233,6 +233,7 @@ def test_noise_tells_when_its_conditions_do_not_hold() -> None:
         noise_sensor(t[:100], y[:100], "T")
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(("kind", "silent"), [("current", 1), ("noise", 1), ("pair", 2)])
 def test_layered_sensors_lie_in_their_intervals_or_there_is_a_warning(

@@ -217,6 +217,7 @@ def test_interpolated_traces_are_accurate_to_a_millikelvin() -> None:
     assert np.abs(default - fine).max() < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_default_mesh_is_within_five_millikelvin_of_a_refined_one() -> None:
     default = loaded_test(Stepping(), DiskMesh())
