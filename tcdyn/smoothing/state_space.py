@@ -318,7 +318,7 @@ def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
 def _inverse(matrices: Array) -> Array:
     """Inverses of matrices (..., n, n); NaN for one that rounding made singular."""
     try:
-        return np.linalg.inv(matrices)
+        return np.asarray(np.linalg.inv(matrices), dtype=float)
     except np.linalg.LinAlgError:
         is_regular = np.linalg.matrix_rank(matrices) == matrices.shape[-1]
         out = np.full_like(matrices, np.nan)
