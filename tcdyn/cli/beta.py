@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -236,6 +237,7 @@ def campaign(
     window_s
         length of the cooling fit in seconds
     """
+    from tcdyn.core.parallel import worker_processes_end
     from tcdyn.partition.operating_conditions import read_bearing
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
@@ -275,7 +277,11 @@ def campaign(
     files = {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
     existing = {content for content, path in files.items() if path.exists()}
     n_workers = workers or min(2, os.cpu_count() or 1)
-    with count_progress(len(logs), reporter.is_silent) as progress:
+    uses_processes = dask is None and n_workers > 1 and len(logs) > 1
+    with (
+        worker_processes_end() if uses_processes else nullcontext(),
+        count_progress(len(logs), reporter.is_silent) as progress,
+    ):
         run = run_campaign(
             logs,
             settings,

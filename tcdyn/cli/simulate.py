@@ -7,6 +7,7 @@ are written to separate files, which no estimator reads. Tests: ``tests/simulate
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -265,6 +266,7 @@ def campaign(
     workers
         worker processes on this machine
     """
+    from tcdyn.core.parallel import worker_processes_end
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, PlannedPlunge, simulate_campaign
 
@@ -273,7 +275,10 @@ def campaign(
     if "all" in tests:
         tests = ALL_TESTS
     plunges = tuple(PlannedPlunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
-    with count_progress(None, reporter.is_silent) as progress:
+    with (
+        worker_processes_end() if workers > 1 else nullcontext(),
+        count_progress(None, reporter.is_silent) as progress,
+    ):
         files = simulate_campaign(
             out,
             simulated.seed,

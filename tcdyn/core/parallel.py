@@ -8,6 +8,7 @@ Dask.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing import current_process
 from typing import TypeVar
 
@@ -72,6 +73,21 @@ def parallel_map(
     if workers == 1 or len(jobs) < 2 or current_process().daemon:
         return ((index, function(job)) for index, job in enumerate(jobs))
     return _in_processes(function, jobs, min(workers, len(jobs)))
+
+
+@contextmanager
+def worker_processes_end() -> Iterator[None]:
+    """End joblib's worker processes after the block, busy or not.
+
+    For a command, which ends soon after: Python waits for them at its end, where a signal would
+    print a traceback. Programs that use joblib themselves keep theirs.
+    """
+    try:
+        yield
+    finally:
+        from joblib.externals.loky import get_reusable_executor
+
+        get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
 def _in_processes(

@@ -555,5 +555,6 @@ def _without_touches(
     rows = np.concatenate([np.arange(a, b + 1) for a, b in touches])
     out = frame.reset_index(drop=True)
     interpolated = out[columns].drop(rows).reindex(out.index).interpolate()
-    out.loc[rows, columns] = interpolated.loc[rows]
+    for column in columns:  # pandas 3.0.0 cannot set several columns if there is only one
+        out.loc[rows, column] = interpolated.loc[rows, column]
     return out

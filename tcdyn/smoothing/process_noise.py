@@ -24,7 +24,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Burst, Intensity
-from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.record import Record, least_noise_sd
 from tcdyn.smoothing.state_space import likelihood, smooth_record
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
@@ -219,7 +219,10 @@ def exact_levels(
                 break
         best = np.argmax(value, axis=1)
         rows = np.arange(len(best))
-        scale = np.ones(len(best)) if noise_known else ratio[rows, best]
+        scale = np.ones(len(best))
+        if not noise_known:
+            least = least_noise_sd(record.y) ** 2 / noise_var
+            scale = np.maximum(ratio[rows, best], least)
         step = logs[:, 1] - logs[:, 0]
         top = logs[rows, best]
         refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7)

@@ -53,6 +53,9 @@ SATURATED = 8
 IMPLAUSIBLE = 16
 # fewest good samples of a channel, and samples of a record; chosen by judgement
 MIN_GOOD_SAMPLES = 8
+# Estimated noise is at least this part of the largest reading: below, the covariances of the filter
+# are singular in double precision. By trial with exact ramps, steps and exponentials.
+EXACT_NOISE_REL = 3e-7
 # a record counts as ranging over at least so many standard deviations of its noise, so that the
 # temperature of a constant trace is determined; chosen by judgement
 MIN_RANGE_SD = 10.0
@@ -214,6 +217,8 @@ def record_of(
         data[:, index] = white
         flags[:, index] |= np.where(outliers, SPIKE, 0).astype(np.uint8)
         noise[index] = logger_noise.level_K
+        if noise_sd is None:  # readings without noise, as of a simulation
+            noise[index] = np.maximum(noise[index], least_noise_sd(x))
         aliasing_u[index] = logger_noise.aliasing_u_K
         coloured = coloured or logger_noise.coloured
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
@@ -238,6 +243,15 @@ def record_of(
         np.hypot(aliasing_u, rounding_u),
         tuple(findings),
     )
+
+
+def least_noise_sd(y: Array) -> Array:
+    """Least standard deviation (M,) [K] that the noise of readings (N, M) may be estimated as.
+
+    >>> least_noise_sd(np.array([[20.0], [-30.0]]))
+    array([9.e-06])
+    """
+    return np.asarray(EXACT_NOISE_REL * np.nanmax(np.abs(y), axis=0))
 
 
 def _check_channel(flag: NDArray[np.uint8], name: str) -> None:

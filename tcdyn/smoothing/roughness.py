@@ -240,7 +240,8 @@ def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, floa
     dof = np.maximum(var * expected, 1e-3)
     durations = np.diff(np.append(q.starts_s, fit.knots_s[-1]))
     prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
-    ratio = observed / expected + prior_dof[:, None] / dof
+    with np.errstate(over="ignore"):  # the factor is limited
+        ratio = observed / expected + prior_dof[:, None] / dof
     factor = np.clip(ratio**OVERRELAXATION, 1 / MAX_FACTOR, MAX_FACTOR)
     gain = float(np.max(gain_nats(dof, ratio)))
     floors = np.array([LEVEL_FLOOR, FLOOR]) * fit.noise_var[channel]

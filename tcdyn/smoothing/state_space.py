@@ -307,12 +307,23 @@ def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
         back = model.transition[kind, :, 0].swapaxes(-1, -2)
         gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
         innovation = model.score[j] - mean @ info
-        cov = np.linalg.inv(gain) @ cov
+        cov = _inverse(gain) @ cov
         step = (cov @ innovation[..., None])[..., 0]
         yield mean, step, gain, innovation
         mean = (mean + step) @ back
         for _ in range(2):  # A P A' = ((P A')' A')', which is symmetric
             cov = (cov.swapaxes(-1, -2).reshape(rows) @ back).reshape(cov.shape)
+
+
+def _inverse(matrices: Array) -> Array:
+    """Inverses of matrices (..., n, n); NaN for one that rounding made singular."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), dtype=float)
+    except np.linalg.LinAlgError:
+        is_regular = np.linalg.matrix_rank(matrices) == matrices.shape[-1]
+        out = np.full_like(matrices, np.nan)
+        out[is_regular] = np.linalg.inv(matrices[is_regular])
+        return out
 
 
 def likelihood(

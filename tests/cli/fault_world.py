@@ -9,7 +9,6 @@ import io
 import os
 import re
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -35,7 +34,6 @@ FILES: list[Home] = [
     ),
     *(
         (os, "chmod"),
-        (tempfile, "mkstemp"),
         (TdmsFile, "open"),
         (pacsv, "open_csv"),
         (pacsv, "write_csv"),

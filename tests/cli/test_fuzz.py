@@ -216,6 +216,22 @@ def test_a_followed_channel_that_turns_into_text_is_reported(
     assert "'abc' is no number (and 99 more)" in capsys.readouterr().err
 
 
+def test_one_wrong_value_of_a_current_is_no_internal_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The step of the current is lost in it, so that no lag explains the reading."""
+    t = 0.05 * np.arange(600)
+    late = np.clip(t - 5.0, 0, None)
+    noise = 0.05 * np.random.default_rng(0).standard_normal(600)
+    table = pd.DataFrame({"time_s": t, "T1_degC": 20 + 60 * (1 - np.exp(-late / 0.5)) + noise})
+    table["I_mA"] = np.where(t > 5.0, 1.0, 0.0)
+    table.loc[167, "I_mA"] = 100.0
+    table[:250].to_csv(tmp_path / "lcsr.csv", index=False)
+    words = ("sensor", "current", tmp_path / "lcsr.csv", "--column", "T1_degC")
+    assert tcdyn(*words, "--current", "I_mA", "-q") == 2
+    assert "does not determine the lag" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", ["--couple", "--cold-junction"])
 def test_options_of_millivolts_need_a_column_in_millivolts(
     small: dict[str, Path], option: str, capsys: pytest.CaptureFixture[str]

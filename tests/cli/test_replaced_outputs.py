@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from tcdyn.cli.identify import _files_of_outputs
+from tcdyn.cli.simulate import _check_demo_folder
 from tcdyn.core.errors import InputError
+from tcdyn.io.read import sha256
 from tcdyn.io.write import atomic_path, check_may_replace, removed_on_failure, write_text
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.sensors import read_sensor
@@ -216,3 +218,41 @@ def test_files_of_several_outputs_stay_in_the_folder(tmp_path: Path) -> None:
     assert {path.parent for path in files.values()} == {tmp_path}
     with pytest.raises(InputError, match="one name"):
         _files_of_outputs(tmp_path / "a.json", ["T 1", "T/1"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["demo"],
+        ["simulate", "campaign"],
+        ["rig", "campaign", "log.csv", "--record", "fast.disk.json"],
+    ],
+)
+@pytest.mark.parametrize("is_file", [False, True])
+def test_the_folder_of_a_campaign_is_neither_the_root_nor_a_file(
+    tmp_path: Path, words: list[str], is_file: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = write_text(tmp_path / "o", MINE) if is_file else Path(tmp_path.anchor)
+    assert tcdyn(*words, "--out", out) == 2
+    expected = "which is not a folder" if is_file else "the root of the file system"
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["fast.disk.json", "report.html", "EHL_D4.beta.json"])
+def test_the_demo_replaces_no_result_of_its_user(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = write_text(tmp_path / name, MINE)
+    assert tcdyn("demo", "--out", tmp_path, "--test", "D4", "-q") == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [mine]
+
+
+def test_the_demo_may_replace_the_results_of_an_earlier_one(tmp_path: Path) -> None:
+    log = write_text(tmp_path / "EHL_B3.csv", "a log")
+    write_text(tmp_path / "EHL_B3.beta.json", sha256(log))
+    _check_demo_folder(tmp_path, ("B3",), overwrite=False)
+    write_text(log, "another log")
+    with pytest.raises(InputError, match="exists already"):
+        _check_demo_folder(tmp_path, ("B3",), overwrite=False)
+    _check_demo_folder(tmp_path, ("B3",), overwrite=True)

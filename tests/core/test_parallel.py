@@ -21,7 +21,7 @@ from joblib.externals.loky import get_reusable_executor
 from threadpoolctl import threadpool_info
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.parallel import parallel_map
+from tcdyn.core.parallel import parallel_map, worker_processes_end
 from tcdyn.identification import IOData, fit, process, profile, simulate
 
 WAIT_S = 60.0  # upper bound of each wait, far above the usual duration
@@ -253,3 +253,11 @@ def test_library_starts_no_process_and_no_thread() -> None:
     interval_of_lag(1)
     assert threading.active_count() == threads
     assert {child.pid for child in multiprocessing.active_children()} == children
+
+
+@pytest.mark.usefixtures("workers_ended")
+def test_a_command_ends_its_worker_processes() -> None:
+    before = {child.pid for child in multiprocessing.active_children()}
+    with worker_processes_end():
+        assert dict(parallel_map(abs, [-1, 2, -3], workers=2)) == {0: 1, 1: 2, 2: 3}
+    assert {child.pid for child in multiprocessing.active_children()} <= before

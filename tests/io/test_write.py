@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -95,3 +96,57 @@ def test_metadata_cannot_break_out_of_its_line(tmp_path):
     style = OutputStyle(comments=True)
     path = write_log(ehl_frame(), tmp_path / "a.csv", {"note\ntime_s": "1\n2,3"}, style=style)
     assert path.read_text().split("\n")[0] == "# note time_s: 1 2,3"
+
+
+def test_a_file_is_flushed_through_a_descriptor_that_may_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows does not flush a file that is open for reading only (EBADF): every write failed."""
+    flushed = []
+
+    def flush(descriptor: int) -> None:
+        os.write(descriptor, b"")  # EBADF where the descriptor may not write
+        flushed.append(descriptor)
+
+    monkeypatch.setattr(os, "fsync", flush)
+    write_text(tmp_path / "out.txt", "done")
+    assert flushed
+    assert (tmp_path / "out.txt").read_text(encoding="utf-8") == "done"
+
+
+def test_a_file_that_another_program_has_open_stays_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows, where such a file cannot be replaced."""
+    target = write_text(tmp_path / "out.txt", "old")
+
+    def refuse(source: object, target: object) -> None:
+        raise PermissionError(13, "Access is denied")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(InputError, match=r"Access is denied.*close it in other programs"):
+        write_text(target, "new")
+    assert target.read_text(encoding="utf-8") == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_writing_does_not_change_the_umask_of_the_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two threads that read it by setting it could leave it at zero for all later files."""
+
+    def forbidden(mask: int) -> int:
+        raise AssertionError("the umask is set")
+
+    monkeypatch.setattr(os, "umask", forbidden)
+    write_text(tmp_path / "out.txt", "new")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="permissions of POSIX")
+def test_a_private_file_is_private_also_while_it_is_replaced(tmp_path: Path) -> None:
+    target = write_text(tmp_path / "out.txt", "old")
+    target.chmod(0o600)
+    with atomic_path(target) as temporary:
+        assert temporary.stat().st_mode & 0o777 == 0o600
+        temporary.write_text("new", encoding="utf-8")
+    assert target.stat().st_mode & 0o777 == 0o600

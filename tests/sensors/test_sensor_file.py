@@ -595,3 +595,28 @@ def test_a_million_rows_need_no_more_memory_than_three_hundred_thousand(
     assert many[2] < min(few[2] + 60, 450)  # MB
     out = tmp_path / f"out{ending}"
     assert len(pd.read_parquet(out) if ending == ".parquet" else written(out)) == 1_000_000
+
+
+@pytest.mark.parametrize("is_parquet", [False, True])
+def test_dates_and_times_are_not_listed_as_columns_without_a_sensor(
+    tmp_path: Path, is_parquet: bool
+) -> None:
+    """A column called T may be a temperature."""
+    t = np.arange(60)
+    stamps = pd.Timestamp("2025-11-26 10:00:00") + pd.to_timedelta(t, unit="s")
+    table = pd.DataFrame({"Datum": stamps.strftime("%d.%m.%Y"), "Zeit": stamps.strftime("%X")})
+    if is_parquet:
+        table = pd.DataFrame({"logged": stamps, "Zeit": t})
+    table["Elapsed [ms]"] = 1000 * t
+    table["T1_degC"] = 20 + 0.1 * np.sin(t)
+    table["T"] = 21.0 + 0.01 * np.cos(t)
+    table["power_W"] = 3.5
+    log = tmp_path / ("log.parquet" if is_parquet else "log.csv")
+    if is_parquet:
+        table.to_parquet(log)
+    else:
+        table.to_csv(log, index=False, sep=";")
+    sensor = specified_sensor("s", ["T1"], [(3.0, 0.1)])
+    done = compensate_table(log, [sensor], tmp_path / "out.csv", time="Zeit")
+    (carried,) = [f for f in done.findings if f.code == "sensor.carried"]
+    assert carried.numbers["columns"] == ("T", "power_W")

@@ -178,3 +178,19 @@ def test_what_rests_and_what_is_missing_is_told_with_its_share() -> None:
     assert (still.subject, still.numbers["first_sample"]) == ("a", pytest.approx(300, abs=1))
     assert still.numbers["percent"] == pytest.approx(100 * 40 / 400, abs=0.3)
     assert (gone.subject, gone.numbers["percent"]) == ("b", pytest.approx(100 * 12 / 400, abs=0.3))
+
+
+@pytest.mark.parametrize("lag_s", [0.3, 10.0])
+@pytest.mark.parametrize("dt_s", [0.5, 1.0])
+@pytest.mark.parametrize("kind", ["ramp", "teeth", "step"])
+def test_readings_without_noise_are_smoothed(lag_s: float, dt_s: float, kind: str) -> None:
+    """Their noise is that of rounding, where the covariances of the filter were singular."""
+    n = np.arange(60)
+    teeth = np.concatenate([20 + 0.1 * n[:10], 20.1 + 0.01 * n[:50]])
+    y = {"ramp": 20 + 0.01 * n, "teeth": teeth, "step": np.where(n > 30, 30.0, 20.0)}[kind]
+    smoothed = smooth(y, dt_s, Chain(lag_s))
+    assert np.isfinite(smoothed.temperature).all()
+    if kind == "ramp":  # the temperature is ahead of the reading by slope times lag
+        middle = smoothed.temperature[30, 0]
+        ahead = middle - y[30] - 0.01 / dt_s * lag_s
+        assert abs(ahead) < 4 * smoothed.sd[30, 0]
