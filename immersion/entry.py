@@ -34,6 +34,13 @@ MIN_JUMP_K = 3.0  # least change of the free thermocouple at the entry [K]; chos
 # Share of the way of the junctions to the bath: 0.3 K of 80 K, five standard deviations of a mean
 # of six channels over 0.2 s.
 RISE_SHARE = 0.004
+# Chosen by judgement: a share of the way that noise and drift do not reach. The entry is looked for
+# before the first sample above it.
+TOP_SHARE = 0.1
+SMOOTHING_S = 0.2  # moving average of the junctions' rise [s], the length in RISE_SHARE's comment
+# Chosen by judgement: junctions that move by more than this share of RISE_SHARE within the first
+# BASELINE_S were already moving, and give no entry.
+MAX_DRIFT_SHARE = 0.5
 BASELINE_S = (
     1.0  # start of the log [s] for the level before the entry; no entry by a rise within it
 )
@@ -183,10 +190,10 @@ def probe_time(
     return float(np.clip(crossing, t[start] - max(1.0, duration), t[top])), u
 
 
-def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike) -> float | None:
+def junction_time(
+    time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike
+) -> float | None:
     """Instant [s] at which the junctions have moved by ``RISE_SHARE`` toward the bath.
-
-    None when they do not, and when they move by half of it within the first ``BASELINE_S``.
 
     Parameters
     ----------
@@ -197,10 +204,18 @@ def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike
     fluid_degC
         Bath temperature (N,).
 
+    Returns
+    -------
+    time_s
+        Instant [s]. None if the junctions do not move by ``TOP_SHARE`` of the way, if no sample
+        before that is below ``RISE_SHARE``, or if they move by ``MAX_DRIFT_SHARE`` of
+        ``RISE_SHARE`` within the first ``BASELINE_S``.
+
     Notes
     -----
-    It is the last time before a tenth of the way at which the median over channels, averaged over a
-    fifth of a second, is below that share. The level before is that of the first ``BASELINE_S``.
+    It is the last time before ``TOP_SHARE`` of the way at which the median over channels, averaged
+    over ``SMOOTHING_S``, is below ``RISE_SHARE``. The level before is that of the first
+    ``BASELINE_S``.
 
     :func:`find_entry` subtracts ``RISE_DELAY_S``. If ``RISE_SHARE`` changes, ``RISE_DELAY_S`` must
     change with it: ``tests/immersion/test_immersion_events.py`` and
@@ -216,10 +231,10 @@ def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike
     filled = np.interp(t, t[finite], rise[finite])
     step = float(np.nanmedian(np.asarray(fluid_degC, dtype=float))) - float(np.nanmedian(level))
     drift = abs(np.polyfit(t[baseline], filled[baseline], 1)[0]) * BASELINE_S
-    if drift > 0.5 * RISE_SHARE * abs(step):
+    if drift > MAX_DRIFT_SHARE * RISE_SHARE * abs(step):
         return None
-    share = uniform_filter1d(filled, max(int(round(0.2 / dt)), 1)) / step
-    above = np.flatnonzero(share > 0.1)
+    share = uniform_filter1d(filled, max(int(round(SMOOTHING_S / dt)), 1)) / step
+    above = np.flatnonzero(share > TOP_SHARE)
     if above.size == 0:
         return None
     below = np.flatnonzero(share[: above[0]] < RISE_SHARE)
@@ -350,7 +365,7 @@ def find_entry(
     probe_s, probe_u_s = probe or (None, PROBE_U_S)
     no_instant = switch_s is None and probe_s is None
     if no_instant and readings_degC is not None and fluid_degC is not None:
-        rise_s = rise_time(t, readings_degC, fluid_degC)
+        rise_s = junction_time(t, readings_degC, fluid_degC)
         if rise_s is not None:
             by_junctions = warning("entry.by_junctions", subject="switch", u_s=RISE_DELAY_U_S)
             entry_s = rise_s - RISE_DELAY_S

@@ -106,7 +106,7 @@ def split_docstring(documented: Any) -> tuple[str, dict[str, str]]:
 
     Examples
     --------
-    >>> sorted(split_docstring(beside)[1])
+    >>> sorted(split_docstring(default_output_path)[1])
     ['ending', 'file']
     """
     text, *sections = re.split(r"\n\n(.+)\n-+\n", inspect.getdoc(documented) or "")
@@ -546,25 +546,32 @@ def check_folder(out: Path) -> None:
         raise InputError(f"--out is {out}, which is not a folder", expected="a folder to write")
 
 
-def beside(file: Path, ending: str) -> Path:
-    """The default output: the name of the input with another ending.
+def default_output_path(file: Path, ending: str) -> Path:
+    """Path of the output of a command that is called without ``--out``.
 
     Parameters
     ----------
     file
         File that is read.
     ending
-        What replaces its ending.
+        What replaces its last suffix, with the dot.
+
+    Returns
+    -------
+    path
+        Path in the folder of the input. Only the last suffix is replaced.
 
     Raises
     ------
     InputError
-        If it has no name.
+        If the path has no file name.
 
     Examples
     --------
-    >>> beside(Path("log.csv"), ".identified.json").name
+    >>> default_output_path(Path("log.csv"), ".identified.json").name
     'log.identified.json'
+    >>> default_output_path(Path("log.filtered.csv"), ".identified.json").name
+    'log.filtered.identified.json'
     """
     if not file.name:
         raise InputError(f"{file} is a folder", expected="a file")

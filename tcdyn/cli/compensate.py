@@ -14,9 +14,9 @@ from tcdyn.cli.common import (
     Reporter,
     RigFileOrRecords,
     Verbose,
-    beside,
     check_choice,
     check_outputs,
+    default_output_path,
     number_option,
     options_from_docstring,
     source_entry,
@@ -113,7 +113,7 @@ def compensate(
 
     check_choice("--dialect", dialect, DIALECTS)
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
-    target = out or beside(log, ".compensated.csv")
+    target = out or default_output_path(log, ".compensated.csv")
     whole_log_options = {
         "--report": report,
         "--covariance": covariance,

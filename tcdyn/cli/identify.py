@@ -16,10 +16,10 @@ import typer
 from tcdyn.cli.common import (
     Reporter,
     as_option,
-    beside,
     check_choice,
     check_outputs,
     count_progress,
+    default_output_path,
     number_option,
     options_from_docstring,
     source_entry,
@@ -167,7 +167,7 @@ def identify(
         from tcdyn.identification.narx import frols_with_polynomials
 
         frols_with_polynomials()
-    base = out or beside(data, ".identified.json")
+    base = out or default_output_path(data, ".identified.json")
     json_files = _files_of_outputs(base, outputs)
     if report:
         pages = _files_of_outputs(report, outputs)
@@ -288,7 +288,7 @@ def response(
         raise InputError(
             f"--column is given {len(pair)} times", expected="twice: magnitude, then phase"
         )
-    path = out or beside(data, ".identified.json")
+    path = out or default_output_path(data, ".identified.json")
     check_outputs([data], reporter.overwrite, out=path)
     measured = Response.read(
         data,

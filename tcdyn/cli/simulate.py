@@ -19,11 +19,11 @@ from tcdyn.cli.common import (
     Disk,
     Reporter,
     Verbose,
-    beside,
     check_choice,
     check_folder,
     check_outputs,
     count_progress,
+    default_output_path,
     number_option,
     options_from_docstring,
     stage_progress,
@@ -420,7 +420,7 @@ def _is_simulated(path: Path) -> bool:
 
 def _truth_files(out: Path) -> tuple[Path, Path]:
     """Files of the true values, and of the true traces, of a log."""
-    return beside(out, ".truth.json"), beside(out, ".truth.parquet")
+    return default_output_path(out, ".truth.json"), default_output_path(out, ".truth.parquet")
 
 
 def _contact_again(text: str) -> tuple[float, float]:

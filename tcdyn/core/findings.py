@@ -364,23 +364,39 @@ def infos(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def channel_of(subject: str) -> str:
-    """Letter of the channel in a subject; empty for other subjects.
+    """Name of the junction in the name of a channel or column.
 
     Parameters
     ----------
     subject
         A channel or column such as ``e``, ``e_degC`` or ``fast_e_degC``, or any other text.
 
+    Returns
+    -------
+    name
+        A name as in ``CHANNEL_NAME``; empty for any other text, also for a column of an
+        uncertainty such as ``fast_b_u_K``.
+
+    Notes
+    -----
+    It is in ``core`` because :attr:`Finding.channels` uses it, and ``core`` imports no other
+    package.
+
     Examples
     --------
     >>> [channel_of(subject) for subject in ("e", "e_degC", "fast_e_degC", "slow_e")]
     ['e', 'e', 'e', 'e']
-    >>> [channel_of(subject) for subject in ("switch", "load_on_s", "fast")]
-    ['', '', '']
+    >>> [channel_of(subject) for subject in ("switch", "load_on_s", "fast", "fast_b_u_K")]
+    ['', '', '', '']
     """
     stem = subject.removesuffix("_degC")
-    column = stem != subject or stem.startswith(("fast_", "slow_"))
-    name = stem.rpartition("_")[2] if column else stem
+    prefix, _, rest = stem.partition("_")
+    if prefix in ("fast", "slow"):
+        name = rest
+    elif stem != subject:
+        name = stem.rpartition("_")[2]
+    else:
+        name = stem
     return name if CHANNEL_NAME.fullmatch(name) else ""
 
 

@@ -24,6 +24,9 @@ MIN_INFORMATION_SHARE = 0.02
 # share of the largest eigenvalue, with unit diagonal, below which a direction is undetermined;
 # some fifty times the rounding error of doubles
 EIGENVALUE_CUT = 1e-14
+# factor on the cut, below which an eigenvalue counts as undetermined: those near the cut are mostly
+# rounding error
+RANK_MARGIN = 10
 
 
 class Status(StrEnum):
@@ -240,9 +243,19 @@ def inverse(information: Array) -> Array:
 def is_full_rank(information: Array) -> bool:
     """Whether the information determines every direction of the parameter space.
 
+    Parameters
+    ----------
+    information
+        Positive semidefinite matrix, (P, P).
+
+    Returns
+    -------
+    is_full
+        True also for no parameters, P = 0.
+
     Notes
     -----
-    The limit is ten times that of ``inverse``, so that a matrix near the cut counts as
+    The limit is ``RANK_MARGIN`` times that of ``inverse``, so that a matrix near the cut counts as
     undetermined.
 
     Examples
@@ -266,13 +279,15 @@ def _inverse(information: Array) -> tuple[Array, bool]:
     inverse, full_rank
         Inverse, (P, P), and whether the rank is full.
     """
+    if not information.size:
+        return np.zeros((0, 0)), True
     diagonal_root = np.sqrt(np.diag(information))
     present = diagonal_root > 0
     scale = np.where(present, diagonal_root, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     keep = values > EIGENVALUE_CUT * values[-1]
     half = vectors[:, keep] / np.sqrt(values[keep]) / scale[:, None]
-    full_rank = values[0] > 10 * EIGENVALUE_CUT * values[-1] and present.all()
+    full_rank = values[0] > RANK_MARGIN * EIGENVALUE_CUT * values[-1] and present.all()
     return np.asarray(half @ half.T), bool(full_rank)
 
 

@@ -68,9 +68,11 @@ class RimInputs:
             An input has another shape than ``b_degC``, or is not one-dimensional.
         """
         shape = np.shape(self.b_degC)
+        if len(shape) != 1:
+            raise InputError(f"RimInputs: b_degC has shape {shape}", expected="one dimension, (N,)")
         for name in ("power_W", "d_degC", "f_degC", "ambient_degC"):
             shape_of_input = np.shape(getattr(self, name))
-            if shape_of_input != shape or len(shape) != 1:
+            if shape_of_input != shape:
                 raise InputError(
                     f"RimInputs: {name} has shape {shape_of_input}", expected=f"{shape}"
                 )

@@ -70,7 +70,8 @@ def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | Non
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
     """Return rms error and fit percent of the simulation of other data.
 
-    See :func:`held_out_statistics`.
+    They are the first two results of :func:`held_out_statistics`, whose notes say how the states
+    at the start and a drift are found.
 
     Parameters
     ----------
@@ -84,9 +85,10 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     Returns
     -------
     rms
-        Rms error in the output's unit.
+        Rms error in the output's unit; NaN if no sample is scored.
     percent
-        NRMSE fit percent; 100 is perfect, 0 as bad as the mean.
+        NRMSE fit percent: 100 is perfect, 0 as bad as the mean of the scored outputs. NaN if no
+        sample is scored.
 
     Examples
     --------
@@ -122,7 +124,7 @@ def held_out_statistics(
     -------
     tuple
         Rms error, NRMSE fit percent, and the probability of an error at least as large from the
-        noise of the fit alone.
+        noise of the fit alone; all NaN if no sample is scored.
 
     Notes
     -----

@@ -50,7 +50,20 @@ def check_knowledge(
 
 
 def checked_weights(data: IOData, weights: ArrayLike) -> Array:
-    """Return the weights (N,) after a check of their number and sign.
+    """Return the weights as an array after a check of their number and sign.
+
+    Parameters
+    ----------
+    data
+        The record.
+    weights
+        Weights (N,) of all samples of all runs, in the order of the runs. They are proportional to
+        the inverse variance of the samples; 0 leaves a sample out.
+
+    Returns
+    -------
+    weights
+        The weights (N,).
 
     Raises
     ------

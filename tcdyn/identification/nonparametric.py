@@ -208,7 +208,27 @@ def spectral_estimate(data: IOData, window_s: float | None = None) -> Response:
 
 
 def hold_response(frequency_Hz: Array, data: IOData) -> Array:
-    """Return the response (F,) of the hold of the input at frequencies [Hz]."""
+    """Return the response of the hold of the input, relative to a continuous input.
+
+    Parameters
+    ----------
+    frequency_Hz
+        Frequencies (F,).
+    data
+        The record, with its sampling interval and the hold of its first input.
+
+    Returns
+    -------
+    response
+        Dimensionless (F,); one at zero frequency.
+
+    Notes
+    -----
+    With sinc x = sin(pi x)/(pi x) and x = f dt: sinc(x) exp(-i pi x) for the zero-order hold, which
+    delays by dt/2, and sinc(x)^2 for the first-order hold between neighbouring samples, which does
+    not delay. ``tests/identify/test_identify_interop.py`` compares it with the integrals of both
+    hold functions and checks that the spectral estimates with both holds agree.
+    """
     cycles = frequency_Hz * data.dt_s
     if data.holds[0] == "foh":
         return np.asarray(np.sinc(cycles) ** 2)

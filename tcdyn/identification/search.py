@@ -383,8 +383,16 @@ def sort_lags(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
     Returns
     -------
     Optimum
-        With vector, Jacobian and information in the new order. With a pair of poles, or with
-        bounds or priors of parameters, the order stays.
+        With vector, Jacobian and information in the new order.
+
+    Notes
+    -----
+    With bounds or priors of parameters the order stays, because they belong to the parameter's
+    name. It also stays for the lags of an input that has a pair of poles (Tw).
+
+    ``Optimum.directions`` is not reordered: the identification problem fixes no combination of
+    parameters, so it is the identity. A new field of ``Optimum`` with P columns must be reordered
+    here. Test: ``tests/identify/test_identify_residuals.py``.
     """
     if problem.limits or problem.priors:
         return optimum

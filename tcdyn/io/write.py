@@ -806,8 +806,19 @@ def _plain_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
     return {_one_line(k).replace(":", " "): _one_line(v) for k, v in metadata.items()}
 
 
-def _arrow(frame: pd.DataFrame) -> pa.Table:
-    """The table for pyarrow; NaN becomes an empty value."""
+def _arrow_table(frame: pd.DataFrame) -> pa.Table:
+    """The data frame as an Arrow table, without its index.
+
+    Parameters
+    ----------
+    frame
+        Columns of any names; the names become text.
+
+    Returns
+    -------
+    table
+        The columns in order; NaN becomes an empty value (null).
+    """
     return pa.table(
         {str(n): pa.array(frame[n].to_numpy(), from_pandas=True) for n in frame.columns}
     )
@@ -817,7 +828,7 @@ def _write_parquet(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str])
     """Write a table as Parquet with its metadata as key-value pairs of the file."""
     from pyarrow import parquet as pq
 
-    table = _arrow(frame).replace_schema_metadata(dict(metadata))
+    table = _arrow_table(frame).replace_schema_metadata(dict(metadata))
     pq.write_table(table, path, write_page_checksum=True)
 
 

@@ -259,7 +259,7 @@ def analyse(
     sensors = None
     if sensor_check:
         progress("sensor map")
-        sensors = check_corrected(corrected, profile)
+        sensors = check_sensors_or_power(corrected, profile)
         problem = unusable_channel(sensors)
         if problem is not None:
             raise problem
@@ -559,8 +559,8 @@ def _exchanged_cables(test: EhlTest, combined: CombinedFit) -> list[Finding]:
     ]
 
 
-def check_corrected(test: EhlTest, profile: Profile = "modal") -> SensorCheck:
-    """The sensor check, with the power that the disks show if that explains all suspects.
+def check_sensors_or_power(test: EhlTest, profile: Profile = "modal") -> SensorCheck:
+    """Check the sensors; repeat the check with a scaled power if it suspects a channel.
 
     Parameters
     ----------
@@ -569,11 +569,19 @@ def check_corrected(test: EhlTest, profile: Profile = "modal") -> SensorCheck:
     profile
         Profile of the inner boundary along z.
 
+    Returns
+    -------
+    check
+        The check with the scaled power if that one is sound, else the first check. Also the first
+        check with one disk, whose scale is not known, and where an InputError stops the fits that
+        determine the scale.
+
     Notes
     -----
-    A frictional power in a wrong unit can make sound channels look faulty. If the check with the
-    scaled power is sound, that is its result; otherwise the first one stands. With one disk the
-    scale is not known.
+    A frictional power in a wrong unit can make sound channels look faulty. The scale is the
+    heat of both disks over the logged power. ``POWER_SCALE_TOLERANCE`` only decides whether the
+    second check is made. A power that is several times too large may give a wrong scale, since the
+    joint fits can then end in another minimum. Test: ``tests/partition/test_sensors.py``.
     """
     sensors = check_sensors(test)
     if sensors.sound or len(test.disks) < len(DISKS):

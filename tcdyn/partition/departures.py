@@ -48,7 +48,11 @@ AIR_SD_K = 5.0  # temperature of oil or air at the running surface less the logg
 LAG_SD_S = 0.3  # lag of one junction [s]: a bubble in its cement
 # Chosen by judgement.
 SURFACE_POINTS = np.linspace(0.05, 0.95, 7)  # across the running surface, relative to its width
-UNLOADING_MEAN_S = 10.0  # values at the unloading are means over this long before it [s]
+# Values at the unloading are means over this long before it [s]. It is shorter than the 20 s of
+# ``press_fit.WINDOW_S`` and ``joint_results.OIL_WINDOW_S``, which average noisy readings: the
+# values here are block means, of the modelled surface and of the air, and the state at the
+# unloading itself is the point to linearise at.
+UNLOADING_MEAN_S = 10.0
 MAX_LAG_REDUCTION = 0.8  # largest reduction of a lag, relative to the chain's longest
 
 
@@ -201,8 +205,24 @@ class DiskAtFit:
                     change[names.index(c)] = secant * (np.arange(len(outer)) == k)
         return change, names
 
-    def at_unloading(self, x: Array) -> float:
-        """Mean of ``x`` (R,) over the last ``UNLOADING_MEAN_S`` under load."""
+    def mean_before_unloading(self, x: Array) -> float:
+        """Mean over the last ``UNLOADING_MEAN_S`` under load.
+
+        Parameters
+        ----------
+        x
+            Means over the blocks of the window, (R,).
+
+        Returns
+        -------
+        mean
+            In the unit of ``x``.
+
+        Notes
+        -----
+        Blocks whose time is in the interval count, each alike. Test:
+        ``tests/partition/test_structures.py``.
+        """
         since_s = self.fit.block.window.block_time_s - self.test.events.unload_s
         return float(x[(since_s > -UNLOADING_MEAN_S) & (since_s < 0.0)].mean())
 
@@ -251,7 +271,7 @@ def _h_of_temperature(a: DiskAtFit) -> Array:
 
     The surface temperature counts from that at the unloading.
     """
-    return H_PER_K_SD * a.h_change_effect(a.surface - a.at_unloading(a.surface))
+    return H_PER_K_SD * a.h_change_effect(a.surface - a.mean_before_unloading(a.surface))
 
 
 def _flux_shift(a: DiskAtFit) -> Array:
@@ -298,8 +318,8 @@ def _conductivity_of_temperature(a: DiskAtFit) -> Array:
     By ``CONDUCTIVITY_PER_100_K_SD`` per 100 K, as rig.toml might have stated.
     """
     setup = a.rim.setup
-    air = a.at_unloading(a.rim.inputs[:, a.rim.ambient_index])
-    steel = setup.steel.linearised_about(air, a.at_unloading(a.surface))
+    air = a.mean_before_unloading(a.rim.inputs[:, a.rim.ambient_index])
+    steel = setup.steel.linearised_about(air, a.mean_before_unloading(a.surface))
     rim = replace(a.rim, setup=replace(setup, steel=steel))
     window = replace(a.fit.block.window, rim=rim)
     slope_u_per_K = 0.01 * CONDUCTIVITY_PER_100_K_SD

@@ -15,7 +15,8 @@ from tcdyn.rig.contact import POISSON, YOUNG_Pa, hertz_contact
 # Mean rise of the oil in crossing the contact [K], assumed; with it the 16 tests of the thesis give
 # ratios of the range that it states (``tcdyn verify``).
 RISE_K = 20.0
-# Pressure coefficient of the viscosity of Mobil Jet Oil II [1/Pa], assumed.
+# Pressure coefficient of the viscosity of Mobil Jet Oil II [1/Pa]. It is assumed, without a source:
+# ``immersion.fluids`` has no such property. The thickness grows with its power 0.53.
 PRESSURE_COEFFICIENT_PER_Pa = 1.1e-8
 
 
@@ -38,9 +39,15 @@ def film_thickness_m(
     viscosity_Pa_s
         Dynamic viscosity of the oil at the inlet.
     radius_m, crown_radius_m
-        Radius of rolling, and of the crown across the running surface.
+        Radius of rolling, and of the crown across the running surface. The defaults are those of
+        the disks of the thesis.
     pressure_coefficient_per_Pa
-        Pressure coefficient of the viscosity.
+        Pressure coefficient of the viscosity; the default is assumed.
+
+    Returns
+    -------
+    thickness_m
+        Thickness [m].
 
     Notes
     -----
@@ -78,9 +85,15 @@ def film_heat_share(
     oil
         Properties of the oil at the temperature of the surfaces.
     radius_m, crown_radius_m
-        Radius of rolling, and of the crown across the running surface.
+        Radius of rolling, and of the crown across the running surface. The defaults are those of
+        the disks of the thesis.
     rise_K
         Mean rise of the oil in crossing the contact; the share is proportional to it.
+
+    Returns
+    -------
+    share
+        Heat that the oil carries out over the frictional heat.
 
     Notes
     -----

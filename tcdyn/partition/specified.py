@@ -78,13 +78,16 @@ def linear_about(
     if a bias remains.
     """
     steel = setup.steel.linearised_about(air_degC, surface_degC)
-    k = steel.conductivity(steel.mean_degC)
-    k_rim = steel.conductivity(rim_degC)
+    k = steel.relative_conductivity(steel.mean_degC)
+    k_rim = steel.relative_conductivity(rim_degC)
     return replace(
         setup,
         steel=steel,
         conductivity_W_mK=setup.conductivity_W_mK * k,
-        specific_heat_J_kgK=setup.specific_heat_J_kgK * steel.specific_heat(rim_degC) * k / k_rim,
+        specific_heat_J_kgK=setup.specific_heat_J_kgK
+        * steel.relative_specific_heat(rim_degC)
+        * k
+        / k_rim,
     )
 
 
@@ -116,9 +119,9 @@ def conductivity_slope_effect(
     steel = rim.setup.steel
     gains = rim.gains(h_W_m2K)
     rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
-    slope_rel = u_per_K / steel.conductivity(steel.mean_degC)
+    slope_rel = u_per_K / steel.relative_conductivity(steel.mean_degC)
     conductivity = slope_rel * (steel.mean_degC - steel.reference_degC)
-    at_rim = u_per_K * (rim_degC - steel.reference_degC) / steel.conductivity(rim_degC)
+    at_rim = u_per_K * (rim_degC - steel.reference_degC) / steel.relative_conductivity(rim_degC)
     perturbation = Perturbation(conductivity=conductivity, heat_capacity=conductivity - at_rim)
     boundary, power = rim.response(h_W_m2K)
     perturbed_boundary, perturbed_power = rim.response(h_W_m2K, perturbation)
@@ -153,7 +156,9 @@ def specific_heat_slope_effect(
     """
     steel = rim.setup.steel
     rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
-    heat_capacity = u_per_K * (rim_degC - steel.reference_degC) / steel.specific_heat(rim_degC)
+    heat_capacity = (
+        u_per_K * (rim_degC - steel.reference_degC) / steel.relative_specific_heat(rim_degC)
+    )
     boundary, power = rim.response(h_W_m2K)
     perturbed_boundary, perturbed_power = rim.response(
         h_W_m2K, Perturbation(heat_capacity=heat_capacity)

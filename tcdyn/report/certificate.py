@@ -33,7 +33,9 @@ from tcdyn.workflows.calibrate import CalibrationRun
 
 # No-break space.
 NO_BREAK = "\u00a0"
-SIMILAR_UNCERTAINTY = 1.5  # ratio of u(common lag) to u(difference) below which it is not stated
+# Ratio of u(common lag) to the median u(difference) below which the title does not state it: it
+# would be rounded to one or two, and the two are known about equally well. Chosen by judgement.
+SIMILAR_UNCERTAINTY = 1.5
 
 
 def write_certificate(
@@ -145,11 +147,29 @@ def certificate_sections(
 
 
 def _lag_section(chain: ChainRecord) -> Section:
-    """Return the section of the lags and their differences."""
+    """Return the section of the lags; its title says how well their differences are known.
+
+    Parameters
+    ----------
+    chain
+        Dynamic part of the record.
+
+    Returns
+    -------
+    Section
+        The figure of the lags. The title states the ratio of the standard uncertainty of the common
+        lag to the median of those of the differences, if it is at least ``SIMILAR_UNCERTAINTY``.
+
+    Notes
+    -----
+    The ratio only changes the title. Test: ``tests/report/test_certificate.py``.
+    """
     u_differences = [difference.u for difference in chain.differential_lag_s.values()]
-    ratio = chain.common_lag_s.u / float(np.median(u_differences) or 1.0)
+    u_difference_s = float(np.median(u_differences))
+    # the lag of a single channel is the common lag: no difference, and no ratio
+    ratio = chain.common_lag_s.u / u_difference_s if u_difference_s else 0.0
     title = "Lags"
-    if not ratio < SIMILAR_UNCERTAINTY:
+    if ratio >= SIMILAR_UNCERTAINTY:
         title = f"Lags: their differences are known {ratio:.0f} times better than their mean"
     note = INTERVAL_NOTE.strip("()")
     return Section(

@@ -113,7 +113,15 @@ class PressFit:
     patches: tuple[Patch, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise ValueError for keyways or patches without an interference."""
+        """Check that keyways and patches have an interference.
+
+        Raises
+        ------
+        ValueError
+            There are keyways or patches, and no interference. A plain ValueError is enough: the
+            reader of the rig file gets it through pydantic and raises an InputError that names file
+            and table.
+        """
         if (self.keyways or self.patches) and not self.is_specified:
             raise ValueError("keyways and patches need an interference_um above zero")
 

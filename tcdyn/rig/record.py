@@ -237,7 +237,7 @@ class DiskRecord(Result, StrictModel):
 
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""
-        return self.setup.setup(self.disk)
+        return self.setup.disk_setup(self.disk)
 
     def summary(self) -> str:
         """Disk, date, files, lags and findings."""

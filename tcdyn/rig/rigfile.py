@@ -145,18 +145,29 @@ class RigTables(RigTable):
             return tables
         return {"layout": OWN_LAYOUT, **tables}
 
-    def setup(self, name: str) -> DiskSetup:
-        """The disk in SI units.
+    def disk_setup(self, name: str) -> DiskSetup:
+        """The disk of these tables in the units of the models.
 
         Parameters
         ----------
         name
-            Name of the disk.
+            Name that the disk gets: "fast", "slow", or "" for the common tables.
+
+        Returns
+        -------
+        setup
+            The disk.
+
+        Notes
+        -----
+        Lengths of the disk, the washers and the junctions are converted from mm to m. Angles stay
+        in degrees, and ``press_fit`` stays in the units of the file. A new key of [disk] that the
+        models use is also added here.
         """
         d = self.disk
         junctions = {
-            name: Junction(t.depth_mm * 1e-3, t.z_mm * 1e-3, t.angle_deg)
-            for name, t in sorted(self.thermocouples.items())
+            channel: Junction(t.depth_mm * 1e-3, t.z_mm * 1e-3, t.angle_deg)
+            for channel, t in sorted(self.thermocouples.items())
         }
         return DiskSetup(
             name=name,
@@ -284,7 +295,7 @@ class Rig(Result, BaseModel):
 
     def disk_setup(self, disk: str) -> DiskSetup:
         """The disk in SI units."""
-        return self.tables(disk).setup(disk)
+        return self.tables(disk).disk_setup(disk)
 
     @property
     def setups(self) -> dict[str, DiskSetup]:

@@ -39,12 +39,12 @@ class SteelSlopes:
         """Mean of air and surface; with the conductivity there h does not change."""
         return 0.5 * (self.air_degC + self.surface_degC)
 
-    def conductivity(self, temperature_degC: float) -> float:
-        """Conductivity relative to that at the reference."""
+    def relative_conductivity(self, temperature_degC: float) -> float:
+        """k(T)/k_0 = 1 + a (T - T_0), dimensionless."""
         return 1 + self.conductivity_per_K * (temperature_degC - self.reference_degC)
 
-    def specific_heat(self, temperature_degC: float) -> float:
-        """Specific heat relative to that at the reference."""
+    def relative_specific_heat(self, temperature_degC: float) -> float:
+        """c(T)/c_0 = 1 + b (T - T_0), dimensionless."""
         return 1 + self.specific_heat_per_K * (temperature_degC - self.reference_degC)
 
     def kirchhoff_curvature(self, temperature_degC: Array) -> Array:
@@ -91,7 +91,7 @@ class SteelSlopes:
         """
         if not self.conductivity_per_K:
             return temperature_degC
-        slope_per_K = self.conductivity_per_K / self.conductivity(self.mean_degC)
+        slope_per_K = self.conductivity_per_K / self.relative_conductivity(self.mean_degC)
         return np.asarray(
             temperature_degC + slope_per_K * self.kirchhoff_curvature(temperature_degC)
         )

@@ -292,7 +292,7 @@ def temperature_degC(
         _check_range(thermocouple_type, e, low_mV, high_mV, "mV")
     t = np.interp(e, grid, degrees)
     for _ in range(3):
-        t = np.clip(t - (_emf(ref, t) - e) / _slope(ref, t), ref.low_degC, ref.high_degC)
+        t = np.clip(t - (_emf(ref, t) - e) / _seebeck_mV_per_K(ref, t), ref.low_degC, ref.high_degC)
     is_outside = (e < low_mV - ROUNDING_mV) | (e > high_mV + ROUNDING_mV)
     return np.asarray(np.where(is_outside, np.copysign(np.inf, e), t))
 
@@ -386,20 +386,20 @@ def _emf(ref: _Reference, t: Array) -> Array:
     return np.asarray(np.where(t > ref.join_degC, above, polyval(t, ref.below)))
 
 
-def _slope(ref: _Reference, t: Array) -> Array:
-    """dE/dT [mV/K].
+def _seebeck_mV_per_K(ref: _Reference, t: Array) -> Array:
+    """Seebeck coefficient dE/dT of the reference function [mV/K].
 
     Parameters
     ----------
     ref
         Reference function.
     t
-        Temperatures [degC].
+        Temperatures of any shape [degC], within the range of ``ref``.
 
     Returns
     -------
-    slope
-        [mV/K].
+    seebeck
+        Coefficients of the same shape [mV/K].
     """
     a0, a1, a2 = ref.bump
     bump_slope = 2 * a0 * a1 * (t - a2) * np.exp(a1 * (t - a2) ** 2)

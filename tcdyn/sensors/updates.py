@@ -29,6 +29,11 @@ REPEAT_EXCESS = 3.0
 # records.
 MIN_REGULAR_CHANGES = 20
 REGULAR_SHARE = 0.95  # share of the new values at rows of one even spacing
+# A change counts from this share of the largest one: smaller ones are rounding errors, for example
+# of a conversion of units.
+ROUNDING_SHARE = 1e-9
+# A change of fewer steps of the logger than this is one step: halfway between one and two.
+ONE_STEP_LIMIT = 1.5
 
 
 @dataclass(frozen=True)
@@ -85,8 +90,7 @@ def find_updates(y: Array) -> Updates:
     """
     rows = np.flatnonzero(np.isfinite(y))
     change = np.abs(np.diff(y[rows]))
-    scale = max(float(np.max(change, initial=0.0)), 1e-300)
-    changed = change > 1e-9 * scale
+    changed = change > ROUNDING_SHARE * np.max(change, initial=0.0)
     changed_rows = rows[1:][changed]
     repeats_values = _repeats_exceed_quantisation(change, changed)
     period, first = _even_spacing(changed_rows)
@@ -127,7 +131,9 @@ def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
     following = change[1:][large]
     following_changed = changed[1:][large]
     repeats = float(count - np.count_nonzero(following_changed))
-    one_step = 0.5 * float(np.count_nonzero(following_changed & (following < 1.5 * step)))
+    one_step = 0.5 * float(
+        np.count_nonzero(following_changed & (following < ONE_STEP_LIMIT * step))
+    )
     return repeats > max(MIN_REPEATS, MIN_REPEAT_SHARE * count, REPEAT_EXCESS * one_step)
 
 

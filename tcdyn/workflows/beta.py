@@ -25,7 +25,7 @@ from tcdyn.partition.analyse import (
     Partition,
     analyse_corrected,
     apply_corrections,
-    check_corrected,
+    check_sensors_or_power,
     unusable_channel,
 )
 from tcdyn.partition.beta_file import beta_file
@@ -194,12 +194,12 @@ def estimate_beta(
     try:
         if sensor_check:
             progress("sensor map")
-            sensors = check_corrected(test)
+            sensors = check_sensors_or_power(test)
             problem = unusable_channel(sensors)
             while problem is not None:
                 left_out = left_out.with_channel_of(problem, rig)
                 test = corrected_test()
-                sensors = check_corrected(test)
+                sensors = check_sensors_or_power(test)
                 problem = unusable_channel(sensors)
         partition = analyse_corrected(
             test, sensors, window_s=window_s, seed=seed, progress=progress

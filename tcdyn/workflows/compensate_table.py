@@ -43,7 +43,26 @@ MANY_NOT_USED = 0.01
 
 @dataclass(frozen=True, repr=False)
 class CompensatedTable(Result):
-    """What was written: rows, columns with sensors, standard deviations, findings."""
+    """Result of the compensation of a table: what was written, and how uncertain it is.
+
+    Attributes
+    ----------
+    path
+        File that was written; the current folder where the rows went to a function.
+    rows
+        Number of rows written.
+    columns
+        Compensated columns, each with its chain.
+    carried
+        Names of the other columns, which are passed through unchanged.
+    numbers
+        One row a compensated column: its name, noise, and typical and largest standard deviation
+        of the compensated readings [K].
+    metadata
+        Metadata of the file that was written.
+    findings
+        Findings about the log and the compensation, without repetitions.
+    """
 
     path: Path
     rows: int
@@ -54,7 +73,11 @@ class CompensatedTable(Result):
     findings: tuple[Finding, ...]
 
     def summary(self) -> str:
-        """A line a column."""
+        """Number of rows and output, then one line a column.
+
+        A line has the lag, the noise, and the typical and the largest standard deviation of the
+        compensated readings.
+        """
         s = "s" if len(self.columns) > 1 else ""
         lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
         for column, row in zip(self.columns, self.numbers.itertuples(index=False)):

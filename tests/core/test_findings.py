@@ -115,6 +115,14 @@ def test_channel_is_recognised_by_all_its_names(name: str) -> None:
     assert channel_of(name) == "e"
 
 
+@pytest.mark.parametrize(
+    "name", ["fast_b_u_K", "slow_t1_u_K", "b_u_K", "fast_b_u_degF", "fast_load_N", "fast_u_m_s"]
+)
+def test_column_of_another_quantity_is_no_channel(name: str) -> None:
+    assert channel_of(name) == ""
+    assert warning("from_file", subject=name, text="").channels == ()
+
+
 def test_numbers_must_be_plain_values() -> None:
     with pytest.raises(TypeError, match="cannot be stored"):
         info("from_file", text=object())

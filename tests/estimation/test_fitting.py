@@ -294,6 +294,11 @@ def test_rank_deficient_information_is_detected() -> None:
     )
 
 
+def test_information_about_no_parameter_has_full_rank() -> None:
+    assert is_full_rank(np.zeros((0, 0)))
+    assert inverse(np.zeros((0, 0))).shape == (0, 0)
+
+
 def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
     """AR(1) with a: the variance of a mean grows by (1 + a)/(1 - a). Sandwich and correlation
     length must agree with it."""

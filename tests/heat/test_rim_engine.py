@@ -174,3 +174,7 @@ def test_unsupported_input_raises(rim, points):
         Rim(0.05, 0.04, 0.01, 40.0, 7800.0, 470.0, 100.0, (2e-3, 4e-3, 6e-3))
     with pytest.raises(InputError, match="d_degC has shape"):
         RimInputs(DT, np.zeros(3), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(3))
+    table = np.zeros((2, 3))
+    with pytest.raises(InputError, match=r"b_degC has shape \(2, 3\)") as raised:
+        RimInputs(DT, table, table, table, table, table)
+    assert raised.value.expected == "one dimension, (N,)"

@@ -9,7 +9,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 from scipy.signal import lfilter
 from sysidentpy.basis_function import Polynomial
 from sysidentpy.model_structure_selection import FROLS
@@ -33,6 +33,7 @@ from tcdyn.identification import (
     step_input,
     transfer,
 )
+from tcdyn.identification.nonparametric import hold_response
 from tests.identify.identify_cases import static_gain
 
 TRUTH = {"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}
@@ -243,6 +244,18 @@ def test_spectral_estimate_scatters_as_its_uncertainty_says() -> None:
     fitted = fit_response(response, "P1D")
     for name, value in TRUTH.items():
         assert abs(fitted.theta[name] - value) < 4 * fitted.estimates[name].u
+
+
+def test_hold_response_is_the_fourier_integral_of_the_hold_function() -> None:
+    """One sample is held for one interval (zoh), or is a triangle of two intervals (foh)."""
+    frequency_Hz = np.array([0.0, 0.7, 3.0, 5.0])
+    t = np.linspace(-DT_S, DT_S, 20_001)
+    for hold, shape in (("zoh", (t >= 0).astype(float)), ("foh", 1 - np.abs(t) / DT_S)):
+        data = IOData.from_arrays(np.arange(20.0), np.arange(20.0), DT_S, hold=hold)
+        kernel = np.exp(-2j * np.pi * frequency_Hz[:, None] * t)
+        integral = trapezoid(shape * kernel, t, axis=1) / DT_S
+        # the step of the zero-order hold lies within one of 10000 intervals
+        np.testing.assert_allclose(hold_response(frequency_Hz, data), integral, atol=1e-4)
 
 
 def test_spectral_estimate_of_a_held_and_of_a_linear_input_agree() -> None:

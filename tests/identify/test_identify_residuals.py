@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tcdyn.estimation import NoiseModel, Optimum, Status
+from tcdyn.estimation import NoiseModel, Optimum, Status, minimise
 from tcdyn.identification import IOData, process
 from tcdyn.identification.causality import output_is_setpoint
 from tcdyn.identification.disturbance import (
@@ -299,10 +299,17 @@ def test_sort_lags_orders_lags_from_the_longest_with_their_slopes() -> None:
     core = problem.least_squares_problem()
     size = problem.size
     j = np.arange(2.0 * size).reshape(2, size)
-    result = sort_lags(
-        problem, Optimum(core, x, np.zeros(2), j, 0.0, j.T @ j, np.eye(size), Status.CONVERGED, 1)
-    )
+    unsorted = Optimum(core, x, np.zeros(2), j, 0.0, j.T @ j, np.eye(size), Status.CONVERGED, 1)
+    result = sort_lags(problem, unsorted)
     theta = problem.theta(result.theta)
     assert [theta[n] for n in ("Tp1", "Tp2", "Tp3")] == pytest.approx([0.9, 0.4, 0.1])
     assert result.jacobian[0, :4].tolist() == [0.0, 2.0, 3.0, 1.0]
     assert result.information == pytest.approx(result.jacobian.T @ result.jacobian)
+    bounded = replace(problem, limits={"Tp1": (0.05, 0.2)})
+    assert sort_lags(bounded, unsorted) is unsorted
+
+
+def test_search_is_free_in_every_direction_so_that_sort_lags_need_not_reorder_them() -> None:
+    problem = random_walk_problem("P1")
+    optimum = minimise(problem.least_squares_problem(), problem.vector({"Kp": 1.0, "Tp1": 0.5}))
+    np.testing.assert_array_equal(optimum.directions, np.eye(problem.size))

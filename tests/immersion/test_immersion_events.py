@@ -7,9 +7,9 @@ from immersion.entry import (
     RISE_DELAY_U_S,
     EntryEvent,
     find_entry,
+    junction_time,
     probe_time,
     reconcile_entry,
-    rise_time,
     switch_time,
     useful_end,
 )
@@ -133,16 +133,16 @@ def test_junctions_that_rise_within_the_first_second_give_no_entry(entry_s: floa
         find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)
 
 
-def test_rise_time_of_the_junctions_is_insensitive_to_noise() -> None:
+def test_junction_time_is_insensitive_to_noise() -> None:
     """Noise of 0.5 K: the mean over a fifth of a second has a sd of 0.07 K, one row 0.3 K; a disk
     of 120 s starts at 0.5 K/s."""
     t, noise_free = junctions(120.0, 12.0)
     bath = np.full(len(t), 107.0)
     rng = np.random.default_rng(2)
-    expected = rise_time(t, noise_free, bath)
+    expected = junction_time(t, noise_free, bath)
     assert expected is not None
     estimates = [
-        rise_time(t, noise_free + rng.normal(0, 0.5, noise_free.shape), bath) for _ in range(5)
+        junction_time(t, noise_free + rng.normal(0, 0.5, noise_free.shape), bath) for _ in range(5)
     ]
     assert np.abs(np.array(estimates, dtype=float) - expected).mean() < 0.3
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
+from tcdyn.partition import analyse
 from tcdyn.partition.angular_harmonic import harmonic_at_junctions
 from tcdyn.partition.at_rest import cables_exchanged, disks_differ, faults_at_rest
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.model_forms import POWER_SCALE_TOLERANCE
 from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, hotter_junction
 from tcdyn.partition.sensor_window import AFTER_LOADING_S, AFTER_UNLOADING_S, sensor_window
@@ -77,6 +81,54 @@ def test_intact_rig_has_no_findings_and_no_illogical_pairs(intact_check: SensorC
         intact_check.table["unloading"]
     )
     assert intact_check.bulk_degC["fast"] > intact_check.bulk_degC["slow"]  # figure 6.17
+
+
+def checked_powers(
+    test: EhlTest, monkeypatch: pytest.MonkeyPatch, sound_above: float
+) -> tuple[list[float], bool]:
+    """Largest powers that ``check_sensors_or_power`` checks [W], and whether its result is sound.
+
+    The check of the channels is replaced by one of the power: sound below ``sound_above``.
+    """
+    powers_W: list[float] = []
+
+    def check(checked: EhlTest) -> SimpleNamespace:
+        powers_W.append(float(checked.power_W.max()))
+        return SimpleNamespace(sound=powers_W[-1] > sound_above)
+
+    monkeypatch.setattr(analyse, "check_sensors", check)
+    return powers_W, analyse.check_sensors_or_power(test).sound
+
+
+def test_power_in_a_wrong_unit_is_scaled_before_channels_are_suspected(
+    b3: EhlTest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A quarter is about a force in pounds. The tolerance is ``POWER_SCALE_TOLERANCE``: the
+    disks' shares may differ by that much from a sum of one."""
+    power_W = float(b3.power_W.max())
+    in_wrong_unit = replace(b3, power_W=0.25 * b3.power_W)
+    powers_W, sound = checked_powers(in_wrong_unit, monkeypatch, 0.5 * power_W)
+    assert powers_W == pytest.approx([0.25 * power_W, power_W], rel=POWER_SCALE_TOLERANCE)
+    assert sound
+    # the scaled power does not explain the suspects: the first check stands
+    powers_W, sound = checked_powers(in_wrong_unit, monkeypatch, np.inf)
+    assert len(powers_W) == 2
+    assert not sound
+
+
+def test_sensor_check_is_not_repeated_where_the_power_is_right_or_its_scale_unknown(
+    b3: EhlTest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len(checked_powers(b3, monkeypatch, np.inf)[0]) == 1
+    in_wrong_unit = replace(b3, power_W=0.25 * b3.power_W)
+    one_disk = replace(in_wrong_unit, disks={"fast": b3.disks["fast"]})
+    assert len(checked_powers(one_disk, monkeypatch, np.inf)[0]) == 1
+
+    def stop(*args: object) -> None:
+        raise InputError("the log ends too early")
+
+    monkeypatch.setattr(analyse, "steady_lines", stop)
+    assert len(checked_powers(in_wrong_unit, monkeypatch, np.inf)[0]) == 1
 
 
 def test_response_is_larger_nearer_the_running_surface(b3: EhlTest) -> None:

@@ -4,8 +4,9 @@ results."""
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from statistics import NormalDist
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from tcdyn.partition.beta_file import beta_file
 from tcdyn.partition.departures import (
     MODEL_FORMS,
     STEM_SD,
+    UNLOADING_MEAN_S,
     DiskAtFit,
     LinearisedFit,
     model_form_columns,
@@ -222,6 +224,23 @@ def test_lag_and_flux_shift_effects_match_finite_changes(
         assert flux_shift_effect(
             disk_at_fit.rim, disk_at_fit.share, disk_at_fit.h_W_m2K
         ) == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
+
+
+def test_mean_before_unloading_is_over_the_last_ten_seconds_under_load() -> None:
+    """Blocks of 1 s about the unloading at 100 s; the blocks from 90.5 to 99.5 s count."""
+    block_time_s = np.arange(60.5, 140.0)
+    disk = SimpleNamespace(
+        fit=SimpleNamespace(
+            block=SimpleNamespace(window=SimpleNamespace(block_time_s=block_time_s))
+        ),
+        test=SimpleNamespace(events=SimpleNamespace(unload_s=100.0)),
+    )
+    mean = partial(DiskAtFit.mean_before_unloading, disk)
+    assert mean(block_time_s) == pytest.approx(95.0)
+    before = (block_time_s > 100.0 - UNLOADING_MEAN_S) & (block_time_s < 100.0)
+    assert before.sum() == 10
+    # other samples do not count
+    assert mean(np.where(before, 7.0, np.nan)) == 7.0
 
 
 def test_mixture_interval_has_2_5_percent_below_and_above() -> None:

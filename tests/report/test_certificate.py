@@ -10,7 +10,7 @@ from calibration.budget import expanded_of_skewed
 from calibration.decisions import FIT_TO_USE, channel_verdicts, draft_reasons
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import info
-from tcdyn.report.certificate import certificate_verdict
+from tcdyn.report.certificate import certificate_sections, certificate_verdict
 from tcdyn.report.formal import DRAFT, formal_sections, lag_budget_table, marks, results
 from tcdyn.report.page import render_page
 from tcdyn.rig.record import DiskRecord
@@ -41,6 +41,30 @@ def with_traceability(**entries: object) -> DiskRecord:
 def page(record: DiskRecord) -> str:
     """The formal part as HTML."""
     return render_page("Calibration", formal_sections(record), marks=marks(record))
+
+
+@pytest.mark.parametrize(
+    ("u_common_s", "u_difference_s", "title"),
+    [
+        (0.06, 0.01, "Lags: their differences are known 6 times better than their mean"),
+        (0.06, 0.05, "Lags"),
+        (2.0, 0.0, "Lags"),
+    ],
+)
+def test_title_of_the_lags_says_how_well_their_differences_are_known(
+    u_common_s: float, u_difference_s: float, title: str
+) -> None:
+    """u = 0 of the difference is a record of one channel."""
+    chain = RECORD.chain
+    assert chain is not None
+    differences = {
+        name: Estimate.normal(difference.value, u_difference_s)
+        for name, difference in chain.differential_lag_s.items()
+    }
+    common = Estimate.normal(chain.common_lag_s.value, u_common_s)
+    changed = chain.model_copy(update={"common_lag_s": common, "differential_lag_s": differences})
+    sections = certificate_sections(RECORD.model_copy(update={"chain": changed}))
+    assert [s.title for s in sections if s.title.startswith("Lags")] == [title]
 
 
 def test_without_traceability_it_is_a_draft_without_a_person_or_lines_to_sign() -> None:

@@ -78,6 +78,17 @@ def test_stamps_go_through_parquet_too(tmp_path: Path) -> None:
     assert pd.to_datetime(out["Time"]).tolist() == pd.to_datetime(time).tolist()
 
 
+def test_summary_has_the_rows_and_a_line_for_each_column(tmp_path: Path) -> None:
+    _, y = kiln(300)
+    done, _ = compensated(table(tmp_path / "log.csv", np.arange(300), y))
+    first, line = done.summary().splitlines()
+    assert first == f"300 rows, 1 column compensated: {done.path}"
+    row = done.to_frame().loc["TC1_degC"]
+    assert line.startswith("  TC1_degC: lag 25.0 +- 1.0 s")
+    for value in (row["noise_sd_K"], row["sd_typical_K"], row["sd_max_K"]):
+        assert f"{value:.3g} K" in line
+
+
 def unplugged(y: np.ndarray) -> None:
     y[700:760] = 25 + np.random.default_rng(8).normal(0, 0.3, 60)
 

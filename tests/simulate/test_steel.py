@@ -56,7 +56,7 @@ def test_ring_between_hot_and_cold_obeys_kirchhoff_transform() -> None:
 
     def conducted(inner: str, outer: str) -> float:
         integral = quad(
-            lambda t: setup.conductivity_W_mK * SLOPES.conductivity(t),
+            lambda t: setup.conductivity_W_mK * SLOPES.relative_conductivity(t),
             readings_by_channel[outer],
             readings_by_channel[inner],
         )[0]
@@ -68,7 +68,7 @@ def test_ring_between_hot_and_cold_obeys_kirchhoff_transform() -> None:
     assert conducted("e", "a") == pytest.approx(500.0, rel=2e-3)
     assert conducted("a", "b") == pytest.approx(500.0, rel=5e-3)
     # a constant conductivity would give another flow
-    of_constant_k = conducted("a", "b") / SLOPES.conductivity(readings_by_channel["a"])
+    of_constant_k = conducted("a", "b") / SLOPES.relative_conductivity(readings_by_channel["a"])
     assert conducted("a", "b") * 1.05 < of_constant_k
 
 
