@@ -13,7 +13,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -211,6 +211,7 @@ def follow(
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
     style = output_style(dialect, comments, raw.source.table, out)
     key = {**_key(raw, calibrations, delay_s), "dialect": dialect}
+    is_new = not out.exists()
     if state is not None and continues:
         stand = _read_state(state, key, growing, out)
     else:
@@ -223,7 +224,7 @@ def follow(
     rising = RisingRows(raw.source)
     totals = Totals()
     with (
-        _removed_without_rows(out, state),
+        _removed_without_rows(out, state) if is_new else nullcontext(),
         AppendedFile(out, stand.out_bytes, stand.written) as output,
     ):
         growing.go_on = lambda has_new: patience.goes_on(has_new, output)
@@ -279,7 +280,7 @@ def follow(
 
 @contextmanager
 def _removed_without_rows(out: Path, state: Path | None) -> Iterator[None]:
-    """Delete a new output that gets no row because the block fails.
+    """Delete a new output that gets no row because the block fails; one that was replaced remains.
 
     Parameters
     ----------
