@@ -3,14 +3,8 @@ the others."""
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -432,36 +426,3 @@ def test_the_table_is_the_same_whoever_works_on_it(campaign: Campaign, tmp_path:
         run_campaign(logs, settings_of(campaign), tmp_path / "dask", dask=local.scheduler_address)
     tables.append((tmp_path / "dask" / "campaign.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]
-
-
-@pytest.mark.e2e
-@pytest.mark.skipif(os.name != "posix", reason="uses process groups")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_no_worker_process_remains_after_a_signal(
-    name: str, campaign: Campaign, tmp_path: Path
-) -> None:
-    """The command has a process group of its own; the signal goes to the command alone."""
-    other = shutil.copy(campaign.files.ehl["B3"], tmp_path / "EHL_B4.csv")
-    words = [campaign.files.ehl["B3"], other, *records(campaign)]
-    command = [sys.executable, "-m", "tcdyn.cli.app", "rig", "campaign", *words]
-    started = subprocess.Popen(
-        [*map(str, command), "--workers", "2", "--out", str(tmp_path / "out")],
-        start_new_session=True,
-        stderr=subprocess.PIPE,
-    )
-    try:
-        time.sleep(8.0)  # the workers analyse by then
-        started.send_signal(getattr(signal, name))
-        _, errors = started.communicate(timeout=60)
-        assert started.returncode == 130
-        assert b"stopped" in errors
-        for _ in range(100):
-            try:
-                os.killpg(started.pid, 0)
-            except ProcessLookupError:
-                return
-            time.sleep(0.2)
-        pytest.fail("a worker process remains")
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(started.pid, signal.SIGKILL)

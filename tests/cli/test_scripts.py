@@ -94,6 +94,8 @@ def test_scripts_for_any_thermocouple_run_to_the_end(script: str, tables: Path) 
         assert (done["T1"] - true)[middle].mean() == pytest.approx(6.0, abs=0.5)
 
 
+# The tutorial "From the oven to beta" runs these commands whenever the manual is built.
+@pytest.mark.long
 def test_script_for_the_rig_runs_to_the_end(campaign: Campaign, tmp_path: Path) -> None:
     for path in campaign.files.rig.parent.glob("*"):
         if path.suffix in (".csv", ".toml"):
