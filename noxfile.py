@@ -30,7 +30,8 @@ def lowest(session: nox.Session) -> None:
         for tool in project["optional-dependencies"]["test"]
         if not tool.startswith("import-linter")
     ]
-    lowest_versions = [bound.replace(">=", "==") for bound in project["dependencies"]]
+    lower_bounds = [bounds.partition(",")[0] for bounds in project["dependencies"]]
+    lowest_versions = [bound.replace(">=", "==") for bound in lower_bounds]
     session.install(".", *tools, *lowest_versions)
     session.run(
         "python", "-m", "pytest", "-n", "auto", "-W", "ignore::DeprecationWarning", *session.posargs

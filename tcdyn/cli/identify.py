@@ -367,7 +367,8 @@ def _files_of_outputs(path: Path, outputs: list[str]) -> dict[str, Path]:
     Raises
     ------
     InputError
-        If the names of two outputs differ only in characters that a file name cannot have.
+        If the names of two outputs differ only in characters that a file name cannot have, or in
+        upper and lower case, which are the same on Windows.
     """
     if not path.name:
         raise InputError(f"{path} is a folder", expected="a file to write")
@@ -378,7 +379,7 @@ def _files_of_outputs(path: Path, outputs: list[str]) -> dict[str, Path]:
     for output in outputs:
         safe_name = re.sub(r"[^A-Za-z0-9_-]+", "_", output)
         files[output] = path.with_name(f"{stem}.{safe_name}{dot if ending else ''}{ending}")
-    if len(set(files.values())) < len(outputs):
+    if len({file.name.casefold() for file in files.values()}) < len(outputs):
         raise InputError(
             f"the files of two outputs have one name ({', '.join(outputs)})",
             expected="names that differ in letters or digits",

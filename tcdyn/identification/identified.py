@@ -19,11 +19,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import InitialState, simulate
 from tcdyn.core import Array
-from tcdyn.core.errors import DAMAGED, InputError, Spelling, as_argument
+from tcdyn.core.errors import (
+    DAMAGED,
+    InputError,
+    Spelling,
+    as_argument,
+    first_validation_error,
+)
 from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.labels import common_index, even_interval_s
@@ -406,7 +413,7 @@ class Identified(Dynamics, Result):
         try:
             d: dict[str, Any] = json.loads(text)
         except json.JSONDecodeError as error:
-            raise InputError(f"is not JSON ({error})", where="identified model") from error
+            raise InputError(f"the identified model is not JSON ({error})") from error
         if not isinstance(d, dict) or d.get("schema") != SCHEMA:
             raise InputError(
                 "is not an identified model",
@@ -418,7 +425,10 @@ class Identified(Dynamics, Result):
         except InputError:
             raise
         except DAMAGED as problem:
-            raise InputError(f"is damaged ({problem!r})", where="identified model") from None
+            reason = repr(problem)
+            if isinstance(problem, ValidationError):
+                reason = first_validation_error(problem)
+            raise InputError(f"the identified model is damaged ({reason})") from None
 
     @classmethod
     def _from_dict(cls, d: Mapping[str, Any]) -> Identified:
@@ -485,9 +495,13 @@ def read_identified(path: str | Path) -> Identified:
     """
     check_no_device(path)
     try:
-        return Identified.from_json(Path(path).read_text(encoding="utf-8"))
+        return Identified.from_json(Path(path).read_text(encoding="utf-8-sig"))
+    except InputError as problem:
+        raise problem.at(str(path)) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not UTF-8 ({error.reason})", where=str(path)) from None
 
 
 def from_control(

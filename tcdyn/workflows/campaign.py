@@ -407,14 +407,31 @@ def _answer_file(path: Path, folder: Path, stage: int) -> Path:
 
 
 def _check_names(paths: Sequence[Path]) -> None:
-    """Check that there are logs, and that no two have the same name; InputError otherwise."""
+    """Check that there are logs, and that the results of no two can have the same name.
+
+    Names that differ only in upper and lower case are one file on Windows and macOS. The tests of a
+    log D4 with several loadings are D4.1 and so on, as the one of a log D4.1.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
     if not paths:
         raise InputError("no logs", expected="at least one EHL log")
     path_of_name: dict[str, Path] = {}
     for path in paths:
-        if path.stem in path_of_name:
+        name = LogOutcome(path, None).name.casefold()
+        if name in path_of_name:
             raise InputError(
-                f"two logs are called {path.stem}: {path_of_name[path.stem]} and {path}",
+                f"two logs are called {path.stem}: {path_of_name[name]} and {path}",
                 remedy="rename one: the answers are named after the logs",
             )
-        path_of_name[path.stem] = path
+        path_of_name[name] = path
+    for name, path in path_of_name.items():
+        log, _, stage = name.rpartition(".")
+        if stage.isdecimal() and log in path_of_name:
+            raise InputError(
+                f"{path} is called as a later loading of {path_of_name[log]} would be",
+                remedy="rename one: the answers are named after the logs",
+            )

@@ -37,6 +37,8 @@ def test_debug_writes_a_file_for_the_report(
 ) -> None:
     monkeypatch.setattr("tcdyn.verify.verify_rows", broken)
     monkeypatch.setattr("sys.argv", ["tcdyn", "verify", "--out", "a b.csv", "--debug"])
+    requirements = ["numpy<3,>=2.0", "dask>=2024.5; extra == 'dask'", "no-such-package>=1"]
+    monkeypatch.setattr("tcdyn.cli.debug.requires", lambda name: requirements)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert run(lambda: app(["verify", "--debug"])) == 70
     sentence = capsys.readouterr().err.splitlines()[-1]
@@ -44,7 +46,7 @@ def test_debug_writes_a_file_for_the_report(
     assert str(file) in sentence
     text = file.read_text(encoding="utf-8")
     assert text.startswith("command: tcdyn verify --out 'a b.csv' --debug\ntcdyn ")
-    assert f"numpy {np.__version__}" in text
+    assert f"\nnumpy {np.__version__}, no-such-package missing\n" in text
     assert text.endswith("\nZeroDivisionError: of the command\n")
     assert run(lambda: app(["verify"])) == 70  # the option of the previous call does not remain
     assert "--debug writes a file" in capsys.readouterr().err
