@@ -42,7 +42,8 @@ EPILOG = (
     "Exit codes: 0 done, also with warnings; 1 no result to be trusted (for example the "
     "recommended estimate is not reported, a log of a campaign failed, or a published number "
     "differs), and with --strict any warning; 2 bad input, with a message that says what to do; "
-    "70 an internal error, please report it; 130 stopped, for example with Ctrl-C.\n\n"
+    "70 an internal error, please report it with the file of --debug; 130 stopped, for example "
+    "with Ctrl-C.\n\n"
     "Results go to standard output, progress and findings (info, warning, error) to standard "
     "error; --json prints the result for scripts. Terminals get colour; NO_COLOR=1 switches it off."
 )

