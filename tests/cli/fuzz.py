@@ -148,7 +148,6 @@ OPTION_VALUES = (
 LEFT_OUT = {
     "demo",
     "verify",
-    "view",
     "rig campaign",
     "simulate campaign",
     "simulate ehl",
@@ -444,13 +443,15 @@ def absurd_options(world: World, command: str, choices: list[tuple[int, int]]) -
             words += [parameter.opts[0], value(parameter, number // 7)]
     for which, number in choices:
         option = named[which % len(named)]
-        if option.name in ("workers", "dask"):
+        if option.name in ("workers", "dask", "open_"):
             continue
         words.append(option.opts[0])
         if not option.is_flag:
             words.append(value(option, number))
     if command == "follow":
         words += ["--idle-s", "0"]
+    if command == "view":
+        words.append("--no-open")
     return world.run(words, {})
 
 
