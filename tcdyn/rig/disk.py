@@ -1,6 +1,6 @@
 """An instrumented disk in SI units: material, junctions and their rows, and surrogate channels.
 
-``DiskSetup`` is made by :meth:`tcdyn.rig.rigfile.RigTables.setup` and used by all estimators.
+``DiskSetup`` is made by :meth:`tcdyn.rig.rigfile.RigTables.disk_setup` and used by all estimators.
 ``Conditioning`` is the known filter in every chain. Tests: ``tests/rig/test_record.py`` (filter),
 ``tests/partition/test_left_out.py``, ``tests/partition/test_any_junctions.py`` and
 ``tests/partition/test_inner_row.py``.
