@@ -39,8 +39,10 @@ HIGH_NODE = len(H_GRID_W_M2K) - 3
 # Steady means end this long before the unloading, which is known less well than a sample [s].
 # Chosen by judgement.
 END_GAP_S = 0.2
-# Start of the transient fits: least h, and h for a test with one disk [W/m2K]. Chosen by judgement.
+# Start of the transient fits: least and largest h, and h for one disk [W/m2K]. Chosen by
+# judgement. The largest matters where the logged power is several times the true power.
 MIN_START_H_W_M2K = 50.0
+MAX_START_H_W_M2K = 2000.0
 START_H_W_M2K = 400.0
 # Chosen by judgement: longest cooling for which corrections are computed [s]; length of the
 # means before the unloading that give temperatures there [s]; number of points across the running
@@ -183,7 +185,8 @@ def speed_law(
 
     Notes
     -----
-    ``MIN_START_H_W_M2K`` limits only the starts of the transient fits, not the point.
+    ``MIN_START_H_W_M2K`` and ``MAX_START_H_W_M2K`` limit only the starts of the transient fits, not
+    the point. The share of a start is that of its line at the limited h.
     """
     chi = speed_ratio_power(speed_ratio, exponent)
     if fast.slope <= 0 or slow.slope <= 0:
@@ -196,10 +199,10 @@ def speed_law(
     beta = speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, chi)
     h_fast = (beta - fast.intercept) / fast.slope
     h_slow = h_fast / chi
-    starts = {
-        "fast": (beta, max(h_fast, MIN_START_H_W_M2K)),
-        "slow": (1 - beta, max(h_slow, MIN_START_H_W_M2K)),
-    }
+    starts = {}
+    for disk, line, h in (("fast", fast, h_fast), ("slow", slow, h_slow)):
+        start_h = min(max(h, MIN_START_H_W_M2K), MAX_START_H_W_M2K)
+        starts[disk] = (line.at(start_h), start_h)
     return SpeedLawPoint(beta, h_fast, h_slow, chi, starts)
 
 

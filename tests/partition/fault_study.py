@@ -118,6 +118,7 @@ CASES: dict[str, Case] = {
     ),
     "friction in pounds": Case(("friction in pounds",), scaled(1 / 4.448, "friction_N")),
     "friction in kgf": Case(("friction in kilograms",), scaled(1 / 9.807, "friction_N")),
+    "friction 4 times too large": Case(("logged frictional power",), scaled(4.0, "friction_N")),
     "friction negated": Case(("friction",), scaled(-1.0, "friction_N")),
     "speeds in rad/s": Case(
         ("speeds in rad/s",), scaled(1 / 9.549, "speed_fast_rpm", "speed_slow_rpm")

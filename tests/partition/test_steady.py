@@ -35,6 +35,19 @@ def test_speed_law_point_lies_on_both_lines() -> None:
     assert slow.at(point.h_slow) == pytest.approx(1 - point.beta, abs=1e-12)
 
 
+@pytest.mark.parametrize("power_scale", [0.1, 4.0])
+def test_starts_of_the_transient_fits_keep_h_in_range_and_lie_on_the_lines(
+    power_scale: float,
+) -> None:
+    fast = SteadyLine(0.36 / power_scale, 4e-4 / power_scale)
+    slow = SteadyLine(0.26 / power_scale, 2.9e-4 / power_scale)
+    point = speed_law(fast, slow, 4.24, 0.7)
+    assert not 50.0 <= point.h_fast <= 2000.0
+    share, h = point.starts["fast"]
+    assert 50.0 <= h <= 2000.0
+    assert share == pytest.approx(fast.at(h), abs=1e-12)
+
+
 def test_printed_equation_4_7_does_not_give_the_thesis_number() -> None:
     B = 0.46 / 1100
     D = 0.28 / 1100
