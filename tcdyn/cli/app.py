@@ -1,15 +1,17 @@
 """The command ``tcdyn``: its subcommands, exit codes, and the handling of errors.
 
-:func:`command` is the entry point in ``pyproject.toml``. A new command is added to ``app`` here.
+:mod:`tcdyn.cli.start`, the entry point, calls :func:`main`. A new command is added to ``app``.
 The exit codes are part of the interface (``EPILOG``, manual). Tests: ``tests/cli/test_status.py``
 and ``tests/cli/test_internal_error.py``.
 """
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator
 from functools import wraps
@@ -52,6 +54,7 @@ EPILOG = (
 BAD_INPUT = 2  # as click for wrong options
 INTERNAL_ERROR = 70  # EX_SOFTWARE of sysexits.h
 STOPPED = 130  # 128 + SIGINT, as shells report it
+REPEATED_INTERRUPT_S = 0.01  # after an interrupt that Python could not raise
 # exceptions that the operating system or the size of the input causes
 SYSTEM_ERRORS = (OSError, MemoryError, RecursionError, OverflowError, ImportError)
 
@@ -287,9 +290,24 @@ def _stop_as_with_ctrl_c() -> None:
             signal.signal(number, signal.default_int_handler)
 
 
+def _repeat_lost_interrupt(lost: sys.UnraisableHookArgs) -> None:
+    """Interrupt again where Python cannot raise KeyboardInterrupt, as in a call of a C library.
+
+    It would print a traceback, and the command would go on. Within this function it cannot be
+    raised either, so a thread interrupts a little later.
+    """
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        again = threading.Timer(REPEATED_INTERRUPT_S, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(lost)
+
+
 def main() -> None:
     """Run the command of ``sys.argv``; ends with SystemExit."""
     _stop_as_with_ctrl_c()
+    sys.unraisablehook = _repeat_lost_interrupt
     sys.stderr = message_stream(sys.stderr)
     escape_what_cannot_be_encoded(sys.stdout)
     code = run(app)
@@ -300,12 +318,3 @@ def main() -> None:
         # "Note on SIGPIPE")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
-
-
-def command() -> None:
-    """The entry point of the installed command."""
-    main()
-
-
-if __name__ == "__main__":
-    command()

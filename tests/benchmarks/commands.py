@@ -57,7 +57,7 @@ def process(*words: object) -> tuple[float, float]:
 
 def command(*arguments: object) -> tuple[float, float]:
     """CPU seconds and peak memory [MB] of one command in its own process."""
-    return process("-m", "tcdyn.cli.app", *arguments)
+    return process("-m", "tcdyn", *arguments)
 
 
 def baseline(log: Path, out: Path) -> tuple[float, float]:

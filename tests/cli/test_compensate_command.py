@@ -380,7 +380,7 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     words = [
         sys.executable,
         "-m",
-        "tcdyn.cli.app",
+        "tcdyn",
         "follow",
         log,
         *fast(campaign),

@@ -176,7 +176,7 @@ def test_help_keeps_its_brackets() -> None:
 
 def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
-    command = [sys.executable, "-m", "tcdyn.cli.app", *map(str, words)]
+    command = [sys.executable, "-m", "tcdyn", *map(str, words)]
     return subprocess.run(
         command, capture_output=True, text=True, env=env, check=False, timeout=120
     )

@@ -96,7 +96,7 @@ def test_an_input_is_never_written_over(
 
 @pytest.mark.e2e
 def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tcdyn.cli.app"]
+    command = [sys.executable, "-m", "tcdyn"]
     told = subprocess.run([*command, "verify", "--json"], stdout=subprocess.PIPE, check=True).stdout
     assert json.loads(told)
     absent = subprocess.run(
@@ -136,7 +136,7 @@ def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Pat
 @pytest.mark.parametrize("words", ["verify", "rig check"])
 def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
     """``verify`` writes at once, ``rig`` when it ends."""
-    command = [sys.executable, "-m", "tcdyn.cli.app", *words.split()]
+    command = [sys.executable, "-m", "tcdyn", *words.split()]
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE)
     assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
@@ -149,7 +149,7 @@ def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> Non
     reader, writer = os.pipe()
     os.close(reader)
     try:
-        command = [sys.executable, "-m", "tcdyn.cli.app", *words.split()]
+        command = [sys.executable, "-m", "tcdyn", *words.split()]
         done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE)
     finally:
         os.close(writer)
@@ -164,7 +164,7 @@ def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Pa
     words = [
         sys.executable,
         "-m",
-        "tcdyn.cli.app",
+        "tcdyn",
         "rig",
         "beta",
         log,

@@ -46,7 +46,7 @@ tcdyn rig campaign EHL_B3.csv --rig rig.toml $records --out results --workers 1
 
 def run_script(script: str, folder: Path) -> str:
     """Run a script with ``set -euo pipefail``; what it printed on standard output."""
-    define = f'tcdyn() {{ "{sys.executable}" -m tcdyn.cli.app "$@"; }}\n'
+    define = f'tcdyn() {{ "{sys.executable}" -m tcdyn "$@"; }}\n'
     ended = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", define + script + "\necho end\n"],
         cwd=folder,

@@ -13,10 +13,12 @@ import pytest
 
 from tcdyn.cli import follow, start, stop_signals
 from tcdyn.cli.app import _stop_as_with_ctrl_c
+from tcdyn.version import __version__
 from tests.cli.fuzz import World
 from tests.cli.signal_study import (
     COMMANDS,
     SHARED_MEMORY,
+    STOPPED,
     StoppedCommand,
     shared_memory_of,
     stopped_campaign,
@@ -142,6 +144,36 @@ def test_ctrl_c_while_libraries_are_imported_prints_nothing(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # in the background of a shell
     start.command()
     assert seen == [signal.SIG_DFL, signal.SIG_IGN]
+
+
+@ON_LINUX
+def test_ctrl_c_where_python_cannot_raise_it_ends_the_command_with_one_line() -> None:
+    """Here in a destructor; Python would print "Exception ignored in" and go on."""
+    code = """
+import signal, time
+from tcdyn.cli import app
+
+class Interrupted:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+def command():
+    Interrupted()
+    for _ in range(100):
+        time.sleep(0.1)
+    print("went on")
+
+app.app = command
+app.main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", STOPPED)
+
+
+def test_python_m_is_the_command() -> None:
+    words = [sys.executable, "-m", "tcdyn", "--version"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout == f"tcdyn {__version__}\n"
 
 
 def test_the_entry_point_imports_no_library_first() -> None:

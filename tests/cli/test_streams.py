@@ -14,7 +14,7 @@ from tcdyn.cli.app import app, run
 from tcdyn.cli.streams import escape_what_cannot_be_encoded, message_stream
 from tests.cli.fault_commands import small_files
 
-COMMAND = [sys.executable, "-m", "tcdyn.cli.app"]
+COMMAND = [sys.executable, "-m", "tcdyn"]
 FULL = Path("/dev/full")
 
 

@@ -187,7 +187,7 @@ def test_a_run_that_is_killed_and_started_again_writes_the_same_bytes(tmp_path: 
     sensor = tmp_path / "s.json"
     write_sensor(specified_sensor("probe", ["T"], [(LAG_S, 1.0)]), sensor)
     log = tmp_path / "log.csv"
-    program = [sys.executable, "-m", "tcdyn.cli.app", "follow", log, "--sensor", sensor]
+    program = [sys.executable, "-m", "tcdyn", "follow", log, "--sensor", sensor]
     program += [
         "--delay-s",
         "20",

@@ -303,7 +303,7 @@ def try_mutation(mutation: Mutation | None, copy_root: Path, always_tests: bool 
     try:
         if mutation:
             path.write_text(mutation.changed(original), encoding="utf-8")
-        process = _run(copy_root, "tcdyn.cli.app", "verify", "--json")
+        process = _run(copy_root, "tcdyn", "verify", "--json")
         try:
             rows = tuple(
                 f"{r['source']}: {r['quantity']}"
