@@ -13,8 +13,8 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator
-from functools import wraps
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial, wraps
 from typing import Any
 
 import typer
@@ -145,6 +145,57 @@ app.add_typer(
     hidden=True,
     callback=lambda: _print_new_name("round", "circumference"),
 )
+
+# Options of version 0.2 that have another name, by command.
+OLD_OPTIONS = {
+    "identify": {"--models": "--model", "--dt": "--dt-s", "--resample": "--resample-s"},
+    "response": {"--models": "--model", "--columns": "--column", "--u": "--uncertainty"},
+    "sensor new": {"--delay-s": "--dead-time-s"},
+    "sensor pair": {"--columns": "--column", "--change-s": "--flow-step-s"},
+    "compensate": {"--parts": "--components"},
+    "follow": {"--behind-s": "--delay-s"},
+    "rig transducer": {"--of": "--quantity", "--weights-rel": "--weight-u-rel"},
+    "rig line": {"--power-rel": "--flux-u-rel"},
+    "rig calibrate": {"--line-u-K": "--reading-u-K"},
+    "rig campaign": {"--model": "--curve"},
+    "rig circumference simulate": {"--out": "--picture"},
+    "rig circumference fit": {"--out": "--picture"},
+    "simulate immersion": {"--run": "--plunge"},
+    "simulate ehl": {"--brake": "--brake-s"},
+    "verify": {"--csv": "--out"},
+}
+OLD_LISTS = ("--models", "--columns")  # their values were separated by commas
+
+
+def with_new_options(words: Sequence[str]) -> list[str]:
+    """Replace options of version 0.2 by their new names, with a message on standard error.
+
+    Parameters
+    ----------
+    words
+        The command line behind ``tcdyn``.
+    """
+    first = {"round": "rig circumference"} | {old: f"rig {new}" for old, new in OLD_NAMES.items()}
+    path = " ".join([first.get(word, word) for word in words[:1]] + list(words[1:]))
+    options: dict[str, str] = {}
+    for command, renamed in OLD_OPTIONS.items():
+        if f"{path} ".startswith(f"{command} "):
+            options = renamed
+    new_words: list[str] = []
+    rest = list(words)
+    while rest:
+        name, has_value, value = rest.pop(0).partition("=")
+        if name not in options:
+            new_words.append(f"{name}{has_value}{value}")
+            continue
+        new = options[name]
+        print(f"tcdyn: {name} is now {new}; version 0.4 has only that name", file=sys.stderr)
+        values = [value] if has_value else rest[:1]
+        rest = rest if has_value else rest[1:]
+        if name in OLD_LISTS:
+            values = [each for text in values for each in text.split(",")]
+        new_words += [word for each in values for word in (new, each)] or [new]
+    return new_words
 
 
 def _version(show: bool) -> None:
@@ -310,7 +361,7 @@ def main() -> None:
     sys.unraisablehook = _repeat_lost_interrupt
     sys.stderr = message_stream(sys.stderr)
     escape_what_cannot_be_encoded(sys.stdout)
-    code = run(app)
+    code = run(partial(app, with_new_options(sys.argv[1:])))
     try:
         sys.stdout.flush()
     except OSError:

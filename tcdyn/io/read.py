@@ -371,29 +371,6 @@ def _without_lines(dialect: Dialect, numbers: Sequence[int]) -> bytes:
     return b"".join(lines)
 
 
-class _FirstBytes:
-    """The first bytes of a stream, for pyarrow."""
-
-    closed = False
-
-    def __init__(self, stream: IO[bytes], count: int | None) -> None:
-        """Begin at the position of the stream; without ``count`` to its end."""
-        self.stream = stream
-        self.left = count
-
-    def read(self, size: int = -1) -> bytes:
-        """At most ``size`` bytes; all if it is negative."""
-        if self.left is None:
-            return self.stream.read(size)
-        count = self.left if size < 0 else min(size, self.left)
-        block = self.stream.read(count)
-        self.left -= len(block)
-        return block
-
-    def close(self) -> None:
-        """Do nothing: the stream is closed by its owner."""
-
-
 class TextReader:
     """Columns of one text log, with the state that its text columns keep from chunk to chunk."""
 
@@ -469,16 +446,35 @@ class TextReader:
     def _batches(self, rows: int, types: dict[str, Any]) -> Iterator[pa.RecordBatch]:
         """Yield columns of these types by key, in batches of about so many rows."""
         with open_text(self.dialect) as stream:
-            limited = _FirstBytes(stream, self.checked.end)
-            parse_options = pacsv.ParseOptions(
-                delimiter=self.dialect.separator,
-                newlines_in_values=self.checked.has_line_breaks,
-            )
-            # closed here, since a thread of pyarrow may not outlive the interpreter
-            with pacsv.open_csv(
-                limited, self._read_options(rows), parse_options, self._convert_options(types)
-            ) as batches:
-                yield from batches
+            for _ in range(self.dialect.skip):
+                stream.readline()
+            for lines in self._blocks(stream, rows):
+                yield self._parsed(lines, types)
+
+    def _blocks(self, stream: IO[bytes], rows: int) -> Iterator[bytes]:
+        """Yield complete rows from the position of the stream on, in small blocks.
+
+        A block holds about ``rows`` rows as long as the first one, between ``LEAST_BLOCK_BYTES``
+        and ``BLOCK_BYTES``.
+        """
+        first_row = self.dialect.first_row
+        line_bytes = max(len(first_row) * 4, sum(len(cell) + 1 for cell in first_row))
+        block_bytes = min(max(rows * line_bytes, LEAST_BLOCK_BYTES), BLOCK_BYTES)
+        position = stream.tell()
+        end = self.checked.end
+        while lines := stream.read(block_bytes) + stream.readline():
+            while self.checked.has_line_breaks and lines.count(b'"') % 2:  # inside a quoted cell
+                more = stream.readline()
+                lines += more
+                if not more:
+                    break
+            if end is not None:
+                lines = lines[: end - position]
+            position += len(lines)
+            if lines.strip():
+                yield lines
+            if position == end:
+                return
 
     def chunks(self, rows: int, as_text: bool) -> Iterator[Columns]:
         """Yield the chunks after the rows that are done.
@@ -507,7 +503,7 @@ class TextReader:
             For lines that cannot be parsed.
         """
         try:
-            batch = self._parsed(lines)
+            batch = self._parsed(lines, self._types(self.reads_text))
         except pa.ArrowInvalid:
             if not self.reads_text:
                 self.expect_text()
@@ -518,14 +514,30 @@ class TextReader:
         self.rows_done += batch.num_rows
         return columns
 
-    def _parsed(self, lines: bytes) -> pa.RecordBatch:
-        """The columns of complete lines, in the types that are expected."""
-        names = [f"c{i}" for i in range(len(self.dialect.names))]
+    def _parsed(self, lines: bytes, types: dict[str, Any]) -> pa.RecordBatch:
+        """The columns of complete rows, in these types by key."""
+        # a copy that pyarrow owns: at the end of the program, a thread of pyarrow that still has to
+        # release an object of Python would abort it
+        native = pa.BufferOutputStream()
+        native.write(lines)
         table = pacsv.read_csv(
-            io.BytesIO(lines),
-            pacsv.ReadOptions(column_names=names, block_size=len(lines) + 1, use_threads=False),
-            pacsv.ParseOptions(delimiter=self.dialect.separator),
-            self._convert_options(self._types(self.reads_text)),
+            pa.BufferReader(native.getvalue()),
+            pacsv.ReadOptions(
+                column_names=[f"c{i}" for i in range(len(self.dialect.names))],
+                block_size=len(lines) + 1,
+                use_threads=False,
+            ),
+            pacsv.ParseOptions(
+                delimiter=self.dialect.separator,
+                newlines_in_values=self.checked.has_line_breaks,
+            ),
+            pacsv.ConvertOptions(
+                include_columns=list(types),
+                column_types=types,
+                decimal_point=self.dialect.decimal,
+                null_values=NULL_VALUES,
+                check_utf8=False,
+            ),
         )
         return table.combine_chunks().to_batches()[0]
 
@@ -563,31 +575,6 @@ class TextReader:
         columns = self.text_columns.values()
         rows = self.rows_done
         return [finding for column in columns for finding in column.findings(rows, is_complete)]
-
-    def _read_options(self, rows: int) -> pacsv.ReadOptions:
-        """Options of pyarrow for small blocks, none of them read ahead, to limit the memory.
-
-        The block holds about ``rows`` rows as long as the first one, between ``LEAST_BLOCK_BYTES``
-        and ``BLOCK_BYTES``.
-        """
-        first_row = self.dialect.first_row
-        line_bytes = max(len(first_row) * 4, sum(len(cell) + 1 for cell in first_row))
-        return pacsv.ReadOptions(
-            skip_rows=self.dialect.skip,
-            column_names=[f"c{i}" for i in range(len(self.dialect.names))],
-            block_size=min(max(rows * line_bytes, LEAST_BLOCK_BYTES), BLOCK_BYTES),
-            use_threads=False,
-        )
-
-    def _convert_options(self, types: dict[str, Any]) -> pacsv.ConvertOptions:
-        """Options of pyarrow for columns of these types by key."""
-        return pacsv.ConvertOptions(
-            include_columns=list(types),
-            column_types=types,
-            decimal_point=self.dialect.decimal,
-            null_values=NULL_VALUES,
-            check_utf8=False,
-        )
 
     def _columns(self, batch: pa.RecordBatch) -> Columns:
         """The wanted columns of one batch."""

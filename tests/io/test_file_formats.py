@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import threading
+
 import numpy as np
 import pandas as pd
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 
 from tcdyn.core.errors import InputError
+from tcdyn.io import read
 from tcdyn.rig.columns import LAYOUTS, match_columns
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.rigfile import parse_rig
@@ -47,6 +51,33 @@ def test_lvm_tdms_csv_and_parquet_forms_of_one_log_are_identical(tmp_path):
     same(write(tmp_path, "log.lvm", lvm_text(FRAME)))
     for ending in ("csv", "parquet", "tdms"):
         same(write_log(FRAME, tmp_path / f"log.{ending}"))
+
+
+def test_no_other_thread_reads_text(tmp_path, monkeypatch):
+    """A thread of pyarrow that still needs Python at the end of a program aborts it."""
+    threads = set()
+
+    class Stream(io.BytesIO):
+        def read(self, size=-1):
+            threads.add(threading.get_ident())
+            return super().read(size)
+
+    path = write(tmp_path, "log.csv", csv_text(FRAME))
+    monkeypatch.setattr(read, "open_text", lambda dialect: Stream(dialect.path.read_bytes()))
+    same(path)
+    assert threads == {threading.get_ident()}
+
+
+@pytest.mark.parametrize("rows", [1, 40, 100_000])
+def test_cells_with_line_breaks_are_read_in_blocks_of_any_size(tmp_path, monkeypatch, rows):
+    monkeypatch.setattr(read, "LEAST_BLOCK_BYTES", 64)
+    lines = [f'{k},{20 + k},"first\n""{k}"" last"\n' for k in range(500)]
+    path = write(tmp_path, "log.csv", "time_s,T_degC,note\n" + "".join(lines) + ",,\n,,\n")
+    table = read.open_table(path)
+    chunks = list(table.chunks(["time_s", "T_degC"], rows))
+    assert (len(chunks) > 100) == (rows == 1)
+    read_back = np.concatenate([chunk.data["T_degC"] for chunk in chunks])
+    assert np.array_equal(read_back, 20.0 + np.arange(500))
 
 
 @pytest.mark.e2e
