@@ -33,6 +33,12 @@ MIN_COOLING_S = 5.0
 MIN_PLUNGE_RISE_K = 10.0
 # No enclosure is warmer [degC]: the column is in degrees Fahrenheit. Chosen by judgement.
 MAX_ROOM_DEGC = 120.0
+# Where the channels of a disk usually rise by more than this [K], a channel that rises by less than
+# this part of it is dead, and a room that rises by more than this part of it may be a junction.
+# Chosen by judgement.
+LEAST_USUAL_RISE_K = 10.0
+MIN_RELATIVE_RISE = 0.1
+MAX_ROOM_RISE = 0.5
 # The load rises by at least this much in contact [N]; less is another unit or a dead cell.
 MIN_LOAD_STEP_N = 10.0
 # Standard deviations of its noise by which a force must fall to show unloaded time. By judgement.
@@ -169,6 +175,7 @@ def _check_ehl(
     InputError
         A room above ``MAX_ROOM_DEGC``, or unusable channels, loads or speeds.
     """
+    _check_exchanged_room(sample, junctions, location.where)
     constant = rig.common.constants.get("ambient_degC")
     air = sample[[name for name in sample if str(name).startswith("ambient_")]].median()
     if len(air):
@@ -382,6 +389,41 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
     return findings
 
 
+def _check_exchanged_room(sample: pd.DataFrame, junctions: list[str], where: str) -> None:
+    """Compare the changes of room temperatures with those of the junctions.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns.
+    junctions
+        Columns of the junctions.
+    where
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        A room temperature that changes as the junctions do, beside a junction that does not.
+    """
+    rooms = [str(name) for name in sample if str(name).startswith("ambient_")]
+    columns = sample[[*junctions, *rooms]]
+    rise = columns.quantile(0.99) - columns.quantile(0.01)
+    if not junctions or not rooms:
+        return
+    usual_rise = _upper_median(rise[junctions])
+    junction = rise[junctions].idxmin()
+    room = rise[rooms].idxmax()
+    is_dead = rise[junction] < MIN_RELATIVE_RISE * usual_rise
+    if usual_rise > LEAST_USUAL_RISE_K and is_dead and rise[room] > MAX_ROOM_RISE * usual_rise:
+        raise InputError(
+            f"column {room} changes by {rise[room]:.3g} degC as the junctions do, and {junction} by "
+            f"{rise[junction]:.3g}: they look exchanged",
+            where=where,
+            remedy="map the columns in rig.toml [columns]",
+        )
+
+
 def _check_channels(
     columns: pd.DataFrame, location: SampleLocation, reference_degC: float | None
 ) -> list[Finding]:
@@ -403,8 +445,8 @@ def _check_channels(
 
     Notes
     -----
-    All emfs of type J up to about 290 degC lie below 16 mV. The other limits (a tenth of the usual
-    rise, four times the usual noise plus 0.1 K) are chosen by judgement. The upper median is
+    All emfs of type J up to about 290 degC lie below 16 mV. Four times the usual noise plus 0.1 K is
+    chosen by judgement. The upper median is
     "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
@@ -426,7 +468,7 @@ def _check_channels(
     rise = high - low
     usual_rise = _upper_median(rise)
     for name, value in rise.items():
-        if usual_rise > 10.0 and value < 0.1 * usual_rise:
+        if usual_rise > LEAST_USUAL_RISE_K and value < MIN_RELATIVE_RISE * usual_rise:
             raise InputError(
                 f"column {name} changes by {value:.3g} degC, the others by {usual_rise:.3g}: "
                 "a dead channel",

@@ -190,6 +190,10 @@ def test_log_longer_than_its_sample_in_memory_gives_the_same_numbers(tmp_path, m
 INVALID_LOGS = {
     "a channel that freezes": (set_values(range(1000, 2000), "fast_d_degC", 60.0), "stays at"),
     "a dead channel": (lambda f: f.assign(slow_b_degC=21.5), "slow_b_degC.*dead"),
+    "room and junction exchanged": (
+        lambda f: f.assign(slow_b_degC=f["ambient_degC"], ambient_degC=f["slow_b_degC"]),
+        "ambient_degC changes .* and slow_b_degC .*look exchanged",
+    ),
     "too many spikes": (
         set_values(range(0, 3000, 15), "fast_d_degC", 300.0),
         "% of the samples are spikes",

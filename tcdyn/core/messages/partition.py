@@ -183,7 +183,7 @@ def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
     ``scale`` is the power that the disks show over the logged one; ``units`` are the mistaken units
     that would explain it.
     """
-    cause = "check load, friction, speeds and their units"
+    cause = "check load, friction, speeds and their units, and the heat capacity of the steel"
     if units:
         cause = f"most likely: {' or '.join(units)}"
     size = Estimate.normal(scale, u)
@@ -270,6 +270,8 @@ def _stated_value(subject: str, name: str, **_: Any) -> str:
     """
     if name == "parting":
         return "the instant of unloading, or the chain's shape (a dead time, a third lag)"
+    if name == "heat capacity":  # its product with the rate of change enters the heat equation
+        return "heat capacity, or the clock of the log"
     return f"{name} of the {subject} disk" if subject else name
 
 
