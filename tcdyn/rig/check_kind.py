@@ -417,8 +417,8 @@ def _check_exchanged_room(sample: pd.DataFrame, junctions: list[str], where: str
     is_dead = rise[junction] < MIN_RELATIVE_RISE * usual_rise
     if usual_rise > LEAST_USUAL_RISE_K and is_dead and rise[room] > MAX_ROOM_RISE * usual_rise:
         raise InputError(
-            f"column {room} changes by {rise[room]:.3g} degC as the junctions do, and {junction} by "
-            f"{rise[junction]:.3g}: they look exchanged",
+            f"column {room} changes by {rise[room]:.3g} degC as the junctions do, and {junction} "
+            f"by {rise[junction]:.3g}: they look exchanged",
             where=where,
             remedy="map the columns in rig.toml [columns]",
         )
@@ -445,9 +445,8 @@ def _check_channels(
 
     Notes
     -----
-    All emfs of type J up to about 290 degC lie below 16 mV. Four times the usual noise plus 0.1 K is
-    chosen by judgement. The upper median is
-    "usual", so that half of the channels may be faulty.
+    All emfs of type J up to about 290 degC lie below 16 mV. Four times the usual noise plus 0.1 K
+    is chosen by judgement. The upper median is "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)
