@@ -412,8 +412,8 @@ def _check_exchanged_room(sample: pd.DataFrame, junctions: list[str], where: str
     if not junctions or not rooms:
         return
     usual_rise = _upper_median(rise[junctions])
-    junction = rise[junctions].idxmin()
-    room = rise[rooms].idxmax()
+    junction = str(rise[junctions].idxmin())
+    room = str(rise[rooms].idxmax())
     is_dead = rise[junction] < MIN_RELATIVE_RISE * usual_rise
     if usual_rise > LEAST_USUAL_RISE_K and is_dead and rise[room] > MAX_ROOM_RISE * usual_rise:
         raise InputError(
