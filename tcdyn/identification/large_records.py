@@ -61,7 +61,7 @@ def search_record(ladder: Ladder) -> SearchRecord:
     Returns
     -------
     SearchRecord
-        The record itself, up to ``MAX_SEARCH_ROWS`` rows. Else means over blocks as long as the lag
+        The record itself, up to ``MAX_SEARCH_ROWS`` measured rows. Else means over blocks as long as the lag
         permits, and of these the windows in which the inputs move most.
 
     Notes
@@ -70,7 +70,7 @@ def search_record(ladder: Ladder) -> SearchRecord:
     loss needs the rows themselves: outliers would spread over their blocks.
     """
     data = ladder.data
-    if data.n_samples <= MAX_SEARCH_ROWS:
+    if data.n_samples - data.missing <= MAX_SEARCH_ROWS:  # a gap such as a night does not count
         return SearchRecord(data)
     longest_block = -(-data.n_samples // MAX_SEARCH_ROWS)
     block = 1
@@ -176,6 +176,8 @@ def most_excited(data: IOData) -> IOData:
             first = max(0, min(start, run.n - MAX_SEARCH_ROWS))
             rows = slice(first, start + MAX_SEARCH_ROWS)
             share_measured = np.isfinite(run.y[rows]).mean()
+            if share_measured == 0 or np.isnan(run.u[rows]).all(axis=0).any():
+                continue
             changes = np.nanvar(run.u[rows], axis=0) / np.where(variance > 0, variance, np.inf)
             scores.append(float(share_measured * changes.sum()))
             windows.append((run, rows))

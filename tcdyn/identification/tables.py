@@ -32,6 +32,7 @@ from tcdyn.io.times import (
     is_time_name,
     rows_of_repeated_stamps,
 )
+from tcdyn.io.unit_names import column_named
 from tcdyn.rig.plausible import dropout_codes, overload_codes
 
 # Findings of the reader about values and times, which the data keep
@@ -113,8 +114,9 @@ def from_frame(
     1.0
     """
     where = name or "table"
-    inputs = [input] if isinstance(input, str) else list(input)
-    outputs = [output] if isinstance(output, str) else list(output)
+    columns = list(map(str, frame.columns))
+    inputs = _named_columns(input, columns)
+    outputs = _named_columns(output, columns)
     epoch = None
     if time is None and dt_s is None and not any(is_time_name(str(c)) for c in frame.columns):
         time_s = seconds_of_index(frame.index)
@@ -126,8 +128,7 @@ def from_frame(
     _check_columns(frame, inputs, outputs, time, run, where)
     clock = None
     if time is not None or dt_s is None:
-        names = list(map(str, frame.columns))
-        clock = _time_column(names, where, requested=time, unit=time_unit)
+        clock = _time_column(columns, where, requested=time, unit=time_unit)
         time = clock.name
     _check_once(list(frame.columns), [*inputs, *outputs, time], where)
     groups = [("", frame)]
@@ -228,6 +229,12 @@ def _select_holds(data: IOData) -> tuple[list[Hold], list[Finding]]:
                 finding("record.hold", subject=name, step=step, hold=hold, half_s=data.dt_s / 2)
             )
     return holds, findings
+
+
+def _named_columns(names: str | Collection[str], columns: Collection[str]) -> list[str]:
+    """The columns of names that may lack their units."""
+    each = [names] if isinstance(names, str) else names
+    return [column_named(name, columns) for name in each]
 
 
 def _check_columns(
@@ -471,6 +478,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
         elif names is not None:
             requested |= set(names)
     table = open_table(path, (*TIME_COLUMN_NAMES, *requested))
+    requested = set(_named_columns(requested, table.names))
     clock = None
     if options.get("time") is not None or options.get("dt_s") is None:
         clock = _time_column(

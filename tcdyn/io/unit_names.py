@@ -8,6 +8,7 @@ its columns with them. Guarded by ``tests/sensors/test_sensor_silent.py`` and
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 
 from tcdyn.io.cells import plain_unit
 
@@ -52,6 +53,27 @@ def written_unit(text: str) -> str:
     ('degF', 'mV', '')
     """
     return _UNIT_NAMES.get(plain_unit(text), "")
+
+
+def column_named(name: str, columns: Collection[str]) -> str:
+    """The column that a name without its unit means; the name itself where none or several do.
+
+    Parameters
+    ----------
+    name
+        Name with or without a unit.
+    columns
+        Names of the columns.
+
+    Examples
+    --------
+    >>> column_named("T1", ["time_s", "T1_degC"]), column_named("T1", ["T1_degC", "T1_V"])
+    ('T1_degC', 'T1')
+    """
+    if name in columns:
+        return name
+    same = [column for column in columns if without_unit(column) == without_unit(name)]
+    return same[0] if len(same) == 1 else name
 
 
 def unit_in(column: str) -> str:

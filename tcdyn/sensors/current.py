@@ -137,14 +137,13 @@ def current_sensor(
             expected="a current in each row",
             remedy="fill the gaps of the current's column",
         )
-    power = current**2
-    largest = float(power.max())
-    if largest <= 0 or np.ptp(power) < 0.3 * largest:
+    largest = float(np.abs(current).max())
+    power = (current / largest) ** 2 if largest > 0 else np.zeros_like(current)
+    if np.ptp(power) < 0.3:
         raise InputError(
             "the current does not switch",
             expected="one that is switched on or off within the record",
         )
-    power = power / largest
     y = np.where(power > 0.5, np.nan, y_degC) if off_only else y_degC
     count = int(np.isfinite(y).sum())
     if count < MIN_READINGS:

@@ -136,9 +136,12 @@ class Source:
         Raises
         ------
         InputError
-            Where the unit of time is not clear.
+            For a missing column, or where the unit of time is not clear.
         """
         names = list(dict.fromkeys([self.time, *columns]))
+        for name in names:
+            if name not in self.table.names:
+                raise missing_column_error("column", name, self.table.names, self.table.where)
         checked = False
         chunks = self.table.chunks(names, rows)
         try:
@@ -283,9 +286,6 @@ def read_columns(
     """
     source = table if isinstance(table, Source) else open_source(table, time, columns, time_unit)
     where = display_path(source.path)
-    for name in columns:
-        if name not in source.table.names:
-            raise missing_column_error("column", name, source.table.names, source.table.where)
     units = units or {}
     references = [
         unit.reference_junction

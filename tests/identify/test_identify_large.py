@@ -51,6 +51,28 @@ def test_a_block_with_a_gap_is_missing_and_windows_with_excitation_are_taken(mon
     assert np.flatnonzero(np.isnan(run.y)).tolist() == [*range(8), 20]
 
 
+def test_a_gap_of_a_night_does_not_make_a_record_large():
+    """Two parts of a record, a day apart, each with its own response."""
+    u = np.repeat(np.random.default_rng(3).choice([20.0, 60.0], 20), 30)
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = y[k - 1] + (0.6 * u[k - 1] - y[k - 1]) * (1 - np.exp(-0.5 / 18))
+    night = np.full(2 * 86_400, np.nan)
+    data = IOData.from_arrays(
+        np.concatenate([u, night, u]), np.concatenate([y, night, y]) + 40.0, 0.5, hold="zoh"
+    )
+    (part,) = compare(data, ["P1"]).fits["P1"].identified.by_input.values()
+    assert part.lag_s.value == pytest.approx(18.0, abs=0.01)
+    assert part.gain == pytest.approx(0.6, abs=1e-4)
+
+
+def test_windows_lie_outside_a_gap(monkeypatch):
+    monkeypatch.setattr(large, "MAX_SEARCH_ROWS", 50)
+    u = np.concatenate([np.arange(100.0), np.full(300, np.nan), np.zeros(100)])
+    window = large.most_excited(IOData.from_arrays(u, u, 0.5, hold="foh"))
+    assert all(np.isfinite(run.u).all() for run in window.runs)
+
+
 def test_a_large_record_is_fitted_to_all_rows(monkeypatch):
     monkeypatch.setattr(large, "MAX_SEARCH_ROWS", 1000)
     data = finely_sampled(8000, 71)

@@ -108,6 +108,11 @@ def test_trace_of_many_rows_is_decimated_and_keeps_its_spike(tmp_path: Path) -> 
     assert page.stat().st_size < 6_000_000
 
 
+def test_a_missing_column_is_an_error_that_names_the_columns(kiln: Path) -> None:
+    with pytest.raises(InputError, match="column 'P9' is missing; expected one of 't "):
+        tcdyn.view(kiln, column=["P9"], open_browser=False)
+
+
 @pytest.mark.e2e
 def test_options_that_exclude_each_other_are_an_error(kiln: Path) -> None:
     sensor = kiln.with_name("probe.sensor.json")

@@ -181,6 +181,15 @@ def test_an_answer_that_does_not_tell_the_plunge_is_said_to() -> None:
         current_sensor(t, y + 10 * rng.standard_normal(len(y)), np.sqrt(power), "T")
 
 
+def test_the_unit_of_the_current_does_not_matter() -> None:
+    rng = np.random.default_rng(4)
+    t, y, power = Sheath.drawn(rng).heated(rng, 0.005)
+    lags = [
+        current_sensor(t, y, scale * np.sqrt(power), "T").fit["lag_s"] for scale in (1.0, 1e300)
+    ]
+    assert lags[0] == lags[1]
+
+
 @pytest.mark.study
 def test_a_thermocouple_that_is_read_only_without_current_gives_the_same_lag() -> None:
     rng = np.random.default_rng(2)
