@@ -61,8 +61,8 @@ def search_record(ladder: Ladder) -> SearchRecord:
     Returns
     -------
     SearchRecord
-        The record itself, up to ``MAX_SEARCH_ROWS`` measured rows. Else means over blocks as long as the lag
-        permits, and of these the windows in which the inputs move most.
+        The record itself, up to ``MAX_SEARCH_ROWS`` measured rows. Else means over blocks as long
+        as the lag permits, and of these the windows in which the inputs move most.
 
     Notes
     -----

@@ -72,6 +72,8 @@ def view(
     ------
     InputError
         For a log that cannot be read or compensated.
+    TypeError
+        For an unknown keyword.
 
     Examples
     --------
@@ -85,6 +87,9 @@ def view(
     >>> page.name
     'kiln.view.html'
     """
+    unknown = sorted(set(reading) - set(TableOptions.__annotations__))
+    if unknown:
+        raise TypeError(f"view() got an unexpected keyword argument {unknown[0]!r}")
     path = Path(log)
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
     findings: tuple[Finding, ...] = ()
