@@ -186,6 +186,7 @@ def identify(
         resample_s=resample_s,
         hold=holds if len(holds) > 1 else holds[0],
     )
+    inputs = list(record.input_names)  # with the units that the file states
     filter_ = NO_CONDITIONING
     if cutoff_Hz is not None:
         filter_ = Conditioning(cutoff_Hz, poles, shape)  # type: ignore[arg-type]

@@ -24,6 +24,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique
 from tcdyn.core.labels import common_index, even_interval_s, labels_of, seconds_of_index
 from tcdyn.core.result import Result
+from tcdyn.io.unit_names import column_named
 
 Hold = Literal["zoh", "foh"]  # the input between samples: held, or a straight line
 Holds = Hold | tuple[Hold, ...]  # one hold for all inputs, or one for each
@@ -651,7 +652,8 @@ def indices_of(
     """
     if requested is None:
         return list(range(len(names)))
-    columns = [requested] if isinstance(requested, str) else list(requested)
+    each = [requested] if isinstance(requested, str) else list(requested)
+    columns = [column_named(name, names) for name in each]
     for name in columns:
         if name not in names:
             raise InputError(

@@ -331,3 +331,19 @@ def test_held_out_run_is_simulated_from_its_own_initial_state():
     )
     # the noise, from 400 samples
     assert comparison.table["held_out_rms"].iloc[0] == pytest.approx(0.05, rel=0.2)
+
+
+def test_columns_may_be_named_without_their_unit(tmp_path):
+    t = np.arange(60.0)
+    bath = np.where(t % 20 < 10, 20.0, 60.0)
+    frame = pd.DataFrame({"time_s": t, "bath_degC": bath, "T1 (°C)": bath + t / 100})
+    path = tmp_path / "log.csv"
+    frame.to_csv(path, index=False)
+    for data in (
+        from_csv(path, input="bath", output="T1"),
+        from_frame(frame, input="bath", output=["T1"]),
+    ):
+        assert (data.input_names, data.output_names) == (("bath_degC",), ("T1 (°C)",))
+        assert data.select(output="T1").n_samples == 60
+    with pytest.raises(InputError, match="output column 'T2' is missing"):
+        from_frame(frame, input="bath", output="T2")
