@@ -114,9 +114,8 @@ def from_frame(
     1.0
     """
     where = name or "table"
-    columns = list(map(str, frame.columns))
-    inputs = _named_columns(input, columns)
-    outputs = _named_columns(output, columns)
+    inputs = _named_columns(input, list(map(str, frame.columns)))
+    outputs = _named_columns(output, list(map(str, frame.columns)))
     epoch = None
     if time is None and dt_s is None and not any(is_time_name(str(c)) for c in frame.columns):
         time_s = seconds_of_index(frame.index)
@@ -128,7 +127,8 @@ def from_frame(
     _check_columns(frame, inputs, outputs, time, run, where)
     clock = None
     if time is not None or dt_s is None:
-        clock = _time_column(columns, where, requested=time, unit=time_unit)
+        names = list(map(str, frame.columns))
+        clock = _time_column(names, where, requested=time, unit=time_unit)
         time = clock.name
     _check_once(list(frame.columns), [*inputs, *outputs, time], where)
     groups = [("", frame)]
