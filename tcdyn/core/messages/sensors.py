@@ -156,7 +156,7 @@ SENSOR: dict[str, Message] = {
     "slowly for their ratio",
     "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
     "larger than that of {other}: the lags are those of two sensors of different gain",
-    "sensor.pair_slower": "{subject} has a new value in {percent:.3g} % of the rows (every "
+    "sensor.repeats": "{subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
     "used, as sampled at the time of their row",
     "sensor.pair_misfit": "{subject}: the two sensors do not measure one fluid through one lag "
