@@ -107,7 +107,8 @@ def estimate_and_whiten_noise(
     Returns
     -------
     noise
-        Noise of the channels. Its ``hum_lines`` are those that cannot be a temperature.
+        Noise of the channels. Its ``hum_lines`` are those that cannot be a temperature; its
+        ``level_K`` contains them, after whitening.
     results
         Whitened trace (N, M) [K] and mask of outliers (N, M) of each trace, as ``whiten_traces``
         returns them.
@@ -145,12 +146,16 @@ def estimate_and_whiten_noise(
         replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s
     ]
     hum = []
-    for line in noise.hum_lines:
-        gains = [abs(c.frequency_response(line[0])) for c in plain]
+    variance = noise.level_K**2
+    for f, amplitude in noise.hum_lines:
+        gains = [abs(c.frequency_response(f)) for c in plain]
         # others may be waves of the temperature
-        if noise.is_mains(line[0]) and all(gain < MAX_HUM_GAIN for gain in gains):
-            hum.append(line)
-    return replace(noise, hum_lines=tuple(hum)), results
+        if noise.is_mains(f) and all(gain < MAX_HUM_GAIN for gain in gains):
+            hum.append((f, amplitude))
+            chain = chains[0]
+            ratio = noise.whitened_chain(chain).frequency_response(f) / chain.frequency_response(f)
+            variance = variance + 0.5 * (abs(ratio) * amplitude) ** 2
+    return replace(noise, hum_lines=tuple(hum), level_K=np.sqrt(variance)), results
 
 
 def whiten_traces(

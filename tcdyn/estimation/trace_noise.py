@@ -36,6 +36,9 @@ COARSE_REPEATS = 0.5
 UNKNOWN_NOISE = 1e-6
 # fewest samples from which the noise is estimated; chosen by judgement
 MIN_NOISE_SAMPLES = 15
+# share of samples with a fourth difference below which missing samples are skipped; chosen by
+# judgement
+MIN_DIFFERENCES_SHARE = 0.05
 # share of samples that differ from the one before, where the noise is about one step of the logger;
 # chosen by judgement
 MAX_CHANGING_SHARE = 0.7
@@ -200,8 +203,12 @@ def trace_noise_sd(y: Array) -> float:
 
     Notes
     -----
-    A trace with fewer than 8 finite differences gets ``UNKNOWN_NOISE``.
+    Samples between missing ones are taken as neighbours where hardly any five follow each other. A
+    trace with fewer than 8 finite differences gets ``UNKNOWN_NOISE``.
     """
+    y = np.asarray(y, dtype=float)
+    if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < MIN_DIFFERENCES_SHARE * len(y):
+        y = y[np.isfinite(y)]
     if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
         return UNKNOWN_NOISE
     sd = float(white_noise_sd(y, 4, centred=False))

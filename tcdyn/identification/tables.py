@@ -31,6 +31,7 @@ from tcdyn.io.times import (
     find_time_column,
     is_time_name,
     rows_of_repeated_stamps,
+    rows_of_rounded_stamps,
 )
 from tcdyn.io.unit_names import column_named
 from tcdyn.rig.plausible import dropout_codes, overload_codes
@@ -343,7 +344,7 @@ def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     Returns
     -------
     array
-        Times (N,) [s]; repeated stamps of a clock are replaced by an even grid.
+        Times (N,) [s]; stamps of a clock of few decimals are replaced by an even grid.
     """
     is_clock = frame[clock.name].dtype.kind not in "iufb"
     times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
@@ -351,9 +352,10 @@ def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     if len(times_s) <= 2 or not np.isfinite(times_s).all():
         return times_s
     steps = np.diff(times_s)
-    if np.mean(steps == 0) <= MAX_REPEATED_STAMPS or not (steps >= 0).all():
+    if not (steps >= 0).all():
         return times_s
-    even_rows = rows_of_repeated_stamps(times_s)
+    is_repeating = np.mean(steps == 0) > MAX_REPEATED_STAMPS
+    even_rows = (rows_of_repeated_stamps if is_repeating else rows_of_rounded_stamps)(times_s)
     if even_rows is None:
         return times_s
     return np.asarray(times_s[0] + even_rows.interval_s * even_rows.grid_indices, dtype=float)

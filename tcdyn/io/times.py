@@ -67,6 +67,9 @@ _NAME_AND_UNIT = re.compile(
 )
 # name and unit: "time_ms", "time ms"
 _SUFFIX = re.compile(r"(?P<stem>.+?)[_ ](?P<suffix>[^\W\d_]+)")
+# Least number of steps of either length of even rows on a coarse clock: ten rows lost at random are
+# spread as evenly in fewer than one of a thousand records (10!/10^10).
+MIN_ROUNDED_STEPS = 10
 # Without a unit in the header, times are read as seconds only if the time step lies between these
 # two. Below, the rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above
 # lie milliseconds at 500 Hz and less.
@@ -332,7 +335,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class EvenRows:
-    """Rows of a clock that repeats its stamps, on an even grid.
+    """Rows of a clock of few decimals, on an even grid.
 
     Attributes
     ----------
@@ -408,6 +411,59 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     u_s = slope / np.sqrt(12 * lever)
     grid_indices = np.rint((line - line[0]) / slope).astype(np.intp)
     return EvenRows(float(np.round(slope, 12)), float(u_s), grid_indices)
+
+
+def rows_of_rounded_stamps(times_s: Array) -> EvenRows | None:
+    """Sampling interval and grid indices of even rows whose clock is hardly finer than they are.
+
+    Parameters
+    ----------
+    times_s : array of shape (N,)
+        Times that do not go back [s].
+
+    Returns
+    -------
+    EvenRows or None
+        None if rounding does not explain the steps, or if it does not matter.
+
+    Notes
+    -----
+    Rows every 1.5 or 2.5 s on a clock of whole seconds have steps of one or two, or of two or
+    three units, in turn. Steps over lost rows are longer. Between those each stamp must lie within
+    one unit of a straight line (a tenth of a unit is margin). Rows that are lost here and there
+    have the same steps, but not in turn; from ``MIN_ROUNDED_STEPS`` steps of either length on, they
+    do not pass by chance. Three units or more are near enough to one interval.
+
+    Examples
+    --------
+    >>> round(rows_of_rounded_stamps(np.floor(np.arange(100) * 2.5)).interval_s, 2)
+    2.5
+    """
+    step_s = np.diff(times_s)
+    short_s = float(step_s.min())
+    if short_s <= 0:
+        return None
+    lengths = np.unique(np.round(step_s / short_s, 3))
+    if len(lengths) < 2 or not np.isclose(lengths[1], (1.5, 2.0), atol=0.01).any():
+        return None
+    unit_s = short_s * float(lengths[1] - 1)
+    is_single = step_s < short_s + 1.5 * unit_s
+    n_short = np.count_nonzero(step_s < short_s + 0.5 * unit_s)
+    if min(n_short, np.count_nonzero(is_single) - n_short) < MIN_ROUNDED_STEPS:
+        return None
+    steps = np.where(is_single, 1, np.rint(step_s / step_s[is_single].mean()))
+    index = np.append(0, np.cumsum(steps)).astype(np.intp)
+    starts = np.append(0, np.flatnonzero(~is_single) + 1)
+    sizes = np.diff(np.append(starts, len(times_s)))
+    row = index - np.repeat(np.add.reduceat(index, starts) / sizes, sizes)
+    time_s = times_s - np.repeat(np.add.reduceat(times_s, starts) / sizes, sizes)
+    lever = float(row @ row)
+    slope = float(row @ time_s) / lever
+    departure = time_s - slope * row
+    spread = np.maximum.reduceat(departure, starts) - np.minimum.reduceat(departure, starts)
+    if spread.max() > 1.1 * unit_s:
+        return None
+    return EvenRows(float(np.round(slope, 12)), unit_s / np.sqrt(12 * lever), index)
 
 
 def _segments_without_lost_rows(

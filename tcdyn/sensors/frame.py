@@ -19,7 +19,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
 from tcdyn.io.metadata import START_TIME_KEY, check_not_compensated
 from tcdyn.io.table import Columns, Table, in_chunks
-from tcdyn.io.times import TimeColumn, find_time_column
+from tcdyn.io.times import TimeColumn, find_time_column, is_time_name
 from tcdyn.sensors.table import Source
 
 
@@ -122,8 +122,11 @@ def _time_values(
     # when rows are selected or sorted: integers without a name are no times
     numbers_rows = index.dtype.kind in "iu" and index.name is None and time_unit is None
     if time is None and numbers_rows:
+        labels_as_text = [str(label) for label in frame.columns]
         candidates = [str(n) for n in frame.columns if str(n) in names or _is_time(frame[n])]
-        time = find_time_column(candidates, where).name
+        # times as text come last: the error about them says how to convert them
+        candidates += [n for n in labels_as_text if n not in candidates and is_time_name(n)]
+        time = find_time_column(candidates or labels_as_text, where).name
     if time is not None:
         labels = {str(label): label for label in frame.columns}
         if time not in labels:

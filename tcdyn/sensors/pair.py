@@ -419,7 +419,7 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
     for column, update in zip(columns, updates):
         if update.share < COMPLETE_SHARE:
             slower = info(
-                "sensor.pair_slower",
+                "sensor.repeats",
                 subject=column,
                 percent=100 * update.share,
                 interval_s=data.dt_s / update.share,

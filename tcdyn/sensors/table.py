@@ -28,6 +28,7 @@ from tcdyn.io.times import (
     find_time_column,
     is_time_name,
     rows_of_repeated_stamps,
+    rows_of_rounded_stamps,
 )
 from tcdyn.rig.plausible import dropout_codes, out_of_range
 from tcdyn.sensors.units import Unit, is_match, unit_findings
@@ -435,7 +436,8 @@ def even_times(
 
     Notes
     -----
-    Stamps of few decimals repeat. They are taken as even where the rows are.
+    Stamps of few decimals repeat, or their steps alternate. They are taken as even where the rows
+    are.
 
     The interval is the mean, so that rounded stamps do not drift. A row goes to the position that
     its step gives; where the steps do not add up, to the nearest one.
@@ -445,13 +447,14 @@ def even_times(
     step = np.diff(time_s)
     findings: list[Finding] = []
     repeated = step == 0
-    if repeated.mean() > FEW_DECIMALS_SHARE:
-        even = rows_of_repeated_stamps(time_s)
-        if even is not None:
-            dt = dt_s or even.interval_s
-            severity = warning if even.u_s > UNSURE_RATE * dt else info
-            finding = severity("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * even.u_s / dt)
-            return EvenTimes(even.grid_indices, dt), [finding]
+    is_repeating = repeated.mean() > FEW_DECIMALS_SHARE
+    even = (rows_of_repeated_stamps if is_repeating else rows_of_rounded_stamps)(time_s)
+    if even is not None:
+        dt = dt_s or even.interval_s
+        severity = warning if even.u_s > UNSURE_RATE * dt else info
+        finding = severity("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * even.u_s / dt)
+        return EvenTimes(even.grid_indices, dt), [finding]
+    if is_repeating:
         if repeated.mean() > MOSTLY_REPEATED:
             raise InputError(
                 "most time stamps are repeated, and the rows between them are not even",

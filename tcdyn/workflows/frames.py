@@ -204,6 +204,8 @@ def _compensated(
     duplicates = [name for name in names if names.count(name) > 1]
     if duplicates:
         raise InputError(f"column {duplicates[0]!r} stands twice", remedy="rename one of them")
+    if not len(frame):
+        raise InputError("no rows", where="the DataFrame", expected="a table with readings")
     source = frame_source(frame, time, time_unit, units)
     _check_numeric(source, names, files, options["columns"])
     parts: list[pd.DataFrame] = []

@@ -11,7 +11,13 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.io.stamps import Stamps
-from tcdyn.io.times import TIME_UNITS, find_time_column, rows_of_repeated_stamps, split_unit
+from tcdyn.io.times import (
+    TIME_UNITS,
+    find_time_column,
+    rows_of_repeated_stamps,
+    rows_of_rounded_stamps,
+    split_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -184,6 +190,25 @@ def test_rows_that_a_logger_lost_leave_rate_and_places_as_they_are(lost: int) ->
     assert even is not None
     assert even.interval_s == pytest.approx(0.1, rel=1e-3)
     assert np.count_nonzero(even.grid_indices != rows) <= 10
+
+
+@pytest.mark.parametrize("interval_s", [1.05, 1.2, 1.5, 1.7, 2.2, 2.5])
+@pytest.mark.parametrize("phase", [0.0, 0.37, 0.81])
+def test_whole_second_stamps_of_a_slower_log_give_its_interval(
+    interval_s: float, phase: float
+) -> None:
+    rows = np.r_[0:300, 302:500]  # the logger lost two
+    even = rows_of_rounded_stamps(np.floor(1e9 + interval_s * rows + phase))
+    assert even is not None
+    assert abs(even.interval_s - interval_s) < 4 * even.u_s + 1e-12
+    assert even.grid_indices[:300].tolist() == list(range(300))
+    assert np.abs(even.grid_indices - rows).max() <= 1  # a gap is known to one unit
+
+
+def test_rows_lost_at_random_are_no_coarse_clock() -> None:
+    for seed in range(50):
+        rows = np.flatnonzero(np.random.default_rng(seed).random(400) > 0.1)
+        assert rows_of_rounded_stamps(2.0 * rows) is None
 
 
 def test_a_blank_stamp_at_midnight_does_not_lose_the_day() -> None:

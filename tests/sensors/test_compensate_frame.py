@@ -140,6 +140,8 @@ def test_a_doubtful_result_warns(table):
     ("change", "message"),
     [
         (lambda f: f.drop(columns="time_s"), "no time column"),
+        (lambda f: f.iloc[:0], "no rows"),
+        (lambda f: f.astype(str).rename(columns={"time_s": "Uhrzeit"}), "pandas.to_datetime"),
         (lambda f: f.assign(T1_degC=f["T1_degC"].astype(str)), "'T1_degC' holds no numbers"),
         (lambda f: f.drop(columns="T1_degC"), "'T1_degC' is missing"),
         (lambda f: f.set_index(f["time_s"].astype(str)), "holds"),

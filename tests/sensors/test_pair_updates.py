@@ -1,4 +1,4 @@
-"""Two sensors of which one is logged more slowly: its values are repeated or blank between new
+"""A sensor that is logged more slowly than the rows: its values are repeated or blank between new
 ones."""
 
 from __future__ import annotations
@@ -6,9 +6,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from tcdyn import compensate_frame
+from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
+from tcdyn.sensors import sensor_file
 from tcdyn.sensors.pair import pair_sensor
 from tcdyn.sensors.sparse_rows import find_intervals, interval_residuals
 from tcdyn.sensors.updates import find_updates
@@ -76,7 +80,25 @@ def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[n
         lag = made.chain.channels[name].lag_s
         assert abs(lag.value - tau) < 4 * lag.u
         assert 0 < lag.u < 0.15 * tau
-    assert "sensor.pair_slower" in {f.code for f in made.findings}
+    assert "sensor.repeats" in {f.code for f in made.findings}
+
+
+@pytest.mark.filterwarnings("ignore:T. .*samples are missing")
+@pytest.mark.parametrize("gaps", [held, blank])
+def test_a_column_logged_more_slowly_is_compensated_from_its_new_values(gaps) -> None:  # type: ignore[no-untyped-def]
+    """With the repeats taken as readings the rms error is 290 K; without an estimate of the noise,
+    as no five readings follow each other between blanks, it is 15 K."""
+    t = np.arange(1200.0)
+    cooling = 1 - np.exp(-np.clip(t - 900, 0, None) / 8)
+    truth = 600 + np.clip(0.8 * (t - 300), 0, 160) - 100 * cooling
+    chain = Chain([20.0, 5.0])
+    logged = chain.response(truth, 1.0) + np.random.default_rng(3).normal(0, 0.15, len(t))
+    y = gaps(logged.round(1), 5 if gaps is held else 2)
+    probe = sensor_file("probe", {"T": chain}, "stated", np.array([[0.25]]), [0.0])
+    done = compensate_frame(pd.Series(y, t, name="T"), probe)
+    error = done["T"] - truth
+    assert np.sqrt(np.mean(error**2)) < 1.0
+    assert np.mean(np.abs(error) < 1.96 * done["T_u_K"]) > 0.9
 
 
 def test_repeats_and_blanks_at_the_same_rows_give_the_same_lags() -> None:

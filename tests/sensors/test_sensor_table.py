@@ -101,6 +101,14 @@ def test_a_clock_of_few_decimals_counts_its_rows() -> None:
     assert (found.code, found.numbers["rate_Hz"]) == ("sensor.few_decimals", pytest.approx(8.0))
 
 
+def test_a_clock_of_whole_seconds_gives_an_interval_of_one_and_a_half() -> None:
+    """Steps of one and two seconds in turn are no rows of one second, every third of them lost."""
+    grid, (found,) = even_times(100 + np.floor(12 * T), "log.csv")
+    assert grid.index.tolist() == list(range(60))
+    assert grid.dt_s == pytest.approx(1.5, rel=1e-3)
+    assert found.code == "sensor.few_decimals"
+
+
 def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
     once = T.copy()
     once[5] = once[4]  # of sixty one is less than a fiftieth

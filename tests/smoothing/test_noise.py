@@ -164,6 +164,21 @@ def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_ha
     assert np.mean(covered) > 0.9
 
 
+@pytest.mark.parametrize("rate_Hz", [8.0, 12.0, 16.0, 30.0])
+def test_strong_hum_is_no_temperature(rate_Hz: float) -> None:
+    """Eight times the noise; inverted as a temperature it is 5 K to 20 K."""
+    t = np.arange(0, 120, 1 / rate_Hz)
+    truth = 300 + 40 * (1 - np.exp(-np.clip(t - 30, 0, None) / 4))
+    wave = 0.8 * np.sin(2 * np.pi * 50.01 * t + 1)
+    y = Chain(0.8).response(truth, 1 / rate_Hz) + wave
+    y += np.random.default_rng(0).normal(0, 0.1, len(t))
+    done = smooth(y, 1 / rate_Hz, Chain(0.8))
+    error = done.temperature[:, 0] - truth
+    assert "noise.hum" in {f.code for f in done.findings}
+    assert np.sqrt(np.mean(error**2)) < 0.8
+    assert np.mean(np.abs(error) < 1.96 * done.sd[:, 0]) > 0.9
+
+
 @pytest.mark.e2e
 @pytest.mark.parametrize(
     ("world", "duration_s", "seeds"),

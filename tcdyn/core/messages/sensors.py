@@ -119,8 +119,9 @@ SENSOR: dict[str, Message] = {
     "sensor.coloured": "{subject}: the residuals of the fit are not white; the uncertainty "
     "includes their correlation",
     "sensor.misfit": "{subject}: the residuals of the fit are {rms_K:.2g} K rms, but the noise is "
-    "{noise_K:.2g} K: the temperature around the sensor did not change in one clean step, or the "
-    "sensor is not a chain of lags",
+    "{noise_K:.2g} K: the temperature around the sensor did not change in one clean step; or "
+    "readings are clipped, repeated or drop-outs; or the junction is welded to the sheath, which "
+    "must be stated; or the sensor is not a chain of lags. Plot the record",
     "sensor.entry_conflict": "{subject}: the entry was specified as {specified_s:.5g} +- "
     "{specified_u_s:.2g} s, but the response fits an entry at {fitted_s:.5g} s ({ratio:.2g} "
     "standard uncertainties): the specified instant is wrong, or there is a dead time, which the "
@@ -156,7 +157,7 @@ SENSOR: dict[str, Message] = {
     "slowly for their ratio",
     "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
     "larger than that of {other}: the lags are those of two sensors of different gain",
-    "sensor.pair_slower": "{subject} has a new value in {percent:.3g} % of the rows (every "
+    "sensor.repeats": "{subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
     "used, as sampled at the time of their row",
     "sensor.pair_misfit": "{subject}: the two sensors do not measure one fluid through one lag "
