@@ -146,16 +146,22 @@ def estimate_and_whiten_noise(
         replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s
     ]
     hum = []
+    waves = []
     variance = noise.level_K**2
     for f, amplitude in noise.hum_lines:
-        gains = [abs(c.frequency_response(f)) for c in plain]
-        # others may be waves of the temperature
-        if noise.is_mains(f) and all(gain < MAX_HUM_GAIN for gain in gains):
+        gain = max((abs(c.frequency_response(f)) for c in plain), default=0.0)
+        if gain >= MAX_HUM_GAIN:
+            continue  # may well be a wave of the temperature
+        if noise.is_mains(f):
             hum.append((f, amplitude))
             chain = chains[0]
             ratio = noise.whitened_chain(chain).frequency_response(f) / chain.frequency_response(f)
             variance = variance + 0.5 * (abs(ratio) * amplitude) ** 2
-    return replace(noise, hum_lines=tuple(hum), level_K=np.sqrt(variance)), results
+        elif gain > 0:
+            largest_K = float(np.max(amplitude))
+            waves.append((f, largest_K, largest_K / float(gain)))
+    noise = replace(noise, hum_lines=tuple(hum), waves=tuple(waves), level_K=np.sqrt(variance))
+    return noise, results
 
 
 def whiten_traces(

@@ -141,6 +141,9 @@ class LoggerNoise:
         Sampling rate.
     unexplained
         Largest ratio of observed to expected power, averaged over a band.
+    waves
+        Frequency [Hz] and largest amplitude [K] of waves that are no mains hum, and the amplitude
+        of the temperature that they would be [K].
     """
 
     before_filter_K: Array
@@ -151,6 +154,7 @@ class LoggerNoise:
     hum_lines: tuple[tuple[float, Array], ...] = ()
     rate_Hz: float = np.nan
     unexplained: float = 1.0
+    waves: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def coloured(self) -> bool:
@@ -165,7 +169,7 @@ class LoggerNoise:
         }
 
     def findings(self, subject: str) -> list[Finding]:
-        """Findings for noise from before the filter, hum, and unexplained power.
+        """Findings for noise from before the filter, hum, waves, and unexplained power.
 
         Parameters
         ----------
@@ -183,6 +187,9 @@ class LoggerNoise:
             out.append(
                 info("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude)))
             )
+        for f, amplitude_K, temperature_K in self.waves:
+            values = {"f_Hz": f, "amplitude_K": amplitude_K, "temperature_K": temperature_K}
+            out.append(warning("noise.wave", subject=subject, **values))
         folded = float(np.max(self.aliasing_u_K))
         if folded > 0:
             out.append(warning("noise.folded", subject=subject, folded_K=folded))

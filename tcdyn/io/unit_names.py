@@ -67,7 +67,7 @@ def column_named(name: str, columns: Collection[str]) -> str:
 
     Examples
     --------
-    >>> column_named("T1", ["time_s", "T1_degC"]), column_named("T1", ["T1_degC", "T1_V"])
+    >>> column_named("T1", ["time_s", "T1_degC"]), column_named("T1", ["T1_degC", "T1_K"])
     ('T1_degC', 'T1')
     """
     if name in columns:

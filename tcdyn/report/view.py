@@ -137,6 +137,7 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     source = open_source(path, reading.get("time"), time_unit=reading.get("time_unit"))
     names = [name for name in source.table.names if name != source.time]
     names = list(reading.get("columns") or names)
+    source.check_columns(names)
     time_s, columns = read_all(source, names)
     none = np.empty(0)
     traces = []

@@ -111,6 +111,12 @@ class Source:
         """Name of the time column."""
         return self.clock.name
 
+    def check_columns(self, columns: Sequence[str]) -> None:
+        """Raise InputError for a column that the table does not have."""
+        for name in columns:
+            if name not in self.table.names:
+                raise missing_column_error("column", name, self.table.names, self.table.where)
+
     def read_chunks(
         self, columns: Sequence[str], rows: int = CHUNK_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
@@ -137,12 +143,9 @@ class Source:
         Raises
         ------
         InputError
-            For a missing column, or where the unit of time is not clear.
+            Where the unit of time is not clear.
         """
         names = list(dict.fromkeys([self.time, *columns]))
-        for name in names:
-            if name not in self.table.names:
-                raise missing_column_error("column", name, self.table.names, self.table.where)
         checked = False
         chunks = self.table.chunks(names, rows)
         try:
@@ -287,6 +290,7 @@ def read_columns(
     """
     source = table if isinstance(table, Source) else open_source(table, time, columns, time_unit)
     where = display_path(source.path)
+    source.check_columns(columns)
     units = units or {}
     references = [
         unit.reference_junction

@@ -454,7 +454,8 @@ def disk_traces(
         SPIKES["traces"],
     )
     missing |= outliers
-    if not (noise.coloured or noise.hum_lines or noise.unexplained > UNEXPLAINED):
+    has_lines = bool(noise.hum_lines or noise.waves)
+    if not (noise.coloured or has_lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, DIFFERENCE_ORDER))
     for name, share in zip(names, missing.mean(axis=0)):
         percent = 100 * float(share)

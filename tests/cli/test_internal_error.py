@@ -78,7 +78,7 @@ def test_the_process_of_the_command_ends_with_70(tmp_path: Path) -> None:
         "def broken() -> None: raise ZeroDivisionError('of the command')\n"
         "tcdyn.verify.verify_rows = broken\n"
         "sys.argv = ['tcdyn', 'verify']\n"
-        "app.command()\n"
+        "app.main()\n"
     )
     environment = {**os.environ, "_TYPER_STANDARD_TRACEBACK": ""}
     call = [sys.executable, "-c", code]

@@ -179,6 +179,18 @@ def test_strong_hum_is_no_temperature(rate_Hz: float) -> None:
     assert np.mean(np.abs(error) < 1.96 * done.sd[:, 0]) > 0.9
 
 
+@pytest.mark.parametrize(("f_Hz", "is_reported"), [(2.92, True), (0.05, False)])
+def test_a_fast_wave_that_is_no_mains_hum_is_reported(f_Hz: float, is_reported: bool) -> None:
+    """It may be interference; as a temperature it is sqrt(1 + (2 pi f T)^2) times larger."""
+    t = np.arange(0, 600, 0.1)
+    y = 300 + 0.8 * np.sin(2 * np.pi * f_Hz * t) + np.random.default_rng(0).normal(0, 0.1, len(t))
+    waves = [f for f in smooth(y, 0.1, Chain(0.8)).findings if f.code == "noise.wave"]
+    assert bool(waves) == is_reported
+    if waves:
+        ratio = waves[0].numbers["temperature_K"] / waves[0].numbers["amplitude_K"]
+        assert ratio == pytest.approx(np.hypot(1, 2 * np.pi * f_Hz * 0.8), rel=0.02)
+
+
 @pytest.mark.e2e
 @pytest.mark.parametrize(
     ("world", "duration_s", "seeds"),
