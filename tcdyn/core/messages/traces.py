@@ -107,10 +107,10 @@ TRACES: dict[str, Message] = {
     "{subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
     "noise.hum": "{subject}: hum of {amplitude_K:.2g} K at {f_Hz:.2f} Hz",
-    "noise.wave": "{subject}: a wave of {amplitude_K:.2g} K at {f_Hz:.3g} Hz is taken as one of the "
-    "temperature, of {temperature_K:.2g} K before the lag; the record does not distinguish it from "
-    "interference. If the temperature has no such wave, remove it from the readings first (a notch "
-    "filter), or shield the cables",
+    "noise.wave": "{subject}: a wave of {amplitude_K:.2g} K at {f_Hz:.3g} Hz is taken for one of "
+    "the temperature, of {temperature_K:.2g} K before the lag; the record does not distinguish it "
+    "from interference. If the temperature has no such wave, remove it from the readings first (a "
+    "notch filter), or shield the cables",
     "noise.folded": "{subject}: the sampling may alias harmonics of the mains hum to frequencies "
     "of the temperature itself, where they cannot be detected: {folded_K:.2g} K were added to the "
     "standard uncertainty. Use a sampling rate that divides no multiple of the mains frequency",
