@@ -188,8 +188,15 @@ class LoggerNoise:
                 info("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude)))
             )
         for f, amplitude_K, temperature_K in self.waves:
-            values = {"f_Hz": f, "amplitude_K": amplitude_K, "temperature_K": temperature_K}
-            out.append(warning("noise.wave", subject=subject, **values))
+            out.append(
+                warning(
+                    "noise.wave",
+                    subject=subject,
+                    f_Hz=f,
+                    amplitude_K=amplitude_K,
+                    temperature_K=temperature_K,
+                )
+            )
         folded = float(np.max(self.aliasing_u_K))
         if folded > 0:
             out.append(warning("noise.folded", subject=subject, folded_K=folded))
