@@ -33,9 +33,9 @@ from tcdyn.rig.rigfile import load_rig
 MIN_LAG_S = 0.02  # lower bound of a lag [s]; chosen by judgement
 MAX_STEP_S = 0.3  # largest step of an extra lag in one iteration [s]; chosen by judgement
 BEFORE_S = 5.0  # record before the entry that is used [s]; chosen by judgement
-IDEAL_DIFFERENCE_U = (
-    2.0  # difference of two ideal channels over its u, beyond which a warning is given
-)
+LONGEST_BLOCK_S = 1.0  # longest block of samples that are averaged [s]; chosen by judgement
+# Difference of two ideal channels over its u, beyond which there is a warning.
+IDEAL_DIFFERENCE_U = 2.0
 OTHER_COLUMNS = ("probe", "fluid", "prt", "ambient", "oil")  # temperatures that are no junctions
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
@@ -171,7 +171,7 @@ def compare_holes(
     limit_s
         Largest acceptable extra lag [s].
     reference_lag_s
-        Lag of the ideal channels [s]. It only sets how rough x is.
+        Lag of the ideal channels [s]. It sets how sharp the features of x are.
     depth_m, depth_u_m
         Depth of the junctions and its standard uncertainty [m].
     diffusivity_m2_s
@@ -232,7 +232,7 @@ def compare_holes(
     used = t >= entry.time_s - BEFORE_S
     clean, spikes = without_spikes(readings[used])
     dt_s = float(np.median(np.diff(t)))
-    time, mean, count = make_averages(t[used] - entry.time_s, clean, dt_s, 1.0)
+    time, mean, count = make_averages(t[used] - entry.time_s, clean, dt_s, LONGEST_BLOCK_S)
     noise = white_noise_sd(clean)
     extra, covariance, fitted = _fit(time, mean, count, noise, len(ideals), reference_lag_s, gain_u)
     findings = [*entry.findings]

@@ -596,9 +596,9 @@ def write_json(path: Path, data: Any) -> None:
 
 def source_entry(path: Path) -> dict[str, str]:
     """The entry "source" of a JSON result: name and checksum of the file that it was made from."""
-    from tcdyn.io.read import sha256
+    from tcdyn.io.read import sha256_of_file
 
-    return {"file": path.name, "sha256": sha256(path)}
+    return {"file": path.name, "sha256": sha256_of_file(path)}
 
 
 def check_picture(picture: Path | None, inputs: Iterable[Path | None], overwrite: bool) -> None:

@@ -321,7 +321,7 @@ def interpolate_gaps(y: Array, good: Flags) -> Array:
     y
         Trace, (N,).
     good
-        Samples that stay, (N,).
+        Samples that stay, (N,); at least one.
 
     Returns
     -------

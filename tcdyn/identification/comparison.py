@@ -188,7 +188,7 @@ class Comparison(Result):
 
     @property
     def advice(self) -> str:
-        """The conclusion as text."""
+        """The conclusion in words: the model to use, or why none is recommended and what to try."""
         return self.conclusion.sentence
 
     def to_dict(self) -> dict[str, Any]:
@@ -404,7 +404,7 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
     fits, setting = fit_models(ladder)
     result = score(ladder, fits, setting)
     is_doubtful = not is_adequate(result.best) or explains_little(result.best)
-    if setting.is_disturbed and is_doubtful:
+    if setting.has_disturbance and is_doubtful:
         fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(ladder, fits, setting))
     if not given_models and not is_adequate(result.best):
@@ -754,7 +754,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
         numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
-    elif setting.is_disturbed:
+    elif setting.has_disturbance:
         numbers["order"] = list(noise.order)
         numbers["baseline"] = setting.baseline
     final = add_findings(final, tuple(check_holds(ladder, final)))

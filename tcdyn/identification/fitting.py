@@ -271,7 +271,7 @@ def fit_setting(
             where=where,
             expected="the linear loss, no random walk, and no ARX model",
         )
-    if model.arx and setting.is_disturbed:
+    if model.arx and setting.has_disturbance:
         raise InputError(
             f"{model.name} has the noise of its own poles",
             remedy="leave noise and baseline out",

@@ -621,7 +621,7 @@ def make_identified(
     scale = model.natural_scale(best.theta)
     covariance = variance * best.covariance * np.outer(scale, scale)
     result = Identified.of(model, theta, covariance, dt_s=0.0)
-    findings += search_findings(best, result.estimates, model.name, _undetermined)
+    findings += search_findings(best, result.estimates, model.name, _warn_if_undetermined)
     model_response = model.rational(theta).frequency_response(data.frequency_Hz)
     error = np.abs(model_response - data.response)
     spread = np.linalg.norm(data.response - data.response.mean()) or 1.0
@@ -650,8 +650,11 @@ def make_identified(
     )
 
 
-def _undetermined(name: str, estimate: Estimate) -> Finding | None:
-    """Return a warning about a parameter whose uncertainty is larger than its value, or None."""
+def _warn_if_undetermined(name: str, estimate: Estimate) -> Finding | None:
+    """Return a warning about a parameter whose uncertainty is larger than its value, or None.
+
+    A zero, a dead time and the coefficients of polynomials (a1, b0) may be zero: no warning.
+    """
     may_be_zero = name in ("Tz", "Td") or name[0] in "ab"
     if may_be_zero or estimate.u <= abs(estimate.value):
         return None

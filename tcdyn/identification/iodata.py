@@ -424,7 +424,7 @@ class IOData(Result):
         return self.between(window.start, window.stop)
 
     def run(self, index: int) -> IOData:
-        """The data of one run only."""
+        """Return the data of ``runs[index]`` only."""
         return replace(self, runs=(self.runs[index],))
 
     def select(

@@ -156,7 +156,7 @@ def _tdms_chunks(
         first_samples = {}
         for name, channel in channels.items():
             if not _is_text(channel):
-                first_samples[name] = _track(channel, where, 0, 1)
+                first_samples[name] = _read_track(channel, where, 0, 1)
         intervals_s = [track.dt_s for track in first_samples.values()]
         if add_time and not any(intervals_s):
             raise InputError(
@@ -186,7 +186,7 @@ def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> C
     where
         The file, for messages.
     """
-    tracks = {name: _track(channel, where) for name, channel in channels.items()}
+    tracks = {name: _read_track(channel, where) for name, channel in channels.items()}
     time_s, data, findings = align(tracks, where)
     if add_time and time_s is not None:
         data = {"time_s": time_s, **data}
@@ -215,7 +215,7 @@ def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
             stamps[name] = np.array([str(cell) for cell in cells], dtype=object)
             data[name] = np.full(len(cells), np.nan)
             continue
-        data[name] = _track(channel, where, rows.start, rows.stop).values
+        data[name] = _read_track(channel, where, rows.start, rows.stop).values
         if np.issubdtype(channel.dtype, np.datetime64):
             stamps[name] = np.asarray(channel[rows]).astype(str).astype(object)
     if dt_s is not None:
@@ -281,13 +281,13 @@ def _check_size(file: Any, path: Path, where: str) -> None:
         )
 
 
-def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
-    """Samples of a channel with its start and interval.
+def _read_track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
+    """Read samples of a channel with its start and interval.
 
     Parameters
     ----------
     channel
-        The channel.
+        Channel of npTDMS.
     where
         The file, for messages.
     start, stop
@@ -296,7 +296,8 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
     Returns
     -------
     Track
-        Its start is ``wf_start_time`` since 2000 plus ``wf_start_offset`` [s].
+        Its start is ``wf_start_time`` since 2000 plus ``wf_start_offset`` [s], 0 if that is not
+        finite. Its interval is None unless ``wf_increment`` is finite and positive.
 
     Raises
     ------

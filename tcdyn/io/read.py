@@ -41,7 +41,7 @@ __all__ = [
     "open_text",
     "read_all_rows",
     "read_numbers",
-    "sha256",
+    "sha256_of_file",
 ]
 
 # endings of a file name that decide its format; others are read as text
@@ -294,7 +294,7 @@ def display_path(path: Path) -> str:
     return printable(str(path))
 
 
-def sha256(path: str | Path) -> str:
+def sha256_of_file(path: str | Path) -> str:
     """SHA-256 of the bytes of a file as 64 hexadecimal digits, read in bounded memory.
 
     Raises

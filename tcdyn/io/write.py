@@ -29,7 +29,7 @@ from pyarrow import csv as pacsv
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import Dialect
 from tcdyn.io.metadata import check_metadata_file_is_ours, metadata_path, metadata_text
-from tcdyn.io.read import CsvTable, Table, open_text, sha256
+from tcdyn.io.read import CsvTable, Table, open_text, sha256_of_file
 
 # numbers of the errors that a full or read-only file system causes: they get a sentence for the
 # user, any other error of the block is raised as it is
@@ -361,7 +361,7 @@ def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
     >>> import tempfile, pathlib
     >>> folder = pathlib.Path(tempfile.mkdtemp())
     >>> log = write_text(folder / "log.csv", "t,T")
-    >>> result = write_text(folder / "result.json", sha256(log))
+    >>> result = write_text(folder / "result.json", sha256_of_file(log))
     >>> contains_checksum_of(result, [log]), contains_checksum_of(log, [result])
     (True, False)
     """
@@ -372,7 +372,7 @@ def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
                 content += stream.read(SEARCHED_BYTES)
                 stream.seek(max(0, file.stat().st_size - FOOTER_BYTES))
                 content += stream.read()
-    checksums = (sha256(file) for file in inputs if Path(file).is_file())
+    checksums = (sha256_of_file(file) for file in inputs if Path(file).is_file())
     return any(checksum[:CHECKSUM_DIGITS].encode() in content for checksum in checksums)
 
 

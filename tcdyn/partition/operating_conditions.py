@@ -21,7 +21,7 @@ from calibration.transducers import BearingFriction, fit_bearing_friction
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.read import read_numbers, sha256
+from tcdyn.io.read import read_numbers, sha256_of_file
 from tcdyn.partition.events import DiskAir
 from tcdyn.rig.columns import junction_columns_in
 from tcdyn.rig.contact import Events, FrictionCorrection, contact_force
@@ -97,7 +97,7 @@ def read_bearing(path: str | Path) -> BearingFile:
         lines = fit_bearing_friction(*(values[name] for name in BEARING_COLUMNS))
     except InputError as problem:
         raise problem.at(str(path)) from None
-    return BearingFile(lines, Path(path).name, sha256(path))
+    return BearingFile(lines, Path(path).name, sha256_of_file(path))
 
 
 # mask (N,) of the rows of a log

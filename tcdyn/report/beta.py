@@ -36,8 +36,8 @@ from tcdyn.workflows.beta_tables import (
     estimates_table,
     interval_table,
     junctions_table,
+    model_forms_table,
     residuals_table,
-    structures_table,
 )
 
 BETA_DEFINITION = (
@@ -86,7 +86,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
         unevenness_section(p),
     ]
     appendix = [
-        *structure_sections(p),
+        *model_form_sections(p),
         around_section(p),
         transient_section(p),
         profile_section(p),
@@ -205,7 +205,7 @@ def fit_section(p: Partition) -> Section:
     )
 
 
-def structure_sections(p: Partition) -> list[Section]:
+def model_form_sections(p: Partition) -> list[Section]:
     """Return the fit of both disks under the model-form alternatives; nothing with one disk."""
     if p.model_forms is None:
         return []
@@ -215,7 +215,7 @@ def structure_sections(p: Partition) -> list[Section]:
             "The joint fit of both disks again, each time with one departure that the fits do not "
             "assume; the probability weighs how well it explains both disks and whether the "
             "exponent that it implies is the speed law's.",
-            table=structures_table(p.model_forms),
+            table=model_forms_table(p.model_forms),
             figure=panel_figure(partial(draw_model_forms, p.model_forms), height_in=5.2),
             caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
             "all of them.",

@@ -17,7 +17,7 @@ import numpy as np
 
 from tcdyn.core.findings import Finding
 from tcdyn.core.progress import Progress, no_progress
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.unit_names import unit_in
 from tcdyn.plots.compensate import draw_traces
 from tcdyn.plots.style import panel_figure
@@ -120,7 +120,7 @@ def view(
         verdict=f"{rows:,} rows. A line has at most {limit:,} points here; its extremes are kept. "
         "A click on an entry of the legend hides it, a double click shows it alone.",
         findings=findings,
-        sources=to_table([("log", path.name, f"{rows} rows", sha256(path))]),
+        sources=to_table([("log", path.name, f"{rows} rows", sha256_of_file(path))]),
     )
     if open_browser:
         webbrowser.open(page.resolve().as_uri())

@@ -28,7 +28,7 @@ from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
 from tcdyn.io.metadata import COMPENSATED, START_TIME_KEY
-from tcdyn.io.read import Table, display_path, read_all_rows, sha256
+from tcdyn.io.read import Table, display_path, read_all_rows, sha256_of_file
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
@@ -484,7 +484,7 @@ def iter_log(
         chunks.clear()
     log = LogChunks(
         file,
-        sha256(file),
+        sha256_of_file(file),
         kind,
         metadata,
         sampling,
@@ -609,4 +609,4 @@ def read_log(
     frame, findings = oven_frame(columns, raw.location)
     findings = [*raw.findings, *findings, *missing_and_unused(kind, table, names)]
     located = tuple(finding.at(table.where) for finding in findings)
-    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), located)
+    return Log(frame, kind, file, sha256_of_file(file), None, dict(table.metadata), located)

@@ -28,7 +28,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import NoiseModel
-from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
+from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined_lag_error
 from tcdyn.sensors.step import block_means
 from tcdyn.sensors.step_fits import CurveFit, fit_curve, residual_noise, white_noise_K
 
@@ -538,5 +538,5 @@ def _weighted_estimate(values: Array, weights: Array) -> Estimate:
     low, high = np.interp([0.025, 0.975], cumulative, values[order])
     sd = float(np.sqrt(weights @ (values - mean) ** 2))
     if not 0 < sd < np.inf:  # all weight on one sample
-        raise undetermined()
+        raise undetermined_lag_error()
     return Estimate(value=mean, u=sd, low95=float(low), high95=float(high))

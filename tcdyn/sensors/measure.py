@@ -20,7 +20,7 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import InputFile
 from tcdyn.sensors.current import current_sensor
@@ -107,7 +107,7 @@ def read_readings(
         source = frame_source(data, time, time_unit)
     elif isinstance(data, str | Path):
         source = open_source(data, time, [*columns, *others], time_unit)
-        inputs = (InputFile.of_path(Path(data), sha256(Path(data))),)
+        inputs = (InputFile.of_path(Path(data), sha256_of_file(Path(data))),)
     else:
         raise InputError(
             f"the data are a {type(data).__name__}",

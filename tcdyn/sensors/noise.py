@@ -24,7 +24,13 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.conduction import conduction_chain, inner_lags
-from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
+from tcdyn.sensors.file import (
+    SHARES,
+    SensorFile,
+    lag_and_times,
+    sensor_file,
+    undetermined_lag_error,
+)
 from tcdyn.sensors.step_fits import bic_weights, model_average
 
 # Standard uncertainty besides the statistics: relative to the lag, since that the fluctuations are
@@ -137,7 +143,7 @@ def noise_sensor(
         slopes = approx_fprime(theta[2:], _quantities, 1e-4, data.conduction)
         variance = np.einsum("ik,kl,il->i", slopes, covariance[2:, 2:], slopes)
         if not variance[0] > 0:
-            raise undetermined(column)
+            raise undetermined_lag_error(column)
         values.append(quantities)
         inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:], True)[1:]) * data.conduction
         model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2

@@ -29,7 +29,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
-from tcdyn.sensors.file import SensorFile, sensor_file, undetermined
+from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
 from tcdyn.sensors.updates import Updates, find_updates
@@ -293,7 +293,7 @@ def pair_sensor(
     best, gain, by_gain_s = _with_gain(fitted, best)
     covariance = best.covariance
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
-        raise undetermined(", ".join(columns))
+        raise undetermined_lag_error(", ".join(columns))
     taus, lag_covariance = _total_lags(best, n_lags)
     limited_by = "noise and fluctuations of the fluid"
     if np.any(unshown_s**2 > np.diag(lag_covariance)):

@@ -202,7 +202,10 @@ def source_of_table(
     time_unit: str | None = None,
     known: Sequence[str] = (),
 ) -> Source:
-    """An open table with its time column; parameters and errors are those of ``open_source``."""
+    """Find the time column of an open table; ``path`` is its file.
+
+    The other parameters, and the errors, are those of ``open_source``.
+    """
     check_not_compensated(table.names, table.metadata, table.where)
     table = _with_unique_names(table, [*known, *([time] if time else [])])
     clock = find_time_column(
@@ -769,9 +772,10 @@ def _typical_interval_s(time: Array) -> float:
 
 
 def _rounded_margin(rows: float) -> int:
-    """Return rows rounded up to a power of two, from 1024 on to a multiple of it.
+    """Round a number of rows up to a power of two, beyond 1024 to a multiple of 1024.
 
-    The intervals of the smoother then begin at the same rows as those of the table.
+    The smoother starts its intervals at the first row of a segment. With this margin they begin at
+    the same rows of the table in every segment. At most ``MAX_MARGIN_ROWS``.
     """
     step = 1 << min(int(np.ceil(np.log2(max(rows, 1)))), 10)
     return int(min(step * np.ceil(rows / step), MAX_MARGIN_ROWS))

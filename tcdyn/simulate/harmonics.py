@@ -166,30 +166,32 @@ def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
     return COSINES + SINES if disk.uneven.sectors else COSINES
 
 
-def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
-    """Return the rows of ``sample`` of an uneven disk, see ``harmonic_system``.
+def _sample_rows(disk: DiskTruth, grid: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
+    """Return the matrix that gives the readings of an uneven disk from its n unknowns.
 
     Parameters
     ----------
     disk
         True values of the disk.
-    g
+    grid
         Its cells.
     even
-        The even system.
+        System of the disk without harmonics.
     starts
         First unknown of the even system and of each harmonic, then the number of unknowns.
 
     Returns
     -------
     sparse matrix
-        Rows of ``sample`` (2 or more blocks of channels, n).
+        ``sample`` of :func:`harmonic_system`, (R, n). A block of rows for all channels at their
+        temperature, one for the part of each order of harmonics in it, then the amplitudes of the
+        first harmonic at the edge, one row each.
     """
     waves = harmonic_shapes(disk)
     junctions = disk.setup.junctions
     angles_deg = [junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels]
     angles = np.deg2rad(angles_deg)
-    at_cells = even.sample[:, : g.cells.size]
+    at_cells = even.sample[:, : grid.cells.size]
     by_wave = [sparse.csr_matrix(at_cells.multiply(wave(n * angles)[:, None])) for n, wave in waves]
     amplitude = at_cells[[even.channels.index(disk.setup.edge)]]
     rows = [[(0, even.sample), *enumerate(by_wave, start=1)]]

@@ -125,7 +125,7 @@ def interval_model(
         min_span = 10 * float(np.sqrt(noise_var[c]))
         start_intensity = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
         start_level_noise = level_noise_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
-        mean, cov, jump_var = prior(
+        mean, cov, jump_var = ramp_prior(
             s, level, max(float(span[c]), min_span), dt, start_intensity, start_level_noise
         )
         at_knot = _centred(integral)
@@ -188,8 +188,8 @@ def full_model(
     )
 
 
-def prior(
-    s: Sensor,
+def ramp_prior(
+    sensor: Sensor,
     level: float,
     span: float,
     dt_s: float,
@@ -200,7 +200,7 @@ def prior(
 
     Parameters
     ----------
-    s
+    sensor
         State space of the chain, n states.
     level
         Level [degC] about which the prior is centred; the slope is about zero.
@@ -230,10 +230,10 @@ def prior(
     events in ``tcdyn.smoothing.hidden_events._coarse_search``. ``tests/smoothing/test_states.py``
     states these values.
     """
-    wide = DIFFUSE * span * np.array([1.0, 1.0 / (s.lag_s + 4 * dt_s)])
-    cov = s.ramp * wide**2 @ s.ramp.T + intensity[:, None, None] * s.scatter
-    cov = cov + np.reshape(level_noise, (-1, 1, 1)) * s.level_scatter
-    return level * s.ramp[:, 0], cov, float(wide[1] ** 2)
+    wide = DIFFUSE * span * np.array([1.0, 1.0 / (sensor.lag_s + 4 * dt_s)])
+    cov = sensor.ramp * wide**2 @ sensor.ramp.T + intensity[:, None, None] * sensor.scatter
+    cov = cov + np.reshape(level_noise, (-1, 1, 1)) * sensor.level_scatter
+    return level * sensor.ramp[:, 0], cov, float(wide[1] ** 2)
 
 
 def flow(drift: Array, time_s: float) -> Array:

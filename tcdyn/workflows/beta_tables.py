@@ -129,7 +129,7 @@ def estimates_table(partition: Partition, truth: float | None = None) -> pd.Data
     return table.drop(columns="exponent n [1]") if partition.single_disk else table
 
 
-def structures_table(forms: ModelForms) -> pd.DataFrame:
+def model_forms_table(forms: ModelForms) -> pd.DataFrame:
     """Table of the fit of both disks with every other model form, best supported first."""
     rows = []
     for a, likely in zip(forms.forms, forms.probability):

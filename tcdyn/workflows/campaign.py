@@ -42,7 +42,7 @@ from tcdyn.core.findings import Finding, info
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import table_csv, write_text
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
@@ -384,7 +384,7 @@ def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int
     data = read_result(_answer_file(path, folder, stage))
     stored = data["campaign"]
     requested = settings.fingerprint()
-    if data["source"]["sha256"] != sha256(path) or any(
+    if data["source"]["sha256"] != sha256_of_file(path) or any(
         stored.get(k) != v for k, v in requested.items()
     ):
         raise ValueError("of another log or other settings")

@@ -18,7 +18,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
@@ -162,7 +162,7 @@ def compensate_table(
     style = output_style(dialect, comments, raw.source.table, out_path)
     notes = dict(raw.notes)
     if raw.source.path.is_file():
-        notes["source_sha256"] = sha256(raw.source.path)
+        notes["source_sha256"] = sha256_of_file(raw.source.path)
     next_row = 0
 
     def report(rows: int) -> None:
