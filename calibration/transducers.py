@@ -115,9 +115,9 @@ class TransducerLine(Result):
         return {**super().to_dict(), "warnings": list(messages(self.findings))}
 
 
-def _interval_text(e: Estimate) -> str:
+def _interval_text(estimate: Estimate) -> str:
     """The 95 % interval as text."""
-    return f"95 %: {e.low95:.6g} to {e.high95:.6g}"
+    return f"95 %: {estimate.low95:.6g} to {estimate.high95:.6g}"
 
 
 def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> TransducerLine:

@@ -400,15 +400,15 @@ class PlungeFit(Result):
                 findings.append(unexpected)
         return findings
 
-    def _run_findings(self, r: int) -> list[Finding]:
-        """Findings about run ``r``.
+    def _run_findings(self, run_index: int) -> list[Finding]:
+        """Findings about run ``run_index``.
 
         Entry, validity of the correlation, spikes, and coloured residuals.
         """
-        run = self.runs[r]
-        model = self.optimum.problem.models[r]
-        surface = self.optimum.surfaces[r]
-        noise = self.optimum.problem.noise[r]
+        run = self.runs[run_index]
+        model = self.optimum.problem.models[run_index]
+        surface = self.optimum.surfaces[run_index]
+        noise = self.optimum.problem.noise[run_index]
         validity = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
         findings = [f.at(run.name) for f in (*run.entry.findings, *validity)]
         if model.blocks.spikes:

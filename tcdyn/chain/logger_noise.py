@@ -206,7 +206,7 @@ class LoggerNoise:
         """
         u: Array = np.zeros(len(self.level_K))
         for f, amplitude in self.hum_lines:
-            for mains in _mains(f, self.rate_Hz):
+            for mains in _mains_at(f, self.rate_Hz):
                 if any(
                     _alias_frequency(k * mains, self.rate_Hz) < LINE_WIDTH_HZ
                     for k in range(2, HARMONICS + 1)
@@ -214,11 +214,13 @@ class LoggerNoise:
                     u = np.hypot(u, HARMONIC_SHARE * amplitude / np.sqrt(2))
         return u
 
-    def is_mains(self, f: float) -> bool:
-        """Whether sampling shows the mains, or one of its harmonics, at ``f`` [Hz]."""
+    def is_mains(self, frequency_Hz: float) -> bool:
+        """Whether sampling shows the mains, or one of its harmonics, at ``frequency_Hz`` [Hz]."""
         width_Hz = min(LINE_WIDTH_HZ, LINE_SHARE * self.rate_Hz)
         harmonics = [k * mains for mains in MAINS_HZ for k in range(1, HARMONICS + 1)]
-        return any(abs(_alias_frequency(h, self.rate_Hz) - f) < width_Hz for h in harmonics)
+        return any(
+            abs(_alias_frequency(h, self.rate_Hz) - frequency_Hz) < width_Hz for h in harmonics
+        )
 
     def white(self, sd_K: Array) -> LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
@@ -419,23 +421,25 @@ def estimate_logger_noise(
     )
 
 
-def _alias_frequency(f: float, rate_Hz: float) -> float:
-    """Frequency [Hz] at which samples show a wave of ``f`` [Hz] (aliasing).
+def _alias_frequency(frequency_Hz: float, rate_Hz: float) -> float:
+    """Frequency [Hz] at which samples show a wave (aliasing).
 
     Parameters
     ----------
-    f
+    frequency_Hz
         Frequency of the wave [Hz].
     rate_Hz
         Sampling rate [Hz].
     """
-    return abs(f - rate_Hz * round(f / rate_Hz))
+    return abs(frequency_Hz - rate_Hz * round(frequency_Hz / rate_Hz))
 
 
-def _mains(f: float, rate_Hz: float) -> list[float]:
-    """The mains frequencies, 50 and 60 Hz, that sampling at ``rate_Hz`` shows at ``f`` [Hz]."""
+def _mains_at(frequency_Hz: float, rate_Hz: float) -> list[float]:
+    """Mains frequencies, 50 and 60 Hz, that sampling at ``rate_Hz`` shows at ``frequency_Hz``."""
     return [
-        mains for mains in MAINS_HZ if abs(_alias_frequency(mains, rate_Hz) - f) < LINE_WIDTH_HZ
+        mains
+        for mains in MAINS_HZ
+        if abs(_alias_frequency(mains, rate_Hz) - frequency_Hz) < LINE_WIDTH_HZ
     ]
 
 

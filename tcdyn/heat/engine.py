@@ -364,12 +364,12 @@ def free_decay(
     return _nodal(s, amplitude * np.exp(-time_s * s.rates), np.zeros(mesh.nz))
 
 
-def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
+def _nodal(modes: Spectrum, amplitude: Array, inner: Array) -> Array:
     """Nodal fields from modal amplitudes and the imposed profile.
 
     Parameters
     ----------
-    s
+    modes
         Modes.
     amplitude
         Modal amplitudes, (..., m, n).
@@ -380,6 +380,6 @@ def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
     -------
     Fields, (..., nr, nz).
     """
-    outer = s.shape_r @ amplitude @ s.shape_z.T
+    outer = modes.shape_r @ amplitude @ modes.shape_z.T
     inner_row = np.broadcast_to(inner[..., None, :], (*outer.shape[:-2], 1, inner.shape[-1]))
     return np.concatenate([inner_row, outer], axis=-2)

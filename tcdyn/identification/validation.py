@@ -530,17 +530,17 @@ def shifted_inputs(problem: IdentificationProblem, delays: NDArray[np.int_]) -> 
     n_past = max(int(delays.max()), 0)
     n_future = max(-int(delays.min()), 0)
 
-    def delayed(s: Segment) -> Array:
+    def delayed(segment: Segment) -> Array:
         """Return the shifted first input of a segment (N, L)."""
-        past = s.last_inputs(n_past + 1)
+        past = segment.last_inputs(n_past + 1)
         level = past[0]
-        if problem.initial == "zero" and not s.after_gap:
+        if problem.initial == "zero" and not segment.after_gap:
             level = 0.0
-        before = past[1:] if s.after_gap else np.full(n_past, level)
-        after = np.full(n_future, s.u[-1])
-        padded = np.concatenate([before, s.u, after]) - level
-        columns = [padded[n_past - k : n_past - k + len(s.u)] for k in delays]
-        return np.array(columns).T[s.measured]
+        before = past[1:] if segment.after_gap else np.full(n_past, level)
+        after = np.full(n_future, segment.u[-1])
+        padded = np.concatenate([before, segment.u, after]) - level
+        columns = [padded[n_past - k : n_past - k + len(segment.u)] for k in delays]
+        return np.array(columns).T[segment.measured]
 
     n_inputs = len(problem.branches)
     return np.block([[delayed(s.with_input(k)) for k in range(n_inputs)] for s in problem.segments])

@@ -173,7 +173,7 @@ class RimMeans:
         return {}
 
     def gains(
-        self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
+        self, h_W_m2K: float, perturbation: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> RimGains:
         """Gains of the rim, cached.
 
@@ -181,7 +181,7 @@ class RimMeans:
         ----------
         h_W_m2K
             Heat transfer coefficient of the running surface.
-        p
+        perturbation
             Departure from the nominal disk.
         extra
             Points beside the outer row, (depth, z) [m].
@@ -192,26 +192,30 @@ class RimMeans:
             Gains at the outer row, at the points of ``extra``, and with ``both_rows`` at the inner
             row.
         """
-        key = h_W_m2K, p, extra
+        key = h_W_m2K, perturbation, extra
         if key not in self._gains_cache:
             self._gains_cache[key] = self._gains(*key)
         return self._gains_cache[key]
 
-    def _gains(self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...]) -> RimGains:
+    def _gains(
+        self, h_W_m2K: float, perturbation: Perturbation, extra: tuple[Point, ...]
+    ) -> RimGains:
         """Compute the gains of :meth:`gains`; a depth shift moves junctions, not the rim's edge."""
         setup = self.setup
-        depth_shifts = zip_longest(setup.rows, p.depth_shift_m, fillvalue=0.0)
+        depth_shifts = zip_longest(setup.rows, perturbation.depth_shift_m, fillvalue=0.0)
         positions = [
             (setup.junctions[str(c)].depth_m + float(shift), setup.junctions[str(c)].z_m)
             for c, shift in depth_shifts
         ]
         n_outer = len(setup.outer)
         points = (*positions[:n_outer], *extra)
-        outer = self._rim_gains(Rim.from_setup(setup), points, FIT_MESH, h_W_m2K, p)
+        outer = self._rim_gains(Rim.from_setup(setup), points, FIT_MESH, h_W_m2K, perturbation)
         if not self.both_rows:
             return outer
         to_bore = Rim.from_setup(setup, inner_radius_m=setup.bore_radius_m)
-        inner = self._rim_gains(to_bore, tuple(positions[n_outer:]), BORE_MESH, h_W_m2K, p)
+        inner = self._rim_gains(
+            to_bore, tuple(positions[n_outer:]), BORE_MESH, h_W_m2K, perturbation
+        )
         both = {}
         for name in ("gains", "direct", "static"):
             of_inner = getattr(inner, name).copy()
@@ -220,17 +224,22 @@ class RimMeans:
         return replace(outer, points=(*outer.points, *inner.points), **both)
 
     def _rim_gains(
-        self, rim: Rim, points: tuple[Point, ...], mesh: Mesh, h_W_m2K: float, p: Perturbation
+        self,
+        rim: Rim,
+        points: tuple[Point, ...],
+        mesh: Mesh,
+        h_W_m2K: float,
+        perturbation: Perturbation,
     ) -> RimGains:
-        """Gains of a nominal rim that departs by ``p``, at some points."""
+        """Gains of a nominal rim that departs by ``perturbation``, at some points."""
         rim = replace(
             rim,
-            conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
-            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
-            washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
+            conductivity_W_mK=rim.conductivity_W_mK * (1 + perturbation.conductivity),
+            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + perturbation.heat_capacity),
+            washer_W_m2K=rim.washer_W_m2K * (1 + perturbation.washer),
         )
-        width = self.half_width_m * (1 + p.half_width)
-        flux = track_flux(self.setup.flux, width, p.shift_m, 1 + p.half_width)
+        width = self.half_width_m * (1 + perturbation.half_width)
+        flux = track_flux(self.setup.flux, width, perturbation.shift_m, 1 + perturbation.half_width)
         has_surface_air = len(self.banks) > self.ambient_index + 1
         return cached_rim_gains(
             rim,
@@ -242,14 +251,14 @@ class RimMeans:
             flux,
             mesh,
             has_surface_air,
-            p.h_profile,
+            perturbation.h_profile,
         )
 
     def input_response(
         self,
         inputs: slice,
         h_W_m2K: ArrayLike,
-        p: Perturbation = NOMINAL,
+        perturbation: Perturbation = NOMINAL,
         extra: tuple[Point, ...] = (),
     ) -> Array:
         """Response to some inputs, (..., R, P) for h of shape (...) [K].
@@ -260,10 +269,10 @@ class RimMeans:
             Indices of the inputs.
         h_W_m2K
             Heat transfer coefficients of the running surface.
-        p, extra
+        perturbation, extra
             As of :meth:`gains`.
         """
-        gains_of_h = [self.gains(float(h), p, extra) for h in np.ravel(h_W_m2K)]
+        gains_of_h = [self.gains(float(h), perturbation, extra) for h in np.ravel(h_W_m2K)]
         direct = np.concatenate([g.direct[inputs] for g in gains_of_h], axis=1)
         gains = np.concatenate([g.gains[inputs] for g in gains_of_h], axis=1)
         out = self.inputs[:, inputs] @ direct
@@ -309,7 +318,10 @@ class RimMeans:
         return out
 
     def response(
-        self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
+        self,
+        h_W_m2K: ArrayLike,
+        perturbation: Perturbation = NOMINAL,
+        extra: tuple[Point, ...] = (),
     ) -> tuple[Array, Array]:
         """Response without frictional heat, and to a share of one; (..., R, P) each.
 
@@ -317,7 +329,7 @@ class RimMeans:
 
         Parameters
         ----------
-        h_W_m2K, p, extra
+        h_W_m2K, perturbation, extra
             As of :meth:`input_response`.
 
         Returns
@@ -325,8 +337,8 @@ class RimMeans:
         boundary, power
             The readings of the model are ``boundary + share * power`` [degC, K].
         """
-        boundary = self.input_response(self.boundary_inputs, h_W_m2K, p, extra)
-        return boundary, self.input_response(POWER, h_W_m2K, p, extra)
+        boundary = self.input_response(self.boundary_inputs, h_W_m2K, perturbation, extra)
+        return boundary, self.input_response(POWER, h_W_m2K, perturbation, extra)
 
     @property
     def points_inside(self) -> tuple[Point, ...]:
@@ -334,12 +346,14 @@ class RimMeans:
         depth = self.setup.edge_m - GRADIENT_STEP_M
         return tuple((depth, self.setup.junctions[c].z_m) for c in self.setup.inner)
 
-    def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
+    def gradient(
+        self, h_W_m2K: ArrayLike, perturbation: Perturbation = NOMINAL
+    ) -> tuple[Array, Array]:
         """Radial gradient at the inner row without heat, and per share, (..., R, k) [K/m].
 
         Parameters
         ----------
-        h_W_m2K, p
+        h_W_m2K, perturbation
             As of :meth:`input_response`.
 
         Returns
@@ -348,7 +362,7 @@ class RimMeans:
             The gradient is ``boundary + share * power``, positive where it is hotter towards the
             surface.
         """
-        boundary, power = self.response(h_W_m2K, p, self.points_inside)
+        boundary, power = self.response(h_W_m2K, perturbation, self.points_inside)
         first = len(self.setup.outer)
         inside = slice(first, first + len(self.setup.inner))
         rise = boundary[..., inside] - self.inputs[:, self.inner_inputs]

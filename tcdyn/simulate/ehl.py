@@ -430,7 +430,7 @@ def heat_share_and_h(test_truth: EhlTruth, name: str) -> tuple[float, float]:
 
 
 def _simulate_disk(
-    rig: RigTruth, name: str, test_truth: EhlTruth, o: EhlOptions, rng: np.random.Generator
+    rig: RigTruth, name: str, test_truth: EhlTruth, options: EhlOptions, rng: np.random.Generator
 ) -> tuple[Array, Array, dict[str, Any]]:
     """Simulate and log one disk.
 
@@ -442,7 +442,7 @@ def _simulate_disk(
         "fast" or "slow".
     test_truth
         True values of the test.
-    o
+    options
         Options of the simulation.
     rng
         Random numbers of the logger of this disk.
@@ -457,7 +457,7 @@ def _simulate_disk(
     """
     disk = rig.disk(name)
     share, h = heat_share_and_h(test_truth, name)
-    _, solution = disk_run(disk, test_truth, share, h, o, o.duration_s)
+    _, solution = disk_run(disk, test_truth, share, h, options, options.duration_s)
     n_channels = len(disk.channels)
 
     def junctions_at(t: Array) -> Array:
@@ -465,13 +465,18 @@ def _simulate_disk(
         return solution.at(t)[:, :n_channels]
 
     imperfections = rig.imperfections
-    log, true = log_disk(junctions_at, o.duration_s, disk, rng, imperfections, spikes=True)
+    log, true = log_disk(junctions_at, options.duration_s, disk, rng, imperfections, spikes=True)
     unloading_start = np.array([test_truth.breaks_s[2]])
     return log, true, unevenness_effects(disk, solution.at(unloading_start)[0])
 
 
 def disk_run(
-    disk: DiskTruth, test_truth: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
+    disk: DiskTruth,
+    test_truth: EhlTruth,
+    share: float,
+    h: float,
+    options: EhlOptions,
+    until_s: float,
 ) -> tuple[DiskSystem, Solution]:
     """Simulate one disk from the start of its test to ``until_s``.
 
@@ -485,7 +490,7 @@ def disk_run(
         Share of the frictional heat that enters the disk.
     h
         Heat transfer coefficient of the running surface under load [W/m2K].
-    o
+    options
         Mesh and steps of the solution.
     until_s
         End of the solution [s].
@@ -504,7 +509,7 @@ def disk_run(
     """
     flux = disk.setup.flux.at_pressure(test_truth.pressure_Pa)
     loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
-    system = harmonic_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
+    system = harmonic_system(loaded_disk, h, test_truth.half_width_m, options.mesh)
 
     def power(t: Array) -> Array:
         """Return the heat that enters the disk (N,) [W] at times ``t`` (N,)."""
@@ -520,7 +525,7 @@ def disk_run(
     breaks = sorted({b for b in test_truth.breaks_s if 0 < b < until_s})
     edges = (0.0, *breaks, until_s)
     solution = integrate(
-        system, power, test_truth.ambient_at, edges, start, o.stepping, test_truth.h_share
+        system, power, test_truth.ambient_at, edges, start, options.stepping, test_truth.h_share
     )
     return system, solution
 

@@ -157,7 +157,7 @@ def draw_plunge(
     rng: np.random.Generator,
     fluid: FluidName,
     bath_degC: float,
-    o: PlungeOptions,
+    options: PlungeOptions,
     imperfections: Imperfections,
 ) -> PlungeTruth:
     """Draw the true values of one plunge.
@@ -170,7 +170,7 @@ def draw_plunge(
         Fluid of the bath.
     bath_degC
         Temperature of the bath [degC].
-    o
+    options
         Times and fixed values.
     imperfections
         Errors to simulate: ``timing``, ``drift`` and ``static`` are used.
@@ -189,19 +189,21 @@ def draw_plunge(
     """
     z = np.clip(rng.standard_normal(4), -2.5, 2.5)
     u = rng.uniform(0, 1, 12)
-    entry = o.entry_s + (u[0] - 0.5)
+    entry = options.entry_s + (u[0] - 0.5)
     timing = 1.0 if imperfections.timing else 0.0
     drift = 1.0 if imperfections.drift else 0.0
     has_bounces = imperfections.timing and u[8] < 0.3
     return PlungeTruth(
         fluid=fluid,
         bath_degC=bath_degC,
-        initial_degC=o.initial_degC + 2.0 * drift * (u[1] - 0.5),
+        initial_degC=options.initial_degC + 2.0 * drift * (u[1] - 0.5),
         entry_s=float(entry),
-        duration_s=o.entry_s + o.after_s,
-        h_scale=o.h_scale if o.h_scale is not None else float(1 + 0.06 * z[0]),
-        burst=o.burst if o.burst is not None else float(2.0 + 1.5 * u[2]),
-        burst_decay_s=o.burst_decay_s if o.burst_decay_s is not None else float(0.8 + 0.8 * u[3]),
+        duration_s=options.entry_s + options.after_s,
+        h_scale=options.h_scale if options.h_scale is not None else float(1 + 0.06 * z[0]),
+        burst=options.burst if options.burst is not None else float(2.0 + 1.5 * u[2]),
+        burst_decay_s=options.burst_decay_s
+        if options.burst_decay_s is not None
+        else float(0.8 + 0.8 * u[3]),
         bath_drift_K_s=float(drift * (-0.5 + 0.7 * u[4]) / 60.0),
         bath_dip_K=float(drift * 0.4 * u[5]),
         fluid_bias_K=float((0.6 * (u[6] - 0.5)) if imperfections.static else 0.0),

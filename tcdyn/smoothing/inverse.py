@@ -222,12 +222,12 @@ def invert(
     return result.with_undetermined(record.y, names).with_labels(y, names)
 
 
-def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
+def lag_sensitivity(inverse: InverseFilter, y: ArrayLike) -> Array:
     """Change of the compensated temperature per second of the largest lag [K/s].
 
     Parameters
     ----------
-    f
+    inverse
         The inverse.
     y
         Readings (N,) or (N, M) [degC].
@@ -243,9 +243,9 @@ def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     respect to tau over 1 + tau s. The digital form is exact where the input is straight between
     samples. ``tests/smoothing/test_causal.py`` compares it with the change for another lag.
     """
-    x = f(y)
-    e = float(np.exp(-f.dt_s / max((*f.chain.taus_s, f.dt_s))))
-    b = np.array([1.0, -1.0]) * (1 - e) / f.dt_s
+    x = inverse(y)
+    e = float(np.exp(-inverse.dt_s / max((*inverse.chain.taus_s, inverse.dt_s))))
+    b = np.array([1.0, -1.0]) * (1 - e) / inverse.dt_s
     return np.asarray(signal.lfilter(b, np.array([1.0, -e]), x - x[:1], axis=0))
 
 
@@ -313,13 +313,13 @@ class FilterReport(Result):
 
 
 def report_inverse(
-    f: InverseFilter, noise_sd: float, wanted_K: float | None = None
+    inverse: InverseFilter, noise_sd: float, wanted_K: float | None = None
 ) -> FilterReport:
     """The report on a proper inverse for a trace with white noise.
 
     Parameters
     ----------
-    f
+    inverse
         The inverse.
     noise_sd
         Standard deviation of the white noise of the trace [K].
@@ -339,42 +339,42 @@ def report_inverse(
     >>> report.rise_s < report.raw_rise_s
     True
     """
-    dt = f.dt_s
-    noise_out = f.noise_gain * noise_sd
+    dt = inverse.dt_s
+    noise_out = inverse.noise_gain * noise_sd
     limit = 100.0 * noise_sd if wanted_K is None else wanted_K
     findings = []
     if noise_out > limit:
-        best_Hz = widest_bandwidth_Hz(f.chain, dt, noise_sd, limit)
+        best_Hz = widest_bandwidth_Hz(inverse.chain, dt, noise_sd, limit)
         findings.append(
             warning(
                 "inverse.noisy",
-                bandwidth_Hz=f.bandwidth_Hz,
+                bandwidth_Hz=inverse.bandwidth_Hz,
                 noise_K=noise_out,
                 limit_K=limit,
                 best_Hz=best_Hz,
             )
         )
-    if f.bandwidth_Hz > 0.2 / dt:
+    if inverse.bandwidth_Hz > 0.2 / dt:
         findings.append(
-            warning("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt)
+            warning("inverse.near_nyquist", bandwidth_Hz=inverse.bandwidth_Hz, rate_Hz=1 / dt)
         )
-    chain = f.chain
-    gain = f.noise_gain
-    rows = int(min(max(12 * (chain.lag_s + f.remaining_shift_s) / dt + 20, 64), 400_000))
+    chain = inverse.chain
+    gain = inverse.noise_gain
+    rows = int(min(max(12 * (chain.lag_s + inverse.remaining_shift_s) / dt + 20, 64), 400_000))
     oversampling = max(int(np.ceil(400 / rows)), 1)
     u = np.zeros(rows * oversampling)
     u[oversampling:] = 1.0  # a step at the second sample
     raw = np.asarray(
         chain.response(u, dt / oversampling, hold="zoh")[::oversampling], dtype=np.float64
     )
-    step = np.asarray(signal.lfilter(f.b, f.a, raw), dtype=np.float64)
+    step = np.asarray(signal.lfilter(inverse.b, inverse.a, raw), dtype=np.float64)
     t = np.asarray((np.arange(rows) - 1.0) * dt, dtype=np.float64)
     freq = np.geomspace(1e-4, 0.499, 3000) / dt
     raw_freq = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
-    b_delay = np.arange(len(f.b)) @ f.b / np.sum(f.b)
-    a_delay = np.arange(len(f.a)) @ f.a / np.sum(f.a)
+    b_delay = np.arange(len(inverse.b)) @ inverse.b / np.sum(inverse.b)
+    a_delay = np.arange(len(inverse.a)) @ inverse.a / np.sum(inverse.a)
     delay_warnings = [warning("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
-    total_gain = np.abs(f.frequency_response(freq) * chain.frequency_response(freq))
+    total_gain = np.abs(inverse.frequency_response(freq) * chain.frequency_response(freq))
     return FilterReport(
         noise_gain=gain,
         noise_out_K=gain * noise_sd,
@@ -383,7 +383,7 @@ def report_inverse(
         rise_s=_rise(t, step),
         raw_rise_s=_rise(t, raw),
         overshoot=float(max(step.max() - 1.0, 0.0)),
-        remaining_shift_s=f.remaining_shift_s,
+        remaining_shift_s=inverse.remaining_shift_s,
         bias_K_per_K_s=float(dt * (b_delay - a_delay) + chain.lag_s),
         step_time_s=t,
         step=step,
