@@ -331,7 +331,11 @@ def _check_line(channel: str, line: StaticLine) -> list[Finding]:
 
 
 def _check_lags(record: DiskRecord) -> list[Finding]:
-    """Warnings about uncertain lags, and lags far from the common lag."""
+    """Warnings about uncertain lags, and about lags far from the common lag of the disk.
+
+    A lag is uncertain above ``MAX_RELATIVE_LAG_U``. It is far from the common lag above
+    ``MAX_RELATIVE_LAG_DIFFERENCE``, if the difference also exceeds twice its uncertainty.
+    """
     if record.chain is None:
         return [warning("record.no_chain")]
     findings: list[Finding] = []

@@ -183,12 +183,12 @@ class StructureComparison:
 
     def table(self) -> pd.DataFrame:
         """One row a structure, formatted for reports."""
-        table = pd.DataFrame([self._formatted(row) for row in self.rows])
+        table = pd.DataFrame([self._table_row(row) for row in self.rows])
         if all(row.held_out is None for row in self.rows):
             return table.drop(columns=HELD_OUT_COLUMN)
         return table
 
-    def _formatted(self, row: StructureRow) -> dict[str, str]:
+    def _table_row(self, row: StructureRow) -> dict[str, str]:
         """One row of :meth:`table`: numbers as text, by the heading of their column."""
         suffix = ", used here" if row.structure == self.chosen else ""
         return {

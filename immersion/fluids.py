@@ -371,7 +371,7 @@ def _viscosity_spline(T: Array, nu: Array) -> Curve:
     """
     nu_mm2_s = nu * 1e6
     if np.min(nu_mm2_s) <= WALTHER_MIN_MM2_S:
-        return partial(_exponential, _spline(T, np.log(nu)))
+        return partial(_viscosity_m2_s, _spline(T, np.log(nu)))
     log_log_nu = np.log10(np.log10(nu_mm2_s + WALTHER_OFFSET_MM2_S))
     return partial(_walther, _spline(np.log10(T + ZERO_C), log_log_nu))
 
@@ -382,7 +382,7 @@ def _line(slope: float, intercept: float, T: Array) -> Array:
     return intercept + slope * T
 
 
-def _exponential(log_nu: Curve, T: Array) -> Array:
+def _viscosity_m2_s(log_nu: Curve, T: Array) -> Array:
     """Viscosity [m2/s] from the curve of its logarithm."""
     return np.exp(log_nu(T))
 

@@ -34,6 +34,12 @@ MIN_LAG_S = 0.02  # lower bound of a lag [s]; chosen by judgement
 MAX_STEP_S = 0.3  # largest step of an extra lag in one iteration [s]; chosen by judgement
 BEFORE_S = 5.0  # record before the entry that is used [s]; chosen by judgement
 LONGEST_BLOCK_S = 1.0  # longest block of samples that are averaged [s]; chosen by judgement
+# Knots of x: first spacing [s]; end of the uniform knots after the entry [s]; growth from knot to
+# knot after it; longest spacing [s]. The bath changes x fast only after the entry. By judgement.
+FIRST_KNOT_STEP_S = 0.06
+UNIFORM_KNOTS_S = 1.5
+KNOT_STEP_GROWTH = 1.08
+LAST_KNOT_STEP_S = 3.0
 # Difference of two ideal channels over its u, beyond which there is a warning.
 IDEAL_DIFFERENCE_U = 2.0
 OTHER_COLUMNS = ("probe", "fluid", "prt", "ambient", "oil")  # temperatures that are no junctions
@@ -223,9 +229,9 @@ def compare_holes(
     if entry is None:
         entry = find_entry(
             t,
-            _optional(frame, "switch"),
-            _optional(frame, "probe_degC"),
-            _optional(frame, "fluid_degC"),
+            _column_or_none(frame, "switch"),
+            _column_or_none(frame, "probe_degC"),
+            _column_or_none(frame, "fluid_degC"),
             where,
         )
     readings = frame[[f"{n}_degC" for n in order]].to_numpy(dtype=float)
@@ -258,13 +264,13 @@ def compare_holes(
     )
 
 
-def _optional(frame: pd.DataFrame, column: str) -> Array | None:
+def _column_or_none(frame: pd.DataFrame, column: str) -> Array | None:
     """A column as numbers (N,); None where the log has none."""
     return frame[column].to_numpy(dtype=float) if column in frame else None
 
 
 def _knots(end: float) -> Array:
-    """Knots of x after the entry [s]: 0.06 s apart at first, then up to 3 s.
+    """Knots of x after the entry [s], close together at first.
 
     Parameters
     ----------
@@ -278,14 +284,14 @@ def _knots(end: float) -> Array:
 
     Notes
     -----
-    The spacing limits how fast x can change; it is chosen by judgement.
+    The spacing limits how fast x can change. More knots cost time.
     """
     knots = [0.0]
-    step = 0.06
+    step = FIRST_KNOT_STEP_S
     while knots[-1] < end:
         knots.append(knots[-1] + step)
-        if knots[-1] > 1.5:
-            step = min(step * 1.08, 3.0)
+        if knots[-1] > UNIFORM_KNOTS_S:
+            step = min(step * KNOT_STEP_GROWTH, LAST_KNOT_STEP_S)
     return np.array(knots)
 
 

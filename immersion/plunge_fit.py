@@ -360,7 +360,7 @@ def _search(
     weak = np.where(burst, problem.mean - WEAK_BURST_SDS * problem.sd, problem.start)
     optima = [problem.optimise(start, **FAR_SEARCH) for start in (problem.start, weak)]
     best, other = sorted(optima, key=lambda o: o.cost)
-    best = _refined(best, build)
+    best = _refit_with_residual_noise(best, build)
     if other.is_near(best):
         return best, ()
     other = best.problem.optimise(other.theta)
@@ -372,7 +372,7 @@ def _search(
     return short, (warning("plunge.rival", lag_s=long_lag_s, chi_square=excess),)
 
 
-def _refined(best: PlungeOptimum, build: BuildModels) -> PlungeOptimum:
+def _refit_with_residual_noise(best: PlungeOptimum, build: BuildModels) -> PlungeOptimum:
     """The optimum with the noise of the residuals, and with conduction linearised about it.
 
     Parameters

@@ -401,9 +401,9 @@ class PlungeFit(Result):
         return findings
 
     def _run_findings(self, run_index: int) -> list[Finding]:
-        """Findings about run ``run_index``.
+        """Findings about one run: entry, validity of the correlation, spikes, coloured residuals.
 
-        Entry, validity of the correlation, spikes, and coloured residuals.
+        ``run_index`` counts from 0. Residuals are coloured above ``MAX_VARIANCE_FACTOR``.
         """
         run = self.runs[run_index]
         model = self.optimum.problem.models[run_index]

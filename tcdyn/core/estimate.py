@@ -73,7 +73,7 @@ def text_with_u(
 
     Notes
     -----
-    An interval is printed if ``_skewed``; a smaller ``SKEWED`` prints more intervals.
+    An interval is printed if ``_is_skewed``; a smaller ``SKEWED`` prints more intervals.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def text_with_u(
     if math.isnan(u):
         return f"{value_text}{exponent}{unit_text}, uncertainty not known"
     text = f"({value_text} +- {u_text}){exponent}" if power else f"{value_text} +- {u_text}"
-    if low95 is None or high95 is None or not _skewed(value, u, low95, high95):
+    if low95 is None or high95 is None or not _is_skewed(value, u, low95, high95):
         return text + unit_text
     return (
         f"{text}{unit_text} (95 %: {rounded_texts(low95, u)[0]} to {rounded_texts(high95, u)[0]})"
@@ -302,10 +302,10 @@ def _parts(value: float, u: float) -> tuple[str, str, int]:
         return f"{value:.{MOST_DIGITS}g}", f"{u:.2g}", 0
     scale = 10.0**power
     decimals = power - last
-    return _fixed(value / scale, decimals), _fixed(u / scale, decimals), power
+    return _fixed_decimals(value / scale, decimals), _fixed_decimals(u / scale, decimals), power
 
 
-def _fixed(number: float, decimals: int) -> str:
+def _fixed_decimals(number: float, decimals: int) -> str:
     """Text of a number with a fixed number of decimals; never "-0".
 
     Parameters
@@ -318,7 +318,7 @@ def _fixed(number: float, decimals: int) -> str:
     return f"{round(number, decimals) + 0.0:.{max(decimals, 0)}f}"
 
 
-def _skewed(value: float, u: float, low95: float, high95: float) -> bool:
+def _is_skewed(value: float, u: float, low95: float, high95: float) -> bool:
     """Whether the interval differs clearly from value -+ 1.96 u.
 
     Parameters

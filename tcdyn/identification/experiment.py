@@ -62,7 +62,7 @@ def step_input(
     """
     _check(lag_s, dt_s, levels)
     count = int(np.ceil(settling_lags * lag_s / dt_s))
-    return _table(np.repeat(np.asarray(levels, dtype=float), count), dt_s)
+    return _input_table(np.repeat(np.asarray(levels, dtype=float), count), dt_s)
 
 
 def prbs_input(
@@ -117,7 +117,7 @@ def prbs_input(
     needed = 2 * np.pi * SETTLING_FACTOR * longest_s / (clock * dt_s)
     bits = max(int(np.ceil(np.log2(needed + 1))), 2)
     is_high = np.tile(max_len_seq(bits)[0], periods)
-    return _table(np.repeat(np.where(is_high, levels[1], levels[0]), clock), dt_s)
+    return _input_table(np.repeat(np.where(is_high, levels[1], levels[0]), clock), dt_s)
 
 
 def _check(lag_s: float, dt_s: float, levels: Sequence[float]) -> None:
@@ -129,6 +129,6 @@ def _check(lag_s: float, dt_s: float, levels: Sequence[float]) -> None:
         )
 
 
-def _table(u: Array, dt_s: float) -> pd.DataFrame:
+def _input_table(u: Array, dt_s: float) -> pd.DataFrame:
     """Return the input (N,) with its times."""
     return pd.DataFrame({"time_s": np.arange(len(u)) * dt_s, "u": u})

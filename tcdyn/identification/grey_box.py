@@ -143,7 +143,7 @@ def fit_function(
     x = np.array(list(start.values()), dtype=float)
     scale = np.where(x == 0, 1.0, np.abs(x))
     residual = partial(_residual, data=data, model=model, names=names)
-    evaluate = partial(_evaluate, residual=residual, scale=scale, upper=ends[:, 1])
+    evaluate = partial(_residual_and_jacobian, residual=residual, scale=scale, upper=ends[:, 1])
     problem = Problem(names, evaluate, lower=ends[:, 0], upper=ends[:, 1])
     optimum = minimise(problem, x, limit=100, tolerance=0.0, relative=1e-10)
     if optimum.status is Status.NOWHERE:
@@ -199,10 +199,22 @@ def _residual(
     return residual if np.isfinite(residual).all() else None
 
 
-def _evaluate(
+def _residual_and_jacobian(
     x: Array, residual: Callable[[Array], Array | None], scale: Array, upper: Array
 ) -> tuple[Array, Array] | None:
-    """Return residual (N,) and Jacobian (N, P) by differences that stay below the upper bounds."""
+    """Return residual (N,) and Jacobian (N, P) by forward differences.
+
+    Parameters
+    ----------
+    x
+        Parameters (P,).
+    residual
+        Gives the residual at x, or None where it is not finite; then the result is None.
+    scale
+        Magnitude of each parameter (P,), for the step of one that is near zero.
+    upper
+        Upper bounds (P,). The difference is backward where a step would pass them.
+    """
     r = residual(x)
     if r is None:
         return None

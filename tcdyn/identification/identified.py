@@ -432,7 +432,7 @@ class Identified(Dynamics, Result):
 
     @classmethod
     def _from_dict(cls, content: Mapping[str, Any]) -> Identified:
-        """The model of the content of a file."""
+        """The model from the dictionary that :meth:`to_dict` made, also that of version 0.1."""
         model = _model_from_dict(content["model"])
         size = len(model.free)
         fields = {key: content[key] for key in PLAIN_KEYS}
@@ -564,8 +564,8 @@ def from_control(
         single = system[0, k] if system.ninputs > 1 else system
         if isinstance(single, control.StateSpace):
             single = control.ss2tf(single).minreal(1e-9)
-        num = _ascending(single.num)
-        den = _ascending(single.den)
+        num = _ascending_coefficients(single.num)
+        den = _ascending_coefficients(single.den)
         submodel, theta = _from_ratio(num, den, delay, f"input {k + 1}", where)
         submodels.append(submodel)
         values.append(theta)
@@ -578,7 +578,7 @@ def from_control(
     return Identified.of(model, theta, no_covariance, dt_s=0.0, input_name=", ".join(names))
 
 
-def _ascending(coefficients: Any) -> Array:
+def _ascending_coefficients(coefficients: Any) -> Array:
     """Return the coefficients of a polynomial of a ``control`` system, ascending in s."""
     return np.trim_zeros(np.asarray(coefficients[0][0], dtype=float), "f")[::-1]
 

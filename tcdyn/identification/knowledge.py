@@ -24,7 +24,16 @@ def check_knowledge(
     bounds: Mapping[str, tuple[float, float]],
     prior: Mapping[str, tuple[float, float]],
 ) -> None:
-    """Raise InputError for bounds or priors of other parameters, or that are not possible.
+    """Check that bounds and priors are possible and belong to free parameters of the model.
+
+    Parameters
+    ----------
+    model
+        The model.
+    bounds
+        Lower and upper bound by parameter.
+    prior
+        Mean and standard uncertainty by parameter.
 
     Raises
     ------

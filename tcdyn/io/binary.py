@@ -236,11 +236,11 @@ def _open_tdms(path: Path, where: str) -> Iterator[Any]:
         try:
             file = TdmsFile.open(stream)
         except Exception as problem:  # npTDMS raises many kinds on damaged files
-            raise _damaged(problem, where) from None
+            raise _damaged_file_error(problem, where) from None
         yield file
 
 
-def _damaged(problem: BaseException, where: str) -> InputError:
+def _damaged_file_error(problem: BaseException, where: str) -> InputError:
     """Error for a TDMS file that npTDMS cannot read, with its reason."""
     text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__
     return InputError(
@@ -309,7 +309,7 @@ def _read_track(channel: Any, where: str, start: int = 0, stop: int | None = Non
         first = channel[:1]
         properties = channel.properties
     except Exception as problem:  # npTDMS raises many kinds on damaged files
-        raise _damaged(problem, where) from None
+        raise _damaged_file_error(problem, where) from None
     numbers = _floats(values, first, str(channel.name), where)
     try:
         offset = float(properties.get("wf_start_offset", 0.0) or 0.0)

@@ -123,7 +123,7 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
         raise InputError(
             "the file is empty", where=where, expected="a header row and rows of numbers"
         )
-    encoding = _encoding(head, where)
+    encoding = _detect_encoding(head, where)
     text = head.decode(encoding, errors="replace")
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
@@ -263,7 +263,7 @@ def _layouts(
     return [layout for layout in candidates if layout is not None]
 
 
-def _encoding(head: bytes, where: str) -> str:
+def _detect_encoding(head: bytes, where: str) -> str:
     """Encoding of the text by its first bytes.
 
     Byte order marks decide; then zero bytes in every other place (UTF-16); then whether it is valid

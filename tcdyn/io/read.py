@@ -507,7 +507,7 @@ class TextReader:
             For lines that cannot be parsed.
         """
         try:
-            batch = self._parsed(lines)
+            batch = self._parse_lines(lines)
         except pa.ArrowInvalid:
             if not self.reads_text:
                 self.expect_text()
@@ -518,8 +518,8 @@ class TextReader:
         self.rows_done += batch.num_rows
         return columns
 
-    def _parsed(self, lines: bytes) -> pa.RecordBatch:
-        """The columns of complete lines, in the types that are expected."""
+    def _parse_lines(self, lines: bytes) -> pa.RecordBatch:
+        """Parse complete lines to a batch with columns c0, c1, ..., text where it is expected."""
         names = [f"c{i}" for i in range(len(self.dialect.names))]
         table = pacsv.read_csv(
             io.BytesIO(lines),
@@ -590,7 +590,11 @@ class TextReader:
         )
 
     def _columns(self, batch: pa.RecordBatch) -> Columns:
-        """The wanted columns of one batch."""
+        """The wanted columns of one batch as numbers, and the cells of its dates and clock times.
+
+        Columns of text are parsed cell by cell. Warnings about them name the row in the file, which
+        is counted from ``rows_done``.
+        """
         data: dict[str, Array] = {}
         stamps: dict[str, NDArray[Any]] = {}
         for name in self.wanted:

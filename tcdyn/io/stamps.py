@@ -128,7 +128,7 @@ def is_stamp(text: str) -> bool:
     >>> is_stamp("26-Nov-2021 10:00:00.5"), is_stamp("20211126T100000Z"), is_stamp("12.5")
     (True, True, False)
     """
-    return _parse(text) is not _NO_STAMP
+    return _parse_stamp(text) is not _NO_STAMP
 
 
 def is_date(text: str, column: str = "") -> bool:
@@ -149,7 +149,7 @@ def is_time_of_day(text: str) -> bool:
     >>> is_time_of_day("10:00:00.5"), is_time_of_day("2021-11-26 10:00:00")
     (True, False)
     """
-    stamp = _parse(text)
+    stamp = _parse_stamp(text)
     return stamp is not _NO_STAMP and not stamp.date
 
 
@@ -162,8 +162,12 @@ def has_fraction(text: str) -> bool:
     return re.search(r":\d\d(?:[.,]\d|:\d{3})", text) is not None
 
 
-def _parse(text: str) -> _Stamp:
-    """The fields of a stamp; ``_NO_STAMP`` for any other text."""
+def _parse_stamp(text: str) -> _Stamp:
+    """Parse a date, a clock time or both; ``_NO_STAMP`` for any other text.
+
+    A clock time with one colon is hours:minutes, but minutes:seconds if it has a fraction. The
+    result notes the first field where this is not clear.
+    """
     match = (_STAMP if text.isascii() else _STAMP_UNICODE).fullmatch(text)
     if match is None:
         return _parse_compact(text)
@@ -265,7 +269,7 @@ class Stamps:
             If the first stamp cannot be read, dates such as 03/04/2021 can be read in two ways, or
             times such as 10:05 may be minutes and seconds.
         """
-        stamps = [_parse(text) for text in texts]
+        stamps = [_parse_stamp(text) for text in texts]
         of_day = np.array([stamp.of_day_s for stamp in stamps], dtype=float)
         if len(of_day) == 0:
             return of_day

@@ -317,7 +317,7 @@ def analyse_corrected(
     chains = {d: refined_chains(main.test.disks[d].chains, fit.chain) for d, fit in joint.items()}
     cooling = _fit_cooling(main, rows, chains, window_s, profile)
     budget = monte_carlo(main.test, main.lines, cooling.fits, cooling.sensitivities, joint, seed)
-    values = _values(main, cooling.fits)
+    values = _estimated_values(main, cooling.fits)
     surface, surface_samples = surface_temperatures(
         main.test, values, cooling.windows, budget.samples
     )
@@ -465,7 +465,7 @@ def _fit_cooling(
     return _CoolingFits(traces, windows, fits, sensitivities)
 
 
-def _values(main: MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
+def _estimated_values(main: MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
     """Values of all quantities but the surface temperatures, by key of ``Partition.estimates``.
 
     The keys must be those of ``tcdyn.partition.crosscheck._Sampler.samples``.

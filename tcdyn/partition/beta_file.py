@@ -51,32 +51,32 @@ def beta_file(
     forms = partition.model_forms
     is_withheld = partition.status == "withheld"
     recommended = joint_budget(partition)
-    recommended_beta = _reported(partition, partition.combined.estimates, "beta", "both ")
+    recommended_beta = _estimate_entry(partition, partition.combined.estimates, "beta", "both ")
     range95 = None
     alternatives = []
     if forms is not None and not is_withheld:
         range95 = [forms.low95, forms.high95]
         alternatives = forms.to_list()
     steady = {
-        key: _reported(partition, partition.estimates, key)
+        key: _estimate_entry(partition, partition.estimates, key)
         for key in ("h_fast", "h_slow", "exponent")
     }
     for d in partition.disks:
         steady[f"{d}_line"] = {
-            key: _reported(partition, partition.estimates, f"{d} {key}")
+            key: _estimate_entry(partition, partition.estimates, f"{d} {key}")
             for key in ("intercept", "slope")
         }
     joint: dict[str, Any] = {}
     for d, fit in partition.joint.items():
         lag = fit.estimates["lag_s"].model_dump()
         joint[d] = {
-            "beta": _reported(partition, partition.estimates, f"joint {d}"),
-            "h": _reported(partition, partition.estimates, f"h joint {d}"),
+            "beta": _estimate_entry(partition, partition.estimates, f"joint {d}"),
+            "h": _estimate_entry(partition, partition.estimates, f"h joint {d}"),
             "lag_s": WITHHELD if f"joint {d}" in partition.impossible else lag,
         }
     both = {} if partition.single_disk else partition.combined.estimates
     joint["both"] = {
-        key: _reported(partition, both, key, "both ")
+        key: _estimate_entry(partition, both, key, "both ")
         for key in ("beta", "h_fast", "h_slow", "exponent")
     }
     joint["profiles"] = profiles_file(partition.profiles) if with_profiles else {}
@@ -84,11 +84,11 @@ def beta_file(
         "schema": SCHEMA,
         "source": source,
         "test": test.conditions,
-        "steady": {"beta": _reported(partition, partition.estimates, "speed law"), **steady},
+        "steady": {"beta": _estimate_entry(partition, partition.estimates, "speed law"), **steady},
         "transient": {
             d: {
-                "beta": _reported(partition, partition.estimates, f"cooling {d}"),
-                "h": _reported(partition, partition.estimates, f"h cooling {d}"),
+                "beta": _estimate_entry(partition, partition.estimates, f"cooling {d}"),
+                "h": _estimate_entry(partition, partition.estimates, f"h cooling {d}"),
                 "window_s": fit.window_s,
             }
             for d, fit in partition.cooling.items()
@@ -106,9 +106,9 @@ def beta_file(
         "budget": [asdict(row) for row in partition.budget.rows],
         "budget_both": [{"source": name, "u_beta": u} for name, u in recommended.items()],
         "surface": {
-            "fast_max_degC": _reported(partition, partition.estimates, "surface fast"),
-            "slow_max_degC": _reported(partition, partition.estimates, "surface slow"),
-            "delta_T_us": _reported(partition, partition.estimates, "delta_T_us"),
+            "fast_max_degC": _estimate_entry(partition, partition.estimates, "surface fast"),
+            "slow_max_degC": _estimate_entry(partition, partition.estimates, "surface slow"),
+            "delta_T_us": _estimate_entry(partition, partition.estimates, "delta_T_us"),
         },
         "noise": {d: disk.noise.to_dict() for d, disk in test.disks.items()},
         "unevenness": {
@@ -121,7 +121,7 @@ def beta_file(
     }
 
 
-def _reported(
+def _estimate_entry(
     partition: Partition, estimates: Mapping[str, Estimate], key: str, prefix: str = ""
 ) -> dict[str, Any]:
     """An estimate as in ``beta.json``; nulls where it is withheld or missing.

@@ -183,7 +183,7 @@ def write_follow_report(
         assumptions = compensation_assumptions(records, "smoother")
         sources += record_rows(records, files)
     sections = [
-        _followed(log, out),
+        _followed_channel_section(log, out),
         Section("Noise and uncertainty of each channel", table=run.numbers.round(4)),
         Section(
             "Metadata of the output",
@@ -310,7 +310,7 @@ def _filter_section(
     )
 
 
-def _followed(log: RawLog, out: Path) -> Section:
+def _followed_channel_section(log: RawLog, out: Path) -> Section:
     """Return the section of one channel before and after live compensation."""
     names = list(log.channels.units)
     name = next((n for n in names if n.endswith("e_degC")), names[0])

@@ -188,7 +188,7 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
 
 
 def compressed(text: str) -> str:
-    """Return a text compressed by gzip, in base64."""
+    """Return a text compressed by gzip, in base64, for a script of the page."""
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
@@ -354,7 +354,7 @@ def table_html(table: pd.DataFrame) -> str:
     columns = [[cell(value) for value in table.iloc[:, k]] for k in range(table.shape[1])]
     kinds = [_kind(cells) for cells in columns]
     titles = [str(name) for name in table.columns]
-    heads = [f'<th class="{kind}">{_heading(title)}</th>' for title, kind in zip(titles, kinds)]
+    heads = [f'<th class="{kind}">{_title_html(title)}</th>' for title, kind in zip(titles, kinds)]
     names = [html.escape(typeset(title)) for title in titles]
     rows = []
     for cells in zip(*columns):
@@ -384,7 +384,7 @@ def cell(value: object) -> str:
     return typeset(str(value))
 
 
-def _heading(name: str) -> str:
+def _title_html(name: str) -> str:
     """Return a column's title as HTML, its unit in one piece."""
     return UNIT.sub(lambda unit: f'<span class="unit">{unit[0]}</span>', html.escape(typeset(name)))
 

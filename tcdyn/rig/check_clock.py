@@ -374,14 +374,14 @@ def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) 
     y = sliding_window_view(np.pad(values, SLOPE_NEIGHBOURS, constant_values=np.nan), width)
     used = np.isfinite(y)
     count = np.maximum(used.sum(axis=1), 1)
-    t = _centred(np.where(used, t - time_s[:, None], 0.0), used, count)
-    y = _centred(np.where(used, y, 0.0), used, count)
+    t = _subtract_means(np.where(used, t - time_s[:, None], 0.0), used, count)
+    y = _subtract_means(np.where(used, y, 0.0), used, count)
     slope_numerator = (t * y).sum(axis=1)
     slope_denominator = np.maximum((t * t).sum(axis=1), 1e-300)
     return values - jitter_s * slope_numerator / slope_denominator
 
 
-def _centred(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:
+def _subtract_means(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:
     """Windows minus the mean of their used values; zero where a value is not used.
 
     Parameters

@@ -187,9 +187,9 @@ def _check_ehl(
         disk_junctions = [name for name in junctions if name.startswith(f"{disk}_")]
         if disk_junctions:
             findings += _check_channels(sample[disk_junctions], location, room_degC)
-    contact = states["contact"][sample.index] if "contact" in states else _loaded(sample)
+    contact = states["contact"][sample.index] if "contact" in states else _contact_by_force(sample)
     if len(np.unique(contact)) == 1 and _shows_unloaded_time(sample):
-        contact = _loaded(sample)  # a switch that never moves
+        contact = _contact_by_force(sample)  # a switch that never moves
     if contact.any():
         findings += _check_loads(sample, contact, location.where)
     # the first fifth of the contact is left out: the heat has not reached all junctions yet
@@ -200,7 +200,7 @@ def _check_ehl(
     return findings
 
 
-def _loaded(sample: pd.DataFrame) -> Flags:
+def _contact_by_force(sample: pd.DataFrame) -> Flags:
     """Contact by the load, or the friction if no load was logged: at its upper level, (N,)."""
     force_N = _smooth_force(sample)
     if force_N is None:

@@ -481,7 +481,7 @@ def _missing_columns(
         is_complete = set(layouts[other].required) <= available
         if len(missing) >= 2 or is_complete:
             return InputError(
-                f"this looks like {LAYOUTS[other].name} (it lacks {_shortened(missing)})",
+                f"this looks like {LAYOUTS[other].name} (it lacks {_first_names(missing)})",
                 where=where,
                 expected=layout.name,
                 remedy=f"give {layout.name} here",
@@ -525,7 +525,7 @@ def _missing_columns(
     )
 
 
-def _shortened(names: list[str]) -> str:
+def _first_names(names: list[str]) -> str:
     """The first names, and how many more there are."""
     text = ", ".join(names[:MAX_NAMES_IN_QUESTION])
     if len(names) > MAX_NAMES_IN_QUESTION:

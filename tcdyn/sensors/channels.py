@@ -144,7 +144,7 @@ class TableChannels:
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
                 y = np.stack([on_grid(degC[i], grid, size) for i in indices], axis=1)
-                prepared.append(_grouped(group, indices, y, float(segment.time_s[0]), grid))
+                prepared.append(_readings_of(group, indices, y, float(segment.time_s[0]), grid))
         return prepared, findings
 
 
@@ -156,10 +156,24 @@ def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
     return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
 
 
-def _grouped(
+def _readings_of(
     group: ChannelGroup, indices: list[int], y: Array, start_s: float, grid: EvenTimes
 ) -> ChannelReadings:
-    """Readings ``y`` (N, M) [degC] of some channels of a group."""
+    """Readings of some channels of a group with their units, chains and uncertainties.
+
+    Parameters
+    ----------
+    group
+        Channels that are smoothed together.
+    indices
+        Indices (M,) in the group of the channels that have readings.
+    y
+        Their readings (N, M) [degC], NaN where missing.
+    start_s
+        Time of the first row of the segment [s].
+    grid
+        The even times of the readings.
+    """
     channels = [group.channels[i] for i in indices]
     static_u_K = np.zeros_like(y)
     shared_K = np.zeros(len(channels))

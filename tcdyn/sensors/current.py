@@ -362,7 +362,7 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     profiled out. Up to three proposals are mixed until a quarter of ``SAMPLES`` is effective. The
     seeds are fixed, so that the same data give the same file.
     """
-    fits = _fit_all(record)
+    fits = _fit_from_all_starts(record)
     best = min(fits, key=lambda f: f.optimum.cost)
     density = _LogPosterior(record, best)
     near = [f for f in fits if f.optimum.cost < best.optimum.cost + MAX_EXCESS_COST]
@@ -399,8 +399,12 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     return best, samples, weights
 
 
-def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
-    """Return fits from all starts, with the noise of the residuals of the best."""
+def _fit_from_all_starts(record: _HeatedRecord) -> list[CurveFit]:
+    """Fit the record from all ``STARTS`` with white noise, then again with the residuals' noise.
+
+    The second fits start at the optima of the first. Their noise is that of the residuals of the
+    best of these.
+    """
     finite = np.isfinite(record.y)
     y = record.y[finite]
     names = [*LINEAR, "log_lag", *PRIORS]

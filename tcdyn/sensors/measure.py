@@ -247,7 +247,7 @@ def sensor_from_dip(
         )
     dips = []
     for table, entry in zip(tables, entries):
-        dip = read_readings(table, _listed(column), **reading)
+        dip = read_readings(table, _as_list(column), **reading)
 
         fit = partial(
             plunge_sensor,
@@ -262,7 +262,7 @@ def sensor_from_dip(
             junction=junction,
             inputs=list(dip.inputs),
         )
-        dips.append(_measured(dip, fit))
+        dips.append(_with_reader_findings(dip, fit))
     return dips[0] if len(dips) == 1 else pool_dips(dips, name, film)
 
 
@@ -354,7 +354,7 @@ def sensor_from_pair(
         bare=bare,
         inputs=list(table.inputs),
     )
-    return _measured(table, fit)
+    return _with_reader_findings(table, fit)
 
 
 def sensor_from_current(
@@ -405,7 +405,7 @@ def sensor_from_current(
     >>> sensor.chain.channels["reading"].lag_s.contains(3.4)  # doctest: +SKIP
     True
     """
-    columns = _listed(column) or (["reading"] if isinstance(data, tuple) else [])
+    columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
     table = read_readings(data, columns, [current], **reading)
 
     fit = partial(
@@ -418,7 +418,7 @@ def sensor_from_current(
         off_only=off_only,
         inputs=list(table.inputs),
     )
-    return _measured(table, fit)
+    return _with_reader_findings(table, fit)
 
 
 def sensor_from_noise(
@@ -458,7 +458,7 @@ def sensor_from_noise(
     >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
     True
     """
-    table = read_readings(data, _listed(column), **reading)
+    table = read_readings(data, _as_list(column), **reading)
 
     fit = partial(
         noise_sensor,
@@ -468,10 +468,10 @@ def sensor_from_noise(
         sensor=name,
         inputs=list(table.inputs),
     )
-    return _measured(table, fit)
+    return _with_reader_findings(table, fit)
 
 
-def _listed(column: str | None) -> list[str]:
+def _as_list(column: str | None) -> list[str]:
     """The column as a list; empty for None."""
     return [] if column is None else [column]
 
@@ -516,7 +516,7 @@ def _boundary_layer(
     return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
 
 
-def _measured(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
+def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
     """The result of a fit, with the findings of the reader in front.
 
     A warning is added for each lag whose standard uncertainty exceeds the length of the record.

@@ -494,12 +494,12 @@ def _interval_s(step: Array) -> float:
 
 
 def _check_rising(time_s: Array, where: str) -> None:
-    """Raise InputError for few rows, or time that is missing or does not rise.
+    """Check that there are ``MIN_ROWS`` rows, all with a time that never falls and rises in total.
 
     Raises
     ------
     InputError
-        With the row.
+        Otherwise, with the row.
     """
     n = len(time_s)
     if n < MIN_ROWS:

@@ -113,7 +113,7 @@ def harmonic_system(
         return even
     g = grid_of(disk, mesh)
     waves = harmonic_shapes(disk)
-    blocks = [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
+    blocks = [_harmonic_block(disk, g, n, h_W_m2K) for n, _ in waves]
     sizes = [len(block.capacity) for block in blocks]
     starts = np.cumsum([0, g.size, *sizes])
     conductances = [even.conductance, *(block.conductance for block in blocks)]
@@ -121,7 +121,7 @@ def harmonic_system(
     walls: list[Wall] = [(g.cells[0], g.under)]
     for start, block in zip(starts[1:], blocks):
         walls.append((start + g.cells[0], start + block.shaft_faces))
-    coupled = uncoupled + _coupling(disk, g, walls, int(starts[-1]))
+    coupled = uncoupled + _press_fit_matrix(disk, g, walls, int(starts[-1]))
     zeros = np.zeros(starts[-1] - g.size)
     half_surfaces = [_half_surface(even, size) for size in sizes]
     return replace(
@@ -336,7 +336,7 @@ def _spread(blocks: list[tuple[int, sparse.csr_matrix]], starts: Array) -> spars
     return sparse.csr_matrix(total)
 
 
-def _harmonic(disk: DiskTruth, grid: Grid, n: int, h_W_m2K: float) -> _HarmonicBlock:
+def _harmonic_block(disk: DiskTruth, grid: Grid, n: int, h_W_m2K: float) -> _HarmonicBlock:
     """Return the equations of harmonic ``n``.
 
     The mean of cos^2 around the disk is a half, so all terms are half of those of the full ring.
@@ -392,7 +392,9 @@ def _harmonic(disk: DiskTruth, grid: Grid, n: int, h_W_m2K: float) -> _HarmonicB
     )
 
 
-def _coupling(disk: DiskTruth, grid: Grid, walls: list[Wall], size: int) -> sparse.csc_matrix:
+def _press_fit_matrix(
+    disk: DiskTruth, grid: Grid, walls: list[Wall], size: int
+) -> sparse.csc_matrix:
     """Return the conduction of the press fit beyond that of the even system, (size, size) [W/K].
 
     The flux at an angle is h(psi) times the difference across the fit, half a cell of steel counted

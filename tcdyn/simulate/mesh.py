@@ -205,7 +205,7 @@ def build_system(
     enters at the surface itself, so a part of it leaves through h at once.
 
     A new heat path belongs in ``_conductances`` (between cells) or ``to_ambient_W_K`` (to ambient);
-    ``tcdyn.simulate.harmonics._harmonic`` must get it too where it acts on harmonics.
+    ``tcdyn.simulate.harmonics._harmonic_block`` must get it too where it acts on harmonics.
     ``tests/simulate/test_disk.py`` fails where steady heat in is not heat out.
     """
     s = disk.setup

@@ -212,11 +212,11 @@ def adapted(
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
             fit = smooth_record(record, noise_var, current, COARSENING * FINE)
-            updated = [_updated(fit, c, q) for c, q in enumerate(current)]
+            updated = [_update_intensity(fit, c, q) for c, q in enumerate(current)]
             if max(gain for _, gain in updated) < SETTLED_NATS:
                 break
             current = [q for q, _ in updated]
-        divided = [_divided(fit, c, q) for c, q in enumerate(current)]
+        divided = [_divide_blocks(fit, c, q) for c, q in enumerate(current)]
         if division == divisions or divided == current:
             break
         current = divided
@@ -233,7 +233,7 @@ def _first_level_noise(q: Intensity, chain: Chain, noise_density: float) -> Arra
     return np.asarray(levels / corner_rad_s(chain, levels / noise_density) ** 2)
 
 
-def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
+def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
     """The intensity after one iteration, and the largest gain of a block by it [nats]."""
     observed, expected = score_sums(fit, channel, np.array(q.starts_s))
     var = np.column_stack([q.level_noise, q.levels])
@@ -250,7 +250,7 @@ def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, floa
     return updated, gain
 
 
-def _divided(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
+def _divide_blocks(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
     """The intensity with those blocks divided whose halves disagree."""
     starts = np.array(q.starts_s)
     middles = 0.5 * (starts + np.append(starts[1:], fit.knots_s[-1]))

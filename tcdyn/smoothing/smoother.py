@@ -182,10 +182,10 @@ def smooth(
     findings = list(record.findings)
     if intensity is None:
         detect = not events_s if find_events is None else find_events
-        fit, detected_events, jump_K, contradicts = _estimated(record, detect)
+        fit, detected_events, jump_K, contradicts = _smooth_by_likelihood(record, detect)
         if record.events_s and contradicts:
             without = replace(record, events_s=())
-            other, other_events, other_jump_K, _ = _estimated(without, True)
+            other, other_events, other_jump_K, _ = _smooth_by_likelihood(without, True)
             if _evidence(other) > _evidence(fit) + EVENTS_NATS:
                 fit, detected_events, jump_K = other, other_events, other_jump_K
                 findings.append(warning("trace.events", events=len(record.events_s)))
@@ -198,7 +198,7 @@ def smooth(
     events = {at: u_by_time[at] for at in fit.record.events_s}
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
-            fit = _reweighted(fit, record.y)
+            fit = _smooth_with_student_weights(fit, record.y)
     samples = fit.at_samples()
     for event in detected_events:
         samples = average_over_event(fit, samples, event)
@@ -269,11 +269,28 @@ def _smoothed_without_spikes(
     return fit
 
 
-def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
-    """The record smoothed with intensities by their likelihood, and the events that were detected.
+def _smooth_by_likelihood(
+    record: Record, detect: bool
+) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
+    """Smooth a record with intensities by their likelihood, and detect events in it.
 
-    The third result is ``remaining_jump``. The fourth is whether there were large ones before the
-    intensities were adapted to them.
+    Parameters
+    ----------
+    record
+        The record.
+    detect
+        Whether events are detected that are not listed.
+
+    Returns
+    -------
+    fit
+        The smoothed record.
+    events
+        The events that were detected.
+    jump
+        Its ``remaining_jump``, (N, M) [K].
+    contradicts
+        Whether a jump was large before the intensities were adapted to it.
     """
     lag_s = max(c.lag_s for c in record.chains)  # 0 where the lag is to be left in
     if 0 < lag_s * MAX_LAGS_IN_ROW < record.dt_s:
@@ -336,7 +353,7 @@ def _without_samples(record: Record, spikes: Flags) -> Record:
     return replace(record, y=np.stack(columns, axis=1), weight=weight, flags=flags)
 
 
-def _reweighted(fit: Smoothed, y: Array) -> Smoothed:
+def _smooth_with_student_weights(fit: Smoothed, y: Array) -> Smoothed:
     """Smooth again with the weights of Student's t likelihood.
 
     Parameters

@@ -128,13 +128,13 @@ def interval_model(
         mean, cov, jump_var = ramp_prior(
             s, level, max(float(span[c]), min_span), dt, start_intensity, start_level_noise
         )
-        at_knot = _centred(integral)
+        at_knot = _half_around_knots(integral)
         at_knot[event] += jump_var
         jumps = jumps_at(proposals[c], knots[:-1])
         jumps[..., 1] += at_knot
         if any(q.is_rough for q in proposals[c]):
             level_noise = level_noise_at(proposals[c], knots[:-1]).T
-            jumps[..., 0] += _centred(level_noise * np.diff(knots)[:, None])
+            jumps[..., 0] += _half_around_knots(level_noise * np.diff(knots)[:, None])
         channels.append(
             (np.tile(mean, (len(cov), 1)), cov, information_c[:, None], score_c[:, None], jumps)
         )
@@ -156,7 +156,7 @@ def interval_model(
     )
 
 
-def _centred(integral: Array) -> Array:
+def _half_around_knots(integral: Array) -> Array:
     """Half of the ``integral`` (J, Q) over the intervals beside each knot but the last."""
     before = np.concatenate([np.zeros_like(integral[:1]), integral[:-1]])
     return np.asarray(0.5 * (integral + before))

@@ -269,7 +269,7 @@ def run_campaign(
     for i, path in enumerate(paths):
         if i in outcomes:
             continue
-        stored = _stored(path, folder, settings)
+        stored = _stored_outcomes(path, folder, settings)
         if stored:
             outcomes[i] = stored
             progress(path.stem, len(outcomes), len(paths))
@@ -343,8 +343,8 @@ def _compare_interchange(
     return compare_maps(tests[first], tests[second], interchanged, (first, second))
 
 
-def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
-    """Results of an earlier run, if all tests of the log have the same log and settings; else none.
+def _stored_outcomes(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
+    """Results of an earlier run; none unless all tests of the log have this log and settings.
 
     Parameters
     ----------
@@ -372,7 +372,7 @@ def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int
     Parameters
     ----------
     path, folder, settings
-        As for ``_stored``.
+        As for ``_stored_outcomes``.
     stage
         Number of the test in its log; 0 in a log with one.
 

@@ -155,7 +155,7 @@ def compensate_table(
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
     check_delay(delay_s)
-    raw = _opened(log, calibrations, rig, options)
+    raw = _open_log(log, calibrations, rig, options)
     out_path = Path() if callable(out) else Path(out)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
@@ -203,7 +203,7 @@ def compensate_table(
     )
 
 
-def _opened(
+def _open_log(
     log: str | Path | Source, calibrations: Calibrations, rig: Rig | None, options: TableOptions
 ) -> RawLog:
     """The raw columns, channels and output of a log; parameters as for ``compensate_table``."""

@@ -201,7 +201,7 @@ def follow(
     continues = state is not None and state.exists()
     if not continues:
         _check_output_free(out, overwrite)
-    opened = _opened(log, calibrations, rig, options, patience)
+    opened = _wait_for_rows(log, calibrations, rig, options, patience)
     if opened is None:
         ended = "stopped before the header was there"
         numbers = pd.DataFrame(columns=["column"])
@@ -358,7 +358,7 @@ class _Patience:
         return True
 
 
-def _opened(
+def _wait_for_rows(
     log: Path,
     calibrations: Calibrations,
     rig: Rig | None,
