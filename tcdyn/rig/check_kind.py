@@ -45,6 +45,35 @@ MIN_SPEED_RPM = 60.0
 MIN_DEPTH_DIFFERENCE_MM = 2.5
 # They are equally deep if their depths differ by less than this [mm]. Chosen by judgement.
 SAME_DEPTH_MM = 0.5
+# Samples at both ends of a plunge whose means give its rise, and the shares of the rise between
+# which the disk heats: later its junctions approach each other again. Chosen by judgement.
+PLUNGE_END_SAMPLES = 30
+HEATING_SHARES = (0.05, 0.35)
+MIN_HEATING_SAMPLES = 20  # fewer give no order of the junctions; chosen by judgement
+# Samples of the start of a record, a twentieth of it within these bounds. Chosen by judgement.
+START_SAMPLES = (10, 400)
+# Differences of the rise that do not contradict an order: in K, and over the rise, the larger one.
+ORDER_LIMIT_K = 0.5
+ORDER_LIMIT_SHARE = 0.02
+# Share of a switch that may be missing. Chosen by judgement.
+MAX_MISSING_SWITCH = 0.05
+# Difference of the shares of samples at the upper level of a force, without and in contact, above
+# which the force contradicts the switch. Chosen by judgement.
+MIN_INVERTED_DIFFERENCE = 0.8
+# Readings within these limits may be emfs [mV]: all of type J up to about 290 degC lie within.
+EMF_RANGE_MV = (-5.0, 16.0)
+# Distance of an emf from the warmest other reading [K]. Chosen by judgement.
+MIN_EMF_DISTANCE_K = 8.0
+# A channel is dead if it changes by less than this share of the usual change, where that is at
+# least so many K. Chosen by judgement.
+DEAD_RISE_SHARE = 0.1
+MIN_USUAL_RISE_K = 10.0
+# A channel is noisy above this many times the usual noise plus so many K. Chosen by judgement.
+NOISY_RATIO = 4.0
+NOISY_K = 0.1
+# Speed of the fast shaft over that of the slow one, below which the columns look swapped: pure
+# rolling is allowed, with an error of the readings. Chosen by judgement.
+MIN_SPEED_RATIO = 0.98
 # Cosine of the largest angle, 60 degrees, between junctions at one side. Chosen by judgement.
 SAME_SIDE_COS = 0.5
 
@@ -96,11 +125,11 @@ def check_kind(
     findings += _check_channels(sample[junctions], location, max(baths) if baths else None)
     if kind == "immersion":
         mean = sample[junctions].mean(axis=1).to_numpy()
-        start = float(np.nanmean(mean[:30]))
-        end = float(np.nanmean(mean[-30:]))
+        start = float(np.nanmean(mean[:PLUNGE_END_SAMPLES]))
+        end = float(np.nanmean(mean[-PLUNGE_END_SAMPLES:]))
         if end - start > MIN_PLUNGE_RISE_K:
             rise = (mean - start) / (end - start)
-            is_heating = (rise > 0.05) & (rise < 0.35)
+            is_heating = (rise > HEATING_SHARES[0]) & (rise < HEATING_SHARES[1])
             tables = rig.tables(disk or "")
             findings += _junction_order(sample, "", tables, is_heating, compare_sides=True)
     return states, findings
@@ -258,7 +287,7 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
         first = int(np.argmax(missing))
         count = int(missing.sum())
         share = count / len(values)
-        if share > 0.05:
+        if share > MAX_MISSING_SWITCH:
             raise InputError(
                 f"{location.at(name, first)}: {100 * share:.0f} % of it is missing",
                 where=location.where,
@@ -302,8 +331,8 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
 
     Notes
     -----
-    Both load and friction must contradict the switch: the shares of samples at the upper level must
-    differ by more than 0.8, so that one sensor with the wrong sign does not invert it. Test:
+    Both load and friction must contradict the switch (``MIN_INVERTED_DIFFERENCE``), so that one
+    sensor with the wrong sign does not invert it. Test:
     ``tests/partition/test_events.py``.
     """
     if contact.all() or not contact.any():
@@ -317,7 +346,7 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
         is_upper = force > 0.5 * (in_contact + without)
         difference = float(np.mean(is_upper[~contact])) - float(np.mean(is_upper[contact]))
         # of a force with the wrong sign the larger level is negative
-        if not (without > abs(in_contact) and difference > 0.8):
+        if not (without > abs(in_contact) and difference > MIN_INVERTED_DIFFERENCE):
             return False
     return True
 
@@ -403,30 +432,27 @@ def _check_channels(
 
     Notes
     -----
-    All emfs of type J up to about 290 degC lie below 16 mV. The other limits (a tenth of the usual
-    rise, four times the usual noise plus 0.1 K) are chosen by judgement. The upper median is
-    "usual", so that half of the channels may be faulty.
+    The upper median is "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)
     usual_high = _upper_median(high)
     warmest = max(usual_high, reference_degC if reference_degC is not None else 0.0)
-    # all emfs of type J up to about 290 degC lie below 16 mV
     for name, lower, upper in zip(columns, low, high):
-        is_small = upper < 16.0 and lower > -5.0
-        if is_small and (warmest > upper + 8.0 or usual_high < 16.0):
+        is_small = upper < EMF_RANGE_MV[1] and lower > EMF_RANGE_MV[0]
+        if is_small and (warmest > upper + MIN_EMF_DISTANCE_K or usual_high < EMF_RANGE_MV[1]):
             raise InputError(
                 f"column {name} stays between {lower:.3g} and {upper:.3g}: this looks like "
                 "millivolts",
                 where=location.where,
                 expected="degrees Celsius",
                 remedy="for type J write millivolts = true into rig.toml [logger]",
-                column=str(name) if usual_high >= 16.0 else "",
+                column=str(name) if usual_high >= EMF_RANGE_MV[1] else "",
             )
     rise = high - low
     usual_rise = _upper_median(rise)
     for name, value in rise.items():
-        if usual_rise > 10.0 and value < 0.1 * usual_rise:
+        if usual_rise > MIN_USUAL_RISE_K and value < DEAD_RISE_SHARE * usual_rise:
             raise InputError(
                 f"column {name} changes by {value:.3g} degC, the others by {usual_rise:.3g}: "
                 "a dead channel",
@@ -436,7 +462,7 @@ def _check_channels(
             )
     noise_K = columns.apply(_noise_K)
     usual_noise_K = _upper_median(noise_K)
-    noisy = noise_K[noise_K > 4.0 * usual_noise_K + 0.1]
+    noisy = noise_K[noise_K > NOISY_RATIO * usual_noise_K + NOISY_K]
     return [
         warning("noise.high", subject=str(name), noise_K=value, others_K=usual_noise_K)
         for name, value in noisy.items()
@@ -444,7 +470,7 @@ def _check_channels(
 
 
 def _noise_K(column: pd.Series[float]) -> float:
-    """White noise by the median of the second differences, which events do not affect."""
+    """White noise [K] by the median of the second differences, which events do not affect."""
     if column.count() < 10:
         return 0.0
     return float(white_noise_sd(column.dropna(), 2, centred=False))
@@ -527,7 +553,7 @@ def _check_speeds(sample: pd.DataFrame, in_contact: pd.Series[float], where: str
             )
     fast = speeds["fast"]
     slow = speeds["slow"]
-    if fast < 0.98 * slow:
+    if fast < MIN_SPEED_RATIO * slow:
         raise InputError(
             f"column speed_fast_rpm ({fast:.4g}) is below speed_slow_rpm ({slow:.4g})",
             where=where,
@@ -576,22 +602,23 @@ def _junction_order(
     swapped, at least one is not in order with its neighbours. Where the readings themselves are in
     order, the disk was not at one temperature at the start. Otherwise channels look swapped.
 
-    The limit is 0.5 K, or 2 % of the rise: chosen by judgement. In 12 simulated plunges of rigs
-    drawn from their uncertainties, equally deep junctions warmed alike within 0.2 K. Tests:
+    The limits are chosen by judgement. In 12 simulated plunges of rigs drawn from their
+    uncertainties, equally deep junctions warmed alike within 0.2 K. Tests:
     ``tests/rig/test_junction_order.py``.
     """
-    if is_heating.sum() < 20:
+    if is_heating.sum() < MIN_HEATING_SAMPLES:
         return []
     names = [c for c in sorted(tables.thermocouples) if f"{prefix}{c}_degC" in sample]
     junction = {c: tables.thermocouples[c] for c in names}
     readings = sample[[f"{prefix}{c}_degC" for c in names]].set_axis(names, axis=1)
-    start_rows = max(10, min(len(sample) // 20, 400))
+    start_rows = int(np.clip(len(sample) // 20, *START_SAMPLES))
     heated = readings[is_heating].mean()
     start = readings.iloc[:start_rows].mean()
     rise = (heated - start).to_dict()
-    limit_K = {c: max(0.5, 0.02 * abs(rise[c])) for c in names}
+    limit_K = {c: max(ORDER_LIMIT_K, ORDER_LIMIT_SHARE * abs(rise[c])) for c in names}
 
     def deeper_mm(first: str, second: str) -> float:
+        """How much deeper the second junction lies [mm]."""
         return float(junction[second].depth_mm - junction[first].depth_mm)
 
     def same_side(first: str, second: str) -> float:

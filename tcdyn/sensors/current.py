@@ -61,6 +61,8 @@ MIN_FAST_SHARE = 0.1
 # current does not determine the response to a plunge; chosen by judgement.
 WIDE_PERCENT = 20.0
 MAX_ROWS = 4000  # rows that are fitted; longer records are averaged; chosen by judgement
+# Least change of the power over the largest power: the current switches; chosen by judgement.
+MIN_SWITCHED_SHARE = 0.3
 MIN_READINGS = 40  # of the record; chosen by judgement
 MIN_RISE_NOISES = 10.0  # least response over the noise; chosen by judgement
 SAMPLES = 400  # samples of the posterior for each proposal; chosen by judgement
@@ -72,7 +74,7 @@ MAX_EXCESS_COST = 20.0
 # finite.
 MAX_LOG = 20.0
 MAX_CORE = 0.9  # largest radius of the core over that of the insulation
-# Parameters in which the response is linear, in the order of ``_HeatedRecord.table``.
+# Parameters in which the response is linear, in the order of ``_HeatedRecord.regressors``.
 LINEAR = ("level", "drift", "direct", "size")
 
 
@@ -139,7 +141,7 @@ def current_sensor(
         )
     power = current**2
     largest = float(power.max())
-    if largest <= 0 or np.ptp(power) < 0.3 * largest:
+    if largest <= 0 or np.ptp(power) < MIN_SWITCHED_SHARE * largest:
         raise InputError(
             "the current does not switch",
             expected="one that is switched on or off within the record",
@@ -150,7 +152,7 @@ def current_sensor(
     if count < MIN_READINGS:
         raise InputError(f"only {count} readings", expected=f"at least {MIN_READINGS}")
     dt_s = float(time_s[1] - time_s[0])
-    record = _HeatedRecord.averaged(dt_s, y, power)
+    record = _HeatedRecord.from_rows(dt_s, y, power)
     rise_K = float(np.nanmax(record.y) - np.nanmin(record.y))
     if rise_K < MIN_RISE_NOISES * record.noise_K:
         raise InputError(
@@ -285,7 +287,7 @@ class _HeatedRecord:
     noise_K: float
 
     @classmethod
-    def averaged(cls, dt_s: float, y: Array, power: Array) -> _HeatedRecord:
+    def from_rows(cls, dt_s: float, y: Array, power: Array) -> _HeatedRecord:
         """Build a record of at most ``MAX_ROWS`` means of neighbouring rows.
 
         Parameters
@@ -332,7 +334,7 @@ class _HeatedRecord:
             total += share * lagged
         return total
 
-    def table(self, shape: Array) -> Array:
+    def regressors(self, shape: Array) -> Array:
         """Return the regressors (N, 4) of level, drift, direct and size."""
         ones = np.ones_like(self.t)
         return np.stack([ones, self.t, self.power, self.response(shape)], axis=1)
@@ -416,7 +418,7 @@ def _fit_from_all_starts(record: _HeatedRecord) -> list[CurveFit]:
         """Return the readings of the model (N,), or None beyond ``MAX_LOG``."""
         if not np.all(np.abs(theta[4:]) <= MAX_LOG):
             return None
-        return record.table(theta[4:]) @ theta[:4]
+        return record.regressors(theta[4:]) @ theta[:4]
 
     def start(biot: float, wall: float, heated: float, gap: float) -> Array:
         """Best of ten lags, with level, drift, direct and size by linear least squares.
@@ -434,7 +436,7 @@ def _fit_from_all_starts(record: _HeatedRecord) -> list[CurveFit]:
         candidates = []
         for lag in np.geomspace(3 * record.dt_s, duration_s / 3, 10):
             shape = np.log([lag, biot, wall, heated, gap])
-            table = record.table(shape)[finite]
+            table = record.regressors(shape)[finite]
             linear = np.linalg.lstsq(table, y, rcond=None)[0]
             square_sum = float(np.sum((table @ linear - y) ** 2))
             candidates.append((square_sum, np.r_[linear, shape]))
@@ -468,7 +470,7 @@ class _LogPosterior:
         """Return the log density at a shape, up to a constant."""
         if not np.all(np.abs(shape) <= MAX_LOG):
             return -np.inf
-        table = self._whiten(self.record.table(shape)[self.finite])
+        table = self._whiten(self.record.regressors(shape)[self.finite])
         linear = np.linalg.lstsq(table, self.white_y, rcond=None)[0]
         deviations = [(v - mean) / sd for v, (mean, sd) in zip(shape[1:], PRIORS.values())]
         square_sum = np.sum((self.white_y - table @ linear) ** 2)

@@ -27,6 +27,17 @@ from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.record import Compensated, channel_names, record_of
 
+# Noise of the result over that of the trace, from which there is a warning; chosen by judgement.
+MAX_NOISE_GAIN = 100.0
+# Bandwidth over the sampling frequency, from which there is a warning; chosen by judgement.
+MAX_BANDWIDTH_SHARE = 0.2
+# Rows of the step response in a report: so many times lag and shift, plus a few, within bounds that
+# limit the time; and fewest points of the raw step, which is oversampled. Chosen by judgement.
+STEP_LAGS = 12
+STEP_MARGIN_ROWS = 20
+STEP_ROWS = (64, 400_000)
+MIN_STEP_POINTS = 400
+
 
 @dataclass(frozen=True)
 class InverseFilter:
@@ -324,14 +335,14 @@ def report_inverse(
     noise_sd
         Standard deviation of the white noise of the trace [K].
     wanted_K
-        Largest noise of the result without a warning [K]; a hundred times that of the trace when
-        left out.
+        Largest noise of the result without a warning [K]; by default ``MAX_NOISE_GAIN`` times that
+        of the trace.
 
     Returns
     -------
     FilterReport
         With a warning when the result would be noisier, which states the largest bandwidth that is
-        possible; and when the bandwidth is above a fifth of the sampling frequency.
+        possible; and above ``MAX_BANDWIDTH_SHARE``.
 
     Examples
     --------
@@ -341,7 +352,7 @@ def report_inverse(
     """
     dt = inverse.dt_s
     noise_out = inverse.noise_gain * noise_sd
-    limit = 100.0 * noise_sd if wanted_K is None else wanted_K
+    limit = MAX_NOISE_GAIN * noise_sd if wanted_K is None else wanted_K
     findings = []
     if noise_out > limit:
         best_Hz = widest_bandwidth_Hz(inverse.chain, dt, noise_sd, limit)
@@ -354,14 +365,15 @@ def report_inverse(
                 best_Hz=best_Hz,
             )
         )
-    if inverse.bandwidth_Hz > 0.2 / dt:
+    if inverse.bandwidth_Hz > MAX_BANDWIDTH_SHARE / dt:
         findings.append(
             warning("inverse.near_nyquist", bandwidth_Hz=inverse.bandwidth_Hz, rate_Hz=1 / dt)
         )
     chain = inverse.chain
     gain = inverse.noise_gain
-    rows = int(min(max(12 * (chain.lag_s + inverse.remaining_shift_s) / dt + 20, 64), 400_000))
-    oversampling = max(int(np.ceil(400 / rows)), 1)
+    shown_s = STEP_LAGS * (chain.lag_s + inverse.remaining_shift_s)
+    rows = int(min(max(shown_s / dt + STEP_MARGIN_ROWS, STEP_ROWS[0]), STEP_ROWS[1]))
+    oversampling = max(int(np.ceil(MIN_STEP_POINTS / rows)), 1)
     u = np.zeros(rows * oversampling)
     u[oversampling:] = 1.0  # a step at the second sample
     raw = np.asarray(
@@ -380,8 +392,8 @@ def report_inverse(
         noise_out_K=gain * noise_sd,
         bandwidth_Hz=_first_below(freq, total_gain),
         raw_bandwidth_Hz=_first_below(raw_freq, np.abs(chain.frequency_response(raw_freq))),
-        rise_s=_rise(t, step),
-        raw_rise_s=_rise(t, raw),
+        rise_s=_rise_time_s(t, step),
+        raw_rise_s=_rise_time_s(t, raw),
         overshoot=float(max(step.max() - 1.0, 0.0)),
         remaining_shift_s=inverse.remaining_shift_s,
         bias_K_per_K_s=float(dt * (b_delay - a_delay) + chain.lag_s),
@@ -461,7 +473,7 @@ def _first_below(freq: Array, gain: Array) -> float:
     return float(freq[below[0]]) if len(below) else float(freq[-1])
 
 
-def _rise(t: Array, step: Array) -> float:
+def _rise_time_s(t: Array, step: Array) -> float:
     """Rise time from 10 to 90 % of a step response (N,) at times (N,) [s], first crossings."""
     crossings = []
     for level in (0.1, 0.9):
