@@ -123,7 +123,7 @@ class StructureComparison:
         return float(np.hypot(self.u_before_s, self.u_structure_s))
 
     @property
-    def contradicted(self) -> bool:
+    def is_contradicted(self) -> bool:
         """Whether the chosen structure is improbable and fits clearly worse than the best.
 
         Notes
@@ -138,7 +138,7 @@ class StructureComparison:
     @property
     def conclusion(self) -> Finding:
         """Conclusion about the structures: the chosen one, then the best or all possible ones."""
-        if self.contradicted:
+        if self.is_contradicted:
             others = [self.best]
         else:
             possible = [
@@ -158,11 +158,11 @@ class StructureComparison:
             "u_s": [r.common_lag_s.u for r in listed],
             "second_s": None if second is None else (second.value, second.u),
             "candidates": len(self.rows),
-            "contradicted": self.contradicted,
+            "contradicted": self.is_contradicted,
             "u_before_s": self.u_before_s,
             "u_after_s": self.u_after_s,
         }
-        if self.contradicted or self.u_structure_s > self.u_before_s:
+        if self.is_contradicted or self.u_structure_s > self.u_before_s:
             return warning("plunge.structure", **numbers)
         return info("plunge.structure", **numbers)
 
@@ -205,7 +205,7 @@ class StructureComparison:
         return {
             "chosen": self.chosen,
             "sentence": self.sentence,
-            "contradicted": self.contradicted,
+            "contradicted": self.is_contradicted,
             "u_common_lag_before_s": self.u_before_s,
             "u_common_lag_after_s": self.u_after_s,
             "candidates": jsonable(self.rows),

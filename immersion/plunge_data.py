@@ -127,7 +127,7 @@ def with_filled_bath(log: Log) -> pd.DataFrame:
     Gaps of the junctions stay NaN: an interpolation across the first seconds of a plunge is no
     reading, and block means leave missing samples out.
     """
-    return log.interpolated().assign(**{name: log.frame[name] for name in log.channels})
+    return log.interpolate_missing().assign(**{name: log.frame[name] for name in log.channels})
 
 
 def run_from_log(

@@ -28,7 +28,7 @@ from immersion.plunge_posterior import (
     ModelForm,
     PlungeOptimum,
     PlungeProblem,
-    marginal,
+    marginal_deviance,
     scan_common_lag,
 )
 from immersion.plunge_result import PlungeFit
@@ -488,9 +488,13 @@ def _maximum_shift(at: PlungeOptimum, width: float) -> float:
     """
     weights = at.problem.layout.common_lag
     lag = float(at.lag_s.mean())
-    low = -0.5 * marginal(minimise_constrained(at.solution, weights, lag - width, **SEARCH))
-    middle = -0.5 * marginal(at.solution)
-    high = -0.5 * marginal(minimise_constrained(at.solution, weights, lag + width, **SEARCH))
+    low = -0.5 * marginal_deviance(
+        minimise_constrained(at.solution, weights, lag - width, **SEARCH)
+    )
+    middle = -0.5 * marginal_deviance(at.solution)
+    high = -0.5 * marginal_deviance(
+        minimise_constrained(at.solution, weights, lag + width, **SEARCH)
+    )
     curvature = high - 2 * middle + low
     if curvature >= 0:
         return 0.0

@@ -474,7 +474,8 @@ class PlungeFit(Result):
         common = self.common_lag_s
         lines = [
             f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
-            f"  common lag {text_with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
+            f"  common lag {text_with_u(common.value, common.u, 's')}, "
+            f"95 % {interval_text(common)} s",
             f"    {INTERVAL_NOTE}",
         ]
         for channel in self.channels:
@@ -517,10 +518,10 @@ class PlungeFit(Result):
         return inverse(information)[np.ix_(lags, lags)]
 
 
-def interval(estimate: Estimate) -> str:
+def interval_text(estimate: Estimate) -> str:
     """The 95 % interval with the decimals of the uncertainty.
 
-    >>> interval(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
+    >>> interval_text(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
     '0.593 to 0.857'
     """
     low = rounded_texts(estimate.low95, estimate.u)[0]

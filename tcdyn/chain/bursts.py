@@ -132,7 +132,7 @@ def estimate_and_whiten_noise(
 
     noise = estimate_logger_noise([*compress(traces, same_rate)], dts_s[0], filter_, white_K)
     results = white(noise)
-    if noise.coloured and np.mean([outliers.mean() for _, outliers in results]) > DENSE_SHARE:
+    if noise.is_coloured and np.mean([outliers.mean() for _, outliers in results]) > DENSE_SHARE:
         without_bursts = [
             np.where(outliers, np.nan, y) for y, (_, outliers) in zip(traces, results)
         ]
@@ -196,7 +196,7 @@ def whiten_traces(
     ``WITNESSES`` others could show a change and fewer than ``WITNESSES`` of them do; there a weaker
     pulse is enough.
     """
-    white = noise.whitened(np.where(good, y, np.nan), dt_s)
+    white = noise.whiten(np.where(good, y, np.nan), dt_s)
     outliers = np.zeros(y.shape, dtype=bool)
     for i, sd in enumerate(noise.level_K):
         x = interpolate_gaps(white[:, i], good[:, i])

@@ -153,7 +153,7 @@ class LoggerNoise:
     unexplained: float = 1.0
 
     @property
-    def coloured(self) -> bool:
+    def is_coloured(self) -> bool:
         """Whether traces need whitening."""
         return bool(self.sections)
 
@@ -174,7 +174,7 @@ class LoggerNoise:
         """
         out = []
         before, after = self.to_dict().values()
-        if self.coloured:
+        if self.is_coloured:
             lag_s = self.shaping.lag_s if self.shaping.poles == 1 else 0.0
             out.append(
                 info("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s)
@@ -226,7 +226,7 @@ class LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
         return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
-    def expanded(self, present: Flags, white_K: Array) -> LoggerNoise:
+    def with_channels(self, present: Flags, white_K: Array) -> LoggerNoise:
         """The same noise for more channels.
 
         Parameters
@@ -252,7 +252,7 @@ class LoggerNoise:
             hum_lines=tuple((f, spread(a, none)) for f, a in self.hum_lines),
         )
 
-    def whitened(self, y: Array, dt_s: float) -> Array:
+    def whiten(self, y: Array, dt_s: float) -> Array:
         """Whiten a trace: filter it by A/N.
 
         Parameters
@@ -270,7 +270,7 @@ class LoggerNoise:
         -----
         A chain of such a trace must be replaced by ``whitened_chain``.
         """
-        if not self.coloured:
+        if not self.is_coloured:
             return y
         missing_mask = ~np.isfinite(y)
         filter_ = Rational(
@@ -293,7 +293,7 @@ class LoggerNoise:
         Where the chain has the filter B of this noise, C B A/N = C/N; otherwise A/N is added to its
         filter. ``tests/smoothing/test_noise_parts.py`` compares both with the filter of the trace.
         """
-        if not self.coloured:
+        if not self.is_coloured:
             return chain
         b = chain.conditioning
         stages = self.sections
@@ -355,7 +355,7 @@ def estimate_logger_noise(
         return white
     if not usable.all():
         some = [y[:, usable] for y in traces]
-        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).expanded(
+        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).with_channels(
             usable, white_K
         )
     w = 2 * np.pi * f

@@ -585,7 +585,7 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     table = pd.DataFrame(rows).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    recommended, reason = recommend(table, overdamped(fitted))
+    recommended, reason = recommend(table, overdamped_models(fitted))
     return Comparison(table, fitted, recommended, reason)
 
 
@@ -625,7 +625,7 @@ def _table_row(name: str, full: Fit, held_out: tuple[float, float, float]) -> di
     }
 
 
-def overdamped(fits: Mapping[str, Fit]) -> list[str]:
+def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
     """Models with a pair of poles (U) that are real, where two lags fit no worse.
 
     The data determine the two lags, or do not determine the pair either.
@@ -736,8 +736,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         final = average_noise(final, ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
     if is_part:
-        n_measured = record.data.n_samples - record.data.missing
-        share = n_measured * record.block / max(data.n_samples - data.missing, 1)
+        n_measured = record.data.n_samples - record.data.n_missing
+        share = n_measured * record.block / max(data.n_samples - data.n_missing, 1)
         numbers |= {"block": record.block, "share": min(share, 1.0)}
         # the conclusion is about the fit to all rows
         table = result.table.copy()

@@ -630,7 +630,7 @@ def _is_undetermined(name: str, estimate: Estimate, identified: Identified) -> b
         False for parameters that may be zero or negative, such as a dead time.
     """
     is_zero = base_name(name) == "Tz"
-    if not (is_zero or base_name(name) == "Kp" or identified.model.positive(name)):
+    if not (is_zero or base_name(name) == "Kp" or identified.model.is_positive(name)):
         return False
     size = abs(estimate.value)
     if is_zero:

@@ -447,7 +447,7 @@ def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Pr
         """Return residuals (2F,) and Jacobian (2F, P) at x; None for an unstable model."""
         theta = model.theta(x)
         rational = model.rational(theta)
-        if not rational.stable:
+        if not rational.is_stable:
             return None
         chain_rule = model.chain_rule(theta) * model.natural_scale(x)
         residual = (rational.frequency_response(f) - data.response) / u

@@ -217,8 +217,8 @@ class IOData(Result):
             f"{inputs} -> {outputs}: {len(self.runs)} run(s), {self.n_samples} samples every "
             f"{self.dt_s:g} s, input {hold_text(self.hold)}"
         )
-        if self.missing:
-            line += f", {self.missing} output values missing"
+        if self.n_missing:
+            line += f", {self.n_missing} output values missing"
         return "\n".join([line, *(f"  {f.sentence}" for f in self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
@@ -230,7 +230,7 @@ class IOData(Result):
             "dt_s": self.dt_s,
             "hold": self.hold,
             "runs": [{"name": r.name, "start_s": r.start_s, "samples": r.n} for r in self.runs],
-            "missing": self.missing,
+            "missing": self.n_missing,
             "findings": [f.to_dict() for f in self.findings],
         }
 
@@ -250,7 +250,7 @@ class IOData(Result):
         return max(run.n for run in self.runs) * self.dt_s
 
     @property
-    def missing(self) -> int:
+    def n_missing(self) -> int:
         """Number of output values that were not measured."""
         return int(sum(np.isnan(run.y).sum() for run in self.runs))
 

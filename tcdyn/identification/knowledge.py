@@ -51,7 +51,7 @@ def check_knowledge(
         if not low < high:
             raise InputError(f"bounds of {name} are {low} and {high}", expected="low < high")
     for name, (mean, u) in prior.items():
-        if not u > 0 or (model.positive(name) and not mean > 0):
+        if not u > 0 or (model.is_positive(name) and not mean > 0):
             raise InputError(
                 f"prior of {name} is {mean} +- {u}",
                 expected="an uncertainty above zero, and a mean above zero of a time constant",

@@ -193,7 +193,7 @@ class Model:
                 order += 2
         return order
 
-    def positive(self, name: str) -> bool:
+    def is_positive(self, name: str) -> bool:
         """Whether a parameter is positive; the search then uses its logarithm."""
         return base_name(name) in POSITIVE
 
@@ -217,7 +217,7 @@ class Model:
     @property
     def is_logarithm(self) -> Flags:
         """Which of the free parameters (P,) the search represents by their logarithm."""
-        return np.array([self.positive(n) for n in self.free], dtype=bool)
+        return np.array([self.is_positive(n) for n in self.free], dtype=bool)
 
     def natural_scale(self, x: Array) -> Array:
         """Return d(natural parameter)/dx (P,): the parameter for a logarithm, else one."""
@@ -236,7 +236,7 @@ class Model:
         dict
             Natural parameters, the fixed ones included.
         """
-        free = {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
+        free = {n: float(np.exp(v) if self.is_positive(n) else v) for n, v in zip(self.free, x)}
         return self.all_parameters(free)
 
     def as_x(self, name: str, value: float) -> float:
@@ -244,7 +244,7 @@ class Model:
 
         Positive parameters below ``MIN_POSITIVE`` are set to it.
         """
-        return float(np.log(max(value, MIN_POSITIVE))) if self.positive(name) else value
+        return float(np.log(max(value, MIN_POSITIVE))) if self.is_positive(name) else value
 
     def vector(self, theta: Mapping[str, float]) -> Array:
         """Return the free parameters as in x (:meth:`as_x`).
@@ -292,7 +292,7 @@ class Model:
                 rows.append((0.0, delay_s))
             elif base_name(name) == "Zeta":
                 rows.append(tuple(np.log(DAMPING_BOUNDS)))
-            elif self.positive(name):
+            elif self.is_positive(name):
                 rows.append(tuple(np.log(lags_s)))
             else:
                 rows.append((-np.inf, np.inf))

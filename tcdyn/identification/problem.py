@@ -259,7 +259,7 @@ class IdentificationProblem:
                     precision[k] = (self.noise_sd / sd) ** 2
         for name, (mean, u) in self.priors.items():
             if name in self.model.free:
-                sd = u / mean if self.model.positive(name) else u
+                sd = u / mean if self.model.is_positive(name) else u
                 precision[self.model.free.index(name)] = (self.noise_sd / sd) ** 2
         return precision
 
@@ -425,7 +425,7 @@ class IdentificationProblem:
     def _branch_systems(self, x: Array) -> list[_BranchSystem] | None:
         """Return the branches at x; None where one of them is unstable."""
         rationals = self.rationals(x)
-        if not all(g.stable for g in rationals):
+        if not all(g.is_stable for g in rationals):
             return None
         theta = self.theta(x)
         scale = self.natural_scale(x)

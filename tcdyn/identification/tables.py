@@ -141,7 +141,7 @@ def from_frame(
     elif resample_s is not None:
         interval = resample_s
     else:
-        interval = sampling(times, where)
+        interval = sampling_interval_s(times, where)
     if not 0 < interval < np.inf:
         raise InputError(
             f"the sampling interval is {interval:g} s", where=where, expected="a number above zero"
@@ -573,7 +573,7 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
     return converted.to_numpy(dtype=float)
 
 
-def sampling(times: Sequence[Array], where: str) -> float:
+def sampling_interval_s(times: Sequence[Array], where: str) -> float:
     """Return the sampling interval [s] of several runs, the mean of all steps.
 
     The mean is not biased by rounded time stamps. A step over missing rows counts as several.

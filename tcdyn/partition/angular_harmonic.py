@@ -218,7 +218,7 @@ class AngularHarmonic:
         }
 
     @property
-    def expected(self) -> AngularHarmonic:
+    def prior_for_refit(self) -> AngularHarmonic:
         """The prior for a second fit of this disk.
 
         Where the harmonic is significant, its changes and its second harmonic may be proportional

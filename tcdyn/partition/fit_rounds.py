@@ -192,7 +192,7 @@ def expected_harmonics(
     press_fits
         Prior of each disk with a press fit in rig.toml; may be empty.
     """
-    return {d: press_fits.get(d, harmonic.expected) for d, harmonic in estimated.items()}
+    return {d: press_fits.get(d, harmonic.prior_for_refit) for d, harmonic in estimated.items()}
 
 
 def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:

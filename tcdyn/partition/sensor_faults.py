@@ -193,7 +193,7 @@ def fit_fault(
     The effects are those of the disk as wired: with two channels exchanged they are nearly the
     same.
     """
-    levels, rim = window.rewired(sources)
+    levels, rim = window.rewire(sources)
     boundary, power = (
         CubicSpline(np.log(H_GRID_W_M2K), x[:, window.observed])(np.log(H_FINE_W_M2K))
         for x in rim.response(H_GRID_W_M2K)

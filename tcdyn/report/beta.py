@@ -95,7 +95,7 @@ def beta_sections(partition: Partition, truth: float | None = None) -> list[Sect
     unfolded = [section for section in main if not section.folded]
     folded = [section for section in main if section.folded]
     folded += [replace(section, folded=True) for section in appendix]
-    return [section.rendered() for section in (*unfolded, *folded)]
+    return [section.render() for section in (*unfolded, *folded)]
 
 
 def lead_section(partition: Partition, truth: float | None = None) -> Section:

@@ -112,7 +112,7 @@ class Section:
         """Whether heading, text and table stay on one printed page."""
         return self.table is None or len(self.table) <= MAX_ROWS_UNBROKEN
 
-    def rendered(self) -> Section:
+    def render(self) -> Section:
         """Return the section with picture and charts instead of its figure."""
         if self.figure is None:
             return self
@@ -187,7 +187,7 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def compressed(text: str) -> str:
+def gzip_base64(text: str) -> str:
     """Return a text compressed by gzip, in base64, for a script of the page."""
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
@@ -251,8 +251,8 @@ def render_page(
     html
         The complete page.
     """
-    sections = [section.rendered() for section in sections]
-    lead = None if lead is None else lead.rendered()
+    sections = [section.render() for section in sections]
+    lead = None if lead is None else lead.render()
     with_figure = [s for s in (lead, *sections) if s is not None and s.charts is not None]
     charts = {f"figure-{k}": section.charts for k, section in enumerate(with_figure)}
     figure_ids = {id(section): name for name, section in zip(charts, with_figure)}
@@ -275,9 +275,9 @@ def render_page(
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         plus_minus=has_uncertainty,
         figure_id=lambda section: figure_ids.get(id(section), ""),
-        charts=compressed(json.dumps(charts, ensure_ascii=False)) if charts else "",
+        charts=gzip_base64(json.dumps(charts, ensure_ascii=False)) if charts else "",
         script=resources.files("tcdyn.report").joinpath("templates/charts.js").read_text("utf-8"),
-        plotly=compressed(get_plotlyjs()) if charts else "",
+        plotly=gzip_base64(get_plotlyjs()) if charts else "",
     )
     return CONTROL.sub(" ", page)
 

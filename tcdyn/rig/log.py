@@ -129,7 +129,7 @@ class Log(Result):
             }
         )
 
-    def interpolated(self) -> pd.DataFrame:
+    def interpolate_missing(self) -> pd.DataFrame:
         """The frame with missing samples linearly interpolated."""
         if not self.frame.isna().to_numpy().any():
             return self.frame

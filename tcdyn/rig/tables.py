@@ -467,13 +467,13 @@ class TraceabilityTable(BaseModel):
         return self
 
     @property
-    def missing(self) -> tuple[str, ...]:
+    def missing_entries(self) -> tuple[str, ...]:
         """Keys of ``REQUIRED_ENTRIES`` that are not stated.
 
         Examples
         --------
         >>> stated = dict.fromkeys(REQUIRED_ENTRIES, "x") | {"reference_date": "2026-01-01"}
-        >>> TraceabilityTable(**(stated | {"laboratory": " "})).missing
+        >>> TraceabilityTable(**(stated | {"laboratory": " "})).missing_entries
         ('laboratory',)
         """
         return tuple(key for key in REQUIRED_ENTRIES if not getattr(self, key).strip())

@@ -517,7 +517,7 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
     high = data.noise_K[sparse]
     for _ in range(40):  # bisection of the logarithm
         middle = float(np.sqrt(low * high))
-        if np.mean(whitened(with_noise(middle), theta) ** 2) > 1:
+        if np.mean(whitened_residuals(with_noise(middle), theta) ** 2) > 1:
             low = middle
         else:
             high = middle
@@ -561,7 +561,7 @@ def averaged_rows(data: PairData, size: int) -> PairData:
     )
 
 
-def whitened(data: PairData, theta: Array) -> Array:
+def whitened_residuals(data: PairData, theta: Array) -> Array:
     """Residuals of unit variance: differences of the two sides at the middle between rows.
 
     Parameters
@@ -676,7 +676,7 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
 
 def _cost(data: PairData, theta: Array) -> float:
     """Return the sum of squares of the whitened residuals, with those of the priors."""
-    w = whitened(data, theta)
+    w = whitened_residuals(data, theta)
     return float(w @ w + np.sum(data.prior_residuals(theta) ** 2))
 
 
@@ -731,7 +731,7 @@ def _minimise(data: PairData, starts: Sequence[Array]) -> Array:
 
     def residuals(theta: Array) -> Array:
         """Return the whitened residuals and those of the priors."""
-        return np.r_[whitened(data, theta), data.prior_residuals(theta)]
+        return np.r_[whitened_residuals(data, theta), data.prior_residuals(theta)]
 
     def jacobian(theta: Array) -> Array:
         """Return central differences; long lags lose digits, so that the step is not small."""
@@ -801,13 +801,13 @@ def _fit(data: PairData, theta: Array) -> _Fit:
         The fit.
     """
     p = len(theta)
-    w = whitened(data, theta)
+    w = whitened_residuals(data, theta)
     steps = LOG_STEP * np.eye(p)
     scores = []
     hessian = np.zeros((p, p))
     for i, step in enumerate(steps):
-        up = whitened(data, theta + step) ** 2
-        down = whitened(data, theta - step) ** 2
+        up = whitened_residuals(data, theta + step) ** 2
+        down = whitened_residuals(data, theta - step) ** 2
         scores.append(0.25 * (up - down) / LOG_STEP)
         for j, other in enumerate(steps[: i + 1]):
             corners = 0.0

@@ -71,7 +71,7 @@ class CurveFit:
         k = self.optimum.problem.names.index(name)
         return float(np.sqrt(self.optimum.covariance[k, k]))
 
-    def resolved(self, names: Sequence[str]) -> bool:
+    def is_resolved(self, names: Sequence[str]) -> bool:
         """Whether the data distinguish all these parameters from zero."""
         return all(self.u(name) <= RESOLVED_REL * self.theta[name] for name in names)
 

@@ -163,7 +163,7 @@ class StepRecord:
         below = second_lag_probability(edges * self.sensor_lag_s, self.diameter_m)
         return float(below[0] if k < 0 else below[k + 1] - below[k])
 
-    def exchanged(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+    def exchange_lags(self, values: Mapping[str, float]) -> list[dict[str, float]]:
         """Return start values with the medium's lag and one of the sensor's lags exchanged.
 
         The response is symmetric in them, so that both are solutions; their priors decide. Lags
@@ -394,7 +394,7 @@ def _fit_with_noise(
         if record.curve(structure, start) is None:
             return None
         fit = _fit(record, structure, start, noise)
-        if not fit.resolved(structure.to_resolve):
+        if not fit.is_resolved(structure.to_resolve):
             return None
         if any(f.structure == structure and f.fit.is_near(fit) for f in fitted):
             return None
@@ -406,7 +406,7 @@ def _fit_with_noise(
         fit = add(structure, record.start(shares))
         if fit is None:
             break
-        for exchanged in record.exchanged(fit.theta):
+        for exchanged in record.exchange_lags(fit.theta):
             add(structure, exchanged)
     if not fitted:
         raise InputError(

@@ -420,7 +420,7 @@ def _press_fit_matrix(
     skin = s.bore_radius_m * np.log(grid.r[0] / s.bore_radius_m) / s.conductivity_W_mK
     psi = 2 * np.pi * (np.arange(N_ANGLES) + 0.5) / N_ANGLES
     mean_W_m2K = disk.bore_conductance_W_m2K
-    contact_W_m2K = mean_W_m2K * disk.uneven.relative(psi)
+    contact_W_m2K = mean_W_m2K * disk.uneven.relative_conductance(psi)
     shapes = np.stack([np.ones(N_ANGLES), *(wave(n * psi) for n, wave in harmonic_shapes(disk))])
     pairs = shapes * (contact_W_m2K / (1 + contact_W_m2K * skin)) @ shapes.T / N_ANGLES
     pairs[0, 0] -= mean_W_m2K / (1 + mean_W_m2K * skin)

@@ -220,7 +220,7 @@ def record_of(
         if noise_sd is None:  # readings without noise, as of a simulation
             noise[index] = np.maximum(noise[index], least_noise_sd(x))
         aliasing_u[index] = logger_noise.aliasing_u_K
-        coloured = coloured or logger_noise.coloured
+        coloured = coloured or logger_noise.is_coloured
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
         findings += logger_noise.findings(subject)
         for c in index:

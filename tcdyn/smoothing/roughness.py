@@ -69,7 +69,7 @@ MIN_FREQUENCIES = 50
 MAX_BANDS = 200
 
 
-def selected(record: Record, channels: Flags) -> Record:
+def select_channels(record: Record, channels: Flags) -> Record:
     """The record of some of its ``channels`` (M,)."""
     return replace(
         record,
@@ -177,7 +177,7 @@ def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
     return rise > (LEVEL_SD * sd if dof > FEW_DOF else 0.0)
 
 
-def adapted(
+def adapt_intensities(
     record: Record,
     noise_var: Array,
     intensities: Sequence[Intensity],
@@ -347,15 +347,15 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
     return smooth_record(record, fit.noise_var, chosen)
 
 
-def refined(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
+def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
     """``fit`` with the channels adapted whose prior is too smooth."""
     channels = too_smooth(fit)
     if not channels.any():
         return fit
     chosen = [q for q, use in zip(fit.intensities, channels) if use]
-    record = selected(fit.record, channels)
+    record = select_channels(fit.record, channels)
     intensities = list(fit.intensities)
-    rougher = adapted(record, fit.noise_var[channels], chosen, divisions)
+    rougher = adapt_intensities(record, fit.noise_var[channels], chosen, divisions)
     for index, q in zip(np.flatnonzero(channels).tolist(), rougher):
         intensities[index] = q
     return smooth_record(fit.record, fit.noise_var, intensities)

@@ -43,7 +43,7 @@ from tcdyn.smoothing.process_noise import (
     tradeoff_curve,
 )
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
-from tcdyn.smoothing.roughness import refined, unresolved_var, with_least_risk
+from tcdyn.smoothing.roughness import refine, unresolved_var, with_least_risk
 from tcdyn.smoothing.rts import rts_smooth
 from tcdyn.smoothing.state_space import Smoothed, full_model, likelihood, smooth_record
 
@@ -302,7 +302,7 @@ def _smooth_by_likelihood(
     contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
     if detect and _shows_events(fit):
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
-    fit = refined(fit)
+    fit = refine(fit)
     return with_least_risk(fit), detected_events, remaining_jump(fit), contradicts
 
 
@@ -326,7 +326,7 @@ def _shows_events(fit: Smoothed) -> bool:
     """Whether level noise, the same at all times, leaves candidates of events."""
     if not candidates(fit, fit.record.events_s):
         return False
-    return bool(candidates(refined(fit, divisions=0), fit.record.events_s))
+    return bool(candidates(refine(fit, divisions=0), fit.record.events_s))
 
 
 def _spikes(fit: Smoothed) -> Flags:

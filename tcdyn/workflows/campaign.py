@@ -1,7 +1,7 @@
 """Analysis of many EHL logs into one table: parallel, resumable, tolerant of a log that fails.
 
 The command ``tcdyn rig campaign``. One log is :mod:`tcdyn.workflows.campaign_log`, the combined
-analysis :func:`tcdyn.campaign.joined`. Guarded by ``tests/cli/test_campaign_command.py``.
+analysis :func:`tcdyn.campaign.join_results`. Guarded by ``tests/cli/test_campaign_command.py``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tcdyn.campaign import (
     JoinedCampaign,
     MapComparison,
     compare_maps,
-    joined,
+    join_results,
     rig_fingerprint,
 )
 from tcdyn.campaign.stored_results import (
@@ -294,7 +294,7 @@ def run_campaign(
     if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
         write_text(folder / TABLE_FILE, table_csv(table, "%.8g"))
     interchange = None if interchanged is None else _compare_interchange(ordered, interchanged)
-    campaign = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
+    campaign = join_results({o.name: o.data for o in ordered if o.data is not None}, curves)
     if campaign is not None:
         content = campaign.to_dict()
         if interchange is not None:

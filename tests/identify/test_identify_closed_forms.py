@@ -205,7 +205,7 @@ def test_record_is_sliced_by_time_and_the_held_out_part_is_its_end() -> None:
     two_runs = data.merge(
         IOData.from_arrays(np.arange(50.0), np.r_[np.full(5, np.nan), np.arange(45.0)], 0.1)
     )
-    assert (two_runs.n_samples, two_runs.missing, two_runs.duration_s) == (
+    assert (two_runs.n_samples, two_runs.n_missing, two_runs.duration_s) == (
         150,
         5,
         pytest.approx(10.0),
