@@ -107,6 +107,7 @@ def follow(
     check_outputs(read_files, reporter.overwrite, report=report)
 
     def announce(followed: RawLog, delay_s: float) -> None:
+        """Print the log, the number of channels and the delay."""
         count = len(followed.channels.units)
         reporter.text(f"following {log}, {count} channels; Ctrl-C ends it")
         reporter.text(f"  rows are written at most {delay_s:.3g} s late")

@@ -303,7 +303,10 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
     start = np.linalg.lstsq(np.column_stack(columns), x, rcond=None)[0]
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
-        """Innovations (N,) and their Jacobian (N, p + q); None for a model that cannot be used."""
+        """Innovations (N,) and their Jacobian (N, p + q) at x = (ar, ma).
+
+        None for a model that is unstable or not invertible.
+        """
         d = np.concatenate([[1.0], x[:p]])
         c = np.concatenate([[1.0], x[p:]])
         unstable = p and np.max(np.abs(np.roots(d))) >= 1

@@ -163,13 +163,13 @@ def fit_function(
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     estimates = {n: Estimate.normal(float(v), float(s)) for n, v, s in zip(names, optimum.theta, u)}
     findings = search_findings(optimum, estimates, "the model")
-    outputs = _outputs(optimum.theta, data, model, names)
+    outputs = _simulated_outputs(optimum.theta, data, model, names)
     rms = float(np.sqrt(np.mean(innovation**2)))
     percent = nrmse_percent([innovation], [with_gaps[measured]])
     return FunctionFit(estimates, covariance, tuple(outputs), percent, rms, findings, optimum)
 
 
-def _outputs(
+def _simulated_outputs(
     x: Array, data: IOData, model: SimulationFunction, names: tuple[str, ...]
 ) -> list[Array]:
     """Return the simulated outputs (N,) of the runs at a vector x (P,).
@@ -193,7 +193,7 @@ def _residual(
     x: Array, data: IOData, model: SimulationFunction, names: tuple[str, ...]
 ) -> Array | None:
     """Return simulated minus measured output (N,) at x; None where it is not finite."""
-    simulated = np.concatenate(_outputs(x, data, model, names))
+    simulated = np.concatenate(_simulated_outputs(x, data, model, names))
     measured = data.outputs[:, 0]
     residual = (simulated - measured)[np.isfinite(measured)]
     return residual if np.isfinite(residual).all() else None

@@ -311,6 +311,7 @@ def frols_with_polynomials() -> Callable[[int, int, int], Any]:
         ) from None
 
     def model(degree: int, lags: int, max_terms: int) -> Any:
+        """Return a polynomial NARX model of sysidentpy whose terms are selected by BIC."""
         return FROLS(
             ylag=lags,
             xlag=lags,

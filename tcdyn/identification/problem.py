@@ -600,7 +600,22 @@ class IdentificationProblem:
     def _innovations(
         self, x: Array, noise: NoiseModel, root: Array | float
     ) -> tuple[Array, Array] | None:
-        """Innovations: whitened residuals (N,) and their Jacobian (N, size) at x, or None."""
+        """Whitened residuals (N,) and their Jacobian (N, size).
+
+        Parameters
+        ----------
+        x
+            Parameters, offsets, drifts and initial states (size,).
+        noise
+            Noise model; not used with equation error, whose noise is that of the poles.
+        root
+            Square roots of the weights of the residuals.
+
+        Returns
+        -------
+        tuple of array, or None
+            None where the model cannot be computed.
+        """
         slices = self.residual_slices
         rows = self.evaluate(x, root)
         if rows is None:

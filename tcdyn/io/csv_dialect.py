@@ -498,7 +498,7 @@ def _rows_and_data(
     data: list[int] = []
     number = top
     while number < len(lines) and len(data) < DATA_ROWS:
-        line, count = _joined_lines(lines, number, separator)
+        line, count = _join_quoted_lines(lines, number, separator)
         if line.strip() and not line.startswith(COMMENT):
             cells = split(line, separator)
             rows.append((number, cells))
@@ -508,8 +508,24 @@ def _rows_and_data(
     return comments, rows, data
 
 
-def _joined_lines(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
-    """A line with those that continue its quoted cell, and how many lines these are."""
+def _join_quoted_lines(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
+    """Join a line and those that continue its quoted cell.
+
+    Parameters
+    ----------
+    lines
+        Lines of the file.
+    number
+        Index of the line.
+    separator
+        Separator of the cells.
+
+    Returns
+    -------
+    line, count
+        The joined line, and of how many it consists. A quote that is not closed within
+        ``LONGEST_CELL_LINES`` is a character: the line alone.
+    """
     line = lines[number]
     count = 1
     while has_open_quote(line, separator):

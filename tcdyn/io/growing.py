@@ -168,25 +168,28 @@ class GrowingText:
                 file = _identity(stream)
                 size = os.fstat(stream.fileno()).st_size
                 if size < self.offset:
-                    raise self._not_the_log(
+                    raise self._replaced_log_error(
                         f"it became shorter ({size} bytes, {self.offset} were read)"
                     )
                 if file != self.file:
                     _, content_hash, _ = _read_to(stream, self.offset)
                     if content_hash.digest() != self.hash.digest():
-                        raise self._not_the_log("another file with other rows is in its place")
+                        raise self._replaced_log_error(
+                            "another file with other rows is in its place"
+                        )
                     self.file = file
                 stream.seek(0)
                 if stream.read(len(self.header)) != self.header:
-                    raise self._not_the_log("its header was changed")
+                    raise self._replaced_log_error("its header was changed")
                 stream.seek(self.offset - len(self.tail))
                 if stream.read(len(self.tail)) != self.tail:
-                    raise self._not_the_log("rows that were read already were changed")
+                    raise self._replaced_log_error("rows that were read already were changed")
                 return stream.read(READ_BYTES)
         except FileNotFoundError:
-            raise self._not_the_log("there is no such file any more") from None
+            raise self._replaced_log_error("there is no such file any more") from None
 
-    def _not_the_log(self, reason: str) -> InputError:
+    def _replaced_log_error(self, reason: str) -> InputError:
+        """Return the error for a log that was replaced or rewritten, with the reason."""
         return InputError(
             f"the log was replaced, rotated or rewritten while it was followed: {reason}",
             where=display_path(self.path),

@@ -202,7 +202,7 @@ def _parse_compact(text: str) -> _Stamp:
 
 
 def _zone_s(zone: str | None) -> float | None:
-    """Seconds east of Greenwich; None without a zone."""
+    """Offset of a zone such as +01:00 or CET from UTC [s]; None without a zone."""
     if not zone:
         return None
     if zone in _ZONES:
@@ -348,7 +348,23 @@ class Stamps:
         return self._order or "dmy"
 
     def _without_clock_changes(self, wall_s: Array, dates: pd.Series, is_sunday: Flags) -> Array:
-        """Times (N,) [s] that continue where the local clock jumps by an hour on a Sunday night."""
+        """Times (N,) [s] that continue where the local clock jumps by an hour on a Sunday night.
+
+        Parameters
+        ----------
+        wall_s
+            Times of the local clock (N,) [s].
+        dates
+            Dates of the stamps, for the warning.
+        is_sunday
+            Whether each date is a Sunday (N,).
+
+        Notes
+        -----
+        A jump counts if the step without the hour is nearer to the usual step, at most
+        ``LONGEST_REST`` usual steps long, and at one of ``CHANGE_HOURS``. The state of the clock is
+        kept for the next chunk.
+        """
         steps = np.diff(wall_s, prepend=self._last_wall_s)
         shift_s = np.full(len(wall_s), self._shift_s)
         is_jump = ((steps < 0) & (steps > -SECONDS_PER_HOUR)) | (steps > SECONDS_PER_HOUR)
@@ -373,9 +389,20 @@ class Stamps:
 
 
 def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
-    """The three fields of a date as (first, second, third).
+    """The three fields of a date in the order of the text.
 
-    A date whose order is known is (day, month, year), with the year above 31.
+    Parameters
+    ----------
+    text
+        The date, with separators, with the name of a month, or of eight digits (year first).
+    column, where
+        Column and file, for messages.
+
+    Returns
+    -------
+    first, second, third
+        If their order is known: day, month and year, which is above 31. Otherwise ``_date_order``
+        finds it, and a third field of two digits is negative.
     """
     if text.isdecimal():
         return int(text[6:]), int(text[4:6]), int(text[:4])

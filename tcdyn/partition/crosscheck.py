@@ -89,7 +89,7 @@ class Budget:
 
     @property
     def total(self) -> BudgetRow:
-        """Standard uncertainty of beta in total."""
+        """Total of the budget: standard uncertainty of beta by all sources together."""
         return _budget_row("all together", self.samples)
 
 

@@ -554,7 +554,8 @@ def _responses_to_inner_row_errors(
 def _split_effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, predicted: Array) -> Array:
     """Effect of a second moved from an outer junction's first lag to its second, (P, R, P) [K].
 
-    Each junction changes only its own reading. The lags are those of the mean chain.
+    ``predicted`` are the readings of the outer row in the blocks of the window, (R, P) [degC]. Each
+    junction changes only its own reading. The lags are those of the mean chain.
     """
     dt = test.dt_s
     taus = sorted(disk.mean_chain.taus_s, reverse=True)

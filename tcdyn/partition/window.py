@@ -146,7 +146,7 @@ class RimMeans:
 
     @property
     def inner_inputs(self) -> slice:
-        """Inputs of the inner row."""
+        """Slice of the inputs that are junctions of the inner row; input 0 is the power."""
         return slice(1, self.ambient_index)
 
     @property
@@ -200,7 +200,11 @@ class RimMeans:
     def _gains(
         self, h_W_m2K: float, perturbation: Perturbation, extra: tuple[Point, ...]
     ) -> RimGains:
-        """Compute the gains of :meth:`gains`; a depth shift moves junctions, not the rim's edge."""
+        """Compute the gains that :meth:`gains` caches; the parameters are the same.
+
+        A depth shift moves junctions, not the rim's edge. The inner row, with ``both_rows``, is
+        predicted from the bore; it does not depend on the inputs of the inner row.
+        """
         setup = self.setup
         depth_shifts = zip_longest(setup.rows, perturbation.depth_shift_m, fillvalue=0.0)
         positions = [
@@ -231,7 +235,21 @@ class RimMeans:
         h_W_m2K: float,
         perturbation: Perturbation,
     ) -> RimGains:
-        """Gains of a nominal rim that departs by ``perturbation``, at some points."""
+        """Gains of a rim at some points.
+
+        Parameters
+        ----------
+        rim
+            Nominal rim.
+        points
+            Points, (depth, z) [m].
+        mesh
+            Mesh of the rim.
+        h_W_m2K
+            Heat transfer coefficient of the running surface.
+        perturbation
+            Departure from the nominal rim, its flux and h.
+        """
         rim = replace(
             rim,
             conductivity_W_mK=rim.conductivity_W_mK * (1 + perturbation.conductivity),
@@ -565,9 +583,12 @@ def disk_window(
 
 
 def _fit_block_starts(test: EhlTest, time_s: Array) -> NDArray[np.int64]:
-    """First sample of each block of the fits, (R,).
+    """First sample (R,) of each block of the fits, in the order of time.
 
-    Samples before the steady window are in no block: they only settle the bank.
+    Blocks last ``STEADY_BLOCK_S`` under load, one sample about the unloading, from
+    ``BEFORE_UNLOADING_S`` before to ``SINGLE_SAMPLES_S`` after it, and ``COARSE_BLOCK_S`` later.
+    ``time_s`` (N,) are the times of the samples. Those before the steady window are in no block:
+    they only settle the bank.
     """
     unload_s = test.events.unload_s
     boundaries_s = [

@@ -77,7 +77,7 @@ def decision_rule(record: DiskRecord) -> str:
 
 
 def identification(record: DiskRecord) -> pd.DataFrame:
-    """Return laboratory, customer, item, reference, instruments, days and software as rows."""
+    """Return who calibrated what with which reference, as the rows that ISO/IEC 17025 asks for."""
     t = record.setup.traceability
     sensors = f"{len(record.static)} thermocouples"
     channels = ", ".join(record.static)
@@ -152,7 +152,7 @@ def results(record: DiskRecord) -> pd.DataFrame:
 
 
 def budget_table(budget: UncertaintyBudget) -> pd.DataFrame:
-    """Return the budget as in the GUM."""
+    """Return the budget of a correction at one temperature as a table, in the form of the GUM."""
     rows = []
     for source in budget.sources:
         rows.append(

@@ -215,13 +215,13 @@ class _Converter:
         across = artist.get_transform().contains_branch_seperately(self.ax.transData)
         if isinstance(artist, Line2D):
             if not all(across):
-                self._shape("line", artist, across, artist.get_xydata(), _line(artist))
+                self._add_shape("line", artist, across, artist.get_xydata(), _line(artist))
                 return ()
             return (self._line_trace(artist),)
         if isinstance(artist, Rectangle) and not all(across):
             corners = artist.get_patch_transform().transform([(0, 0), (1, 1)])
             fill = {"fillcolor": _rgba(artist.get_facecolor()), "line": {"width": 0}}
-            self._shape("rect", artist, across, corners, fill)
+            self._add_shape("rect", artist, across, corners, fill)
             return ()
         if isinstance(artist, Patch):
             path = artist.get_patch_transform().transform_path(artist.get_path())
@@ -237,7 +237,17 @@ class _Converter:
         raise NotConvertible(type(artist).__name__)
 
     def _trace(self, artist: Any, x: ArrayLike, y: ArrayLike, **options: Any) -> Trace:
-        """Return a trace with name, group and hover text."""
+        """Return a trace with name, group and hover text.
+
+        Parameters
+        ----------
+        artist
+            Artist of matplotlib; its label is the name and the group.
+        x, y
+            Coordinates; a category of the axis is shown by its name.
+        options
+            Further keys of the trace. With ``hoverinfo`` there is no hover text.
+        """
         trace: Trace = {"type": "scatter", "yaxis": self.y_name, **options}
         self._name(artist, trace)
         hover = []
@@ -327,10 +337,24 @@ class _Converter:
         line = {"color": to_hex(colour), "width": 1.3 * width}
         return self._trace(artist, x, y, mode="lines", line=line)
 
-    def _shape(
+    def _add_shape(
         self, kind: str, artist: Any, across: Sequence[bool], ends: Any, style: dict[str, Any]
     ) -> None:
-        """Add a line or band across the axes."""
+        """Add a line or band across the axes to the layout.
+
+        Parameters
+        ----------
+        kind
+            "line" or "rect".
+        artist
+            Artist of matplotlib, for the name.
+        across
+            Whether ``ends`` are data in x and in y; otherwise shares of the axes.
+        ends
+            Two opposite corners, (2, 2) or more.
+        style
+            Further keys of the shape.
+        """
         (x0, y0), (x1, y1) = np.asarray(ends, dtype=float)[[0, -1]]
         shape = {"type": kind, "x0": x0, "x1": x1, "y0": y0, "y1": y1, **style}
         shape["xref"] = "x" if across[0] else "x domain"
@@ -464,7 +488,17 @@ def _names(axis: dict[str, Any], values: Array) -> list[str]:
 
 
 def _colour_scale(shades: Any, low: float, high: float, label: str) -> Trace:
-    """Return a trace without points that shows a colour scale."""
+    """Return a trace without points that shows a colour scale.
+
+    Parameters
+    ----------
+    shades
+        Colours at uniform steps from ``low`` to ``high``.
+    low, high
+        Values at the ends of the scale.
+    label
+        Title of the scale, with its unit.
+    """
     stops = np.linspace(0.0, 1.0, len(shades))
     return {
         "type": "scatter",

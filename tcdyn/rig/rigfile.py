@@ -466,7 +466,7 @@ def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
 
 
 def _toml_value(value: Any) -> str:
-    """A value as TOML text."""
+    """Write a value as TOML: a table inline, a list, text, a number or a boolean."""
     if isinstance(value, dict):
         pairs = ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items())
         return f"{{ {pairs} }}"

@@ -112,7 +112,10 @@ class TableChannels:
         return max((channel.chain.lag_s for channel in self.channels), default=0.0)
 
     def readings(self, segment: TableSegment) -> tuple[list[ChannelReadings], list[Finding]]:
-        """Readings of the channels that have enough of them, and findings."""
+        """Readings of the channels that have ``MIN_ROWS`` of them, on even times, and findings.
+
+        A group of many channels is divided, so that one block holds at most ``MAX_VALUES``.
+        """
         findings = []
         for channel in self.channels:
             values = segment.data[channel.column]

@@ -500,7 +500,7 @@ class _Mixture:
     chances: Array
 
     def sample(self, rng: np.random.Generator) -> Array:
-        """Return ``SAMPLES`` samples (SAMPLES, D)."""
+        """Draw ``SAMPLES`` samples (SAMPLES, D) from the mixture of Student's t distributions."""
         component = rng.choice(len(self.centres), SAMPLES, p=self.chances)
         tails = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, (SAMPLES, 1)))
         roots = np.linalg.cholesky(self.covariances)[component]

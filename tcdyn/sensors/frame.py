@@ -141,7 +141,13 @@ def _is_time(column: pd.Series) -> bool:
 
 
 def _as_index(values: pd.Series | pd.Index[Any], name: str, where: str) -> pd.Index[Any]:
-    """Times as numbers, dates or durations; InputError for anything else."""
+    """The index or column ``name`` of ``where`` as times: numbers, dates or durations.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
     index = pd.Index(values)
     if index.dtype.kind not in "fiuMm":
         raise InputError(

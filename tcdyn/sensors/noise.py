@@ -55,6 +55,11 @@ TAPER_FACTOR = 35 / 18
 # (`python -m tests.sensors.layered_study noise`); and bins that are averaged to find it.
 NEGLIGIBLE_POWER = 3e-3
 SMOOTHED_BINS = 9
+# Lags at which the fits start: their number, the longest over the length of a segment, and a second
+# lag over the first; chosen by judgement.
+N_STARTS = 6
+LONGEST_START = 0.2
+SECOND_LAG_SHARE = 0.2
 MIN_BINS = 20  # least number of bins that are fitted; chosen by judgement
 BANDS = 12  # of the goodness-of-fit test of the spectrum; chosen by judgement
 MISFIT_P_VALUE = 0.001  # p-value of that test below which a warning is given; chosen by judgement
@@ -123,12 +128,12 @@ def noise_sensor(
     longest = n // MIN_SEGMENTS
     length = longest
     for _ in range(3):
-        theta = _fit(segments(y, length, dt), 1)
+        theta = _fit_spectrum(segments(y, length, dt), 1)
         length = int(np.clip(SEGMENT_LAGS * np.exp(theta[2]) / dt, MIN_SEGMENT_ROWS, longest))
     periodogram = segments(y, length, dt)
     conductive = replace(periodogram, conduction=True)
     structures = [periodogram, periodogram, conductive]
-    fits = [_fit(data, count) for data, count in zip(structures, (1, 2, 2))]
+    fits = [_fit_spectrum(data, count) for data, count in zip(structures, (1, 2, 2))]
     costs = np.array([_cost(theta, data) for theta, data in zip(fits, structures)])
     costs *= periodogram.weight
     n_parameters = np.array([3, 4, 4])
@@ -283,8 +288,8 @@ def _cost(theta: Array, periodogram: Periodogram) -> float:
     return float(np.sum(np.log(s) + periodogram.power / s))
 
 
-def _fit(periodogram: Periodogram, count: int) -> Array:
-    """Return the parameters of least cost (Nelder-Mead, six starts).
+def _fit_spectrum(periodogram: Periodogram, count: int) -> Array:
+    """Return the parameters of least cost (Nelder-Mead from ``N_STARTS`` lags).
 
     Parameters
     ----------
@@ -304,8 +309,8 @@ def _fit(periodogram: Periodogram, count: int) -> Array:
     floor = float(np.median(power[-max(len(power) // 10, 3) :]))
     options = {"maxiter": 1500, "xatol": 1e-4, "fatol": 1e-4}
     results = []
-    for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(power), 6):
-        start = np.log([mean_power, max(floor, 1e-12), *[tau, 0.2 * tau][:count]])
+    for tau in np.geomspace(2 * dt, LONGEST_START * dt * 2 * len(power), N_STARTS):
+        start = np.log([mean_power, max(floor, 1e-12), *[tau, SECOND_LAG_SHARE * tau][:count]])
         result = minimize(_cost, start, (periodogram,), method="Nelder-Mead", options=options)
         results.append(result)
     theta = min(results, key=lambda result: result.fun).x

@@ -717,7 +717,19 @@ def _settled_lengths(margin: int, min_rows: int) -> _Lengths:
 def _delayed_lengths(
     delay_s: float, lag_s: float, interval_s: float, stretch_rows: int
 ) -> _Lengths:
-    """Lengths of a block with a fixed delay, ``stretch_rows`` rows after a start or a long gap."""
+    """Lengths [rows] of a block with a fixed delay; see the notes of ``read_segments``.
+
+    Parameters
+    ----------
+    delay_s
+        The delay [s].
+    lag_s
+        Largest lag, for the margin before the block [s].
+    interval_s
+        Interval of the rows [s]; 0: not known yet, so that ``START_ROWS`` are read first.
+    stretch_rows
+        Rows since the start or the last long gap that belong to earlier blocks.
+    """
     if not interval_s:
         return _Lengths(0, 0, 0, 0, 0, START_ROWS)
     rows = int(delay_s / interval_s + 1e-6)

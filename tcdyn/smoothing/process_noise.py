@@ -196,7 +196,20 @@ def exact_levels(
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
     def evaluate(logs: Array, fine: float) -> tuple[Array, Array]:
-        """Log likelihood, profiled over unknown noise, and factor of its variance (M, Q)."""
+        """Likelihood of intensities, profiled over unknown noise.
+
+        Parameters
+        ----------
+        logs
+            Logarithm of the intensities over the noise variance (M, Q) [1/s3].
+        fine
+            Largest length of an interval, see ``knots_for``.
+
+        Returns
+        -------
+        log_likelihood, ratio
+            Log likelihood, and factor of the noise variance, (M, Q).
+        """
         proposed = [
             [Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)
         ]
@@ -229,19 +242,20 @@ def exact_levels(
         logs = np.clip(refined, np.log(FLOOR), None)
     intensity = np.exp(top) * noise_var * scale
     larger = noise_var * scale
-    signal = (scale > NOISE_SLACK) & _stands_out(record, larger, intensity)
+    signal = (scale > NOISE_SLACK) & _has_line_above_corner(record, larger, intensity)
     if signal.any():
         known, _ = exact_levels(record, noise_var, True, most, trials)
         return np.where(signal, known, intensity), np.where(signal, noise_var, larger)
     return intensity, larger
 
 
-def _stands_out(record: Record, noise_var: Array, intensity: Array) -> Flags:
+def _has_line_above_corner(record: Record, noise_var: Array, intensity: Array) -> Flags:
     """Channels (M,) with a frequency above the corner of the smoother whose power is no noise.
 
     A larger noise would explain such a line, or part of a spectrum, as well as a temperature would;
     but white noise has the same power at all frequencies. In the periodogram of white noise the
-    share above log(N / P) is P / N.
+    share above log(N / P) is P / N; P is ``LINE_CHANCE``. ``noise_var`` [K2] and ``intensity``
+    [K2/s3] are those of the channels (M,).
     """
     n = len(record.y)
     t = np.linspace(-1, 1, n)

@@ -50,6 +50,7 @@ MIN_DOF = 4.0
 MAX_DIVISIONS = 6
 # windows of a record in which its prior is checked
 CHECK_WINDOWS = 64
+CHECK_SIZES = (1, 4, 16)  # windows that are checked together; divisors of their number
 # smallest level noise, in noise variances per second
 LEVEL_FLOOR = 1e-9
 # factors of the intensity that are tried by the risk, and standard deviations by which it must fall
@@ -70,7 +71,7 @@ MAX_BANDS = 200
 
 
 def select_channels(record: Record, channels: Flags) -> Record:
-    """The record of some of its ``channels`` (M,)."""
+    """The record with those of its channels that ``channels`` (M,) marks."""
     return replace(
         record,
         y=record.y[:, channels],
@@ -142,7 +143,7 @@ def too_smooth(fit: Smoothed) -> Flags:
         if not q.level_noise and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
             out[c] = True
             continue
-        for size in (1, 4, 16):
+        for size in CHECK_SIZES:
             total = observed.reshape(-1, size, 2).sum(axis=1)
             total_dof = dof.reshape(-1, size, 2).sum(axis=1)
             gain = gain_nats(total_dof, np.maximum(total / total_dof, 1.0))
@@ -183,7 +184,7 @@ def adapt_intensities(
     intensities: Sequence[Intensity],
     divisions: int = MAX_DIVISIONS,
 ) -> list[Intensity]:
-    """Intensities with level noise, by blocks of time.
+    """Estimate intensities with level noise in blocks of time by maximum likelihood.
 
     Parameters
     ----------
@@ -234,7 +235,24 @@ def _first_level_noise(q: Intensity, chain: Chain, noise_density: float) -> Arra
 
 
 def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
-    """The intensity after one iteration, and the largest gain of a block by it [nats]."""
+    """Multiply the intensity of each block by the factor that the scores ask for.
+
+    Parameters
+    ----------
+    fit
+        Record smoothed with the present intensities.
+    channel
+        Index of the channel.
+    q
+        Its intensity.
+
+    Returns
+    -------
+    intensity
+        The intensity after one iteration; no factor exceeds ``MAX_FACTOR``.
+    gain
+        Largest gain of a block in log likelihood [nats].
+    """
     observed, expected = score_sums(fit, channel, np.array(q.starts_s))
     var = np.column_stack([q.level_noise, q.levels])
     dof = np.maximum(var * expected, 1e-3)
@@ -251,7 +269,17 @@ def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intens
 
 
 def _divide_blocks(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
-    """The intensity with those blocks divided whose halves disagree."""
+    """Divide those blocks of an intensity whose halves disagree by ``SPLIT_NATS``.
+
+    Parameters
+    ----------
+    fit
+        Record smoothed with the present intensities.
+    channel
+        Index of the channel.
+    q
+        Its intensity. Halves with fewer than ``MIN_DOF`` degrees of freedom are not divided.
+    """
     starts = np.array(q.starts_s)
     middles = 0.5 * (starts + np.append(starts[1:], fit.knots_s[-1]))
     observed, expected = score_sums(fit, channel, np.column_stack([starts, middles]).ravel())
@@ -306,6 +334,7 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
         return out
 
     def scaled(scale: float) -> list[Intensity]:
+        """The intensities of the fit, all multiplied by one factor."""
         return [
             replace(
                 q,
@@ -348,7 +377,7 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
 
 
 def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
-    """``fit`` with the channels adapted whose prior is too smooth."""
+    """Smooth again with adapted intensities of the channels whose prior is too smooth."""
     channels = too_smooth(fit)
     if not channels.any():
         return fit

@@ -242,7 +242,7 @@ def flow(drift: Array, time_s: float) -> Array:
     The cache helps because channels and windows share their chains and intervals. The result cannot
     be written to. Times are rounded to 1e-12 s.
     """
-    return _flow(drift.tobytes(), len(drift), round(time_s, 12))
+    return _cached_flow(drift.tobytes(), len(drift), round(time_s, 12))
 
 
 def flows(drift: Array, dt_s: float) -> Array:
@@ -250,11 +250,11 @@ def flows(drift: Array, dt_s: float) -> Array:
 
     The shape is (K, n, n). The longest interval is the last of ``tcdyn.smoothing.intervals.STEPS``.
     """
-    return _flows(drift.tobytes(), len(drift), dt_s)
+    return _cached_flows(drift.tobytes(), len(drift), dt_s)
 
 
 @lru_cache(maxsize=200)
-def _flows(drift: bytes, n: int, dt_s: float) -> Array:
+def _cached_flows(drift: bytes, n: int, dt_s: float) -> Array:
     """The matrices of ``flows``, by the bytes of the drift, which the cache can compare."""
     one = flow(np.frombuffer(drift).reshape(n, n), dt_s)
     powers = [np.eye(n)]
@@ -264,7 +264,7 @@ def _flows(drift: bytes, n: int, dt_s: float) -> Array:
 
 
 @lru_cache(maxsize=20_000)
-def _flow(drift: bytes, n: int, time_s: float) -> Array:
+def _cached_flow(drift: bytes, n: int, time_s: float) -> Array:
     """The matrix of ``flow``, by the bytes of the drift, which the cache can compare."""
     result = np.asarray(expm(np.frombuffer(drift).reshape(n, n) * time_s))
     result.setflags(write=False)

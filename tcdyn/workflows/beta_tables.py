@@ -189,7 +189,7 @@ def u_of_beta(u: float) -> str:
 
 
 def conditions_table(partition: Partition) -> pd.DataFrame:
-    """Table of the conditions of the test."""
+    """Table of load, speeds, friction, events and hottest surfaces of the test, with units."""
     t = partition.test
     plain = [
         ("load", f"{t.load_N:.0f}", "N"),

@@ -110,6 +110,7 @@ class LogSegments:
         reported_percent = 0
 
         def report(rows: int) -> None:
+            """Report the rows that are done, every ten percent."""
             nonlocal reported_percent
             percent = 10 * (10 * rows // self.log.rows)
             if percent > reported_percent:

@@ -166,6 +166,7 @@ def compensate_table(
     next_row = 0
 
     def report(rows: int) -> None:
+        """Report the rows that are done, each time that they have doubled, after the first."""
         nonlocal next_row
         if rows >= next_row:
             progress(f"compensating, from row {rows + 1}")
@@ -227,7 +228,7 @@ def check_delay(delay_s: float | None) -> None:
 
 
 def delayed_findings(raw: RawLog, rising: RisingRows, totals: Totals) -> list[Finding]:
-    """Findings of a run with a fixed delay.
+    """Findings of a run with a fixed delay: of the log, of its rows ``rising``, and of ``totals``.
 
     Findings about single records of the smoother (``trace.``, ``noise.``) are about some hundred
     rows each. They are replaced by the number of readings that were not used.

@@ -211,6 +211,7 @@ def _rename_columns(table: Table, names: Mapping[str, str], stamps: str) -> Tabl
     """
 
     def chunks(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        """Yield chunks of the table with its columns under their new names."""
         in_table = {name: names.get(name, name) for name in wanted}
         for chunk in table.chunks(list(dict.fromkeys(in_table.values())), rows):
             data = {name: chunk.data[old] for name, old in in_table.items()}
