@@ -179,12 +179,12 @@ class Estimate(BaseModel):
         return self.text()
 
 
-def mixture(parts: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
+def mixture(components: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
     """Mean, standard uncertainty and 95 % interval of a mixture of normal distributions.
 
     Parameters
     ----------
-    parts
+    components
         The components; their value and ``u`` are used.
     weights
         Weights of the components, above zero; their sum need not be one.
@@ -200,21 +200,23 @@ def mixture(parts: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
     >>> print(mixture([Estimate.normal(1.0, 0.1), Estimate.normal(2.0, 0.1)], [1.0, 1.0]))
     1.50 +- 0.51 (95 %: 0.84 to 2.16)
     """
-    if len(parts) == 1:
-        return parts[0]
+    if len(components) == 1:
+        return components[0]
     shares = [w / sum(weights) for w in weights]
-    mean = sum(w * e.value for w, e in zip(shares, parts))
-    variance = sum(w * (e.u**2 + (e.value - mean) ** 2) for w, e in zip(shares, parts))
-    low95, high95 = mixture_interval95(parts, shares)
+    mean = sum(w * e.value for w, e in zip(shares, components))
+    variance = sum(w * (e.u**2 + (e.value - mean) ** 2) for w, e in zip(shares, components))
+    low95, high95 = mixture_interval95(components, shares)
     return Estimate(value=mean, u=variance**0.5, low95=low95, high95=high95)
 
 
-def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> tuple[float, float]:
+def mixture_interval95(
+    components: Sequence[Estimate], weights: Sequence[float]
+) -> tuple[float, float]:
     """Central 95 % interval of a mixture of normal distributions.
 
     Parameters
     ----------
-    parts
+    components
         The components; their value and ``u`` are used.
     weights
         Weights of the components, with sum one.
@@ -229,8 +231,8 @@ def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> t
     >>> [round(x, 3) for x in mixture_interval95([Estimate.normal(0.0, 1.0)], [1.0])]
     [-1.96, 1.96]
     """
-    components = [NormalDist(estimate.value, max(estimate.u, 1e-300)) for estimate in parts]
-    low95, high95 = (_mixture_quantile(components, weights, p) for p in (0.025, 0.975))
+    normals = [NormalDist(component.value, max(component.u, 1e-300)) for component in components]
+    low95, high95 = (_mixture_quantile(normals, weights, p) for p in (0.025, 0.975))
     return low95, high95
 
 

@@ -117,7 +117,7 @@ def _channels_by_name(file: Any) -> dict[str, Any]:
 
 
 def _tdms_chunks(
-    path: Path, where: str, make_time: bool, wanted: Sequence[str], rows: int = CHUNK_ROWS
+    path: Path, where: str, make_time: bool, requested: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield the wanted channels in chunks.
 
@@ -130,7 +130,7 @@ def _tdms_chunks(
         The file, and its name for messages.
     make_time
         Whether ``time_s`` is made from the time tracks.
-    wanted
+    requested
         Names of the channels.
     rows
         Number of rows in a chunk.
@@ -141,10 +141,10 @@ def _tdms_chunks(
         For channels of different length beside a time column, without a time track where one is
         needed, or damaged.
     """
-    add_time = make_time and "time_s" in wanted
+    add_time = make_time and "time_s" in requested
     with _open_tdms(path, where) as file:
         by_name = _channels_by_name(file)
-        channels = {name: by_name[name] for name in wanted if name in by_name}
+        channels = {name: by_name[name] for name in requested if name in by_name}
         lengths = {len(channel) for channel in channels.values()}
         clock = next((name for name in channels if name in TIME_NAMES), None)
         if clock and len(lengths) > 1:
@@ -403,7 +403,7 @@ def parquet_table(path: Path, where: str) -> Table:
 
 
 def _parquet_chunks(
-    path: Path, where: str, wanted: Sequence[str], rows: int = CHUNK_ROWS
+    path: Path, where: str, requested: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield the wanted columns in chunks, in bounded memory.
 
@@ -411,7 +411,7 @@ def _parquet_chunks(
     ----------
     path, where
         The file, and its name for messages.
-    wanted
+    requested
         Names of the columns.
     rows
         Number of rows in a chunk.
@@ -421,7 +421,7 @@ def _parquet_chunks(
     InputError
         For a damaged file or a column that holds no numbers.
     """
-    names = list(dict.fromkeys(wanted))
+    names = list(dict.fromkeys(requested))
     reader = _ParquetReader(where)
     try:
         with pq.ParquetFile(path) as file:

@@ -92,7 +92,7 @@ class _Layout:
     ambiguous_cell: str = ""
 
 
-def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
+def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) -> Dialect:
     """Detect the dialect of a text log from its first bytes.
 
     Parameters
@@ -101,7 +101,7 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
         The file.
     where
         The file, for messages.
-    known
+    known_names
         Names that a header may contain. Among several lines of text above the first numbers
         (titles, header blocks, units) the one with most of them is the header.
 
@@ -128,7 +128,7 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
         lines = lines[:-1]  # the last one may be incomplete
-    layout = _best_layout(tuple(lines), frozenset(name.lower() for name in known))
+    layout = _best_layout(tuple(lines), frozenset(name.lower() for name in known_names))
     if layout is None:
         text_lines = (line for line in lines if line.strip() and not line.startswith("#"))
         raise InputError(
@@ -226,14 +226,14 @@ def _tabs_for_spaces(text: bytes) -> bytes:
 
 
 @lru_cache(maxsize=4)
-def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | None:
+def _best_layout(lines: tuple[str, ...], known_names: frozenset[str]) -> _Layout | None:
     """The layout with the best score; the first of equal ones: tab, semicolon, comma, bar.
 
     Parameters
     ----------
     lines
         First lines of the text.
-    known
+    known_names
         Column names in lower case that a header may contain.
 
     Notes
@@ -249,17 +249,17 @@ def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | Non
         (",", ".," if has_quotes else "."),
         ("|", ".,"),
     ):
-        layouts += _layouts(lines, separator, decimals, known)
+        layouts += _layouts(lines, separator, decimals, known_names)
     if not layouts:  # spaces separate columns only if nothing else does
-        layouts = _layouts(lines, " ", ".,", known)
+        layouts = _layouts(lines, " ", ".,", known_names)
     return max(layouts, key=lambda layout: layout.score, default=None)
 
 
 def _layouts(
-    lines: Sequence[str], separator: str, decimals: str, known: Collection[str]
+    lines: Sequence[str], separator: str, decimals: str, known_names: Collection[str]
 ) -> list[_Layout]:
     """The layouts with data for one separator and each of the decimal marks."""
-    candidates = [_layout(lines, separator, decimal, known) for decimal in decimals]
+    candidates = [_layout(lines, separator, decimal, known_names) for decimal in decimals]
     return [layout for layout in candidates if layout is not None]
 
 
@@ -378,7 +378,7 @@ def _is_data(cells: list[str], decimal: str) -> bool:
 
 
 def _layout(
-    lines: Sequence[str], separator: str, decimal: str, known: Collection[str]
+    lines: Sequence[str], separator: str, decimal: str, known_names: Collection[str]
 ) -> _Layout | None:
     """Where header and data are with this separator and decimal mark; None without data.
 
@@ -388,7 +388,7 @@ def _layout(
         First lines of the text.
     separator, decimal
         Separator of the columns and decimal mark.
-    known
+    known_names
         Column names in lower case that a header may contain.
 
     Notes
@@ -404,7 +404,7 @@ def _layout(
     fields = max(set(widths), key=widths.count)
     complete = [k for k in data if len(rows[k][1]) == fields]
     first = _first_row(rows, complete, decimal)
-    header = _header(rows[:first], fields, decimal, known)
+    header = _header(rows[:first], fields, decimal, known_names)
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     if header is not None:
@@ -573,7 +573,7 @@ def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
 
 
 def _header(
-    rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]
+    rows: list[tuple[int, list[str]]], fields: int, decimal: str, known_names: Collection[str]
 ) -> int | None:
     """Index of the header in ``rows``; None if there is none.
 
@@ -590,7 +590,7 @@ def _header(
         Number of fields of the data.
     decimal
         Decimal mark.
-    known
+    known_names
         Column names in lower case.
     """
     texts = [
@@ -598,14 +598,14 @@ def _header(
     ]
     candidates = [k for k in texts if abs(len(rows[k][1]) - fields) <= 1]
     if candidates:
-        return max(candidates, key=lambda k: (*_likeness(rows[k][1], known), k))
+        return max(candidates, key=lambda k: (*_likeness(rows[k][1], known_names), k))
     last = len(rows) - 1
     return last if last in texts else None
 
 
-def _likeness(cells: list[str], known: Collection[str]) -> tuple[int, int, int]:
+def _likeness(cells: list[str], known_names: Collection[str]) -> tuple[int, int, int]:
     """How much a row is like a header: known names, few units, filled cells."""
-    names = sum(cell.lower() in known or is_time_name(cell) for cell in cells)
+    names = sum(cell.lower() in known_names or is_time_name(cell) for cell in cells)
     units = sum(is_unit(cell) for cell in cells)
     return names, -units, sum(bool(cell) for cell in cells)
 

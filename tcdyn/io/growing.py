@@ -89,7 +89,7 @@ class GrowingText:
             )
         self.offset = offset
 
-    def chunks(self, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+    def chunks(self, requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Yield the columns of new lines as they come, until ``go_on`` returns False.
 
         Lines with another number of fields are left out and counted. If the file became shorter,
@@ -97,14 +97,14 @@ class GrowingText:
 
         Parameters
         ----------
-        wanted
+        requested
             Names of the columns; ``ROW_END`` among them gives the positions of the row ends.
         rows
             Not used: a chunk has the rows that are there.
         """
         location = SampleLocation(self.dialect.where, self.dialect.skip + 1)
         first_rows = CheckedRows(0, location, end=self.opened_bytes)
-        reader = TextReader(self.dialect, [n for n in wanted if n != ROW_END], first_rows)
+        reader = TextReader(self.dialect, [n for n in requested if n != ROW_END], first_rows)
         if self.offset > len(self.header):  # clock stamps count from the first row of the log
             reader.parse(self.first_row)
         lines: list[bytes] = []
@@ -119,14 +119,14 @@ class GrowingText:
             if lines and (len(lines) >= least or not goes_on):
                 columns = reader.parse(b"".join(lines))
                 data = columns.data
-                if ROW_END in wanted:
+                if ROW_END in requested:
                     data = {**data, ROW_END: np.array(ends, dtype=float)}
                 yield replace(columns, data=data)
                 lines = []
                 ends = []
                 least = 1
         findings = tuple(reader.findings(is_complete=False))
-        yield Columns({name: np.empty(0) for name in wanted}, location, findings)
+        yield Columns({name: np.empty(0) for name in requested}, location, findings)
 
     def _new_rows(self) -> tuple[list[bytes], list[int]]:
         """New complete lines with all their fields, and the positions of their ends."""

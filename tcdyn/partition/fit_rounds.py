@@ -201,7 +201,8 @@ def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:
     Parameters
     ----------
     expected
-        Result of :func:`expected_harmonics`: only a significant harmonic has a second one.
+        Prior of each disk's harmonics, from :func:`expected_harmonics`. Only that of a significant
+        harmonic has a second one.
     """
     return any(harmonic.second_harmonic_u_K > 0 for harmonic in expected.values())
 

@@ -379,20 +379,20 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted(tuple(sorted(channels)) for channels in members))
 
 
-def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
+def hotter_junction(setup: DiskSetup, first: str, other: str) -> int | None:
     """Which of two junctions must be hotter under contact.
 
     Parameters
     ----------
     setup
         The disk.
-    one, other
+    first, other
         The channels.
 
     Returns
     -------
     int or None
-        1 when ``one`` must be hotter, -1 when ``other`` must, 0 by symmetry, None when it depends.
+        1 if ``first`` must be hotter, -1 if ``other`` must, 0 by symmetry, None if it depends.
 
     Notes
     -----
@@ -400,7 +400,7 @@ def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
     nearer the centre is hotter (section 6.4.2). Junctions within ``SAME_POSITION_M`` count as
     equal.
     """
-    i = setup.junctions[one]
+    i = setup.junctions[first]
     j = setup.junctions[other]
     middle = 0.5 * setup.width_m
     depth_difference = j.depth_m - i.depth_m

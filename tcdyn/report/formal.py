@@ -56,8 +56,8 @@ LAG_TOTALS = ("everything", "all of the fit")
 LAG_TYPE_A = ("noise alone",)
 
 
-def marks(record: DiskRecord) -> tuple[str, ...]:
-    """Return the words next to the title: "draft", "simulated", both or none."""
+def title_marks(record: DiskRecord) -> tuple[str, ...]:
+    """Return the marks next to the title of a certificate: draft, simulated, both or none."""
     draft = (DRAFT,) if draft_reasons(record) else ()
     return (*draft, SIMULATED) if simulated_files(record) else draft
 

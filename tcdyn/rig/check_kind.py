@@ -86,7 +86,7 @@ def check_kind(
     rig: Rig,
     disk: str | None,
     *,
-    parted: bool = True,
+    needs_unloading: bool = True,
 ) -> tuple[dict[str, Flags], list[Finding]]:
     """Check what the columns of a log show together over the complete test.
 
@@ -104,7 +104,7 @@ def check_kind(
         The rig, for depths and constants.
     disk
         Disk of an oven or immersion log; None: the common tables.
-    parted
+    needs_unloading
         Whether the log must contain the unloading.
 
     Returns
@@ -116,7 +116,7 @@ def check_kind(
     InputError
         A log of this kind cannot look like this.
     """
-    states, findings = _check_switches(sample, switches, location, parted)
+    states, findings = _check_switches(sample, switches, location, needs_unloading)
     baths = [float(sample[name].median()) for name in ROOM_AND_BATH if name in sample]
     junctions = junction_columns_in(sample)
     if kind == "ehl":
@@ -136,7 +136,10 @@ def check_kind(
 
 
 def _check_switches(
-    sample: pd.DataFrame, switches: Mapping[str, Array], location: SampleLocation, parted: bool
+    sample: pd.DataFrame,
+    switches: Mapping[str, Array],
+    location: SampleLocation,
+    needs_unloading: bool,
 ) -> tuple[dict[str, Flags], list[Finding]]:
     """Each switch as off and on; an inverted contact switch is corrected, with a warning.
 
@@ -148,7 +151,7 @@ def _check_switches(
         All rows of the switches, (N,) each.
     location
         Position of the rows in the file, for messages.
-    parted
+    needs_unloading
         Whether the log must contain the unloading.
 
     Returns
@@ -166,7 +169,7 @@ def _check_switches(
         if name == "contact" and _is_inverted(sample, levels[sample.index] > 0.5):
             levels = 1.0 - levels
             findings.append(warning("contact.inverted", subject="contact"))
-        findings += _check_edges(levels, name, location, parted)
+        findings += _check_edges(levels, name, location, needs_unloading)
         states[name] = levels > 0.5
     return states, findings
 
@@ -351,7 +354,9 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
     return True
 
 
-def _check_edges(values: Array, name: str, location: SampleLocation, parted: bool) -> list[Finding]:
+def _check_edges(
+    values: Array, name: str, location: SampleLocation, needs_unloading: bool
+) -> list[Finding]:
     """Check that a switch changes as it must: up at an entry, down at the unloading.
 
     At an entry it may stay on or be momentary. Bounces, a missing loading or cooling and a contact
@@ -366,7 +371,7 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
         Name of the switch.
     location
         Position of the rows in the file, for messages.
-    parted
+    needs_unloading
         Whether the log must contain the unloading.
 
     Raises
@@ -387,7 +392,7 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
         )
     assert location.dt_s is not None
     findings: list[Finding] = []
-    if name == "contact" and parted and not len(falls):
+    if name == "contact" and needs_unloading and not len(falls):
         if not steps.any():
             return [warning("contact.stuck", subject="contact", level=int(values[0]))]
         raise InputError(

@@ -387,8 +387,8 @@ def _text_of_day(day: Any) -> Any:
     return day.isoformat() if isinstance(day, date) else day
 
 
-def _day(text: str) -> str:
-    """Check that a text is a date, or empty."""
+def _check_date(text: str) -> str:
+    """Return a text that is empty or an ISO date (2026-01-31); ValueError for any other."""
     if text:
         date.fromisoformat(text)
     return text
@@ -408,7 +408,9 @@ REQUIRED_ENTRIES = (
     "logger_serial",
 )
 Text = Annotated[str, Field(max_length=200)]
-Day = Annotated[str, BeforeValidator(_text_of_day), Field(max_length=10), AfterValidator(_day)]
+Day = Annotated[
+    str, BeforeValidator(_text_of_day), Field(max_length=10), AfterValidator(_check_date)
+]
 
 
 class TraceabilityTable(BaseModel):

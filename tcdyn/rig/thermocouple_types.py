@@ -310,9 +310,9 @@ def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Ar
     if not conversions:
         return table
 
-    def pieces(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+    def pieces(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Chunks of the table with the converted columns."""
-        for chunk in table.chunks(wanted, rows):
+        for chunk in table.chunks(requested, rows):
             converted = {
                 name: conversions[name](values)
                 for name, values in chunk.data.items()

@@ -835,12 +835,12 @@ def _fit(data: PairData, theta: Array) -> _Fit:
     return _Fit(theta, covariance, w**2, data.second_lags)
 
 
-def _requires_second(one: _Fit, two: _Fit) -> bool:
+def _requires_second(single: _Fit, two: _Fit) -> bool:
     """Return whether the data require second lags.
 
     Parameters
     ----------
-    one, two
+    single, two
         The fits without and with second lags.
 
     Returns
@@ -854,7 +854,7 @@ def _requires_second(one: _Fit, two: _Fit) -> bool:
     variance of its own, estimated from blocks of the record (Vuong 1989, Econometrica 57, 307).
     """
     n = len(two.squares)
-    difference = one.squares[:n] - two.squares
+    difference = single.squares[:n] - two.squares
     blocks = [block.sum() for block in np.array_split(difference, SCORE_BLOCKS)]
     chance = SECOND_QUANTILE * np.std(blocks, ddof=1) * np.sqrt(SCORE_BLOCKS)
     return bool(difference.sum() > 2 * np.log(n) + chance)

@@ -248,8 +248,8 @@ def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:
         count = table.names[: k + 1].count(name)
         names.append(f"{name} ({count})" if count > 1 else name)
 
-    def chunks(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
-        yield from table.chunks([name for name in wanted if name in table.names], rows)
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        yield from table.chunks([name for name in requested if name in table.names], rows)
 
     return replace(table, names=tuple(names), chunks=chunks)
 

@@ -124,7 +124,7 @@ class HiddenEvent:
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
         """Intensities (M,) without this event: no burst, ``level`` before and after it."""
         bare = _without_bursts(intensities, self.at_s)
-        return [_one_level(q, self.at_s, level) for q, level in zip(bare, self.level)]
+        return [_level_across_boundary(q, self.at_s, level) for q, level in zip(bare, self.level)]
 
 
 def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
@@ -132,28 +132,28 @@ def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Inten
     return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in intensities]
 
 
-def _one_level(q: Intensity, at_s: float, level: float) -> Intensity:
+def _level_across_boundary(intensity: Intensity, at_s: float, level: float) -> Intensity:
     """Intensity with the same level in the segments before and after one boundary.
 
     Parameters
     ----------
-    q
+    intensity
         The intensity; returned as it is if no segment starts exactly at ``at_s``.
     at_s
         Time of the boundary [s].
     level
         The level [K2/s3].
     """
-    if at_s not in q.starts_s:
-        return q
-    index = q.starts_s.index(at_s)
-    levels = list(q.levels)
+    if at_s not in intensity.starts_s:
+        return intensity
+    index = intensity.starts_s.index(at_s)
+    levels = list(intensity.levels)
     for i in range(max(index - 1, 0), index + 1):
         levels[i] = level
-    return replace(q, levels=tuple(levels))
+    return replace(intensity, levels=tuple(levels))
 
 
-def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
+def candidate_times(fit: Smoothed, events: Sequence[float]) -> list[float]:
     """Times where a jump would help more than chance: the best of each region, best first.
 
     Parameters
@@ -268,7 +268,7 @@ def detect_hidden_events(
         new: list[float] = []
         if search:
             excluded = [*listed_s, *(h.at_s for h in (*accepted, *doubtful))]
-            new = candidates(fit, excluded)[: MAX_EVENTS - len(accepted)]
+            new = candidate_times(fit, excluded)[: MAX_EVENTS - len(accepted)]
         if not new and (settled or not accepted):
             break
         final = not new
@@ -605,7 +605,8 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
     some = np.array(bounds)
     levels = np.geomspace(some.min(axis=1), some.max(axis=1), FINE_TIMES, axis=1)
     proposals = [
-        [_one_level(q, window.start_s, v) for v in row] for q, row in zip(window.base, levels)
+        [_level_across_boundary(q, window.start_s, v) for v in row]
+        for q, row in zip(window.base, levels)
     ]
     value = likelihood(window.record, window.noise_var, proposals, 2 * FINE)[0]
     best = np.argmax(value, axis=1)[:, None]

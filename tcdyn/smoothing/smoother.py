@@ -28,7 +28,7 @@ from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import (
     HiddenEvent,
     average_over_event,
-    candidates,
+    candidate_times,
     detect_hidden_events,
     influenced_samples,
     remaining_jump,
@@ -324,9 +324,9 @@ def _evidence(fit: Smoothed) -> float:
 
 def _shows_events(fit: Smoothed) -> bool:
     """Whether level noise, the same at all times, leaves candidates of events."""
-    if not candidates(fit, fit.record.events_s):
+    if not candidate_times(fit, fit.record.events_s):
         return False
-    return bool(candidates(refine(fit, divisions=0), fit.record.events_s))
+    return bool(candidate_times(refine(fit, divisions=0), fit.record.events_s))
 
 
 def _spikes(fit: Smoothed) -> Flags:

@@ -210,13 +210,13 @@ def _rename_columns(table: Table, names: Mapping[str, str], stamps: str) -> Tabl
         New name of the one column that keeps its stamps; empty: none.
     """
 
-    def chunks(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Yield chunks of the table with its columns under their new names."""
-        in_table = {name: names.get(name, name) for name in wanted}
+        in_table = {name: names.get(name, name) for name in requested}
         for chunk in table.chunks(list(dict.fromkeys(in_table.values())), rows):
             data = {name: chunk.data[old] for name, old in in_table.items()}
             cells = {}
-            if stamps in wanted and names[stamps] in chunk.stamps:
+            if stamps in requested and names[stamps] in chunk.stamps:
                 cells[stamps] = chunk.stamps[names[stamps]]
             yield replace(chunk, data=data, stamps=cells)
 
