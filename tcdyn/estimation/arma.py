@@ -286,7 +286,8 @@ def fit_arma(e: Array, segments: Sequence[slice], p: int, q: int) -> NoiseModel:
     Notes
     -----
     The search starts at the regressions of Hannan and Rissanen. Where that model is unstable or not
-    invertible, its roots are drawn towards zero by ``ROOT_FACTORS``. The first max(p, q) samples of each segment have no residual.
+    invertible, its roots are drawn towards zero by ``ROOT_FACTORS``. The first max(p, q) samples of
+    each segment have no residual.
 
     Examples
     --------
