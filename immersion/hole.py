@@ -240,7 +240,9 @@ def compare_holes(
     dt_s = float(np.median(np.diff(t)))
     time, mean, count = make_averages(t[used] - entry.time_s, clean, dt_s, LONGEST_BLOCK_S)
     noise = white_noise_sd(clean)
-    extra, covariance, fitted = _fit(time, mean, count, noise, len(ideals), reference_lag_s, gain_u)
+    extra, covariance, fitted = _fit_blocks(
+        time, mean, count, noise, len(ideals), reference_lag_s, gain_u
+    )
     findings = [*entry.findings]
     if spikes:
         findings.append(info("plunge.spikes", count=spikes))
@@ -251,7 +253,7 @@ def compare_holes(
     u_depth = depth_shift_s * float(np.sqrt(1 + 1 / len(ideals)))
     variance = np.diag(covariance)
     cemented_rows = zip(cemented, extra[len(ideals) :], variance[len(ideals) :])
-    holes = tuple(_hole(n, value, v, u_depth, limit_s) for n, value, v in cemented_rows)
+    holes = tuple(_result_of_hole(n, value, v, u_depth, limit_s) for n, value, v in cemented_rows)
     spread = None
     if len(ideals) >= 2:
         u = np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
@@ -295,7 +297,7 @@ def _knots(end: float) -> Array:
     return np.array(knots)
 
 
-def _fit(
+def _fit_blocks(
     time: Array, mean: Array, count: Array, noise: Array, ideals: int, base_s: float, gain_u: float
 ) -> tuple[Array, Array, Array]:
     """Fit the common temperature x and the extra lag of each channel to the blocks.
@@ -398,7 +400,7 @@ def _fit(
     return theta[extra], best.covariance[extra, extra], model(theta)[0]
 
 
-def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:
+def _result_of_hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:
     """Result for one cemented thermocouple; a name such as d1p3 contains the diameter 1.3 mm.
 
     Parameters

@@ -134,7 +134,7 @@ def identify_plunges(
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
     problem = replace(problem, models=build(problem.start))
-    best, rival = _search(problem, build, filtered.lag_s)
+    best, rival = _search_optimum(problem, build, filtered.lag_s)
     scan, best, _ = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
     form = compare_correlations(best, scan, base, others, setup.conditioning.lag_s)
@@ -327,7 +327,7 @@ def published_degC(
     return tables
 
 
-def _search(
+def _search_optimum(
     problem: PlungeProblem, build: BuildModels, filter_lag_s: float
 ) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
     """The optimum, and a warning where a long and a short lag fit equally well.

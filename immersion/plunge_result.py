@@ -230,7 +230,7 @@ class PlungeFit(Result):
     @property
     def common_lag_s(self) -> Estimate:
         """The mean lag of the channels, with the conditioning filter [s]."""
-        return self._common(self.extra_covariance)
+        return self._widened_common_lag(self.extra_covariance)
 
     @cached_property
     def differential_lag_s(self) -> dict[str, Estimate]:
@@ -300,7 +300,7 @@ class PlungeFit(Result):
         ``tests/immersion/test_plunge_fit.py``.
         """
         common = self.common_lag_s
-        u_without_structure = self._common(self.model_form.covariance).u
+        u_without_structure = self._widened_common_lag(self.model_form.covariance).u
         known_burst_u_s = common_and_differential_u_s(
             self._covariance_with_fixed(*BURST_KINDS, "entry")
         )[0]
@@ -493,7 +493,7 @@ class PlungeFit(Result):
             lines.append(f"  structure: {self.structures.sentence}.")
         return lines
 
-    def _common(self, extra: Array) -> Estimate:
+    def _widened_common_lag(self, extra: Array) -> Estimate:
         """The common lag, widened by the covariance ``extra`` (C, C) of the lags."""
         return self.scan.estimate(
             self.setup.conditioning.lag_s, common_and_differential_u_s(extra)[0]

@@ -354,7 +354,9 @@ def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> Suffici
         speed_exponent=contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
         disks={
-            d: _traces(d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging)
+            d: _planned_traces(
+                d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging
+            )
             for d in DISKS
         },
         findings=(),
@@ -408,7 +410,7 @@ def _reproducible_noise(count: int, seed: int) -> Array:
     return np.random.default_rng(seed).standard_normal(count)
 
 
-def _traces(
+def _planned_traces(
     disk: str,
     rig: Rig,
     load_N: float,

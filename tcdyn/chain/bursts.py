@@ -457,7 +457,7 @@ def _pulse_shapes(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...]
         Samples on either side of a pulse.
     """
     margin_samples = max(round(MARGIN_S / dt_s), MIN_MARGIN)
-    pulses = tuple(_pulses(dt_s, filter_))
+    pulses = tuple(_filtered_pulses(dt_s, filter_))
     length = max(map(len, pulses)) // 2 * 2 + 2 * margin_samples + 1
     shapes = np.zeros((len(pulses), length))
     for shape, pulse in zip(shapes, pulses):
@@ -492,7 +492,7 @@ def _screen_shapes(dt_s: float, filter_: Conditioning) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
+def _filtered_pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
     """Pulses of every length through the filter until they have decayed; height one before it.
 
     Parameters
@@ -574,7 +574,7 @@ class _WindowModel:
         deviance = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
         margin = MIN_GAIN_WEAK if isolated and deviance < WEAK_DEVIANCE + len(window) else MIN_GAIN
         threshold = (
-            self._best(projection, square, slice(self.pulses, len(projection)), self.pulses)[0]
+            self._best_pair(projection, square, slice(self.pulses, len(projection)), self.pulses)[0]
             + margin
         )
         if deviance < max(threshold, MIN_HEIGHT_SD**2):  # no two parts explain more than there is
@@ -582,7 +582,8 @@ class _WindowModel:
         batch = max(2**16 // len(projection), 1)  # rows that stay in the processor's cache
         starts = range(0, self.pulses, batch)
         fits = [
-            self._best(projection, square, slice(a, min(a + batch, self.pulses))) for a in starts
+            self._best_pair(projection, square, slice(a, min(a + batch, self.pulses)))
+            for a in starts
         ]
         explained, i, k = max(fits, key=lambda f: f[0])
         remainder = max(
@@ -598,7 +599,7 @@ class _WindowModel:
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > MAX_TAIL_SD).any(axis=1))
 
-    def _best(
+    def _best_pair(
         self, projection: Array, square: Array, rows: slice, first: int = 0
     ) -> tuple[float, int, int]:
         """The pair of components that explains most of a window.
@@ -638,7 +639,7 @@ class _WindowModel:
 
     @cached_property
     def weights(self) -> tuple[Array, Array]:
-        """Factors of the squares and of the products of projections in ``_best``.
+        """Factors of the squares and of the products of projections in ``_best_pair``.
 
         Returns
         -------

@@ -342,10 +342,10 @@ def estimate_logger_noise(
     before the filter is at least ``MIN_BEFORE_SHARE``. Smaller values also whiten traces whose
     noise is white; larger ones leave traces with coloured noise as they are.
     ``tests/smoothing/test_noise.py`` has cases of both kinds. The spectra must have the scale of
-    ``_spectra``: the mean over all frequencies is the variance of a sample.
+    ``_median_spectrum``: the mean over all frequencies is the variance of a sample.
     """
     white = LoggerNoise(np.zeros(len(white_K)), white_K, white_K, filter_, rate_Hz=1 / dt_s)
-    spectra = _spectra(traces, dt_s, segment_s)
+    spectra = _median_spectrum(traces, dt_s, segment_s)
     if spectra is None:
         return white
     f, power, count = spectra
@@ -374,7 +374,7 @@ def estimate_logger_noise(
         for c in (*filters, *lags)
     }
     shapes[NO_CONDITIONING] = np.stack([flat, signal_], axis=1)[background]
-    fits = {c: [_levels(p, shape) for p in power[background].T] for c, shape in shapes.items()}
+    fits = {c: [_fit_levels(p, shape) for p in power[background].T] for c, shape in shapes.items()}
     white_value = np.array([value for _, value in fits[NO_CONDITIONING]])
     gain = {c: np.median(white_value - [value for _, value in fit]) for c, fit in fits.items()}
     cost = {
@@ -508,7 +508,7 @@ def _is_background(power: Array, shapes: Array, count: int) -> Flags:
     larger one hum enters the fit. ``test_a_temperature_that_swings_is_not_called_hum`` in
     ``tests/smoothing/test_noise.py`` (study) guards the first.
     """
-    expected = shapes @ _levels(power, shapes)[0]
+    expected = shapes @ _fit_levels(power, shapes)[0]
     expected *= median_filter(power / expected, NEIGHBOURS, mode="nearest")
     return np.asarray(power < expected * (1 + LINE_SD / np.sqrt(SPECTRA_PER_SEGMENT * count)))
 
@@ -531,8 +531,8 @@ def _spectral_lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[floa
 
     Notes
     -----
-    The factor 1.5 is the equivalent noise bandwidth of the Hann taper in ``_spectra``; change both
-    together. ``tests/smoothing/test_noise_parts.py`` compares the amplitude of a wave.
+    The factor 1.5 is the equivalent noise bandwidth of the Hann taper in ``_median_spectrum``;
+    change both together. ``tests/smoothing/test_noise_parts.py`` compares the amplitude of a wave.
     """
     groups, number = label(standing)
     out = []
@@ -545,7 +545,7 @@ def _spectral_lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[floa
     return tuple(out)
 
 
-def _spectra(
+def _median_spectrum(
     traces: Sequence[Array], dt_s: float, segment_s: float
 ) -> tuple[Array, Array, int] | None:
     """Median spectrum of the segments of all traces.
@@ -606,7 +606,7 @@ def _spectra(
     return np.asarray(f[keep]), typical, power.shape[-1] // 2
 
 
-def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
+def _fit_levels(power: Array, shapes: Array) -> tuple[Array, float]:
     """Most likely levels of the shapes of a spectrum.
 
     Parameters

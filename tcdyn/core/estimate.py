@@ -50,7 +50,7 @@ def rounded_texts(value: float, u: float) -> tuple[str, str]:
     >>> rounded_texts(0.654321, 0.0), rounded_texts(0.654321, float("nan"))
     (('0.654321', '0'), ('0.654321', 'not known'))
     """
-    value_text, u_text, power = _parts(float(value), float(u))
+    value_text, u_text, power = _scaled_texts(float(value), float(u))
     exponent = f"e{power:+03d}" if power else ""
     return value_text + exponent, u_text + exponent
 
@@ -93,7 +93,7 @@ def text_with_u(
     unit_text = f" {unit}" if unit else ""
     if math.isnan(value):
         return "not known"
-    value_text, u_text, power = _parts(value, u)
+    value_text, u_text, power = _scaled_texts(value, u)
     exponent = f"e{power:+03d}" if power else ""
     if math.isnan(u):
         return f"{value_text}{exponent}{unit_text}, uncertainty not known"
@@ -268,7 +268,7 @@ def _mixture_quantile(
     return 0.5 * (low + high)
 
 
-def _parts(value: float, u: float) -> tuple[str, str, int]:
+def _scaled_texts(value: float, u: float) -> tuple[str, str, int]:
     """Texts of value and u over a common power of ten.
 
     Parameters

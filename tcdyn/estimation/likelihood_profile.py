@@ -126,7 +126,7 @@ def profile(
     row = problem.direction(toward)
     width = optimum.u(row) * np.sqrt(scale) if u is None else u
     centre = value(float(row @ optimum.theta))
-    low, high = _box(optimum, row)
+    low, high = _box_ends(optimum, row)
 
     def walk(side: float) -> list[_Point]:
         """Points of the profile on one side of the optimum, ``side`` -1 or 1."""
@@ -221,7 +221,7 @@ def first_crossing(value: Array, deviance: Array, level: float = Z95**2) -> floa
     return float(value[k + j - 1] + share * (value[k + j] - value[k + j - 1]))
 
 
-def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
+def _box_ends(optimum: Optimum, row: Array) -> tuple[float, float]:
     """Ends of the box for a single parameter; infinite for a combination.
 
     Parameters

@@ -237,7 +237,7 @@ def inverse(information: Array) -> Array:
     >>> inverse(np.diag([1e-20, 4.0])).diagonal()
     array([1.0e+20, 2.5e-01])
     """
-    return _inverse(information)[0]
+    return _inverse_and_rank(information)[0]
 
 
 def is_full_rank(information: Array) -> bool:
@@ -263,10 +263,10 @@ def is_full_rank(information: Array) -> bool:
     >>> is_full_rank(np.array([[1.0, 1.0], [1.0, 1.0]]))
     False
     """
-    return _inverse(information)[1]
+    return _inverse_and_rank(information)[1]
 
 
-def _inverse(information: Array) -> tuple[Array, bool]:
+def _inverse_and_rank(information: Array) -> tuple[Array, bool]:
     """The inverse, and whether every direction is determined.
 
     Parameters

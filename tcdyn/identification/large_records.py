@@ -140,13 +140,15 @@ def block_means(data: IOData, block: int) -> IOData:
             continue
         before = np.concatenate([run.u[:1], run.u[:-1]])
         u = np.where(is_held, 0.5 * (run.u + before), run.u)
-        runs.append(Run(_means(u[:n], block), _means(run.y[:n], block), run.start_s, run.name))
+        runs.append(
+            Run(_block_means(u[:n], block), _block_means(run.y[:n], block), run.start_s, run.name)
+        )
     dt_s = block * data.dt_s
     hold = check_hold("foh", len(data.input_names), "block_means")
     return replace(data, runs=tuple(runs), dt_s=dt_s, hold=hold)
 
 
-def _means(table: Array, block: int) -> Array:
+def _block_means(table: Array, block: int) -> Array:
     """Return the means (N/block, K) over blocks of rows of a table (N, K)."""
     return np.asarray(table.reshape(-1, block, table.shape[1]).mean(axis=1))
 

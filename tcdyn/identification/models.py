@@ -321,12 +321,12 @@ class Model:
         fixed = {n: self.fixed[full] for n, full in names.items() if full in self.fixed}
         return replace(model, fixed=fixed), names
 
-    def coefficients(self, p: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
+    def coefficients(self, theta: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
         """Return numerator and denominator factors without the known ones.
 
         Parameters
         ----------
-        p
+        theta
             All parameters by name; complex values are allowed.
 
         Returns
@@ -343,16 +343,18 @@ class Model:
         ``tcdyn.identification.level_lag.LevelLagProblem.output_change`` relies.
         """
         if self.kind == "tf":
-            denominator = (1.0, *(p[n] for n in self.names if n.startswith("a")))
-            return [p[n] for n in self.names if n.startswith("b")], [denominator]
-        factors: list[tuple[Any, ...]] = [(1.0, p[n]) for n in ("Tp1", "Tp2", "Tp3") if n in p]
-        if "Tw" in p:
-            factors.append((1.0, 2 * p["Zeta"] * p["Tw"], p["Tw"] ** 2))
-        if "Tc" in p:
-            factors += [(1.0, p["Tc"] * share) for share in cement_lags()]
-        if "Tz" in p:
-            return [p["Kp"], p["Kp"] * p["Tz"]], factors
-        return [p["Kp"]], factors
+            denominator = (1.0, *(theta[n] for n in self.names if n.startswith("a")))
+            return [theta[n] for n in self.names if n.startswith("b")], [denominator]
+        factors: list[tuple[Any, ...]] = [
+            (1.0, theta[n]) for n in ("Tp1", "Tp2", "Tp3") if n in theta
+        ]
+        if "Tw" in theta:
+            factors.append((1.0, 2 * theta["Zeta"] * theta["Tw"], theta["Tw"] ** 2))
+        if "Tc" in theta:
+            factors += [(1.0, theta["Tc"] * share) for share in cement_lags()]
+        if "Tz" in theta:
+            return [theta["Kp"], theta["Kp"] * theta["Tz"]], factors
+        return [theta["Kp"]], factors
 
     def rational(self, theta: Mapping[str, float]) -> Rational:
         """Return the transfer function at ``theta``, the known factor included."""
@@ -387,11 +389,11 @@ class Model:
         """
         parameters = self.all_parameters(theta)
 
-        def coefficients(p: Mapping[str, Any]) -> list[Any]:
+        def coefficients(theta: Mapping[str, Any]) -> list[Any]:
             """Return all coefficients in the order of the rows."""
-            num, factors = self.coefficients(p)
+            num, factors = self.coefficients(theta)
             below = [c for factor in factors for c in factor[1:]]
-            return [*np.convolve(num, self.known.num), *below, p.get("Td", 0.0)]
+            return [*np.convolve(num, self.known.num), *below, theta.get("Td", 0.0)]
 
         columns = []
         for name in self.free:

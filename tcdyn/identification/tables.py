@@ -135,7 +135,7 @@ def from_frame(
         groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
     times = [np.empty(0)] * len(groups)
     if clock is not None:
-        times = [_times(group, clock, where) for _, group in groups]
+        times = [_row_times(group, clock, where) for _, group in groups]
     if dt_s is not None:
         interval = dt_s
     elif resample_s is not None:
@@ -150,8 +150,8 @@ def from_frame(
     code_counts: dict[str, int] = {}
     for (label, group), t in zip(groups, times):
         location = f"{where}, run {label}" if label else where
-        u = _readings(group, inputs, location, overload_codes, code_counts)
-        y = _readings(group, outputs, location, _output_codes, code_counts)
+        u = _readings_of_columns(group, inputs, location, overload_codes, code_counts)
+        y = _readings_of_columns(group, outputs, location, _output_codes, code_counts)
         start_s = 0.0
         if time is not None:
             check_times(t, time, location)
@@ -321,7 +321,7 @@ def _check_once(names: Sequence[Any], requested: Collection[str | None], where: 
             )
 
 
-def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
+def _row_times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     """Return the times of the rows.
 
     Parameters
@@ -358,7 +358,7 @@ def _output_codes(values: Array) -> Flags:
     return overload | dropout_codes(np.where(overload, np.nan, values))
 
 
-def _readings(
+def _readings_of_columns(
     frame: pd.DataFrame,
     columns: Sequence[str],
     where: str,
@@ -483,7 +483,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
         )
         requested.add(clock.name)
     raw = read_requested(table, requested)
-    frame = _frame(table, raw)
+    frame = _frame_of_columns(table, raw)
     run = options.get("run")
     if run is not None and run in raw.data and run not in raw.stamps:
         frame[run] = _whole_numbers(frame[run])
@@ -503,7 +503,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
     """Return a table's columns; those that are not requested stay empty."""
-    return _frame(table, read_requested(table, requested))
+    return _frame_of_columns(table, read_requested(table, requested))
 
 
 def read_requested(table: Table, requested: Collection[str]) -> Columns:
@@ -518,7 +518,7 @@ def read_requested(table: Table, requested: Collection[str]) -> Columns:
     return read_all_rows(table, [name for name in table.names if name in requested])
 
 
-def _frame(table: Table, raw: Columns) -> pd.DataFrame:
+def _frame_of_columns(table: Table, raw: Columns) -> pd.DataFrame:
     """Return columns as a table: numbers, and text as it is in the file."""
     columns = {**raw.data, **raw.stamps}
     names = list(dict.fromkeys(table.names))

@@ -233,7 +233,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         is_coloured = False
     percent = fit_percent(problem, fit.residual)
     unsettled = off_equilibrium(fit)
-    findings = [_conclusion(fit, white, cross, is_coloured, is_rounding, percent)]
+    findings = [_first_finding(fit, white, cross, is_coloured, is_rounding, percent)]
     n_spikes = _count_spikes(fit.residual if fit.noise.white else e)
     if n_spikes and cross.p >= ALARM_P and not is_rounding and not unsettled:
         findings.append(warning("residuals.spikes", count=n_spikes, robust=fit.loss != "linear"))
@@ -388,7 +388,7 @@ def fit_nuisance_parameters(fit: Fit, data: IOData) -> tuple[IdentificationProbl
     return problem, x
 
 
-def _conclusion(
+def _first_finding(
     fit: Fit,
     white: ResidualTest,
     cross: ResidualTest,

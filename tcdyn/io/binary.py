@@ -171,7 +171,9 @@ def _tdms_chunks(
             return
         dt_s = (intervals_s[0] if intervals_s else None) or 1.0
         for start in range(0, lengths.pop(), rows):
-            yield _chunk(channels, where, slice(start, start + rows), dt_s if add_time else None)
+            yield _rows_of_chunk(
+                channels, where, slice(start, start + rows), dt_s if add_time else None
+            )
 
 
 def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> Columns:
@@ -193,7 +195,9 @@ def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> C
     return Columns(data, SampleLocation(where), tuple(findings))
 
 
-def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None) -> Columns:
+def _rows_of_chunk(
+    channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
+) -> Columns:
     """The rows of one chunk.
 
     Parameters
@@ -310,7 +314,7 @@ def _read_track(channel: Any, where: str, start: int = 0, stop: int | None = Non
         properties = channel.properties
     except Exception as problem:  # npTDMS raises many kinds on damaged files
         raise _damaged_file_error(problem, where) from None
-    numbers = _floats(values, first, str(channel.name), where)
+    numbers = _as_floats(values, first, str(channel.name), where)
     try:
         offset = float(properties.get("wf_start_offset", 0.0) or 0.0)
         start_time = properties.get("wf_start_time")
@@ -326,7 +330,7 @@ def _read_track(channel: Any, where: str, start: int = 0, stop: int | None = Non
     return Track(numbers, start_s, interval if has_interval else None)
 
 
-def _floats(values: Any, first: Any, name: str, where: str) -> Array:
+def _as_floats(values: Any, first: Any, name: str, where: str) -> Array:
     """Samples as float64; time stamps as seconds since the first.
 
     Parameters

@@ -161,7 +161,7 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
         names,
         layout.skip,
         first_row,
-        _metadata(lines),
+        _comment_metadata(lines),
         path,
         body,
         units,
@@ -304,7 +304,7 @@ def _detect_encoding(head: bytes, where: str) -> str:
     return "utf-8"
 
 
-def _metadata(lines: list[str]) -> dict[str, str]:
+def _comment_metadata(lines: list[str]) -> dict[str, str]:
     """Values of the lines "# key: value" above the table."""
     metadata: dict[str, str] = {}
     for line in lines:
@@ -404,7 +404,7 @@ def _layout(
     fields = max(set(widths), key=widths.count)
     complete = [k for k in data if len(rows[k][1]) == fields]
     first = _first_row(rows, complete, decimal)
-    header = _header(rows[:first], fields, decimal, known_names)
+    header = _header_index(rows[:first], fields, decimal, known_names)
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     if header is not None:
@@ -420,7 +420,7 @@ def _layout(
     line, cells = rows[first]
     if not units:
         units = tuple(number_and_unit(cell, decimal)[1] for cell in cells)
-    score = _score([rows[k][1] for k in data], len(rows) - complete[0], fields, decimal)
+    score = _readable_share([rows[k][1] for k in data], len(rows) - complete[0], fields, decimal)
     numbers = [rows[k][1][0] for k in complete[:ROW_NUMBERS]]
     has_row_names = numbers == [str(k) for k in range(1, ROW_NUMBERS + 1)]
     ambiguous = ""
@@ -536,7 +536,7 @@ def _join_quoted_lines(lines: Sequence[str], number: int, separator: str) -> tup
     return line, count
 
 
-def _score(data: list[list[str]], count: int, fields: int, decimal: str) -> float:
+def _readable_share(data: list[list[str]], count: int, fields: int, decimal: str) -> float:
     """Share of rows that can be read completely; columns and a decimal mark in use add a little.
 
     Parameters
@@ -572,7 +572,7 @@ def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
     return ()
 
 
-def _header(
+def _header_index(
     rows: list[tuple[int, list[str]]], fields: int, decimal: str, known_names: Collection[str]
 ) -> int | None:
     """Index of the header in ``rows``; None if there is none.
@@ -598,12 +598,12 @@ def _header(
     ]
     candidates = [k for k in texts if abs(len(rows[k][1]) - fields) <= 1]
     if candidates:
-        return max(candidates, key=lambda k: (*_likeness(rows[k][1], known_names), k))
+        return max(candidates, key=lambda k: (*_header_likeness(rows[k][1], known_names), k))
     last = len(rows) - 1
     return last if last in texts else None
 
 
-def _likeness(cells: list[str], known_names: Collection[str]) -> tuple[int, int, int]:
+def _header_likeness(cells: list[str], known_names: Collection[str]) -> tuple[int, int, int]:
     """How much a row is like a header: known names, few units, filled cells."""
     names = sum(cell.lower() in known_names or is_time_name(cell) for cell in cells)
     units = sum(is_unit(cell) for cell in cells)

@@ -81,7 +81,7 @@ class GrowingText:
     def seek(self, offset: int) -> None:
         """Continue at ``offset`` bytes, hashing those before; InputError if the file is shorter."""
         with open(self.path, "rb") as stream:
-            self.file = _identity(stream)
+            self.file = _device_and_inode(stream)
             is_long_enough, self.hash, self.tail = _read_to(stream, offset)
         if not is_long_enough:
             raise InputError(
@@ -165,7 +165,7 @@ class GrowingText:
         """
         try:
             with open(self.path, "rb") as stream:
-                file = _identity(stream)
+                file = _device_and_inode(stream)
                 size = os.fstat(stream.fileno()).st_size
                 if size < self.offset:
                     raise self._replaced_log_error(
@@ -228,7 +228,7 @@ def open_growing(table: Table, path: Path) -> tuple[GrowingText, Table] | None:
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]
         first_rows = [stream.readline(), stream.readline()]
-        file = _identity(stream)
+        file = _device_and_inode(stream)
         size = os.fstat(stream.fileno()).st_size
     if not all(line.endswith(b"\n") for line in first_rows):
         return None
@@ -245,7 +245,7 @@ def _lines(text: bytes) -> list[bytes]:
     return [line + b"\n" for line in text.split(b"\n")[:-1]]
 
 
-def _identity(stream: BinaryIO) -> tuple[int, int]:
+def _device_and_inode(stream: BinaryIO) -> tuple[int, int]:
     """Device and inode of an open file."""
     status = os.fstat(stream.fileno())
     return status.st_dev, status.st_ino

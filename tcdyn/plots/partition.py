@@ -212,7 +212,7 @@ def draw_lines(partition: Partition, ax: Axes | None = None, truth: float | None
     for disk in partition.disks:
         _steady_line(ax, partition.lines[disk].line, disk, h, f"{disk} steady line")
     for disk, k, beta, h_estimate, label in points:
-        _point(ax, h_estimate, beta, k, disk, label)
+        _plot_estimate(ax, h_estimate, beta, k, disk, label)
     if truth is not None:
         ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label=TRUTH_LABEL)
     ax.set_xlim(0, h_max)
@@ -249,7 +249,9 @@ def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) ->
     )
 
 
-def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str) -> None:
+def _plot_estimate(
+    ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str
+) -> None:
     """Plot an estimate of h and beta with 95 % bars.
 
     Markers and caps differ in size between estimators, so that equal estimates stay visible.
@@ -306,7 +308,7 @@ def draw_beta_estimates(
         The same axes.
     """
     ax = axes_of(ax)
-    estimates = _estimates(partition)
+    estimates = _given_estimates(partition)
     for k, (name, beta) in enumerate(reversed(estimates)):
         disk = name.split()[-1]
         marker = DISK_MARKER.get(disk, "D")
@@ -321,7 +323,7 @@ def draw_beta_estimates(
     return style_axes(ax, x, "", legend=truth is not None)
 
 
-def _estimates(partition: Partition) -> list[tuple[str, Estimate]]:
+def _given_estimates(partition: Partition) -> list[tuple[str, Estimate]]:
     """Return the estimators of beta with their estimates, without those that are withheld.
 
     Parameters
@@ -551,7 +553,7 @@ def draw_angular_harmonic(partition: Partition, disk: str, ax: Axes) -> Axes:
     _draw_field_of_harmonic(setup, harmonic, ax)
     outer_mm = setup.outer_radius_m * 1e3
     for name, junction in setup.junctions.items():
-        direction = _direction(junction.angle_deg)
+        direction = _unit_vector(junction.angle_deg)
         radius_mm = outer_mm - 1e3 * junction.depth_m
         ax.plot(*np.outer(direction, [radius_mm, 1.04 * outer_mm]), color=TRUTH, linewidth=0.5)
         ax.plot(
@@ -575,7 +577,7 @@ def draw_angular_harmonic(partition: Partition, disk: str, ax: Axes) -> Axes:
     return ax
 
 
-def _direction(angle_deg: float) -> Array:
+def _unit_vector(angle_deg: float) -> Array:
     """Return the unit vector (2,) at an angle.
 
     Parameters
@@ -638,7 +640,7 @@ def _draw_hottest_side(setup: DiskSetup, amplitude_K: float, angle_deg: float, a
     ax
         Axes to plot into.
     """
-    direction = _direction(angle_deg)
+    direction = _unit_vector(angle_deg)
     inner_mm = setup.bore_radius_m * 1e3
     outer_mm = setup.outer_radius_m * 1e3
     ax.arrow(

@@ -352,7 +352,7 @@ def table_html(table: pd.DataFrame) -> str:
     Test: ``tests/report/test_page.py``.
     """
     columns = [[cell(value) for value in table.iloc[:, k]] for k in range(table.shape[1])]
-    kinds = [_kind(cells) for cells in columns]
+    kinds = [_column_class(cells) for cells in columns]
     titles = [str(name) for name in table.columns]
     heads = [f'<th class="{kind}">{_title_html(title)}</th>' for title, kind in zip(titles, kinds)]
     names = [html.escape(typeset(title)) for title in titles]
@@ -389,7 +389,7 @@ def _title_html(name: str) -> str:
     return UNIT.sub(lambda unit: f'<span class="unit">{unit[0]}</span>', html.escape(typeset(name)))
 
 
-def _kind(cells: list[str]) -> str:
+def _column_class(cells: list[str]) -> str:
     """Return the CSS class of a column.
 
     "prose" for sentences, "long" for unbroken words, "words" for short text, "number" for all else.

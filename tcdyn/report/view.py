@@ -110,7 +110,7 @@ def view(
     panels: dict[str, list[Trace]] = {}
     for trace in traces:
         panels.setdefault(_panel_key(trace), []).append(trace)
-    sections = [_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
+    sections = [_traces_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
     content = "as logged and compensated" if calibrations else "as logged"
     rows = max((len(trace.time_s) for trace in traces), default=0)
     write_page(
@@ -147,7 +147,7 @@ def _panel_key(trace: Trace) -> str:
     return f"{trace.group} {trace.unit or trace.name.rpartition('_')[2]}"
 
 
-def _section(traces: Sequence[Trace], limit: int) -> Section:
+def _traces_section(traces: Sequence[Trace], limit: int) -> Section:
     """Return the section of traces of one disk and unit."""
     names = ", ".join(trace.name for trace in traces)
     first = traces[0]

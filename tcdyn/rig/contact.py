@@ -302,7 +302,7 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     ]
     is_near_contact = np.any([nowhere, *near], axis=0)
     unloaded = np.where(is_near_contact, np.nan, raw_N)
-    force_N = raw_N - _zero(t, unloaded, on - SWITCHING_MARGIN_S, off + settling_s)
+    force_N = raw_N - _zero_of_force(t, unloaded, on - SWITCHING_MARGIN_S, off + settling_s)
     inside = (t > on + SWITCHING_MARGIN_S) & (t < off - settling_s)
     dt_s = float(fast_nanmedian(np.diff(t)))
     smooth = np.interp(t, t[inside], _smooth_force(force_N[inside], dt_s))
@@ -380,7 +380,7 @@ def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) ->
     return max(2 * int((count - 1) // 2) + 1, 1)
 
 
-def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
+def _zero_of_force(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
     """Zero of the transducer at each time, from the unloaded segments before and after the test.
 
     Parameters

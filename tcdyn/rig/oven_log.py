@@ -33,6 +33,7 @@ MAX_PLATEAU_GAP = 15
 SETPOINT_STEP_K = 5.0  # set points are rounded to it
 # Smallest range of the PRT over all rows [K]. Chosen by judgement.
 MIN_RANGE_K = 5.0
+MIN_OVEN_ROWS = 3  # of a channel: a line and one degree of freedom
 
 
 def steady_minutes(
@@ -266,7 +267,8 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
     Raises
     ------
     InputError
-        Fewer than 3 rows over 5 degC, or a channel that is not in degrees Celsius.
+        Fewer than ``MIN_OVEN_ROWS`` over ``MIN_RANGE_K``, or a channel that is not in degrees
+        Celsius.
     """
     prt = frame["prt_degC"].to_numpy()
     findings: list[Finding] = []
@@ -274,11 +276,11 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
         y = frame[name].to_numpy()
         ok = np.isfinite(y) & np.isfinite(prt)
         range_K = float(np.ptp(prt[ok])) if ok.any() else 0.0
-        if ok.sum() < 3 or range_K < MIN_RANGE_K:
+        if ok.sum() < MIN_OVEN_ROWS or range_K < MIN_RANGE_K:
             raise InputError(
                 f"column {name}: {int(ok.sum())} rows over {range_K:.3g} degC",
                 where=location.where,
-                expected="at least 3 rows over 5 degC or more",
+                expected=f"at least {MIN_OVEN_ROWS} rows over {MIN_RANGE_K:g} degC or more",
             )
         line = fit_line(prt[ok], y[ok])
         scatter = float(np.std(line.residuals)) / range_K

@@ -285,7 +285,7 @@ def temperature_degC(
     """
     ref = _reference(thermocouple_type)
     e = np.asarray(measured_mV, dtype=float) + emf_mV(cold_junction_degC, thermocouple_type)
-    degrees, grid = _grid(thermocouple_type)
+    degrees, grid = _inversion_grid(thermocouple_type)
     low_mV = float(grid[0])
     high_mV = float(grid[-1])
     if outside == "refuse":
@@ -364,7 +364,7 @@ def _reference(couple: str) -> _Reference:
 
 
 @lru_cache
-def _grid(couple: str) -> tuple[Array, Array]:
+def _inversion_grid(couple: str) -> tuple[Array, Array]:
     """Every degree of the range, the start values of Newton's method, and the emf there.
 
     Returns

@@ -167,11 +167,11 @@ def current_sensor(
     shift_s = model_u_s * np.random.default_rng(1).standard_normal(len(theta))
     lag = _weighted_estimate(lags + shift_s, weights)
     chosen = np.random.default_rng(2).choice(len(theta), TIMES_SAMPLES, p=weights)
-    passes = np.array([step_passes(_chain(theta[k])) + shift_s[k] for k in chosen])
+    passes = np.array([step_passes(_chain_of_lags(theta[k])) + shift_s[k] for k in chosen])
     equal = np.full(TIMES_SAMPLES, 1 / TIMES_SAMPLES)
     times = [_weighted_estimate(t, equal) for t in passes.T]
     mean_theta = weights @ theta
-    taus = _chain(mean_theta).taus_s
+    taus = _chain_of_lags(mean_theta).taus_s
     chain = Chain([tau * lag.value / sum(taus) for tau in taus])
     switches = np.flatnonzero(np.diff(power > 0.5))
     rows_after = np.diff(np.r_[switches, len(power) - 1])
@@ -255,7 +255,7 @@ def cylinder_modes(theta: Array) -> tuple[Array, Array]:
     return lag * taus[:MODES] / taus.sum(), shares / shares.sum()
 
 
-def _chain(theta: Array) -> Chain:
+def _chain_of_lags(theta: Array) -> Chain:
     """Return the chain of a plunge: the two largest lags, and the sum of all others as one."""
     first, second = cylinder_modes(theta)[0][:2]
     others = max(float(np.exp(theta[0])) - first - second, 0.0)

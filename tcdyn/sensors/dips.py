@@ -61,12 +61,14 @@ class RandomEffects:
 
     def mean_estimate(self, group: int = 0) -> Estimate:
         """The mean of many dips of one group."""
-        return self._estimate(self.mean[:, group], self.variance[:, group] + self.common_u**2)
+        return self._estimate_of_logarithm(
+            self.mean[:, group], self.variance[:, group] + self.common_u**2
+        )
 
     def next_estimate(self) -> Estimate:
         """One further dip of the first group, which includes the spread between dips."""
         variance = self.variance[:, 0] + self.spread**2 + self.common_u**2
-        return self._estimate(self.mean[:, 0], variance)
+        return self._estimate_of_logarithm(self.mean[:, 0], variance)
 
     def groups_differ(self) -> bool:
         """Whether the 95 % interval of the difference of the two groups excludes zero."""
@@ -79,7 +81,7 @@ class RandomEffects:
         parts = [Estimate.normal(m, v**0.5) for m, v in zip(mean, variance)]
         return mixture_interval95(parts, self.weights.tolist())
 
-    def _estimate(self, mean: Array, variance: Array) -> Estimate:
+    def _estimate_of_logarithm(self, mean: Array, variance: Array) -> Estimate:
         """Estimate of the quantity whose logarithm has this mixture.
 
         u is the half width of the 95 % interval over 1.96, so that a normal distribution with this

@@ -57,7 +57,7 @@ def frame_source(
     units = units or {}
     data: dict[str, Array] = {}
     for label in frame.columns:
-        numbers = _numbers(frame[label])
+        numbers = _floats_or_none(frame[label])
         if numbers is not None:
             data[str(label)] = numbers
     times, name = _time_values(frame, time, time_unit, list(data), where)
@@ -79,7 +79,7 @@ def frame_source(
     return Source(Path("DataFrame"), table, clock)
 
 
-def _numbers(column: pd.Series) -> Array | None:
+def _floats_or_none(column: pd.Series) -> Array | None:
     """The column as floats; None if it holds no numbers."""
     if column.dtype.kind in "fiub":
         return column.to_numpy(dtype=float, na_value=np.nan)

@@ -238,7 +238,7 @@ def sensor_from_dip(
         raise InputError(f"junction is {junction!r}", expected=" or ".join(JUNCTIONS))
     film = _boundary_layer(medium, diameter_mm, speed_m_s)
     tables = data if isinstance(data, list) else [data]
-    entries = [None] * len(tables) if entry_s is None else _entries(entry_s)
+    entries = [None] * len(tables) if entry_s is None else _entry_list(entry_s)
     if len(entries) != len(tables):
         raise InputError(
             f"{{entry_s}} is given {len(entries)} times for {len(tables)} dips",
@@ -483,7 +483,7 @@ def _with_u(value: ValueWithU) -> tuple[float, float]:
     return float(value[0]), float(value[1])
 
 
-def _entries(entry_s: ValueWithU | Sequence[ValueWithU]) -> list[tuple[float, float]]:
+def _entry_list(entry_s: ValueWithU | Sequence[ValueWithU]) -> list[tuple[float, float]]:
     """Instants of entry: a list has several, a number or a tuple is one."""
     listed: Any = entry_s if isinstance(entry_s, list) else [entry_s]
     return [_with_u(entry) for entry in listed]

@@ -128,13 +128,15 @@ def noise_sensor(
     longest = n // MIN_SEGMENTS
     length = longest
     for _ in range(3):
-        theta = _fit_spectrum(segments(y, length, dt), 1)
+        theta = _fit_spectrum(mean_periodogram(y, length, dt), 1)
         length = int(np.clip(SEGMENT_LAGS * np.exp(theta[2]) / dt, MIN_SEGMENT_ROWS, longest))
-    periodogram = segments(y, length, dt)
+    periodogram = mean_periodogram(y, length, dt)
     conductive = replace(periodogram, conduction=True)
     structures = [periodogram, periodogram, conductive]
     fits = [_fit_spectrum(data, count) for data, count in zip(structures, (1, 2, 2))]
-    costs = np.array([_cost(theta, data) for theta, data in zip(fits, structures)])
+    costs = np.array(
+        [_negative_log_likelihood(theta, data) for theta, data in zip(fits, structures)]
+    )
     costs *= periodogram.weight
     n_parameters = np.array([3, 4, 4])
     log_size = np.log(periodogram.weight * len(periodogram.w))
@@ -143,9 +145,9 @@ def noise_sensor(
     us = []
     model_us = []
     for theta, data in zip(fits, structures):
-        covariance = _covariance(theta, data)
-        quantities = _quantities(theta[2:], data.conduction)
-        slopes = approx_fprime(theta[2:], _quantities, 1e-4, data.conduction)
+        covariance = _theta_covariance(theta, data)
+        quantities = _lag_and_step_times(theta[2:], data.conduction)
+        slopes = approx_fprime(theta[2:], _lag_and_step_times, 1e-4, data.conduction)
         variance = np.einsum("ik,kl,il->i", slopes, covariance[2:, 2:], slopes)
         if not variance[0] > 0:
             raise undetermined_lag_error(column)
@@ -167,7 +169,7 @@ def noise_sensor(
     first_s, second_s = [*_lags(best[2:]), 0.0][:2]
     chain = conduction_chain(first_s, second_s, data.conduction)
     _check_record(len(y), dt, lag, best)
-    findings = _conditions(y, data, best, column, len(_lags(best[2:])))
+    findings = _condition_findings(y, data, best, column, len(_lags(best[2:])))
     fit = {
         "lag_s": lag.model_dump(),
         "lags_in_record": len(y) * dt / lag.value,
@@ -218,7 +220,7 @@ class Periodogram:
     conduction: bool = False
 
 
-def segments(y: Array, length: int, dt_s: float) -> Periodogram:
+def mean_periodogram(y: Array, length: int, dt_s: float) -> Periodogram:
     """Return the mean periodogram of overlapping Hann segments (Welch's method).
 
     Parameters
@@ -282,7 +284,7 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
     return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
-def _cost(theta: Array, periodogram: Periodogram) -> float:
+def _negative_log_likelihood(theta: Array, periodogram: Periodogram) -> float:
     """Return Whittle's negative log likelihood, for one independent value in each bin."""
     s = spectrum(theta, periodogram)
     return float(np.sum(np.log(s) + periodogram.power / s))
@@ -311,13 +313,15 @@ def _fit_spectrum(periodogram: Periodogram, count: int) -> Array:
     results = []
     for tau in np.geomspace(2 * dt, LONGEST_START * dt * 2 * len(power), N_STARTS):
         start = np.log([mean_power, max(floor, 1e-12), *[tau, SECOND_LAG_SHARE * tau][:count]])
-        result = minimize(_cost, start, (periodogram,), method="Nelder-Mead", options=options)
+        result = minimize(
+            _negative_log_likelihood, start, (periodogram,), method="Nelder-Mead", options=options
+        )
         results.append(result)
     theta = min(results, key=lambda result: result.fun).x
     return np.r_[theta[:2], np.sort(theta[2:])[::-1]]
 
 
-def _covariance(theta: Array, periodogram: Periodogram) -> Array:
+def _theta_covariance(theta: Array, periodogram: Periodogram) -> Array:
     """Return the inverse of Whittle's expected information.
 
     Parameters
@@ -341,7 +345,7 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
     return np.asarray(np.linalg.pinv(information), dtype=np.float64)
 
 
-def _quantities(logs: Array, conduction: bool) -> Array:
+def _lag_and_step_times(logs: Array, conduction: bool) -> Array:
     """Return lag and times of the step response (4,) [s], from the logarithms of the lags."""
     return lag_and_times(Chain(_all_lags(logs, conduction)))
 
@@ -403,7 +407,7 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
         )
 
 
-def _conditions(
+def _condition_findings(
     y: Array, periodogram: Periodogram, theta: Array, column: str, lags: int
 ) -> list[Finding]:
     """Return findings on number of lags, stationarity, and goodness of fit.

@@ -254,7 +254,7 @@ def pair_sensor(
         )
     n_lags = 2 * data.segments
     exponents = [] if speed is None else [exponent[0]]
-    starts = _starts(data, exponents)
+    starts = _grid_starts(data, exponents)
     for _ in range(2):
         size = max(int(np.exp(starts[0][:n_lags].min()) / ROWS_IN_SHORTER_LAG / data.dt_s), 1)
         averaged = averaged_rows(data, size)
@@ -264,11 +264,11 @@ def pair_sensor(
         if usable < MIN_ROWS:
             what = f"a segment of {usable} rows with new values of {columns[0]} and {columns[1]}"
             raise InputError(what, expected=f"at least {MIN_ROWS} between changes of flow")
-        theta = _minimise(averaged, starts)
+        theta = _search_minimum(averaged, starts)
         if averaged.intervals is not None:
             data = _with_fitted_noise(averaged, theta)
             averaged = data
-            theta = _minimise(averaged, [theta])
+            theta = _search_minimum(averaged, [theta])
         starts = [theta]
     shorter_s = float(np.exp(theta[:n_lags].min()))
     if data.dt_s > row_dt_s and data.dt_s > shorter_s / ROWS_PER_LAG:
@@ -283,7 +283,7 @@ def pair_sensor(
     unshown_s = np.zeros(n_lags)
     if averaged.intervals is None and not bare:
         two = replace(averaged, second_lags=True)
-        two_lags = _fit(two, _minimise(two, _starts(two, exponents)))
+        two_lags = _fit(two, _search_minimum(two, _grid_starts(two, exponents)))
         if _requires_second(best, two_lags):
             best = two_lags
             fitted = two
@@ -674,13 +674,13 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
     return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
 
-def _cost(data: PairData, theta: Array) -> float:
+def _sum_of_squares(data: PairData, theta: Array) -> float:
     """Return the sum of squares of the whitened residuals, with those of the priors."""
     w = whitened_residuals(data, theta)
     return float(w @ w + np.sum(data.prior_residuals(theta) ** 2))
 
 
-def _starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
+def _grid_starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     """Return starts of the parameters: the best of a coarse grid of lags.
 
     Parameters
@@ -704,10 +704,10 @@ def _starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     ]
     if not data.second_lags:
         candidates = [theta[:-2] for theta in candidates[:: len(SECOND_STARTS)]]
-    return sorted(candidates, key=lambda theta: _cost(averaged, theta))[:N_STARTS]
+    return sorted(candidates, key=lambda theta: _sum_of_squares(averaged, theta))[:N_STARTS]
 
 
-def _minimise(data: PairData, starts: Sequence[Array]) -> Array:
+def _search_minimum(data: PairData, starts: Sequence[Array]) -> Array:
     """Return the parameters of least cost.
 
     Parameters
@@ -812,7 +812,7 @@ def _fit(data: PairData, theta: Array) -> _Fit:
         for j, other in enumerate(steps[: i + 1]):
             corners = 0.0
             for a, b in product((1, -1), repeat=2):
-                corners += a * b * _cost(data, theta + a * step + b * other)
+                corners += a * b * _sum_of_squares(data, theta + a * step + b * other)
             hessian[i, j] = corners / (8 * LOG_STEP**2)
             hessian[j, i] = hessian[i, j]
     block_starts = np.arange(0, len(w), max(len(w) // SCORE_BLOCKS, 1))
@@ -915,7 +915,7 @@ def _with_gain(data: PairData, fit: _Fit) -> tuple[_Fit, Estimate, Array]:
         known = replace(data, gain=(gain, KNOWN_GAIN_SD))
         start = fit.theta.copy()
         start[n_lags] = gain
-        return _fit(known, _minimise(known, [start]))
+        return _fit(known, _search_minimum(known, [start]))
 
     smaller, known, larger = (with_gain(gain) for gain in (-GAIN_SD, 0.0, GAIN_SD))
     shift_s = 0.5 * (_total_lags(larger, n_lags)[0] - _total_lags(smaller, n_lags)[0])

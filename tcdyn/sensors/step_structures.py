@@ -393,7 +393,7 @@ def _fit_with_noise(
         """Fit a structure; keep and return the fit if it is resolved and differs from others."""
         if record.curve(structure, start) is None:
             return None
-        fit = _fit(record, structure, start, noise)
+        fit = _fit_structure(record, structure, start, noise)
         if not fit.is_resolved(structure.to_resolve):
             return None
         if any(f.structure == structure and f.fit.is_near(fit) for f in fitted):
@@ -465,7 +465,7 @@ def _slow_path(
     trials = []
     for ratio in SLOW_RATIOS:
         path = {"slow_share": SMALL_SHARE, "slow_s": ratio * record.sensor_lag_s}
-        share, gain = _score(record, fitted, structure, path, "slow_share")
+        share, gain = _score_of_parameter(record, fitted, structure, path, "slow_share")
         path["slow_share"] = float(np.clip(share, SMALL_SHARE, MAX_SLOW_SHARE[record.junction]))
         trials.append((gain if share > 0 else 0.0, path))
     gain, path = max(trials, key=lambda trial: trial[0])
@@ -513,14 +513,15 @@ def later_response(record: StepRecord, fitted: FittedStructure) -> tuple[float, 
     Returns
     -------
     shift_s, gain
-        As ``_score`` returns them; the shift is negative if the response begins earlier [s].
+        As ``_score_of_parameter`` returns them; the shift is negative if the response begins
+        earlier [s].
     """
     structure = replace(fitted.structure, dead=True)
     step_s = SMALL_SHARE * record.sensor_lag_s
-    return _score(record, fitted, structure, {"dead_s": step_s}, "dead_s")
+    return _score_of_parameter(record, fitted, structure, {"dead_s": step_s}, "dead_s")
 
 
-def _score(
+def _score_of_parameter(
     record: StepRecord,
     fitted: FittedStructure,
     structure: StepStructure,
@@ -555,7 +556,7 @@ def _score(
     return fitted.fit.score(direction)
 
 
-def _fit(
+def _fit_structure(
     record: StepRecord,
     structure: StepStructure,
     start: Mapping[str, float],

@@ -255,7 +255,7 @@ def simulate_campaign(
     with write.removed_on_failure(*written):
         rig_sha256 = _write_rig(folder, nominal_rig)
         true_values: dict[str, dict[str, Any]] = {name: {} for name in jobs}
-        results = parallel_map(partial(_run, folder=folder), [*jobs.items()], n_jobs)
+        results = parallel_map(partial(_run_job, folder=folder), [*jobs.items()], n_jobs)
         for number, (_, result) in enumerate(results, 1):
             if isinstance(result, Exception):
                 raise result
@@ -323,7 +323,7 @@ def _traces(folder: Path, name: str) -> Path:
     return folder / "truth" / f"{name}_traces.parquet"
 
 
-def _run(named_job: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
+def _run_job(named_job: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
     """Run a job and write its log and its traces.
 
     Parameters

@@ -391,7 +391,9 @@ def simulate_ehl(
     o = options or EhlOptions()
     test_truth = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
-    columns, traces = _conditions(t, test_truth, rig, rng_for(seed, "conditions", condition.name))
+    columns, traces = _condition_channels(
+        t, test_truth, rig, rng_for(seed, "conditions", condition.name)
+    )
     unevenness: dict[str, Any] = {}
     for name in DISKS:
         rng = rng_for(seed, "measure", condition.name, name)
@@ -403,7 +405,7 @@ def simulate_ehl(
     order = [c for c in columns if c not in last] + last
     frame = pd.DataFrame(columns)[order]
     trace_frame = pd.DataFrame(traces)[order]
-    values = _scalars(test_truth, rig, trace_frame)
+    values = _true_scalars(test_truth, rig, trace_frame)
     return frame, {**values, "unevenness": unevenness, "traces": trace_frame}
 
 
@@ -530,7 +532,7 @@ def disk_run(
     return system, solution
 
 
-def _conditions(
+def _condition_channels(
     t: Array, test_truth: EhlTruth, rig: RigTruth, rng: np.random.Generator
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the channels of the log that are no temperatures of the disks, logged and true.
@@ -576,7 +578,7 @@ def _conditions(
         "time_s": t,
         "load_N": load_N * test_truth.contact_share(t),
         "friction_N": test_truth.friction_at(t),
-        "contact": _within(
+        "contact": _inside_intervals(
             t, [(test_truth.load_on_s, test_truth.unload_s), *test_truth.recontact_intervals_s]
         ),
         "speed_fast_rpm": test_truth.test.speed_fast_rpm * test_truth.speed_share(t),
@@ -592,7 +594,9 @@ def _conditions(
         "time_s": t,
         "load_N": digitised(load + zero_load + 6.0 * noise[0], 5000.0),
         "friction_N": digitised(friction + zero_friction + 0.15 * noise[1], 100.0),
-        "contact": _within(t, [(switch_on_s, switch_off_s), *test_truth.recontact_intervals_s]),
+        "contact": _inside_intervals(
+            t, [(switch_on_s, switch_off_s), *test_truth.recontact_intervals_s]
+        ),
         "speed_fast_rpm": np.round(true["speed_fast_rpm"] + 1.5 * noise[2], 1),
         "speed_slow_rpm": np.round(true["speed_slow_rpm"] + 0.5 * noise[3], 1),
         "ambient_degC": true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4],
@@ -625,7 +629,7 @@ def _oil_temperature(t: Array, test_truth: EhlTruth, drift: bool) -> Array:
     return oil + slow + 0.2 * test_truth.contact_share(t)
 
 
-def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
+def _inside_intervals(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
     """Return 1 inside any of the intervals, else 0.
 
     Parameters
@@ -643,7 +647,7 @@ def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
     return np.any([(t >= start) & (t < stop) for start, stop in intervals], axis=0).astype(float)
 
 
-def _scalars(test_truth: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
+def _true_scalars(test_truth: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
     """Return the true values of a test for the truth file.
 
     Parameters

@@ -87,14 +87,14 @@ def _temperature_around(
         setup=disk.setup,
         depth_m=(disk.setup.outer_radius_m - grid.r)[::-1],
         angle_deg=ANGLES_DEG,
-        middle_degC=_middle(field, grid.z)[::-1],
+        middle_degC=_middle_plane(field, grid.z)[::-1],
         surface_degC=field[-1].mean(axis=0),
         surface_u_K=np.zeros(len(angle)),
         reading_degC=dict(zip(system.channels, readings.tolist())),
     )
 
 
-def _middle(field: Array, z_m: Array) -> Array:
+def _middle_plane(field: Array, z_m: Array) -> Array:
     """Return a field in the middle plane of the disk, by linear interpolation in z.
 
     Parameters

@@ -242,7 +242,7 @@ def build_system(
         source_power=track * (1 - conductance_W_m2K * skin),
         source_ambient=to_ground,
         source_const=constant,
-        sample=_sampler(disk, g.r, g.z, g.size),
+        sample=_junction_weights(disk, g.r, g.z, g.size),
         channels=tuple(sorted(s.junctions)),
         h_W_m2K=h_W_m2K,
         surface_m2=area,
@@ -468,7 +468,7 @@ def laplacian(conductances: list[Conductances], to_ground: Array, n: int) -> spa
     return sparse.csc_matrix((values, (rows, cols)), shape=(n, n))
 
 
-def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
+def _junction_weights(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
     """Return the weights of the cubic interpolation in r and z at each junction.
 
     Parameters

@@ -340,13 +340,13 @@ def bath_columns(
         fluid = quantise(fluid)
     return {
         "time_s": t,
-        "switch": _switch(t, plunge_truth),
+        "switch": _switch_signal(t, plunge_truth),
         "probe_degC": probe,
         "fluid_degC": fluid,
     }
 
 
-def _switch(t: Array, plunge_truth: PlungeTruth) -> Array:
+def _switch_signal(t: Array, plunge_truth: PlungeTruth) -> Array:
     """Return the switch signal (N,): 1 while pressed, with bounces of 20 ms."""
     pressed = t >= plunge_truth.switch_s
     if not plunge_truth.switch_held:

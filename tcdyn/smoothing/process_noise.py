@@ -605,7 +605,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
         rows.append((misfit, np.sum(slope_changes, axis=0), effective_count))
     misfits, roughness, effective = (np.array(column) for column in zip(*rows))
     chosen = [
-        _pick(criterion, levels, *columns)
+        _best_ratio(criterion, levels, *columns)
         for columns in zip(
             misfits.T, roughness.T, effective.T, n_samples.tolist(), noise_var.tolist()
         )
@@ -620,7 +620,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
     )
 
 
-def _pick(
+def _best_ratio(
     criterion: Criterion,
     levels: Array,
     misfit: Array,

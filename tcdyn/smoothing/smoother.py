@@ -186,7 +186,7 @@ def smooth(
         if record.events_s and contradicts:
             without = replace(record, events_s=())
             other, other_events, other_jump_K, _ = _smooth_by_likelihood(without, True)
-            if _evidence(other) > _evidence(fit) + EVENTS_NATS:
+            if _log_likelihood(other) > _log_likelihood(fit) + EVENTS_NATS:
                 fit, detected_events, jump_K = other, other_events, other_jump_K
                 findings.append(warning("trace.events", events=len(record.events_s)))
     else:
@@ -263,7 +263,7 @@ def _smoothed_without_spikes(
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
         raise _too_slow(record)
     fit = smooth_record(record, noise_var, intensities)
-    spikes = _spikes(fit)
+    spikes = _spike_mask(fit)
     if spikes.any():
         fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
     return fit
@@ -316,7 +316,7 @@ def _too_slow(record: Record) -> InputError:
     )
 
 
-def _evidence(fit: Smoothed) -> float:
+def _log_likelihood(fit: Smoothed) -> float:
     """Log likelihood of a record with the intensities of ``fit``."""
     value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
     return float(value.sum())
@@ -329,7 +329,7 @@ def _shows_events(fit: Smoothed) -> bool:
     return bool(candidate_times(refine(fit, divisions=0), fit.record.events_s))
 
 
-def _spikes(fit: Smoothed) -> Flags:
+def _spike_mask(fit: Smoothed) -> Flags:
     """Samples (N, M) that are spikes, judged by the prediction of the smoother.
 
     Next to a slope change or in fast motion the rule with medians, applied before, misses spikes.

@@ -307,7 +307,7 @@ def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
         back = model.transition[kind, :, 0].swapaxes(-1, -2)
         gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
         innovation = model.score[j] - mean @ info
-        cov = _inverse(gain) @ cov
+        cov = _inverse_or_nan(gain) @ cov
         step = (cov @ innovation[..., None])[..., 0]
         yield mean, step, gain, innovation
         mean = (mean + step) @ back
@@ -315,7 +315,7 @@ def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
             cov = (cov.swapaxes(-1, -2).reshape(rows) @ back).reshape(cov.shape)
 
 
-def _inverse(matrices: Array) -> Array:
+def _inverse_or_nan(matrices: Array) -> Array:
     """Inverses of matrices (..., n, n); NaN for one that rounding made singular."""
     try:
         return np.asarray(np.linalg.inv(matrices), dtype=float)
@@ -467,7 +467,7 @@ class Smoothed:
 
 
 def smooth_record(
-    record: Record, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
+    record: Record, noise_var: Array, intensities: Sequence[Intensity], fine: float = FINE
 ) -> Smoothed:
     """Smooth the full record with the RTS smoother, given noise variance and intensities.
 
@@ -477,7 +477,7 @@ def smooth_record(
         The record.
     noise_var
         Noise variance (M,) [K2].
-    chosen
+    intensities
         One intensity for each channel.
     fine
         Largest length of an interval times the corner frequency [rad].
@@ -496,7 +496,7 @@ def smooth_record(
     The score test for a jump of level and slope at a knot is q' W^-1 q, with the adjoint q and its
     variance W from ``tcdyn.smoothing.rts.rts_smooth`` (as in de Jong and Penzer 1998).
     """
-    proposals = [[q] for q in chosen]
+    proposals = [[q] for q in intensities]
     knots = knots_for(record, noise_var, proposals, fine)
     span = channel_ranges(record)
     (n_samples, n_channels) = record.y.shape
@@ -507,7 +507,7 @@ def smooth_record(
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
     split_rows = np.stack([s.split_row for s in record.sensors])
-    for low, first, last, high in chunks(record, noise_var, chosen, knots):
+    for low, first, last, high in chunks(record, noise_var, intensities, knots):
         model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
         chunk = rts_smooth(model)
         stored = slice(first - low, last - low)
@@ -543,7 +543,7 @@ def smooth_record(
     return Smoothed(
         record,
         noise_var,
-        tuple(chosen),
+        tuple(intensities),
         knots,
         level,
         slope,

@@ -257,7 +257,7 @@ def ideal_study(late_steps: int = 0) -> dict[str, MeshErrors]:
         fields[name] = [
             crank_nicolson_field(rim, mesh, STEP_S[name], t, late_steps) for t in IDEAL_TIMES_S
         ]
-    return _errors(fields)
+    return _mesh_errors(fields)
 
 
 def time_step_error_percent() -> dict[str, float]:
@@ -310,7 +310,7 @@ def mesh_study_of_test_D4(inner_degC: float, ambient_degC: float) -> dict[str, M
         air = (s.film + s.face_d + s.face_f) * ambient_degC
         field = steady_field(s, s.outer @ heat + s.inner @ inner + air)
         fields[name] = [np.vstack([inner, field.reshape(mesh.nr - 1, mesh.nz)])]
-    return _errors(fields)
+    return _mesh_errors(fields)
 
 
 def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
@@ -342,7 +342,7 @@ def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
     return density * factor / (2 * np.pi * rim.outer_radius_m)
 
 
-def _errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
+def _mesh_errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
     """Return the errors of each mesh against the finest, at the nodes (9, 14) that all four share.
 
     ``fields``: of each mesh, at each time.
