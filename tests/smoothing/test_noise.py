@@ -276,7 +276,7 @@ def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
         added = [0.12 * rng.standard_normal(len(t)) + bursts(rng, len(t), 6.0) for _ in range(4)]
         done = smooth(clean[:, None] + np.stack(added, axis=1), DT_S, CHAIN)
         off = np.abs(done.temperature - truth[:, None])
-        assert "noise.is_coloured" not in {f.code for f in done.findings}
+        assert "noise.coloured" not in {f.code for f in done.findings}
         assert done.events_s == ()
         assert off.max() < 0.5  # tens of kelvin where a burst passes for an event
         assert np.mean(off < 1.96 * done.sd) > 0.9
@@ -369,7 +369,7 @@ def test_deconvolution_leaves_bursts_out_and_tells_of_the_noise() -> None:
     assert np.count_nonzero(done.flags) > 10
     assert np.max(off / done.sd[75:-75, 0]) < 4.5
     done, _ = deconvolve(clean + before_the_filter(rng, len(t), 0.12, 0.97), DT_S, CHAIN)
-    assert "noise.is_coloured" in {f.code for f in done.findings}
+    assert "noise.coloured" in {f.code for f in done.findings}
 
 
 def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None:
