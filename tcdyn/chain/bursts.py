@@ -76,6 +76,12 @@ SHORT_SEGMENT_S = 1.0
 MAX_HUM_GAIN = 0.1
 # rounds of the search: pulses that hide each other are found one after the other
 ROUNDS = 6
+# positions of pulses in a window, and of steps and slope changes; chosen by judgement
+PULSE_STARTS = 120
+STEP_STARTS = 60
+# norm over the largest one, below which a component is a cubic; and largest correlation of two
+MIN_NORM = 1e-6
+MAX_CORRELATION = 1 - 1e-3
 
 
 def estimate_and_whiten_noise(
@@ -680,13 +686,12 @@ def _window_model(
 
     Notes
     -----
-    Pulses start at every n/120-th of the window, steps and slope changes at every n/60-th (chosen
-    by judgement): finer positions cost memory and time with their square. Components that are
-    nearly cubics are left out. Correlations are limited to 0.999, so that the denominator in
-    ``_WindowModel.weights`` is not zero.
+    More positions (``PULSE_STARTS``, ``STEP_STARTS``) cost memory and time with their square.
+    Components that are nearly cubics are left out. Correlations are limited, so that the
+    denominator in ``_WindowModel.weights`` is not zero.
     """
     margin = margin_samples // 4
-    step_samples = max(size // 120, 1)
+    step_samples = max(size // PULSE_STARTS, 1)
     positions = [
         (pulse, start)
         for pulse in pulses
@@ -695,15 +700,18 @@ def _window_model(
     shapes = np.zeros((size, len(positions)))
     for column, (pulse, start) in zip(shapes.T, positions):
         column[start : start + len(pulse)] = pulse
-    age = np.maximum(np.arange(size)[:, None] - np.arange(0, size, max(size // 60, 2)), 0) * dt_s
+    age = (
+        np.maximum(np.arange(size)[:, None] - np.arange(0, size, max(size // STEP_STARTS, 2)), 0)
+        * dt_s
+    )
     step = 1 - np.exp(-age / lag_s)
     full = np.column_stack([shapes, step, age - lag_s * step])
     cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, size), 3))
     residual = full - cubic @ (cubic.T @ full)
     norms = np.linalg.norm(residual, axis=0)
-    stored = norms > 1e-6 * norms.max()
+    stored = norms > MIN_NORM * norms.max()
     units = residual[:, stored] / norms[stored]
-    correlation = np.clip(units.T @ units, -1 + 1e-3, 1 - 1e-3)
+    correlation = np.clip(units.T @ units, -MAX_CORRELATION, MAX_CORRELATION)
     pulse_columns = np.column_stack([shapes, np.zeros((size, full.shape[1] - len(positions)))])
     n_pulses = int(np.count_nonzero(stored[: len(positions)]))
     return _WindowModel(

@@ -38,6 +38,7 @@ from tcdyn.io.read import open_table
 
 # Grids and settings of the search, chosen by judgement.
 N_DELAYS = 13  # dead times of the starting values
+DELAY_STRIDE = 4  # every so many of them also with shared lags
 N_LAGS = 9  # lags of the starting values of process models
 LEVY_ROUNDS = 10  # of reweighting in the linear problem
 N_SEARCHES = 4  # starting values from which the search starts
@@ -530,7 +531,7 @@ def _start_parameters(data: Response, model: Model) -> list[dict[str, float]]:
             num, den = levy(s, response, weight, n_zeros, model.order)
             if num[0]:
                 candidates.append(from_poles(model, num, den, float(delay)))
-        if model.kind == "process" and k % 4 == 0:
+        if model.kind == "process" and k % DELAY_STRIDE == 0:
             for tau, pattern in product(taus, range(len(LAG_PATTERNS))):
                 candidates.append(share_lag(model, tau, delay, pattern))
     return candidates

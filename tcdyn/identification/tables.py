@@ -39,6 +39,9 @@ LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
 # Thresholds, chosen by judgement.
 # Share of repeated time stamps, above which the clock has too few decimals.
 MAX_REPEATED_STAMPS = 0.02
+# Changes that are one step, and ranges that are at most two steps, over the least step; halfway.
+ONE_STEP = 1.5
+TWO_STEPS = 2.5
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
 # Change of an input that a computer has set, over its range; rounding makes smaller steps.
 MIN_JUMP_SHARE = 0.05
@@ -430,8 +433,8 @@ def is_setpoint(u: Array) -> tuple[bool, float]:
     step = float(changes.min())
     isolated = float(np.mean(stays[index] & stays[index + 2]))
     is_large = bool(np.median(changes) > MIN_JUMP_SHARE * np.ptp(u))
-    mostly_one_step = np.mean(changes < 1.5 * step) > 0.5
-    if np.ptp(u) < 2.5 * step or not mostly_one_step:
+    mostly_one_step = np.mean(changes < ONE_STEP * step) > 0.5
+    if np.ptp(u) < TWO_STEPS * step or not mostly_one_step:
         return is_large or isolated > 0.5, 0.0
     is_isolated = isolated > MIN_ISOLATED_SHARE
     return is_large and is_isolated, step if is_large or is_isolated else 0.0

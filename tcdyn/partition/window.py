@@ -40,6 +40,9 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
+# Steady window of a short test: share of the time under load, and least length [s]; by judgement.
+STEADY_SHARE = 0.3
+MIN_STEADY_S = 10.0
 STEADY_S = 150.0  # length of the steady window before the unloading [s], section 4.3
 # Lengths chosen by judgement: record before the steady window, for the filter bank to settle, and
 # record after the loading that is not used [s].
@@ -489,16 +492,16 @@ def fit_rows(test: EhlTest, after_s: float) -> slice:
 
 
 def steady_start_s(test: EhlTest) -> float:
-    """Start of the steady window [s]: the last 150 s under load, or less in a short test.
+    """Start of the steady window [s]: the last ``STEADY_S`` under load, or less in a short test.
 
     Notes
     -----
-    A short test uses three tenths of its time under load, at least 10 s. The start of the first
-    block, ``tcdyn.partition.nuisance.harmonic_prior`` and :mod:`tcdyn.campaign.compress` rely on
-    it.
+    A short test uses ``STEADY_SHARE`` of its time under load, at least ``MIN_STEADY_S``. The start
+    of the first block, ``tcdyn.partition.nuisance.harmonic_prior`` and
+    :mod:`tcdyn.campaign.compress` rely on it.
     """
     loaded_s = test.events.unload_s - test.events.load_on_s
-    return test.events.unload_s - min(STEADY_S, max(0.3 * loaded_s, 10.0))
+    return test.events.unload_s - min(STEADY_S, max(STEADY_SHARE * loaded_s, MIN_STEADY_S))
 
 
 def disk_window(

@@ -62,6 +62,7 @@ MAX_SLOW_SHARE = {"axis": 0.5, "sheath": 0.95}
 MIN_GAIN = 4.0
 MEDIUM_LIMIT_U = 4.0  # largest lag of the medium, in standard uncertainties above its mean
 MIN_WEIGHT = 1e-3  # probability below which a structure is not tried with the grid of second lags
+SETTLED_NOISE = (0.8, 1.25)  # ratio of two white levels within which no round follows; by judgement
 NOISE_ITERATIONS = 3  # rounds of noise and fit, at most; chosen by judgement
 
 
@@ -354,7 +355,7 @@ def fit_structures(record: StepRecord) -> tuple[list[FittedStructure], Array]:
         best = fitted[int(np.argmax(weights))].fit
         colour, level_K = residual_noise(best.residual, len(best.optimum.theta))
         both_white = colour.white and noise[0].white
-        if both_white and 0.8 < level_K / noise[1] < 1.25:
+        if both_white and SETTLED_NOISE[0] < level_K / noise[1] < SETTLED_NOISE[1]:
             break
         noise = (colour, level_K)
     return fitted, weights

@@ -25,6 +25,7 @@ from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import (
     AFTER_S,
     DECAYS_S,
+    REACH_LAGS,
     channel_spans,
     likeliest_burst,
     segment,
@@ -47,6 +48,8 @@ FALSE_CANDIDATES = 0.05
 MORE_FALSE_CANDIDATES = 1.0
 # lags around an event within which the score test sees that event only
 SCORE_REACH_LAGS = 6.0
+# start [s] before an event of the samples that it influences
+BEFORE_EVENT_S = 5.0
 # lags: a window ends soon after the next event, unless that event is as near as this
 NEXT_EVENT_LAGS = 1.0
 # log odds below which a candidate becomes doubtful before all others are in place
@@ -333,15 +336,15 @@ def influenced_samples(
 
     Notes
     -----
-    From 5 s and 5 lags before to ``tcdyn.smoothing.process_noise.AFTER_S`` and 5 lags after, lags
-    by ``tcdyn.smoothing.process_noise.smearing_time_s``; chosen by judgement. A longer range costs
-    time. A shorter one leaves out samples that ``average_over_event`` should change.
+    From ``BEFORE_EVENT_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after. A lag
+    is ``tcdyn.smoothing.process_noise.smearing_time_s``. A longer range costs time. A shorter one
+    leaves out samples that ``average_over_event`` should change.
     """
     dt = record.dt_s
     lag = smearing_time_s(record)
-    first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
+    first = max(int(np.ceil((at_s - BEFORE_EVENT_S - REACH_LAGS * lag) / dt)), 0)
     after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + NEXT_EVENT_LAGS * lag)])
-    return first, min(int((after + 5 * lag) / dt) + 1, len(record.y))
+    return first, min(int((after + REACH_LAGS * lag) / dt) + 1, len(record.y))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,9 @@ from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.record import Compensated, channel_names, record_of
 
+# Share to which an impulse response must have decayed, and most rows of it, for the noise gain.
+DECAYED = 1e-9
+MAX_DECAY_ROWS = 4e6
 # Noise of the result over that of the trace, from which there is a warning; chosen by judgement.
 MAX_NOISE_GAIN = 100.0
 # Bandwidth over the sampling frequency, from which there is a warning; chosen by judgement.
@@ -73,11 +76,12 @@ class InverseFilter:
     def noise_gain(self) -> float:
         """Ratio of output and input standard deviation for white noise.
 
-        The square root of the sum of the squared impulse response, until it has decayed to 1e-9.
+        The square root of the sum of the squared impulse response, until it has decayed.
         """
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
-        length = int(min(np.log(1e-9) / np.log(max(slowest, 0.1)), 4e6)) + 64 + len(self.b)
+        decay_rows = np.log(DECAYED) / np.log(max(slowest, 0.1))
+        length = int(min(decay_rows, MAX_DECAY_ROWS)) + 64 + len(self.b)
         impulse = np.zeros(length)
         impulse[0] = 1.0
         response = signal.lfilter(self.b, self.a, impulse)

@@ -45,6 +45,9 @@ EXPONENTIAL = 50.0
 REFINEMENTS = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
 # length [s] of the window after an event in which a burst is fitted; chosen by judgement
 AFTER_S = 30.0
+# start of this window before the event [s], and lags on either side of it; chosen by judgement
+BEFORE_S = 10.0
+REACH_LAGS = 5
 # share of the corner frequency from which on a spectrum is used: the error arises near the corner,
 # not at low frequency
 CORNER_SHARE = 0.4
@@ -526,7 +529,7 @@ def _event_window(record: Record, event: float) -> tuple[Record, float]:
 
     Notes
     -----
-    From 10 s and 5 lags before to ``AFTER_S`` and 5 lags after, chosen by judgement; see also
+    From ``BEFORE_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after; see also
     ``tcdyn.smoothing.hidden_events.influenced_samples``.
     """
     dt = record.dt_s
@@ -534,8 +537,8 @@ def _event_window(record: Record, event: float) -> tuple[Record, float]:
     lag = max(s.lag_s for s in record.sensors)
     before = max([e for e in record.events_s if e < event], default=0.0)
     after = min([e for e in record.events_s if e > event], default=(n - 1) * dt)
-    first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
-    last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
+    first = int(np.ceil(max(before, event - BEFORE_S - REACH_LAGS * lag) / dt))
+    last = min(int(min(after, event + AFTER_S + REACH_LAGS * lag) / dt) + 1, n)
     return segment(record, first, last, (event,)), first * dt
 
 
