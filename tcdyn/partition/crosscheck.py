@@ -627,7 +627,10 @@ def _lag_pull(test: EhlTest, name: str, fit: DiskFit) -> tuple[Finding, float]:
 
 
 def _exponent_pull(test: EhlTest, n: Estimate) -> tuple[Finding, float]:
-    """The exponent of the speed law, as a finding, and its pull by the fit of both disks."""
+    """The exponent of the speed law, as a finding, and its pull by the fit of both disks.
+
+    The pull is the distance of the fitted exponent ``n`` from the specified range, over its u.
+    """
     assumed = test.speed_exponent
     half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))

@@ -54,6 +54,12 @@ CORNER_SHARE = 0.4
 # nats: a likelihood that has fallen by so much below its maximum is taken not to rise again; chosen
 # by judgement
 PAST_PEAK_NATS = 20.0
+# rounds of the grid search for a level, trials in a refined one over 0.8 steps on either side, and
+# batches and coarser intervals of the first one; chosen by judgement
+GRID_ROUNDS = 3
+REFINED_TRIALS = 7
+FIRST_BATCHES = 3
+COARSE_START = 4
 # nats within which the first of several bursts counts as the most likely one, so that
 # rounding errors do not decide
 TIE_NATS = 1e-4
@@ -192,7 +198,7 @@ def exact_levels(
 
     Notes
     -----
-    A grid search in the logarithm, refined twice. The highest levels are left out where the
+    A grid search in the logarithm, refined ``GRID_ROUNDS`` - 1 times. The highest levels are left out where the
     likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
     ``tests/smoothing/test_any_unit.py`` recovers a known intensity and noise.
     """
@@ -224,11 +230,11 @@ def exact_levels(
             value = value + 0.5 * ratio * free - 0.5 * free * (1 + log_ratio)
         return value, ratio
 
-    for iteration in range(3):
+    for iteration in range(GRID_ROUNDS):
         # the highest levels need the shortest intervals: skip them once the likelihood has fallen
         batches: list[tuple[Array, Array]] = []
-        fine = FINE if iteration else 4 * FINE
-        for batch in np.array_split(logs, 3 if iteration == 0 else 1, axis=1):
+        fine = FINE if iteration else COARSE_START * FINE
+        for batch in np.array_split(logs, FIRST_BATCHES if iteration == 0 else 1, axis=1):
             batches.append(evaluate(batch, fine))
             value, ratio = (np.concatenate(arrays, axis=1) for arrays in zip(*batches))
             if np.all(value[:, -1] < value.max(axis=1) - PAST_PEAK_NATS):
@@ -241,7 +247,7 @@ def exact_levels(
             scale = np.maximum(ratio[rows, best], least)
         step = logs[:, 1] - logs[:, 0]
         top = logs[rows, best]
-        refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7)
+        refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, REFINED_TRIALS)
         logs = np.clip(refined, np.log(FLOOR), None)
     intensity = np.exp(top) * noise_var * scale
     larger = noise_var * scale

@@ -224,17 +224,17 @@ def adapt_intensities(
     return current
 
 
-def _first_level_noise(q: Intensity, chain: Chain, noise_density: float) -> Array:
+def _first_level_noise(intensity: Intensity, chain: Chain, noise_density: float) -> Array:
     """Intensity of level noise (S,) [K2/s] in each segment of a channel with slope noise only.
 
     At the corner of the smoother it has the power of the slope noise. ``noise_density`` is the
     noise variance times the sampling interval [K2 s].
     """
-    levels = np.array(q.levels)
+    levels = np.array(intensity.levels)
     return np.asarray(levels / corner_rad_s(chain, levels / noise_density) ** 2)
 
 
-def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
+def _update_intensity(fit: Smoothed, channel: int, intensity: Intensity) -> tuple[Intensity, float]:
     """Multiply the intensity of each block by the factor that the scores ask for.
 
     Parameters
@@ -243,7 +243,7 @@ def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intens
         Record smoothed with the present intensities.
     channel
         Index of the channel.
-    q
+    intensity
         Its intensity.
 
     Returns
@@ -253,10 +253,10 @@ def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intens
     gain
         Largest gain of a block in log likelihood [nats].
     """
-    observed, expected = score_sums(fit, channel, np.array(q.starts_s))
-    var = np.column_stack([q.level_noise, q.levels])
+    observed, expected = score_sums(fit, channel, np.array(intensity.starts_s))
+    var = np.column_stack([intensity.level_noise, intensity.levels])
     dof = np.maximum(var * expected, 1e-3)
-    durations = np.diff(np.append(q.starts_s, fit.knots_s[-1]))
+    durations = np.diff(np.append(intensity.starts_s, fit.knots_s[-1]))
     prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
     with np.errstate(over="ignore"):  # the factor is limited
         ratio = observed / expected + prior_dof[:, None] / dof
@@ -264,11 +264,13 @@ def _update_intensity(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intens
     gain = float(np.max(gain_nats(dof, ratio)))
     floors = np.array([LEVEL_FLOOR, FLOOR]) * fit.noise_var[channel]
     level_noise, levels = np.maximum(var * factor, floors).T
-    updated = replace(q, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist()))
+    updated = replace(
+        intensity, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist())
+    )
     return updated, gain
 
 
-def _divide_blocks(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
+def _divide_blocks(fit: Smoothed, channel: int, intensity: Intensity) -> Intensity:
     """Divide those blocks of an intensity whose halves disagree by ``SPLIT_NATS``.
 
     Parameters
@@ -277,23 +279,23 @@ def _divide_blocks(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
         Record smoothed with the present intensities.
     channel
         Index of the channel.
-    q
+    intensity
         Its intensity. Halves with fewer than ``MIN_DOF`` degrees of freedom are not divided.
     """
-    starts = np.array(q.starts_s)
+    starts = np.array(intensity.starts_s)
     middles = 0.5 * (starts + np.append(starts[1:], fit.knots_s[-1]))
     observed, expected = score_sums(fit, channel, np.column_stack([starts, middles]).ravel())
-    var = np.repeat(np.column_stack([q.level_noise, q.levels]), 2, axis=0)
+    var = np.repeat(np.column_stack([intensity.level_noise, intensity.levels]), 2, axis=0)
     dof = var * expected
     gain = gain_nats(dof, observed / expected).reshape(len(starts), -1).sum(axis=1)
     enough = dof.sum(axis=1).reshape(-1, 2).min(axis=1) > MIN_DOF
     divide = (gain > SPLIT_NATS) & enough
     copies = np.where(divide, 2, 1)
     return replace(
-        q,
+        intensity,
         starts_s=tuple(np.sort(np.concatenate([starts, middles[divide]])).tolist()),
-        levels=tuple(np.repeat(q.levels, copies).tolist()),
-        level_noise=tuple(np.repeat(q.level_noise, copies).tolist()),
+        levels=tuple(np.repeat(intensity.levels, copies).tolist()),
+        level_noise=tuple(np.repeat(intensity.level_noise, copies).tolist()),
     )
 
 
