@@ -78,6 +78,7 @@ UNEXPLAINED = 1.6
 UNEXPLAINED_SD = 5.0
 # relative change of a level at which the iteration ends
 LEVELS_SETTLED = 1e-6
+LEVEL_ITERATIONS = 30  # at most; chosen by judgement
 # lag [s] of the chain before the filter: shapes the spectrum of slow temperatures
 TYPICAL_LAG_S = 0.7
 
@@ -627,12 +628,13 @@ def _fit_levels(power: Array, shapes: Array) -> tuple[Array, float]:
     Notes
     -----
     Fisher scoring of Whittle's likelihood: non-negative least squares, weighted by the spectrum
-    itself. At most 30 iterations, which end where no level changes by more than ``LEVELS_SETTLED``.
+    itself. At most ``LEVEL_ITERATIONS``, which end where no level changes by more than
+    ``LEVELS_SETTLED``.
     """
     least = 1e-12 * float(np.max(power))
     s = np.maximum(power, least)
     levels = np.zeros(shapes.shape[1])
-    for _ in range(30):
+    for _ in range(LEVEL_ITERATIONS):
         rows = shapes / s[:, None]
         before = levels
         scale = np.linalg.norm(rows, axis=0)

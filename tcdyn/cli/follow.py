@@ -114,7 +114,7 @@ def follow(
 
     options: Any = reading.options()
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
-    with _stop_request() as stop:
+    with _watch_stop_signals() as stop:
         done = run(
             log,
             records,
@@ -140,7 +140,7 @@ def follow(
 
 
 @contextmanager
-def _stop_request() -> Iterator[Callable[[], bool]]:
+def _watch_stop_signals() -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether a signal to stop was received.
 
     The signal does not interrupt at once, so that no line is written in part. One that is ignored,

@@ -218,7 +218,7 @@ class IdentificationProblem:
 
     @cached_property
     def past_level_index(self) -> tuple[tuple[int | None, ...], ...]:
-        """Position in x of the level of each input before each segment, or None.
+        """Position in x of the level before each segment, or None, by segment and input.
 
         The level is relative to the first sample. For an integrator, the effect of the past is
         the offset.

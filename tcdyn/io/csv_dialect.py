@@ -112,10 +112,10 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
 
     Notes
     -----
-    Encoding, then separator and decimal mark by ``_best_layout``, then names and units. UTF-16 and
-    columns separated by spaces are rewritten in memory, because pyarrow reads neither; such a file
-    cannot be followed while it grows (``tcdyn.io.growing.open_growing``). ``HEAD_BYTES`` must hold
-    a header and some rows: a longer header is not found.
+    Encoding, then separator and decimal mark by ``_find_best_layout``, then names and units. UTF-16
+    and columns separated by spaces are rewritten in memory, because pyarrow reads neither; such a
+    file cannot be followed while it grows (``tcdyn.io.growing.open_growing``). ``HEAD_BYTES`` must
+    hold a header and some rows: a longer header is not found.
     """
     with open(path, "rb") as stream:
         head = stream.read(HEAD_BYTES)
@@ -128,7 +128,7 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
         lines = lines[:-1]  # the last one may be incomplete
-    layout = _best_layout(tuple(lines), frozenset(name.lower() for name in known_names))
+    layout = _find_best_layout(tuple(lines), frozenset(name.lower() for name in known_names))
     if layout is None:
         text_lines = (line for line in lines if line.strip() and not line.startswith("#"))
         raise InputError(
@@ -226,7 +226,7 @@ def _tabs_for_spaces(text: bytes) -> bytes:
 
 
 @lru_cache(maxsize=4)
-def _best_layout(lines: tuple[str, ...], known_names: frozenset[str]) -> _Layout | None:
+def _find_best_layout(lines: tuple[str, ...], known_names: frozenset[str]) -> _Layout | None:
     """The layout with the best score; the first of equal ones: tab, semicolon, comma, bar.
 
     Parameters
@@ -259,7 +259,7 @@ def _layouts(
     lines: Sequence[str], separator: str, decimals: str, known_names: Collection[str]
 ) -> list[_Layout]:
     """The layouts with data for one separator and each of the decimal marks."""
-    candidates = [_layout(lines, separator, decimal, known_names) for decimal in decimals]
+    candidates = [_find_layout(lines, separator, decimal, known_names) for decimal in decimals]
     return [layout for layout in candidates if layout is not None]
 
 
@@ -377,10 +377,10 @@ def _is_data(cells: list[str], decimal: str) -> bool:
     return kinds[0] in ("number", "stamp") and sum(k in ("number", "stamp") for k in kinds) > 1
 
 
-def _layout(
+def _find_layout(
     lines: Sequence[str], separator: str, decimal: str, known_names: Collection[str]
 ) -> _Layout | None:
-    """Where header and data are with this separator and decimal mark; None without data.
+    """Find header and data with one separator and decimal mark; None without data.
 
     Parameters
     ----------

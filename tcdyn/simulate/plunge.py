@@ -259,7 +259,7 @@ def simulate_plunge(
     plunge_truth = draw_plunge(rng, fluid, bath_degC, options or PlungeOptions(), errors)
     names = sorted(setup.junctions)
     depths = np.array([setup.junctions[c].depth_m for c in names])
-    heating = heat_disk(setup, depths, plunge_truth)
+    heating = immersed_disk(setup, depths, plunge_truth)
 
     def truth_at(t: Array) -> Array:
         """Return the true junction temperatures (M, channels) [degC] at times ``t`` (M,) [s]."""
@@ -281,7 +281,7 @@ def simulate_plunge(
     return pd.DataFrame(columns), {**values, "traces": pd.DataFrame(traces)}
 
 
-def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Heating:
+def immersed_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Heating:
     """Return the true temperatures of an immersed disk over the time since its entry.
 
     Parameters
@@ -289,7 +289,7 @@ def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Hea
     setup
         Geometry and steel of the disk; its width is the height of the convecting wall.
     depths
-        Depths below the running surface (depths,) [m].
+        Depths below the running surface (D,) [m].
     plunge_truth
         True values of the plunge.
 
@@ -404,7 +404,7 @@ def simulate_hole(
     options = PlungeOptions(entry_s=10.0, after_s=after_s, initial_degC=initial_degC)
     plunge_truth = draw_plunge(rng, "water", bath_degC, options, errors)
     setup = rig.fast.setup
-    heating = heat_disk(setup, np.array([3e-3]), plunge_truth)
+    heating = immersed_disk(setup, np.array([3e-3]), plunge_truth)
     cement_lag_s = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
     base_lag_s = 0.25 + 0.01 * rng.standard_normal(5)
     chains: list[tuple[float, float, Conditioning]] = []

@@ -198,8 +198,8 @@ def exact_levels(
 
     Notes
     -----
-    A grid search in the logarithm, refined ``GRID_ROUNDS`` - 1 times. The highest levels are left out where the
-    likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
+    A grid search in the logarithm, refined ``GRID_ROUNDS`` - 1 times. The highest levels are left
+    out where the likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
     ``tests/smoothing/test_any_unit.py`` recovers a known intensity and noise.
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))

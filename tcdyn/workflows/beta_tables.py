@@ -180,12 +180,12 @@ def budget_table(partition: Partition) -> pd.DataFrame:
     columns = [f"u(β) [1], {head}" for head in heads]
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
     # the speed law has no numbers in a test with one disk
-    return frame.dropna(axis="columns").map(u_of_beta).rename_axis("source").reset_index()
+    return frame.dropna(axis="columns").map(u_beta_text).rename_axis("source").reset_index()
 
 
-def u_of_beta(u: float) -> str:
-    """A standard uncertainty of beta in a table."""
-    return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
+def u_beta_text(u: float) -> str:
+    """A standard uncertainty of beta [1] with four decimals; smaller ones are "below 0.0001"."""
+    return f"{u:.4f}" if u >= 0.5e-4 else "below 0.0001"
 
 
 def conditions_table(partition: Partition) -> pd.DataFrame:
