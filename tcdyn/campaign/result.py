@@ -1,6 +1,6 @@
 """Result of a campaign: posterior, exponent n, trends, junction depths, outlying tests, findings.
 
-``tcdyn.workflows.campaign`` calls ``joined``; ``tcdyn.plots``, ``tcdyn.report`` and
+``tcdyn.workflows.campaign`` calls ``join_results``; ``tcdyn.plots``, ``tcdyn.report`` and
 ``tcdyn.campaign.tables`` show the result. Guarded by ``tests/campaign/test_posterior.py`` and
 ``tests/campaign/test_lines.py``.
 """

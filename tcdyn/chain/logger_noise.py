@@ -282,7 +282,7 @@ class LoggerNoise:
         return np.where(missing_mask, np.nan, out)
 
     def whitened_chain(self, chain: Chain) -> Chain:
-        """The chain of a trace that ``whitened`` has filtered.
+        """The chain of a trace that ``whiten`` has filtered.
 
         Parameters
         ----------

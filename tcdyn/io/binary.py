@@ -463,7 +463,7 @@ class _ParquetReader:
         """The columns of one batch as numbers.
 
         Booleans become 0 and 1, time stamps seconds since the first one, texts what
-        ``tcdyn.io.csv_dialect.TextColumn`` makes of them.
+        ``tcdyn.io.cells.TextColumn`` makes of them.
 
         Parameters
         ----------

@@ -515,7 +515,7 @@ def with_linear_steel(test: EhlTest) -> EhlTest:
     Notes
     -----
     Must come before ``with_inner_row_at_one_radius`` (see
-    ``tcdyn.partition.analyse.prepare_test``), because the gradient depends on the steel.
+    ``tcdyn.partition.analyse.apply_corrections``), because the gradient depends on the steel.
     ``tests/partition/test_statement.py`` (study) fails if the bias of a stated slope remains.
     """
     names = [

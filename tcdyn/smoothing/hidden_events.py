@@ -204,7 +204,7 @@ def remaining_jump(fit: Smoothed) -> Array:
     Notes
     -----
     The most likely jump at a knot is the adjoint over its variance. It counts where the score test
-    of ``candidates`` is significant, and in the intervals beside.
+    of ``candidate_times`` is significant, and in the intervals beside.
     """
     threshold = 2 * np.log(fit.jump_chi2.size / FALSE_CANDIDATES)
     chi2 = fit.jump_chi2.copy()

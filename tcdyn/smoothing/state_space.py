@@ -350,7 +350,7 @@ def likelihood(
 
     Notes
     -----
-    Prior mean and covariance are those of ``prior``. ``tests/smoothing/test_states.py`` compares
+    Prior mean and covariance are those of ``ramp_prior``. ``tests/smoothing/test_states.py`` compares
     both results with the dense covariance of all samples.
     """
     model = full_model(record, noise_var, proposals, fine)
