@@ -150,8 +150,8 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     quantities of one channel are correlated, for which Holm's correction is valid. References are
     the same where name and certificate in ``[traceability]`` are equal, also if both are empty.
 
-    The day of the next calibration (``calibration.decisions.next_calibration``) reads the rows whose
-    name ends in "degC": keep these names. Guarded by ``tests/rig/test_record.py`` and
+    The day of the next calibration (``calibration.decisions.next_calibration``) reads the rows
+    whose name ends in "degC": keep these names. Guarded by ``tests/rig/test_record.py`` and
     ``tests/calibration/test_budget.py``.
     """
     if old.disk != new.disk:

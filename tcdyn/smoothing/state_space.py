@@ -350,8 +350,8 @@ def likelihood(
 
     Notes
     -----
-    Prior mean and covariance are those of ``ramp_prior``. ``tests/smoothing/test_states.py`` compares
-    both results with the dense covariance of all samples.
+    Prior mean and covariance are those of ``ramp_prior``. ``tests/smoothing/test_states.py``
+    compares both results with the dense covariance of all samples.
     """
     model = full_model(record, noise_var, proposals, fine)
     log_det = np.zeros(model.mean0.shape[:2])
