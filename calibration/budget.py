@@ -133,7 +133,7 @@ def expanded_of_skewed(estimate: Estimate) -> tuple[float, float]:
 
 
 def uncertainty_budget(
-    line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float
+    line: StaticLine, traceability: TraceabilityTable, on: date, temperature_degC: float
 ) -> UncertaintyBudget:
     """Budget of the reading of a channel at rest.
 
@@ -145,7 +145,7 @@ def uncertainty_budget(
     ----------
     line
         Static line of the channel.
-    stated
+    traceability
         [traceability] of the rig file.
     on
         Date of the calibration.
@@ -174,7 +174,7 @@ def uncertainty_budget(
     >>> round(budget.coverage, 2), round(budget.expanded, 3)
     (1.98, 0.131)
     """
-    drift = min(stated.drift_u_K(on), line.shared_u_K)
+    drift = min(traceability.drift_u_K(on), line.shared_u_K)
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)
     u = float(static_u(line, temperature_degC))
     dof = line.n - 2

@@ -150,8 +150,8 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     quantities of one channel are correlated, for which Holm's correction is valid. References are
     the same where name and certificate in ``[traceability]`` are equal, also if both are empty.
 
-    The day of the next calibration (``tcdyn.report.signed.next_calibration``) reads the rows whose
-    name ends in "degC": keep these names. Guarded by ``tests/rig/test_record.py`` and
+    The day of the next calibration (``calibration.decisions.next_calibration``) reads the rows
+    whose name ends in "degC": keep these names. Guarded by ``tests/rig/test_record.py`` and
     ``tests/calibration/test_budget.py``.
     """
     if old.disk != new.disk:
@@ -162,7 +162,7 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     changes: list[Change] = []
     findings: list[Finding] = []
     # an error of one common reference cancels in the change
-    is_same_reference = _reference(old) == _reference(new)
+    is_same_reference = _reference_thermometer(old) == _reference_thermometer(new)
     for channel in sorted(set(old.static) & set(new.static)):
         line_changes = _line_changes(
             channel, old.static[channel], new.static[channel], is_same_reference
@@ -176,10 +176,10 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     in_one_only = sorted(set(old.static) ^ set(new.static))
     if in_one_only:
         findings.append(warning("record.in_one_only", channels=in_one_only))
-    return RecordComparison(_holm(changes), tuple(findings))
+    return RecordComparison(_holm_table(changes), tuple(findings))
 
 
-def _reference(record: DiskRecord) -> tuple[str, str]:
+def _reference_thermometer(record: DiskRecord) -> tuple[str, str]:
     """The reference thermometer of a record and its certificate.
 
     Returns
@@ -255,7 +255,7 @@ def _lag_changes(old: DiskRecord, new: DiskRecord) -> list[Change]:
     return changes
 
 
-def _holm(changes: list[Change]) -> pd.DataFrame:
+def _holm_table(changes: list[Change]) -> pd.DataFrame:
     """The table of changes with z, p and their significance by Holm's step-down procedure.
 
     Notes
@@ -331,7 +331,11 @@ def _check_line(channel: str, line: StaticLine) -> list[Finding]:
 
 
 def _check_lags(record: DiskRecord) -> list[Finding]:
-    """Warnings about uncertain lags, and lags far from the common lag."""
+    """Warnings about uncertain lags, and about lags far from the common lag of the disk.
+
+    A lag is uncertain above ``MAX_RELATIVE_LAG_U``. It is far from the common lag above
+    ``MAX_RELATIVE_LAG_DIFFERENCE``, if the difference also exceeds twice its uncertainty.
+    """
     if record.chain is None:
         return [warning("record.no_chain")]
     findings: list[Finding] = []

@@ -47,7 +47,7 @@ def simulated_files(record: DiskRecord) -> list[str]:
 def draft_reasons(record: DiskRecord) -> list[str]:
     """Return why the page is no calibration certificate; empty for one that is."""
     reasons = []
-    missing = record.setup.traceability.missing
+    missing = record.setup.traceability.missing_entries
     if missing:
         reasons.append(f"[traceability] of rig.toml does not state {', '.join(missing)}")
     if not has_oven_lines(record):

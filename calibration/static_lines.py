@@ -62,7 +62,7 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
     >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
     0.75
     """
-    errors = _finite(errors_K)
+    errors = _finite_values(errors_K)
     if len(errors) < 2:
         raise InputError("fewer than 2 errors to describe")
     size = np.abs(errors)
@@ -76,7 +76,7 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
     )
 
 
-def _finite(errors_K: ArrayLike) -> Array:
+def _finite_values(errors_K: ArrayLike) -> Array:
     """The finite values in one row."""
     errors = np.asarray(errors_K, dtype=float).ravel()
     return errors[np.isfinite(errors)]

@@ -92,10 +92,10 @@ class TransducerLine(Result):
         gain = self.slope_N_V
         lines = [
             f"force = {gain.text('N/V')} x volts + zero, {low:g} to {high:g} N; "
-            f"gain {_interval(gain)}"
+            f"gain {_interval_text(gain)}"
         ]
         for name, zero in self.intercept_N.items():
-            lines.append(f"session {name}: zero {zero.text('N')}; {_interval(zero)}")
+            lines.append(f"session {name}: zero {zero.text('N')}; {_interval_text(zero)}")
         if self.shift_N is not None:
             lines.append(
                 f"the zeros lie up to {self.shift_N.text('N')} apart: "
@@ -115,9 +115,9 @@ class TransducerLine(Result):
         return {**super().to_dict(), "warnings": list(messages(self.findings))}
 
 
-def _interval(e: Estimate) -> str:
+def _interval_text(estimate: Estimate) -> str:
     """The 95 % interval as text."""
-    return f"95 %: {e.low95:.6g} to {e.high95:.6g}"
+    return f"95 %: {estimate.low95:.6g} to {estimate.high95:.6g}"
 
 
 def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> TransducerLine:

@@ -123,7 +123,7 @@ class StructureComparison:
         return float(np.hypot(self.u_before_s, self.u_structure_s))
 
     @property
-    def contradicted(self) -> bool:
+    def is_contradicted(self) -> bool:
         """Whether the chosen structure is improbable and fits clearly worse than the best.
 
         Notes
@@ -138,7 +138,7 @@ class StructureComparison:
     @property
     def conclusion(self) -> Finding:
         """Conclusion about the structures: the chosen one, then the best or all possible ones."""
-        if self.contradicted:
+        if self.is_contradicted:
             others = [self.best]
         else:
             possible = [
@@ -158,11 +158,11 @@ class StructureComparison:
             "u_s": [r.common_lag_s.u for r in listed],
             "second_s": None if second is None else (second.value, second.u),
             "candidates": len(self.rows),
-            "contradicted": self.contradicted,
+            "contradicted": self.is_contradicted,
             "u_before_s": self.u_before_s,
             "u_after_s": self.u_after_s,
         }
-        if self.contradicted or self.u_structure_s > self.u_before_s:
+        if self.is_contradicted or self.u_structure_s > self.u_before_s:
             return warning("plunge.structure", **numbers)
         return info("plunge.structure", **numbers)
 
@@ -183,12 +183,12 @@ class StructureComparison:
 
     def table(self) -> pd.DataFrame:
         """One row a structure, formatted for reports."""
-        table = pd.DataFrame([self._formatted(row) for row in self.rows])
+        table = pd.DataFrame([self._table_row(row) for row in self.rows])
         if all(row.held_out is None for row in self.rows):
             return table.drop(columns=HELD_OUT_COLUMN)
         return table
 
-    def _formatted(self, row: StructureRow) -> dict[str, str]:
+    def _table_row(self, row: StructureRow) -> dict[str, str]:
         """One row of :meth:`table`: numbers as text, by the heading of their column."""
         suffix = ", used here" if row.structure == self.chosen else ""
         return {
@@ -205,7 +205,7 @@ class StructureComparison:
         return {
             "chosen": self.chosen,
             "sentence": self.sentence,
-            "contradicted": self.contradicted,
+            "contradicted": self.is_contradicted,
             "u_common_lag_before_s": self.u_before_s,
             "u_common_lag_after_s": self.u_after_s,
             "candidates": jsonable(self.rows),
@@ -284,12 +284,12 @@ def compare_structures(
     with it the u of every lag: ``tests/immersion/test_plunge_structures.py``.
     """
     chosen = final.problem.layout.structure
-    optima = {s: _optima(final, s, priors) for s in structures}
+    optima = {s: _structure_optima(final, s, priors) for s in structures}
     best = max(optima, key=lambda s: optima[s][0].laplace)
     scan_is_valid = best == chosen and optima[best][0].is_near(final)
     if not scan_is_valid:
         noise = optima[best][0].residual_noise()
-        optima = {s: [_refit(o, s, priors, noise) for o in optima[s]] for s in structures}
+        optima = {s: [_refit_structure(o, s, priors, noise) for o in optima[s]] for s in structures}
     largest = max(o.laplace for s in structures for o in optima[s])
     reported_lag_s = scan.estimate(filter_lag_s, extra_u_s)
     solutions: list[_Solution] = []
@@ -325,14 +325,14 @@ def compare_structures(
                     reported,
                 )
             solutions.append(solution)
-    probability = _probabilities(solutions)
+    probability = _solution_probabilities(solutions)
     shift = [0 * final.lag_s if s.reported else s.optimum.lag_s - final.lag_s for s in solutions]
     covariance = np.einsum("s,si,sj->ij", probability, shift, shift)
-    rows = _rows(solutions, probability, structures)
+    rows = _structure_rows(solutions, probability, structures)
     return StructureComparison(chosen, rows, covariance, reported_lag_s.u)
 
 
-def _probabilities(solutions: Sequence[_Solution]) -> Array:
+def _solution_probabilities(solutions: Sequence[_Solution]) -> Array:
     """Probability of each solution by evidence; that of P1, a special case, by likelihood.
 
     Occam's factor would favour one lag for having fewer parameters. That a second lag is not needed
@@ -365,7 +365,7 @@ def _probabilities(solutions: Sequence[_Solution]) -> Array:
     return weights / weights.sum()
 
 
-def _rows(
+def _structure_rows(
     solutions: Sequence[_Solution], probability: Array, structures: Sequence[str]
 ) -> tuple[StructureRow, ...]:
     """One row a structure: its reported or most probable solution, and a possible second one.
@@ -406,7 +406,9 @@ def _rows(
     return tuple(above_best)
 
 
-def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[PlungeOptimum]:
+def _structure_optima(
+    near: PlungeOptimum, structure: str, priors: PlungePriors
+) -> list[PlungeOptimum]:
     """The solutions of a structure, most probable first: from ``near``, and from a short lag.
 
     A long lag with a strong entry burst and a short lag with a mild burst can both be optima.
@@ -432,14 +434,14 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
     """
     layout = near.problem.layout
     noise = near.problem.noise
-    optima = [_refit(near, structure, priors, noise)]
+    optima = [_refit_structure(near, structure, priors, noise)]
     mean_lag_s = near.lag_s.mean()
     if float(mean_lag_s) > LONG_LAG_S:
         reset = layout.mask(*BURST_KINDS, "entry")
         theta = np.where(reset, near.problem.mean, near.theta)
         theta[layout.at("lag")] += SHORT_LAG_S - mean_lag_s
         start = replace(near, solution=replace(near.solution, theta=theta))
-        other = _refit(start, structure, priors, noise)
+        other = _refit_structure(start, structure, priors, noise)
         if not other.is_near(optima[0]) and other.cost < optima[0].cost + MAX_EXCESS_COST:
             optima.append(other)
     return sorted(optima, key=lambda o: o.laplace, reverse=True)
@@ -526,7 +528,7 @@ def _subset_optimum(at: PlungeOptimum, runs: Sequence[int]) -> PlungeOptimum:
     return subset.optimise(at.theta[index], limit=12)
 
 
-def _refit(
+def _refit_structure(
     near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]
 ) -> PlungeOptimum:
     """The optimum with another structure and another ``noise``, started from ``near``.

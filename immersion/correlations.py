@@ -282,11 +282,11 @@ class Bath:
         f = self.fluid
         film = np.asarray((surface_degC + fluid_degC) / 2)
         perturbed = {
-            "rho": replace(f, rho=_scaled(f.rho, 0.0, f.u_rho)),
-            "c": replace(f, c=_scaled(f.c, 0.0, f.u_c)),
-            "k": replace(f, k=_scaled(f.k, 0.0, f.u_k)),
-            "nu": replace(f, nu=_scaled(f.nu, 0.0, f.u_nu)),
-            "beta": replace(f, rho=_scaled(f.rho, float(f.rho(film)), f.u_beta)),
+            "rho": replace(f, rho=_scale_differences(f.rho, 0.0, f.u_rho)),
+            "c": replace(f, c=_scale_differences(f.c, 0.0, f.u_c)),
+            "k": replace(f, k=_scale_differences(f.k, 0.0, f.u_k)),
+            "nu": replace(f, nu=_scale_differences(f.nu, 0.0, f.u_nu)),
+            "beta": replace(f, rho=_scale_differences(f.rho, float(f.rho(film)), f.u_beta)),
         }
         base = float(self.h_W_m2K(surface_degC, fluid_degC))
         components = {}
@@ -353,7 +353,7 @@ def check_validity(
     return tuple(findings)
 
 
-def _scaled(curve: Curve, centre: float, u: float) -> Curve:
+def _scale_differences(curve: Curve, centre: float, u: float) -> Curve:
     """The curve with its differences from the value ``centre`` multiplied by 1 + ``u``.
 
     Parameters

@@ -178,7 +178,7 @@ def _eigenvalues(ratio: float, count: int) -> tuple[float, ...]:
     longer step can miss a root. Test: ``tests/immersion/test_immersion_radial.py``.
     """
 
-    def characteristic(x: float) -> float:
+    def characteristic_function(x: float) -> float:
         """Characteristic function whose positive roots are the eigenvalues."""
         if ratio == 0:
             return float(j1(x))
@@ -188,8 +188,8 @@ def _eigenvalues(ratio: float, count: int) -> tuple[float, ...]:
     roots: list[float] = []
     x = step / 2
     while len(roots) < count:
-        if characteristic(x) * characteristic(x + step) < 0:
-            roots.append(brentq(characteristic, x, x + step, xtol=1e-12))
+        if characteristic_function(x) * characteristic_function(x + step) < 0:
+            roots.append(brentq(characteristic_function, x, x + step, xtol=1e-12))
         x += step
     return tuple(roots)
 

@@ -30,6 +30,16 @@ ERROR_DIFFERENCE_S = 3.0
 # Factors on the standard uncertainty of a single source; chosen by judgement.
 PROBE_ONLY_FACTOR = 2.0
 SWITCH_ONLY_FACTOR = 1.5
+# Least readings of the probe; shares of its way where the straight line begins and ends (see
+# ``EARLY_SHARE``); time before the jump whose median is the level before [s], and its least
+# samples. Chosen by judgement.
+MIN_PROBE_SAMPLES = 20
+LINE_SHARES = (0.05, 0.5)
+LEVEL_BEFORE_S = 10.0
+MIN_LEVEL_SAMPLES = 5
+# Rows at the ends of the record that give its levels: a 50th of it, and at least so many.
+END_PARTS = 50
+MIN_END_SAMPLES = 5
 MIN_JUMP_K = 3.0  # least change of the free thermocouple at the entry [K]; chosen by judgement
 # Share of the way of the junctions to the bath: 0.3 K of 80 K, five standard deviations of a mean
 # of six channels over 0.2 s.
@@ -146,19 +156,19 @@ def probe_time(
     meets that level too early, by 0.0882 of the time from 5 to 50 % (0.056 of the time constant);
     this is corrected.
 
-    The level before is the median of the last 10 s before the jump. ``EARLY_SHARE`` follows from
-    the 5 and 50 % of this function; change them together. A probe that moves by less than
+    The level before is the median of ``LEVEL_BEFORE_S`` before the jump. ``EARLY_SHARE`` follows
+    from ``LINE_SHARES``; change them together. A probe that moves by less than
     ``MIN_JUMP_K`` gives no instant. Test: ``tests/immersion/test_immersion_events.py``.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.asarray(probe_degC, dtype=float)
     finite = np.isfinite(y)
-    if finite.sum() < 20:
+    if finite.sum() < MIN_PROBE_SAMPLES:
         return None
     t = t[finite]
     y = y[finite]
     smooth = median_filter(y, 3, mode="nearest")
-    edge = max(len(y) // 50, 5)
+    edge = max(len(y) // END_PARTS, MIN_END_SAMPLES)
     low = float(np.median(smooth[:edge]))
     if fluid_degC is None:
         high = float(np.median(smooth[-edge:]))
@@ -168,16 +178,16 @@ def probe_time(
     if abs(step) < MIN_JUMP_K:
         return None
     share = (smooth - low) / step
-    above_half = np.flatnonzero((share[:-1] >= 0.5) & (share[1:] >= 0.5))
+    above_half = np.flatnonzero((share[:-1] >= LINE_SHARES[1]) & (share[1:] >= LINE_SHARES[1]))
     if above_half.size == 0:
         return None
     top = int(above_half[0])
-    below = np.flatnonzero(share[:top] < 0.05)
+    below = np.flatnonzero(share[:top] < LINE_SHARES[0])
     if below.size == 0:
         return None
     start = int(below[-1])
-    before = (t >= t[start] - 10.0) & (t < t[start] - 2 * (t[1] - t[0]))
-    level = float(np.median(y[before])) if before.sum() >= 5 else low
+    before = (t >= t[start] - LEVEL_BEFORE_S) & (t < t[start] - 2 * (t[1] - t[0]))
+    level = float(np.median(y[before])) if before.sum() >= MIN_LEVEL_SAMPLES else low
     if top - start < 2:
         return float((t[start] + t[min(start + 1, len(t) - 1)]) / 2), PROBE_U_S
     rows = slice(start, top + 1)

@@ -277,7 +277,7 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
         Fewer than two temperatures, an impossible value, a density that does not fall with
         temperature, or an uncertainty outside 0 to 1.
     """
-    columns = {c: _numbers(table, c, where) for c in COLUMNS}
+    columns = {c: _column_of_numbers(table, c, where) for c in COLUMNS}
     order = np.argsort(columns["T_degC"])
     T = columns["T_degC"][order]
     if len(T) < 2 or np.any(np.diff(T) <= 0):
@@ -309,7 +309,7 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
     )
 
 
-def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
+def _column_of_numbers(table: pd.DataFrame, column: str, where: str) -> Array:
     """A column as numbers. Raises InputError for a value that is not possible.
 
     Parameters
@@ -352,7 +352,7 @@ def _spline(x: Array, y: Array) -> Curve:
     """
     if len(x) == 2:
         slope = (y[1] - y[0]) / (x[1] - x[0])
-        return partial(_line, slope, y[0] - slope * x[0])
+        return partial(_straight_line, slope, y[0] - slope * x[0])
     curve: Curve = CubicSpline(x, y, bc_type="natural" if len(x) == 3 else "not-a-knot")
     return curve
 
@@ -371,23 +371,23 @@ def _viscosity_spline(T: Array, nu: Array) -> Curve:
     """
     nu_mm2_s = nu * 1e6
     if np.min(nu_mm2_s) <= WALTHER_MIN_MM2_S:
-        return partial(_exponential, _spline(T, np.log(nu)))
+        return partial(_viscosity_m2_s, _spline(T, np.log(nu)))
     log_log_nu = np.log10(np.log10(nu_mm2_s + WALTHER_OFFSET_MM2_S))
-    return partial(_walther, _spline(np.log10(T + ZERO_C), log_log_nu))
+    return partial(_walther_viscosity_m2_s, _spline(np.log10(T + ZERO_C), log_log_nu))
 
 
 # Functions of the module, not closures: a fluid can then be pickled for worker processes.
-def _line(slope: float, intercept: float, T: Array) -> Array:
+def _straight_line(slope: float, intercept: float, T: Array) -> Array:
     """Straight line in temperature."""
     return intercept + slope * T
 
 
-def _exponential(log_nu: Curve, T: Array) -> Array:
+def _viscosity_m2_s(log_nu: Curve, T: Array) -> Array:
     """Viscosity [m2/s] from the curve of its logarithm."""
     return np.exp(log_nu(T))
 
 
-def _walther(log_log_nu: Curve, T: Array) -> Array:
+def _walther_viscosity_m2_s(log_log_nu: Curve, T: Array) -> Array:
     """Viscosity [m2/s] from the curve of log log(nu + 0.7 mm2/s) over log T."""
     nu_mm2_s = 10 ** (10 ** log_log_nu(np.log10(T + ZERO_C))) - WALTHER_OFFSET_MM2_S
     return nu_mm2_s * 1e-6

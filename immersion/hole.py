@@ -33,9 +33,15 @@ from tcdyn.rig.rigfile import load_rig
 MIN_LAG_S = 0.02  # lower bound of a lag [s]; chosen by judgement
 MAX_STEP_S = 0.3  # largest step of an extra lag in one iteration [s]; chosen by judgement
 BEFORE_S = 5.0  # record before the entry that is used [s]; chosen by judgement
-IDEAL_DIFFERENCE_U = (
-    2.0  # difference of two ideal channels over its u, beyond which a warning is given
-)
+LONGEST_BLOCK_S = 1.0  # longest block of samples that are averaged [s]; chosen by judgement
+# Knots of x: first spacing [s]; end of the uniform knots after the entry [s]; growth from knot to
+# knot after it; longest spacing [s]. The bath changes x fast only after the entry. By judgement.
+FIRST_KNOT_STEP_S = 0.06
+UNIFORM_KNOTS_S = 1.5
+KNOT_STEP_GROWTH = 1.08
+LAST_KNOT_STEP_S = 3.0
+# Difference of two ideal channels over its u, beyond which there is a warning.
+IDEAL_DIFFERENCE_U = 2.0
 OTHER_COLUMNS = ("probe", "fluid", "prt", "ambient", "oil")  # temperatures that are no junctions
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
@@ -171,7 +177,7 @@ def compare_holes(
     limit_s
         Largest acceptable extra lag [s].
     reference_lag_s
-        Lag of the ideal channels [s]. It only sets how rough x is.
+        Lag of the ideal channels [s]. It sets how sharp the features of x are.
     depth_m, depth_u_m
         Depth of the junctions and its standard uncertainty [m].
     diffusivity_m2_s
@@ -223,18 +229,20 @@ def compare_holes(
     if entry is None:
         entry = find_entry(
             t,
-            _optional(frame, "switch"),
-            _optional(frame, "probe_degC"),
-            _optional(frame, "fluid_degC"),
+            _column_or_none(frame, "switch"),
+            _column_or_none(frame, "probe_degC"),
+            _column_or_none(frame, "fluid_degC"),
             where,
         )
     readings = frame[[f"{n}_degC" for n in order]].to_numpy(dtype=float)
     used = t >= entry.time_s - BEFORE_S
     clean, spikes = without_spikes(readings[used])
     dt_s = float(np.median(np.diff(t)))
-    time, mean, count = make_averages(t[used] - entry.time_s, clean, dt_s, 1.0)
+    time, mean, count = make_averages(t[used] - entry.time_s, clean, dt_s, LONGEST_BLOCK_S)
     noise = white_noise_sd(clean)
-    extra, covariance, fitted = _fit(time, mean, count, noise, len(ideals), reference_lag_s, gain_u)
+    extra, covariance, fitted = _fit_blocks(
+        time, mean, count, noise, len(ideals), reference_lag_s, gain_u
+    )
     findings = [*entry.findings]
     if spikes:
         findings.append(info("plunge.spikes", count=spikes))
@@ -245,7 +253,7 @@ def compare_holes(
     u_depth = depth_shift_s * float(np.sqrt(1 + 1 / len(ideals)))
     variance = np.diag(covariance)
     cemented_rows = zip(cemented, extra[len(ideals) :], variance[len(ideals) :])
-    holes = tuple(_hole(n, value, v, u_depth, limit_s) for n, value, v in cemented_rows)
+    holes = tuple(_result_of_hole(n, value, v, u_depth, limit_s) for n, value, v in cemented_rows)
     spread = None
     if len(ideals) >= 2:
         u = np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
@@ -258,13 +266,13 @@ def compare_holes(
     )
 
 
-def _optional(frame: pd.DataFrame, column: str) -> Array | None:
+def _column_or_none(frame: pd.DataFrame, column: str) -> Array | None:
     """A column as numbers (N,); None where the log has none."""
     return frame[column].to_numpy(dtype=float) if column in frame else None
 
 
 def _knots(end: float) -> Array:
-    """Knots of x after the entry [s]: 0.06 s apart at first, then up to 3 s.
+    """Knots of x after the entry [s], close together at first.
 
     Parameters
     ----------
@@ -278,18 +286,18 @@ def _knots(end: float) -> Array:
 
     Notes
     -----
-    The spacing limits how fast x can change; it is chosen by judgement.
+    The spacing limits how fast x can change. More knots cost time.
     """
     knots = [0.0]
-    step = 0.06
+    step = FIRST_KNOT_STEP_S
     while knots[-1] < end:
         knots.append(knots[-1] + step)
-        if knots[-1] > 1.5:
-            step = min(step * 1.08, 3.0)
+        if knots[-1] > UNIFORM_KNOTS_S:
+            step = min(step * KNOT_STEP_GROWTH, LAST_KNOT_STEP_S)
     return np.array(knots)
 
 
-def _fit(
+def _fit_blocks(
     time: Array, mean: Array, count: Array, noise: Array, ideals: int, base_s: float, gain_u: float
 ) -> tuple[Array, Array, Array]:
     """Fit the common temperature x and the extra lag of each channel to the blocks.
@@ -392,7 +400,7 @@ def _fit(
     return theta[extra], best.covariance[extra, extra], model(theta)[0]
 
 
-def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:
+def _result_of_hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:
     """Result for one cemented thermocouple; a name such as d1p3 contains the diameter 1.3 mm.
 
     Parameters

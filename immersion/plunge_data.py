@@ -29,6 +29,11 @@ from tcdyn.rig.static_line import StaticLine, smallest_uncertainty
 # Least record before the entry and after it [s]; chosen by judgement.
 MIN_BEFORE_S = 0.5
 MIN_AFTER_S = 10.0
+SHORTEST_BLOCK_S = 0.02  # shortest block, from samples at 100 Hz or faster; chosen by judgement
+# Around the entry blocks are short from this long before it, and until this long after it; earlier
+# ones have the second length [s]. Chosen by judgement.
+SHORT_BLOCKS_S = 1.0
+EARLY_BLOCK_S = 1.0
 BLOCK_GROWTH = 0.03  # growth of the block length over the time since the entry; chosen by judgement
 HUBER_LIMIT = 4.0  # standardised residual beyond which a block loses weight (Huber); by judgement
 MIN_FACTOR = 0.25  # least variance factor; chosen by judgement
@@ -127,7 +132,7 @@ def with_filled_bath(log: Log) -> pd.DataFrame:
     Gaps of the junctions stay NaN: an interpolation across the first seconds of a plunge is no
     reading, and block means leave missing samples out.
     """
-    return log.interpolated().assign(**{name: log.frame[name] for name in log.channels})
+    return log.interpolate_missing().assign(**{name: log.frame[name] for name in log.channels})
 
 
 def run_from_log(
@@ -255,16 +260,18 @@ def make_averages(
 
     Notes
     -----
-    Blocks are one second long until one second before the entry, then two samples (at least 0.02
-    s); from one second after the entry they grow by ``BLOCK_GROWTH`` of the time since. A larger
-    growth gives fewer blocks.
+    Blocks have ``EARLY_BLOCK_S`` until ``SHORT_BLOCKS_S`` before the entry, then two samples, at
+    least ``SHORTEST_BLOCK_S``; from ``SHORT_BLOCKS_S`` after the entry they grow by
+    ``BLOCK_GROWTH`` of the time since. A larger growth gives fewer blocks.
     """
-    shortest_s = max(2 * dt_s, 0.02)
+    shortest_s = max(2 * dt_s, SHORTEST_BLOCK_S)
     edges = [float(times[0]) - dt_s / 2]
-    while edges[-1] < -1.0:
-        edges.append(min(edges[-1] + 1.0, -1.0) if edges[-1] < -1.5 else -1.0)
+    while edges[-1] < -SHORT_BLOCKS_S:
+        is_last = edges[-1] >= -SHORT_BLOCKS_S - 0.5 * EARLY_BLOCK_S
+        length_s = np.inf if is_last else EARLY_BLOCK_S
+        edges.append(min(edges[-1] + length_s, -SHORT_BLOCKS_S))
     while edges[-1] < times[-1] + dt_s / 2:
-        length_s = shortest_s + BLOCK_GROWTH * max(edges[-1] - 1.0, 0.0)
+        length_s = shortest_s + BLOCK_GROWTH * max(edges[-1] - SHORT_BLOCKS_S, 0.0)
         edges.append(edges[-1] + min(length_s, longest_s))
     index = np.searchsorted(edges, times, side="right")
     blocks = pd.DataFrame(values).groupby(index)

@@ -28,7 +28,7 @@ from immersion.plunge_posterior import (
     ModelForm,
     PlungeOptimum,
     PlungeProblem,
-    marginal,
+    marginal_deviance,
     scan_common_lag,
 )
 from immersion.plunge_result import PlungeFit
@@ -134,7 +134,7 @@ def identify_plunges(
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
     problem = replace(problem, models=build(problem.start))
-    best, rival = _search(problem, build, filtered.lag_s)
+    best, rival = _search_optimum(problem, build, filtered.lag_s)
     scan, best, _ = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
     form = compare_correlations(best, scan, base, others, setup.conditioning.lag_s)
@@ -327,7 +327,7 @@ def published_degC(
     return tables
 
 
-def _search(
+def _search_optimum(
     problem: PlungeProblem, build: BuildModels, filter_lag_s: float
 ) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
     """The optimum, and a warning where a long and a short lag fit equally well.
@@ -360,7 +360,7 @@ def _search(
     weak = np.where(burst, problem.mean - WEAK_BURST_SDS * problem.sd, problem.start)
     optima = [problem.optimise(start, **FAR_SEARCH) for start in (problem.start, weak)]
     best, other = sorted(optima, key=lambda o: o.cost)
-    best = _refined(best, build)
+    best = _refit_with_residual_noise(best, build)
     if other.is_near(best):
         return best, ()
     other = best.problem.optimise(other.theta)
@@ -372,7 +372,7 @@ def _search(
     return short, (warning("plunge.rival", lag_s=long_lag_s, chi_square=excess),)
 
 
-def _refined(best: PlungeOptimum, build: BuildModels) -> PlungeOptimum:
+def _refit_with_residual_noise(best: PlungeOptimum, build: BuildModels) -> PlungeOptimum:
     """The optimum with the noise of the residuals, and with conduction linearised about it.
 
     Parameters
@@ -488,9 +488,13 @@ def _maximum_shift(at: PlungeOptimum, width: float) -> float:
     """
     weights = at.problem.layout.common_lag
     lag = float(at.lag_s.mean())
-    low = -0.5 * marginal(minimise_constrained(at.solution, weights, lag - width, **SEARCH))
-    middle = -0.5 * marginal(at.solution)
-    high = -0.5 * marginal(minimise_constrained(at.solution, weights, lag + width, **SEARCH))
+    low = -0.5 * marginal_deviance(
+        minimise_constrained(at.solution, weights, lag - width, **SEARCH)
+    )
+    middle = -0.5 * marginal_deviance(at.solution)
+    high = -0.5 * marginal_deviance(
+        minimise_constrained(at.solution, weights, lag + width, **SEARCH)
+    )
     curvature = high - 2 * middle + low
     if curvature >= 0:
         return 0.0

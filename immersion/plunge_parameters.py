@@ -238,12 +238,12 @@ class PlungeParameters:
         """A name for each parameter."""
         return [f"{kind}_{subject}" if subject else kind for kind, subject in self.table()]
 
-    def split_prior(self, p: PlungePriors) -> dict[str, tuple[float, float]]:
+    def split_prior(self, priors: PlungePriors) -> dict[str, tuple[float, float]]:
         """Prior mean and standard deviation of the two split kinds; fixed for one lag.
 
         Parameters
         ----------
-        p
+        priors
             Widths of the priors.
 
         Returns
@@ -255,16 +255,16 @@ class PlungeParameters:
         -----
         P1 has no split; ``FIXED_SD`` keeps its two parameters at their mean.
         """
-        channel_sd = p.shape_logit_channel
-        common_sd = p.shape_logit_common
+        channel_sd = priors.shape_logit_channel
+        common_sd = priors.shape_logit_common
         if self.structure == "P1":
             channel_sd = FIXED_SD
             common_sd = FIXED_SD
-        return {"split": (0.0, channel_sd), "common_split": (p.shape_logit, common_sd)}
+        return {"split": (0.0, channel_sd), "common_split": (priors.shape_logit, common_sd)}
 
     def prior(
         self,
-        p: PlungePriors,
+        priors: PlungePriors,
         entry_u_s: Sequence[float],
         initial_degC: Sequence[float],
         h_u_rel: Sequence[float] = (0.0,),
@@ -273,7 +273,7 @@ class PlungeParameters:
 
         Parameters
         ----------
-        p
+        priors
             Widths of the priors.
         entry_u_s
             Standard uncertainty of the entry time of each run [s].
@@ -288,21 +288,21 @@ class PlungeParameters:
             (P,) each; the standard deviation is infinite where the prior is flat.
         """
         prior: dict[str, tuple[float | Sequence[float], float | Array]] = {
-            "ln_h": (0.0, np.hypot(p.h_scale_log, h_u_rel)),
-            "h_exponent": (0.0, p.h_exponent),
-            "h_viscosity": (0.0, p.h_viscosity),
-            "ln_burst": (float(np.log(p.burst_median)), p.burst_log),
-            "ln_burst_time": (float(np.log(p.burst_time_median_s)), p.burst_time_log),
-            "ln_burst_shape": (0.0, p.burst_shape_log),
-            "entry": (0.0, p.entry_scale * np.asarray(entry_u_s)),
-            "initial": (initial_degC, p.initial_K),
-            "bath": (0.0, p.bath_K),
+            "ln_h": (0.0, np.hypot(priors.h_scale_log, h_u_rel)),
+            "h_exponent": (0.0, priors.h_exponent),
+            "h_viscosity": (0.0, priors.h_viscosity),
+            "ln_burst": (float(np.log(priors.burst_median)), priors.burst_log),
+            "ln_burst_time": (float(np.log(priors.burst_time_median_s)), priors.burst_time_log),
+            "ln_burst_shape": (0.0, priors.burst_shape_log),
+            "entry": (0.0, priors.entry_scale * np.asarray(entry_u_s)),
+            "initial": (initial_degC, priors.initial_K),
+            "bath": (0.0, priors.bath_K),
             "lag": (0.0, np.inf),
-            "depth": (0.0, p.depth_m),
-            "offset": (0.0, p.static_offset_K),
-            "gain": (0.0, p.static_gain),
-            "ln_conductivity": (0.0, p.conductivity_log),
-            **self.split_prior(p),
+            "depth": (0.0, priors.depth_m),
+            "offset": (0.0, priors.static_offset_K),
+            "gain": (0.0, priors.static_gain),
+            "ln_conductivity": (0.0, priors.conductivity_log),
+            **self.split_prior(priors),
         }
         mean = np.empty(self.size)
         sd = np.empty(self.size)

@@ -358,7 +358,7 @@ def scan_common_lag(
             max_deviance=drop,
             max_distance=20.0,
             bounds=(2 * MIN_LAG_S, np.inf),
-            cost=marginal,
+            cost=marginal_deviance,
             **SEARCH,
         )
         lowest = min(path.optima, key=lambda o: o.cost)
@@ -399,7 +399,7 @@ def scan_common_lag(
     return scan, PlungeOptimum(best.problem, final), best
 
 
-def marginal(at: Optimum) -> float:
+def marginal_deviance(at: Optimum) -> float:
     """-2 log of Laplace's marginal posterior of the constrained quantity, up to a constant.
 
     Parameters

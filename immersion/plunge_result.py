@@ -230,7 +230,7 @@ class PlungeFit(Result):
     @property
     def common_lag_s(self) -> Estimate:
         """The mean lag of the channels, with the conditioning filter [s]."""
-        return self._common(self.extra_covariance)
+        return self._widened_common_lag(self.extra_covariance)
 
     @cached_property
     def differential_lag_s(self) -> dict[str, Estimate]:
@@ -300,7 +300,7 @@ class PlungeFit(Result):
         ``tests/immersion/test_plunge_fit.py``.
         """
         common = self.common_lag_s
-        u_without_structure = self._common(self.model_form.covariance).u
+        u_without_structure = self._widened_common_lag(self.model_form.covariance).u
         known_burst_u_s = common_and_differential_u_s(
             self._covariance_with_fixed(*BURST_KINDS, "entry")
         )[0]
@@ -400,15 +400,15 @@ class PlungeFit(Result):
                 findings.append(unexpected)
         return findings
 
-    def _run_findings(self, r: int) -> list[Finding]:
-        """Findings about run ``r``.
+    def _run_findings(self, run_index: int) -> list[Finding]:
+        """Findings about one run: entry, validity of the correlation, spikes, coloured residuals.
 
-        Entry, validity of the correlation, spikes, and coloured residuals.
+        ``run_index`` counts from 0. Residuals are coloured above ``MAX_VARIANCE_FACTOR``.
         """
-        run = self.runs[r]
-        model = self.optimum.problem.models[r]
-        surface = self.optimum.surfaces[r]
-        noise = self.optimum.problem.noise[r]
+        run = self.runs[run_index]
+        model = self.optimum.problem.models[run_index]
+        surface = self.optimum.surfaces[run_index]
+        noise = self.optimum.problem.noise[run_index]
         validity = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
         findings = [f.at(run.name) for f in (*run.entry.findings, *validity)]
         if model.blocks.spikes:
@@ -474,7 +474,8 @@ class PlungeFit(Result):
         common = self.common_lag_s
         lines = [
             f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
-            f"  common lag {text_with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
+            f"  common lag {text_with_u(common.value, common.u, 's')}, "
+            f"95 % {interval_text(common)} s",
             f"    {INTERVAL_NOTE}",
         ]
         for channel in self.channels:
@@ -492,7 +493,7 @@ class PlungeFit(Result):
             lines.append(f"  structure: {self.structures.sentence}.")
         return lines
 
-    def _common(self, extra: Array) -> Estimate:
+    def _widened_common_lag(self, extra: Array) -> Estimate:
         """The common lag, widened by the covariance ``extra`` (C, C) of the lags."""
         return self.scan.estimate(
             self.setup.conditioning.lag_s, common_and_differential_u_s(extra)[0]
@@ -517,10 +518,10 @@ class PlungeFit(Result):
         return inverse(information)[np.ix_(lags, lags)]
 
 
-def interval(estimate: Estimate) -> str:
+def interval_text(estimate: Estimate) -> str:
     """The 95 % interval with the decimals of the uncertainty.
 
-    >>> interval(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
+    >>> interval_text(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
     '0.593 to 0.857'
     """
     low = rounded_texts(estimate.low95, estimate.u)[0]

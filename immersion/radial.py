@@ -117,7 +117,7 @@ class GridInterpolation:
         value
             (..., B).
         """
-        low, high = self._ends(y)
+        low, high = self._interval_ends(y)
         return self.after * low + self.share * (high - low)
 
     def slope(self, y: Array) -> Array:
@@ -133,10 +133,10 @@ class GridInterpolation:
         slope
             (..., B), constant between knots, zero before the entry.
         """
-        low, high = self._ends(y)
+        low, high = self._interval_ends(y)
         return self.after / self.width_s * (high - low)
 
-    def _ends(self, y: Array) -> tuple[Array, Array]:
+    def _interval_ends(self, y: Array) -> tuple[Array, Array]:
         """Values of ``y`` at both ends of each interval.
 
         Times (C, B) read the rows of ``y`` (..., C, n), each channel its own.

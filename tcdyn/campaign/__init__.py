@@ -12,7 +12,7 @@ lines. The tests are in ``tests/campaign``.
 from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of
 from tcdyn.campaign.interchange import MapComparison, compare_maps
 from tcdyn.campaign.posterior import Posterior, solve_campaign
-from tcdyn.campaign.result import JoinedCampaign, joined
+from tcdyn.campaign.result import JoinedCampaign, join_results
 from tcdyn.campaign.sufficient_statistics import (
     SufficientStatistics,
     rig_fingerprint,
@@ -26,7 +26,7 @@ __all__ = [
     "SufficientStatistics",
     "compare_maps",
     "compress_likelihood",
-    "joined",
+    "join_results",
     "rig_fingerprint",
     "solve_campaign",
     "sufficient_statistics_of",

@@ -58,7 +58,7 @@ class OutlyingTest:
     freedom: int
 
     @property
-    def explained(self) -> bool:
+    def is_explained(self) -> bool:
         """Whether the cause alone explains the departure."""
         dof = max(self.freedom - 1, 1)
         return float(chdtrc(dof, max(self.left, 0.0))) > EXPLAINED_P
@@ -66,7 +66,7 @@ class OutlyingTest:
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``campaign.json``."""
         data = dict(jsonable(self))
-        return {"test": data.pop("name"), **data, "explained": self.explained}
+        return {"test": data.pop("name"), **data, "explained": self.is_explained}
 
 
 def outlying_tests(posterior: Posterior) -> tuple[OutlyingTest, ...]:

@@ -249,7 +249,8 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
             0 < row["friction_N"] < row["load_N"]
             and row["speed_fast_rpm"] > row["speed_slow_rpm"] > 0
         )
-        if not (sound and 0 < row.get("beta", 0.7) < 1 and row.get("h_fast_W_m2K", 700.0) > 0):
+        possible = 0 < row.get("beta", 0.5) < 1 and row.get("h_fast_W_m2K", 1.0) > 0
+        if not (sound and possible):
             raise InputError(
                 f"row {i} is no test",
                 where=str(path),
@@ -354,7 +355,9 @@ def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> Suffici
         speed_exponent=contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
         disks={
-            d: _traces(d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging)
+            d: _planned_traces(
+                d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging
+            )
             for d in DISKS
         },
         findings=(),
@@ -408,7 +411,7 @@ def _reproducible_noise(count: int, seed: int) -> Array:
     return np.random.default_rng(seed).standard_normal(count)
 
 
-def _traces(
+def _planned_traces(
     disk: str,
     rig: Rig,
     load_N: float,

@@ -1,6 +1,6 @@
 """Result of a campaign: posterior, exponent n, trends, junction depths, outlying tests, findings.
 
-``tcdyn.workflows.campaign`` calls ``joined``; ``tcdyn.plots``, ``tcdyn.report`` and
+``tcdyn.workflows.campaign`` calls ``join_results``; ``tcdyn.plots``, ``tcdyn.report`` and
 ``tcdyn.campaign.tables`` show the result. Guarded by ``tests/campaign/test_posterior.py`` and
 ``tests/campaign/test_lines.py``.
 """
@@ -112,7 +112,7 @@ class JoinedCampaign:
                 chi2=s.chi2,
                 left=s.left,
                 freedom=s.freedom,
-                explained=s.explained,
+                explained=s.is_explained,
             )
             for s in self.outlying_tests
         ]
@@ -237,7 +237,7 @@ def read_statistics(name: str, data: Mapping[str, Any]) -> SufficientStatistics:
     return SufficientStatistics.from_dict(name, data["kept"])
 
 
-def joined(
+def join_results(
     answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()
 ) -> JoinedCampaign | None:
     """Solve all tests of a campaign together; None where no test can be used.

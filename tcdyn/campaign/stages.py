@@ -76,10 +76,10 @@ def split_stages(log: Log) -> tuple[Log, ...]:
     -------
     The tests, named D4.1, D4.2 and so on; a log with one test under its own name.
     """
-    return _split(log, loading_events(log.frame))
+    return _split_log(log, loading_events(log.frame))
 
 
-def _split(log: Log, events: Sequence[Events]) -> tuple[Log, ...]:
+def _split_log(log: Log, events: Sequence[Events]) -> tuple[Log, ...]:
     """The tests of a log with known loadings.
 
     Parameters
@@ -208,7 +208,7 @@ def all_events(log: LogChunks, log_in_memory: Log) -> list[Events]:
         return (
             events
             if len(events) == 1
-            else [find_events(x.frame, log.path.name) for x in _split(log_in_memory, events)]
+            else [find_events(x.frame, log.path.name) for x in _split_log(log_in_memory, events)]
         )
     events_of_tests = []
     for approximate in loading_events(_decimate(log, -(-log.rows // MAX_ROWS)).frame):

@@ -82,7 +82,9 @@ def read_given_result(path: Path, rig: str) -> dict[str, Any]:
 
 
 def merge_findings(findings: Sequence[tuple[str, Finding]]) -> list[Finding]:
-    """Findings of all tests, those that differ only in their numbers merged into one.
+    """Merge the findings (test, finding) that differ only in their numbers.
+
+    Of findings with one code, severity and subject, the first stays and names the other tests.
 
     >>> from tcdyn.core.findings import info
     >>> some = [(t, info("from_file", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]

@@ -201,7 +201,19 @@ def read_compared(path: str | Path) -> pd.DataFrame:
 
 
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Lines of ``QUANTITIES`` over the load in each group of sliding speed."""
+    """Fit straight lines of ``QUANTITIES`` over the load in each group of sliding speed.
+
+    Parameters
+    ----------
+    table
+        Table of the campaign, one row a test; tests that failed are left out.
+
+    Returns
+    -------
+    DataFrame
+        One row a line: its quantity, speed and number of tests, then the fields of ``LineTrend``.
+        A group whose loads do not determine a line has no row.
+    """
     good = analysed_rows(table)
     rows = []
     for column, (_, part) in product(QUANTITIES, good.groupby("group")):

@@ -119,8 +119,8 @@ def paper_latex(joined: JoinedCampaign) -> str:
             beta,
             inside,
             rounded_texts(r["beta"], r["u_beta"])[1],
-            *(_pm(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS),
-            _pm(r["exponent"], r["u_exponent_within"]),
+            *(_latex_with_u(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS),
+            _latex_with_u(r["exponent"], r["u_exponent_within"]),
         ]
         rows.append(" & ".join(cells) + r" \\")
     n = joined.speed_law.exponent
@@ -133,7 +133,7 @@ def paper_latex(joined: JoinedCampaign) -> str:
             *rows,
             r"\midrule",
             rf"\multicolumn{{{len(LATEX_HEADINGS) - 1}}}{{l}}{{all tests}} & "
-            rf"{_pm(n.value, n.u)} \\",
+            rf"{_latex_with_u(n.value, n.u)} \\",
             r"\bottomrule",
             r"\end{tabular}",
             "",
@@ -141,7 +141,7 @@ def paper_latex(joined: JoinedCampaign) -> str:
     )
 
 
-def _pm(value: float, u: float) -> str:
+def _latex_with_u(value: float, u: float) -> str:
     """Value and standard uncertainty as LaTeX, rounded by the uncertainty."""
     text, spread = rounded_texts(value, u)
     return rf"${text} \pm {spread}$"

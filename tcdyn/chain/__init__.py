@@ -24,8 +24,9 @@ from tcdyn.chain.chain import (
     discretised,
     sensors,
 )
+from tcdyn.chain.equalisation import equalise
 from tcdyn.chain.rational import Hold
-from tcdyn.chain.structures import STRUCTURES, ChainStructure, equalise
+from tcdyn.chain.structures import STRUCTURES, ChainStructure
 
 __all__ = [
     "NO_CONDITIONING",

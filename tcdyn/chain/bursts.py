@@ -76,6 +76,12 @@ SHORT_SEGMENT_S = 1.0
 MAX_HUM_GAIN = 0.1
 # rounds of the search: pulses that hide each other are found one after the other
 ROUNDS = 6
+# positions of pulses in a window, and of steps and slope changes; chosen by judgement
+PULSE_STARTS = 120
+STEP_STARTS = 60
+# norm over the largest one, below which a component is a cubic; and largest correlation of two
+MIN_NORM = 1e-6
+MAX_CORRELATION = 1 - 1e-3
 
 
 def estimate_and_whiten_noise(
@@ -133,7 +139,7 @@ def estimate_and_whiten_noise(
 
     noise = estimate_logger_noise([*compress(traces, same_rate)], dts_s[0], filter_, white_K)
     results = white(noise)
-    if noise.coloured and np.mean([outliers.mean() for _, outliers in results]) > DENSE_SHARE:
+    if noise.is_coloured and np.mean([outliers.mean() for _, outliers in results]) > DENSE_SHARE:
         without_bursts = [
             np.where(outliers, np.nan, y) for y, (_, outliers) in zip(traces, results)
         ]
@@ -207,7 +213,7 @@ def whiten_traces(
     ``WITNESSES`` others could show a change and fewer than ``WITNESSES`` of them do; there a weaker
     pulse is enough.
     """
-    white = noise.whitened(np.where(good, y, np.nan), dt_s)
+    white = noise.whiten(np.where(good, y, np.nan), dt_s)
     outliers = np.zeros(y.shape, dtype=bool)
     for i, sd in enumerate(noise.level_K):
         x = interpolate_gaps(white[:, i], good[:, i])
@@ -468,7 +474,7 @@ def _pulse_shapes(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...]
         Samples on either side of a pulse.
     """
     margin_samples = max(round(MARGIN_S / dt_s), MIN_MARGIN)
-    pulses = tuple(_pulses(dt_s, filter_))
+    pulses = tuple(_filtered_pulses(dt_s, filter_))
     length = max(map(len, pulses)) // 2 * 2 + 2 * margin_samples + 1
     shapes = np.zeros((len(pulses), length))
     for shape, pulse in zip(shapes, pulses):
@@ -503,7 +509,7 @@ def _screen_shapes(dt_s: float, filter_: Conditioning) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
+def _filtered_pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
     """Pulses of every length through the filter until they have decayed; height one before it.
 
     Parameters
@@ -585,7 +591,7 @@ class _WindowModel:
         deviance = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
         margin = MIN_GAIN_WEAK if isolated and deviance < WEAK_DEVIANCE + len(window) else MIN_GAIN
         threshold = (
-            self._best(projection, square, slice(self.pulses, len(projection)), self.pulses)[0]
+            self._best_pair(projection, square, slice(self.pulses, len(projection)), self.pulses)[0]
             + margin
         )
         if deviance < max(threshold, MIN_HEIGHT_SD**2):  # no two parts explain more than there is
@@ -593,7 +599,8 @@ class _WindowModel:
         batch = max(2**16 // len(projection), 1)  # rows that stay in the processor's cache
         starts = range(0, self.pulses, batch)
         fits = [
-            self._best(projection, square, slice(a, min(a + batch, self.pulses))) for a in starts
+            self._best_pair(projection, square, slice(a, min(a + batch, self.pulses)))
+            for a in starts
         ]
         explained, i, k = max(fits, key=lambda f: f[0])
         remainder = max(
@@ -609,7 +616,7 @@ class _WindowModel:
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > MAX_TAIL_SD).any(axis=1))
 
-    def _best(
+    def _best_pair(
         self, projection: Array, square: Array, rows: slice, first: int = 0
     ) -> tuple[float, int, int]:
         """The pair of components that explains most of a window.
@@ -649,7 +656,7 @@ class _WindowModel:
 
     @cached_property
     def weights(self) -> tuple[Array, Array]:
-        """Factors of the squares and of the products of projections in ``_best``.
+        """Factors of the squares and of the products of projections in ``_best_pair``.
 
         Returns
         -------
@@ -690,13 +697,12 @@ def _window_model(
 
     Notes
     -----
-    Pulses start at every n/120-th of the window, steps and slope changes at every n/60-th (chosen
-    by judgement): finer positions cost memory and time with their square. Components that are
-    nearly cubics are left out. Correlations are limited to 0.999, so that the denominator in
-    ``_WindowModel.weights`` is not zero.
+    More positions (``PULSE_STARTS``, ``STEP_STARTS``) cost memory and time with their square.
+    Components that are nearly cubics are left out. Correlations are limited, so that the
+    denominator in ``_WindowModel.weights`` is not zero.
     """
     margin = margin_samples // 4
-    step_samples = max(size // 120, 1)
+    step_samples = max(size // PULSE_STARTS, 1)
     positions = [
         (pulse, start)
         for pulse in pulses
@@ -705,15 +711,18 @@ def _window_model(
     shapes = np.zeros((size, len(positions)))
     for column, (pulse, start) in zip(shapes.T, positions):
         column[start : start + len(pulse)] = pulse
-    age = np.maximum(np.arange(size)[:, None] - np.arange(0, size, max(size // 60, 2)), 0) * dt_s
+    age = (
+        np.maximum(np.arange(size)[:, None] - np.arange(0, size, max(size // STEP_STARTS, 2)), 0)
+        * dt_s
+    )
     step = 1 - np.exp(-age / lag_s)
     full = np.column_stack([shapes, step, age - lag_s * step])
     cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, size), 3))
     residual = full - cubic @ (cubic.T @ full)
     norms = np.linalg.norm(residual, axis=0)
-    stored = norms > 1e-6 * norms.max()
+    stored = norms > MIN_NORM * norms.max()
     units = residual[:, stored] / norms[stored]
-    correlation = np.clip(units.T @ units, -1 + 1e-3, 1 - 1e-3)
+    correlation = np.clip(units.T @ units, -MAX_CORRELATION, MAX_CORRELATION)
     pulse_columns = np.column_stack([shapes, np.zeros((size, full.shape[1] - len(positions)))])
     n_pulses = int(np.count_nonzero(stored[: len(positions)]))
     return _WindowModel(

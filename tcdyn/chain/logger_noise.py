@@ -78,6 +78,7 @@ UNEXPLAINED = 1.6
 UNEXPLAINED_SD = 5.0
 # relative change of a level at which the iteration ends
 LEVELS_SETTLED = 1e-6
+LEVEL_ITERATIONS = 30  # at most; chosen by judgement
 # lag [s] of the chain before the filter: shapes the spectrum of slow temperatures
 TYPICAL_LAG_S = 0.7
 
@@ -157,7 +158,7 @@ class LoggerNoise:
     waves: tuple[tuple[float, float, float], ...] = ()
 
     @property
-    def coloured(self) -> bool:
+    def is_coloured(self) -> bool:
         """Whether traces need whitening."""
         return bool(self.sections)
 
@@ -178,7 +179,7 @@ class LoggerNoise:
         """
         out = []
         before, after = self.to_dict().values()
-        if self.coloured:
+        if self.is_coloured:
             lag_s = self.shaping.lag_s if self.shaping.poles == 1 else 0.0
             out.append(
                 info("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s)
@@ -220,7 +221,7 @@ class LoggerNoise:
         """
         u: Array = np.zeros(len(self.level_K))
         for f, amplitude in self.hum_lines:
-            for mains in _mains(f, self.rate_Hz):
+            for mains in _mains_at(f, self.rate_Hz):
                 if any(
                     _alias_frequency(k * mains, self.rate_Hz) < LINE_WIDTH_HZ
                     for k in range(2, HARMONICS + 1)
@@ -228,17 +229,19 @@ class LoggerNoise:
                     u = np.hypot(u, HARMONIC_SHARE * amplitude / np.sqrt(2))
         return u
 
-    def is_mains(self, f: float) -> bool:
-        """Whether sampling shows the mains, or one of its harmonics, at ``f`` [Hz]."""
+    def is_mains(self, frequency_Hz: float) -> bool:
+        """Whether sampling shows the mains, or one of its harmonics, at ``frequency_Hz`` [Hz]."""
         width_Hz = min(LINE_WIDTH_HZ, LINE_SHARE * self.rate_Hz)
         harmonics = [k * mains for mains in MAINS_HZ for k in range(1, HARMONICS + 1)]
-        return any(abs(_alias_frequency(h, self.rate_Hz) - f) < width_Hz for h in harmonics)
+        return any(
+            abs(_alias_frequency(h, self.rate_Hz) - frequency_Hz) < width_Hz for h in harmonics
+        )
 
     def white(self, sd_K: Array) -> LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
         return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
-    def expanded(self, present: Flags, white_K: Array) -> LoggerNoise:
+    def with_channels(self, present: Flags, white_K: Array) -> LoggerNoise:
         """The same noise for more channels.
 
         Parameters
@@ -264,7 +267,7 @@ class LoggerNoise:
             hum_lines=tuple((f, spread(a, none)) for f, a in self.hum_lines),
         )
 
-    def whitened(self, y: Array, dt_s: float) -> Array:
+    def whiten(self, y: Array, dt_s: float) -> Array:
         """Whiten a trace: filter it by A/N.
 
         Parameters
@@ -282,7 +285,7 @@ class LoggerNoise:
         -----
         A chain of such a trace must be replaced by ``whitened_chain``.
         """
-        if not self.coloured:
+        if not self.is_coloured:
             return y
         missing_mask = ~np.isfinite(y)
         filter_ = Rational(
@@ -293,7 +296,7 @@ class LoggerNoise:
         return np.where(missing_mask, np.nan, out)
 
     def whitened_chain(self, chain: Chain) -> Chain:
-        """The chain of a trace that ``whitened`` has filtered.
+        """The chain of a trace that ``whiten`` has filtered.
 
         Parameters
         ----------
@@ -305,7 +308,7 @@ class LoggerNoise:
         Where the chain has the filter B of this noise, C B A/N = C/N; otherwise A/N is added to its
         filter. ``tests/smoothing/test_noise_parts.py`` compares both with the filter of the trace.
         """
-        if not self.coloured:
+        if not self.is_coloured:
             return chain
         b = chain.conditioning
         stages = self.sections
@@ -354,10 +357,10 @@ def estimate_logger_noise(
     before the filter is at least ``MIN_BEFORE_SHARE``. Smaller values also whiten traces whose
     noise is white; larger ones leave traces with coloured noise as they are.
     ``tests/smoothing/test_noise.py`` has cases of both kinds. The spectra must have the scale of
-    ``_spectra``: the mean over all frequencies is the variance of a sample.
+    ``_median_spectrum``: the mean over all frequencies is the variance of a sample.
     """
     white = LoggerNoise(np.zeros(len(white_K)), white_K, white_K, filter_, rate_Hz=1 / dt_s)
-    spectra = _spectra(traces, dt_s, segment_s)
+    spectra = _median_spectrum(traces, dt_s, segment_s)
     if spectra is None:
         return white
     f, power, count = spectra
@@ -367,7 +370,7 @@ def estimate_logger_noise(
         return white
     if not usable.all():
         some = [y[:, usable] for y in traces]
-        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).expanded(
+        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).with_channels(
             usable, white_K
         )
     w = 2 * np.pi * f
@@ -386,7 +389,7 @@ def estimate_logger_noise(
         for c in (*filters, *lags)
     }
     shapes[NO_CONDITIONING] = np.stack([flat, signal_], axis=1)[background]
-    fits = {c: [_levels(p, shape) for p in power[background].T] for c, shape in shapes.items()}
+    fits = {c: [_fit_levels(p, shape) for p in power[background].T] for c, shape in shapes.items()}
     white_value = np.array([value for _, value in fits[NO_CONDITIONING]])
     gain = {c: np.median(white_value - [value for _, value in fit]) for c, fit in fits.items()}
     cost = {
@@ -433,23 +436,25 @@ def estimate_logger_noise(
     )
 
 
-def _alias_frequency(f: float, rate_Hz: float) -> float:
-    """Frequency [Hz] at which samples show a wave of ``f`` [Hz] (aliasing).
+def _alias_frequency(frequency_Hz: float, rate_Hz: float) -> float:
+    """Frequency [Hz] at which samples show a wave (aliasing).
 
     Parameters
     ----------
-    f
+    frequency_Hz
         Frequency of the wave [Hz].
     rate_Hz
         Sampling rate [Hz].
     """
-    return abs(f - rate_Hz * round(f / rate_Hz))
+    return abs(frequency_Hz - rate_Hz * round(frequency_Hz / rate_Hz))
 
 
-def _mains(f: float, rate_Hz: float) -> list[float]:
-    """The mains frequencies, 50 and 60 Hz, that sampling at ``rate_Hz`` shows at ``f`` [Hz]."""
+def _mains_at(frequency_Hz: float, rate_Hz: float) -> list[float]:
+    """Mains frequencies, 50 and 60 Hz, that sampling at ``rate_Hz`` shows at ``frequency_Hz``."""
     return [
-        mains for mains in MAINS_HZ if abs(_alias_frequency(mains, rate_Hz) - f) < LINE_WIDTH_HZ
+        mains
+        for mains in MAINS_HZ
+        if abs(_alias_frequency(mains, rate_Hz) - frequency_Hz) < LINE_WIDTH_HZ
     ]
 
 
@@ -518,7 +523,7 @@ def _is_background(power: Array, shapes: Array, count: int) -> Flags:
     larger one hum enters the fit. ``test_a_temperature_that_swings_is_not_called_hum`` in
     ``tests/smoothing/test_noise.py`` (study) guards the first.
     """
-    expected = shapes @ _levels(power, shapes)[0]
+    expected = shapes @ _fit_levels(power, shapes)[0]
     expected *= median_filter(power / expected, NEIGHBOURS, mode="nearest")
     return np.asarray(power < expected * (1 + LINE_SD / np.sqrt(SPECTRA_PER_SEGMENT * count)))
 
@@ -541,8 +546,8 @@ def _spectral_lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[floa
 
     Notes
     -----
-    The factor 1.5 is the equivalent noise bandwidth of the Hann taper in ``_spectra``; change both
-    together. ``tests/smoothing/test_noise_parts.py`` compares the amplitude of a wave.
+    The factor 1.5 is the equivalent noise bandwidth of the Hann taper in ``_median_spectrum``;
+    change both together. ``tests/smoothing/test_noise_parts.py`` compares the amplitude of a wave.
     """
     groups, number = label(standing)
     out = []
@@ -555,7 +560,7 @@ def _spectral_lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[floa
     return tuple(out)
 
 
-def _spectra(
+def _median_spectrum(
     traces: Sequence[Array], dt_s: float, segment_s: float
 ) -> tuple[Array, Array, int] | None:
     """Median spectrum of the segments of all traces.
@@ -616,7 +621,7 @@ def _spectra(
     return np.asarray(f[keep]), typical, power.shape[-1] // 2
 
 
-def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
+def _fit_levels(power: Array, shapes: Array) -> tuple[Array, float]:
     """Most likely levels of the shapes of a spectrum.
 
     Parameters
@@ -637,12 +642,13 @@ def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
     Notes
     -----
     Fisher scoring of Whittle's likelihood: non-negative least squares, weighted by the spectrum
-    itself. At most 30 iterations, which end where no level changes by more than ``LEVELS_SETTLED``.
+    itself. At most ``LEVEL_ITERATIONS``, which end where no level changes by more than
+    ``LEVELS_SETTLED``.
     """
     least = 1e-12 * float(np.max(power))
     s = np.maximum(power, least)
     levels = np.zeros(shapes.shape[1])
-    for _ in range(30):
+    for _ in range(LEVEL_ITERATIONS):
         rows = shapes / s[:, None]
         before = levels
         scale = np.linalg.norm(rows, axis=0)

@@ -100,7 +100,7 @@ class Rational:
     integrators: int = 0
 
     @property
-    def stable(self) -> bool:
+    def is_stable(self) -> bool:
         """Whether the poles of every factor lie in the open left half plane."""
         return all(bool(np.all(f.poles.real < 0)) for f in self.factors)
 

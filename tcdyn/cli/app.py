@@ -113,7 +113,7 @@ OLD_NAMES = {
 }
 
 
-def _renamed(old: str, new: str) -> Callable[..., None]:
+def _command_under_old_name(old: str, new: str) -> Callable[..., None]:
     """The command ``tcdyn rig NEW`` under its old name ``tcdyn OLD``, with a message."""
     function = RIG_COMMANDS[new]
 
@@ -132,7 +132,7 @@ def _print_new_name(old: str, new: str) -> None:
 
 
 for old, new in OLD_NAMES.items():
-    app.command(old, hidden=True)(_renamed(old, new))
+    app.command(old, hidden=True)(_command_under_old_name(old, new))
 app.add_typer(
     record.app,
     name="record",

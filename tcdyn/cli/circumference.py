@@ -133,7 +133,11 @@ def fit_circumference(
 
 
 def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
-    """Numbers of a stated press fit; angles are those of the greatest conductance."""
+    """Numbers of the press fit of rig.toml for the JSON result.
+
+    Its pressure [MPa], the conductance where it bears and on average [W/m2K], and share of the mean
+    and angle of the greatest conductance [deg] of the first and second harmonic.
+    """
     from tcdyn.rig.contact import press_fit_conductance
     from tcdyn.rig.press_fit import amplitude_and_angle, harmonics
 

@@ -379,7 +379,7 @@ def _check_disk(value: str) -> str:
 Disk = Annotated[str, typer.Option(help="fast or slow", callback=_check_disk)]
 
 
-def _terminal() -> Any:
+def _terminal_console() -> Any:
     """Standard error where it is a terminal, None elsewhere."""
     from rich.console import Console
 
@@ -413,7 +413,7 @@ def stage_progress(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str
         yield print_line
         print_line("done")
         return
-    console = _terminal()
+    console = _terminal_console()
     if console is None:
         yield lambda stage: print(f"... {printable(stage)}", file=sys.stderr)
         return
@@ -444,7 +444,7 @@ def count_progress(
     if quiet:
         yield lambda name, done, count: None
         return
-    console = _terminal()
+    console = _terminal_console()
     if console is None:
         yield lambda name, done, count: print(
             f"... {done} of {count}: {printable(name)}", file=sys.stderr
@@ -596,9 +596,9 @@ def write_json(path: Path, data: Any) -> None:
 
 def source_entry(path: Path) -> dict[str, str]:
     """The entry "source" of a JSON result: name and checksum of the file that it was made from."""
-    from tcdyn.io.read import sha256
+    from tcdyn.io.read import sha256_of_file
 
-    return {"file": path.name, "sha256": sha256(path)}
+    return {"file": path.name, "sha256": sha256_of_file(path)}
 
 
 def check_picture(picture: Path | None, inputs: Iterable[Path | None], overwrite: bool) -> None:

@@ -107,13 +107,14 @@ def follow(
     check_outputs(read_files, reporter.overwrite, report=report)
 
     def announce(followed: RawLog, delay_s: float) -> None:
+        """Print the log, the number of channels and the delay."""
         count = len(followed.channels.units)
         reporter.text(f"following {log}, {count} channels; Ctrl-C ends it")
         reporter.text(f"  rows are written at most {delay_s:.3g} s late")
 
     options: Any = reading.options()
     of_csv: dict[str, Any] = {"dialect": dialect, "comments": comments}
-    with _stop_request() as stop:
+    with _watch_stop_signals() as stop:
         done = run(
             log,
             records,
@@ -139,7 +140,7 @@ def follow(
 
 
 @contextmanager
-def _stop_request() -> Iterator[Callable[[], bool]]:
+def _watch_stop_signals() -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether a signal to stop was received.
 
     The signal does not interrupt at once, so that no line is written in part. One that is ignored,

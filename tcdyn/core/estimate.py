@@ -50,7 +50,7 @@ def rounded_texts(value: float, u: float) -> tuple[str, str]:
     >>> rounded_texts(0.654321, 0.0), rounded_texts(0.654321, float("nan"))
     (('0.654321', '0'), ('0.654321', 'not known'))
     """
-    value_text, u_text, power = _parts(float(value), float(u))
+    value_text, u_text, power = _scaled_texts(float(value), float(u))
     exponent = f"e{power:+03d}" if power else ""
     return value_text + exponent, u_text + exponent
 
@@ -73,7 +73,7 @@ def text_with_u(
 
     Notes
     -----
-    An interval is printed if ``_skewed``; a smaller ``SKEWED`` prints more intervals.
+    An interval is printed if ``_is_skewed``; a smaller ``SKEWED`` prints more intervals.
 
     Examples
     --------
@@ -93,12 +93,12 @@ def text_with_u(
     unit_text = f" {unit}" if unit else ""
     if math.isnan(value):
         return "not known"
-    value_text, u_text, power = _parts(value, u)
+    value_text, u_text, power = _scaled_texts(value, u)
     exponent = f"e{power:+03d}" if power else ""
     if math.isnan(u):
         return f"{value_text}{exponent}{unit_text}, uncertainty not known"
     text = f"({value_text} +- {u_text}){exponent}" if power else f"{value_text} +- {u_text}"
-    if low95 is None or high95 is None or not _skewed(value, u, low95, high95):
+    if low95 is None or high95 is None or not _is_skewed(value, u, low95, high95):
         return text + unit_text
     return (
         f"{text}{unit_text} (95 %: {rounded_texts(low95, u)[0]} to {rounded_texts(high95, u)[0]})"
@@ -179,12 +179,12 @@ class Estimate(BaseModel):
         return self.text()
 
 
-def mixture(parts: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
+def mixture(components: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
     """Mean, standard uncertainty and 95 % interval of a mixture of normal distributions.
 
     Parameters
     ----------
-    parts
+    components
         The components; their value and ``u`` are used.
     weights
         Weights of the components, above zero; their sum need not be one.
@@ -200,21 +200,23 @@ def mixture(parts: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
     >>> print(mixture([Estimate.normal(1.0, 0.1), Estimate.normal(2.0, 0.1)], [1.0, 1.0]))
     1.50 +- 0.51 (95 %: 0.84 to 2.16)
     """
-    if len(parts) == 1:
-        return parts[0]
+    if len(components) == 1:
+        return components[0]
     shares = [w / sum(weights) for w in weights]
-    mean = sum(w * e.value for w, e in zip(shares, parts))
-    variance = sum(w * (e.u**2 + (e.value - mean) ** 2) for w, e in zip(shares, parts))
-    low95, high95 = mixture_interval95(parts, shares)
+    mean = sum(w * e.value for w, e in zip(shares, components))
+    variance = sum(w * (e.u**2 + (e.value - mean) ** 2) for w, e in zip(shares, components))
+    low95, high95 = mixture_interval95(components, shares)
     return Estimate(value=mean, u=variance**0.5, low95=low95, high95=high95)
 
 
-def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> tuple[float, float]:
+def mixture_interval95(
+    components: Sequence[Estimate], weights: Sequence[float]
+) -> tuple[float, float]:
     """Central 95 % interval of a mixture of normal distributions.
 
     Parameters
     ----------
-    parts
+    components
         The components; their value and ``u`` are used.
     weights
         Weights of the components, with sum one.
@@ -229,8 +231,8 @@ def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> t
     >>> [round(x, 3) for x in mixture_interval95([Estimate.normal(0.0, 1.0)], [1.0])]
     [-1.96, 1.96]
     """
-    components = [NormalDist(estimate.value, max(estimate.u, 1e-300)) for estimate in parts]
-    low95, high95 = (_mixture_quantile(components, weights, p) for p in (0.025, 0.975))
+    normals = [NormalDist(component.value, max(component.u, 1e-300)) for component in components]
+    low95, high95 = (_mixture_quantile(normals, weights, p) for p in (0.025, 0.975))
     return low95, high95
 
 
@@ -266,7 +268,7 @@ def _mixture_quantile(
     return 0.5 * (low + high)
 
 
-def _parts(value: float, u: float) -> tuple[str, str, int]:
+def _scaled_texts(value: float, u: float) -> tuple[str, str, int]:
     """Texts of value and u over a common power of ten.
 
     Parameters
@@ -302,10 +304,10 @@ def _parts(value: float, u: float) -> tuple[str, str, int]:
         return f"{value:.{MOST_DIGITS}g}", f"{u:.2g}", 0
     scale = 10.0**power
     decimals = power - last
-    return _fixed(value / scale, decimals), _fixed(u / scale, decimals), power
+    return _fixed_decimals(value / scale, decimals), _fixed_decimals(u / scale, decimals), power
 
 
-def _fixed(number: float, decimals: int) -> str:
+def _fixed_decimals(number: float, decimals: int) -> str:
     """Text of a number with a fixed number of decimals; never "-0".
 
     Parameters
@@ -318,7 +320,7 @@ def _fixed(number: float, decimals: int) -> str:
     return f"{round(number, decimals) + 0.0:.{max(decimals, 0)}f}"
 
 
-def _skewed(value: float, u: float, low95: float, high95: float) -> bool:
+def _is_skewed(value: float, u: float, low95: float, high95: float) -> bool:
     """Whether the interval differs clearly from value -+ 1.96 u.
 
     Parameters

@@ -87,7 +87,7 @@ class Finding:
             raise ValueError(f"finding {self.code!r} has no message in tcdyn/core/messages")
         severity = GRADES_OF_0_2.get(self.severity, self.severity)
         object.__setattr__(self, "severity", Severity(severity))
-        object.__setattr__(self, "numbers", {k: _plain(v) for k, v in self.numbers.items()})
+        object.__setattr__(self, "numbers", {k: _plain_value(v) for k, v in self.numbers.items()})
 
     def __hash__(self) -> int:
         """Hash by all that ``unique`` compares, with the names of the numbers only."""
@@ -400,7 +400,7 @@ def channel_of(subject: str) -> str:
     return name if CHANNEL_NAME.fullmatch(name) else ""
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     """A number, text, Boolean, None, or a tuple of them: what JSON can store.
 
     Raises
@@ -411,7 +411,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return tuple(_plain(v) for v in value)
+        return tuple(_plain_value(v) for v in value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise TypeError(f"a {type(value).__name__} cannot be stored in a finding")

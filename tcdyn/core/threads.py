@@ -43,13 +43,13 @@ class _OneBlasThread(ContextDecorator):
         self._controller: ThreadpoolController | None = None
         self._module_count = 0
         if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self._unlock)
+            os.register_at_fork(after_in_child=self._renew_lock)
 
     def __enter__(self) -> None:
         """Set the limit in the first of nested or overlapping calls."""
         with self._lock:
             if self._calls == 0:
-                self._limit = self._libraries().limit(limits=1, user_api="blas")
+                self._limit = self._blas_libraries().limit(limits=1, user_api="blas")
                 self._allow_all_threads()
             self._calls += 1
 
@@ -67,7 +67,7 @@ class _OneBlasThread(ContextDecorator):
                 self._limit = None
                 self._allow_all_threads()
 
-    def _libraries(self) -> ThreadpoolController:
+    def _blas_libraries(self) -> ThreadpoolController:
         """The BLAS libraries in memory; searched again only if modules were imported meanwhile."""
         import_module("scipy.linalg")  # loads SciPy's own BLAS
         if self._controller is None or len(sys.modules) != self._module_count:
@@ -88,7 +88,7 @@ class _OneBlasThread(ContextDecorator):
             if release is not None:
                 release()
 
-    def _unlock(self) -> None:
+    def _renew_lock(self) -> None:
         """In a forked child: a thread of the parent that held the lock does not exist here."""
         self._lock = threading.RLock()
 

@@ -71,30 +71,31 @@ def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
     return GRADES[sum(u_s >= limit * lag_s for limit in limits)]
 
 
-def common_lag_grade(p: PredictedTest, lag_s: float) -> str:
+def common_lag_grade(predicted: PredictedTest, lag_s: float) -> str:
     """Grade of the lag that all channels share, relative to ``lag_s`` [s]."""
-    return grade(p.u_common_s, lag_s, COMMON_LAG_LIMITS)
+    return grade(predicted.u_common_s, lag_s, COMMON_LAG_LIMITS)
 
 
-def differences_grade(p: PredictedTest, lag_s: float) -> str:
+def differences_grade(predicted: PredictedTest, lag_s: float) -> str:
     """Grade of the differences between the channels' lags, relative to ``lag_s`` [s]."""
-    return grade(p.u_differential_s, lag_s, DIFFERENCE_LIMITS)
+    return grade(predicted.u_differential_s, lag_s, DIFFERENCE_LIMITS)
 
 
-def sentence(p: PredictedTest, lag_s: float) -> str:
+def sentence(predicted: PredictedTest, lag_s: float) -> str:
     """One sentence: how well the test determines the common lag and the differences.
 
     Parameters
     ----------
-    p
+    predicted
         The prediction.
     lag_s
         Expected lag [s].
     """
     return (
-        f"{p.name}: tells the common lag {common_lag_grade(p, lag_s)}, to "
-        f"{_u_text(p.u_common_s, lag_s)}, and the differences "
-        f"between channels {differences_grade(p, lag_s)}, to {_u_text(p.u_differential_s, lag_s)}."
+        f"{predicted.name}: tells the common lag {common_lag_grade(predicted, lag_s)}, to "
+        f"{_u_text(predicted.u_common_s, lag_s)}, and the differences "
+        f"between channels {differences_grade(predicted, lag_s)}, to "
+        f"{_u_text(predicted.u_differential_s, lag_s)}."
     )
 
 

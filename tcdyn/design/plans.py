@@ -121,7 +121,7 @@ def predict_plunges(
     """
     layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
-    planned = [_planned(plan, setup.channels) for plan in plans]
+    planned = [_planned_run(plan, setup.channels) for plan in plans]
     starts = [p.initial_degC for p in plans]
     baths = [p.bath_degC for p in plans]
     mean, sd = full_prior(
@@ -159,7 +159,7 @@ def predict_plunges(
     )
 
 
-def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
+def _planned_run(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
     """A planned plunge as a run without noise, and its averages in blocks.
 
     Parameters

@@ -91,14 +91,14 @@ def from_covariances(
     )
 
 
-def combine_tests(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
+def combine_tests(name: str, tests: Sequence[PredictedTest]) -> PredictedTest:
     """Several tests of the same channels taken together.
 
     Parameters
     ----------
     name
         Description of the combination.
-    parts
+    tests
         Predictions of the tests.
 
     Notes
@@ -106,7 +106,7 @@ def combine_tests(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
     The inverse covariances of the lags add up. The tests are taken as independent; a shared error,
     such as that of a depth, is counted as if it were another one in each test.
     """
-    total = np.sum([np.linalg.inv(p.covariance) for p in parts], axis=0)
+    total = np.sum([np.linalg.inv(p.covariance) for p in tests], axis=0)
     return from_covariances(name, "together", [np.linalg.inv(total)])
 
 

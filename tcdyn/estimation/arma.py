@@ -19,6 +19,9 @@ from tcdyn.core import Array
 from tcdyn.estimation.levenberg_marquardt import minimise
 from tcdyn.estimation.problem import Problem, Status, inverse
 
+# factors on the roots of a start that cannot be used, tried in this order; chosen by judgement
+ROOT_FACTORS = (1.0, 0.7, 0.3, 0.0)
+
 
 @dataclass(frozen=True)
 class NoiseModel:
@@ -91,14 +94,14 @@ class NoiseModel:
         inverse_gain = (1 + sum(self.ar)) / (1 + sum(self.ma))
         return max(n * float(pulse @ pulse) * inverse_gain**2, 2.0)
 
-    def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
+    def whiten(self, table: Array, segments: Sequence[slice]) -> Array:
         """Whiten: apply D/C down the rows of ``table``, which makes innovations of residuals.
 
         Parameters
         ----------
         table
             Rows by time, (N,) or (N, P).
-        parts
+        segments
             Segments without gaps; each is filtered separately.
 
         Returns
@@ -115,7 +118,7 @@ class NoiseModel:
         if self.white:
             return table
         out = np.zeros_like(table)
-        for k, s in enumerate(parts):
+        for k, s in enumerate(segments):
             filtered = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
             if self.starts_at_rest and k:
                 level = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
@@ -127,17 +130,17 @@ class NoiseModel:
             out[s] = filtered - (shape * factor) @ (shape.T @ filtered)
         return out
 
-    def log_determinant(self, parts: Sequence[slice]) -> float:
+    def log_determinant(self, segments: Sequence[slice]) -> float:
         """Log determinant of the noise covariance, relative to that of the innovations.
 
         ``whiten`` leaves it out; a likelihood needs it.
 
         Parameters
         ----------
-        parts
+        segments
             Segments without gaps.
         """
-        return float(sum(np.sum(np.log1p(self._presample(s.stop - s.start)[1])) for s in parts))
+        return float(sum(np.sum(np.log1p(self._presample(s.stop - s.start)[1])) for s in segments))
 
     def _presample(self, n: int) -> tuple[Array, Array]:
         """Effect of the state before a segment of ``n`` samples; none at rest.
@@ -194,14 +197,14 @@ def presample_effect(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tu
     return basis, singular_values**2
 
 
-def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, Array]:
+def autocovariance(e: Array, segments: Sequence[slice], lags: int) -> tuple[Array, Array]:
     """Sums of e_t e_{t-k} over pairs within a segment, and the number of pairs.
 
     Parameters
     ----------
     e
         Residuals, (N,).
-    parts
+    segments
         Segments without gaps.
     lags
         Largest lag k.
@@ -219,7 +222,7 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
     """
     total = np.zeros(lags + 1)
     pairs = np.zeros(lags + 1)
-    for s in parts:
+    for s in segments:
         x = e[s]
         for k in range(min(lags, len(x) - 1) + 1):
             total[k] += x[k:] @ x[: len(x) - k]
@@ -227,14 +230,14 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
     return total, pairs
 
 
-def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> NoiseModel:
+def fit_ar(e: Array, segments: Sequence[slice], max_order: int = 20) -> NoiseModel:
     """The autoregressive model of ``e`` with the lowest AICc (Yule-Walker).
 
     Parameters
     ----------
     e
         Residuals, (N,).
-    parts
+    segments
         Segments without gaps.
     max_order
         Largest order; at most a tenth of N is tried.
@@ -253,7 +256,7 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> NoiseModel:
     """
     n = len(e)
     max_order = int(min(max_order, n // 10))
-    r = autocovariance(e, parts, max_order)[0] / n
+    r = autocovariance(e, segments, max_order)[0] / n
     best = n * np.log(max(r[0], 1e-300))
     choice = NoiseModel()
     for p in range(1, max_order + 1):
@@ -268,14 +271,14 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> NoiseModel:
     return choice
 
 
-def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
+def fit_arma(e: Array, segments: Sequence[slice], p: int, q: int) -> NoiseModel:
     """The ARMA(p, q) model of ``e`` by conditional least squares.
 
     Parameters
     ----------
     e
         Residuals, (N,).
-    parts
+    segments
         Segments without gaps.
     p, q
         Numbers of AR and MA coefficients.
@@ -283,8 +286,8 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
     Notes
     -----
     The search starts at the regressions of Hannan and Rissanen. Where that model is unstable or not
-    invertible, its roots are drawn towards zero in three steps (factors 0.7, 0.3 and 0, chosen by
-    judgement). The first max(p, q) samples of each segment have no residual.
+    invertible, its roots are drawn towards zero by ``ROOT_FACTORS``. The first max(p, q) samples of
+    each segment have no residual.
 
     Examples
     --------
@@ -295,15 +298,20 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
     """
     if p == 0 and q == 0:
         return NoiseModel()
-    innovation = fit_ar(e, parts).whiten(e, parts)
+    innovation = fit_ar(e, segments).whiten(e, segments)
     m = max(p, q)
-    x = np.concatenate([e[s][m:] for s in parts])
-    columns = [np.concatenate([-e[s][m - i : -i] for s in parts]) for i in range(1, p + 1)]
-    columns += [np.concatenate([innovation[s][m - i : -i] for s in parts]) for i in range(1, q + 1)]
+    x = np.concatenate([e[s][m:] for s in segments])
+    columns = [np.concatenate([-e[s][m - i : -i] for s in segments]) for i in range(1, p + 1)]
+    columns += [
+        np.concatenate([innovation[s][m - i : -i] for s in segments]) for i in range(1, q + 1)
+    ]
     start = np.linalg.lstsq(np.column_stack(columns), x, rcond=None)[0]
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
-        """Innovations (N,) and their Jacobian (N, p + q); None for a model that cannot be used."""
+        """Innovations (N,) and their Jacobian (N, p + q) at x = (ar, ma).
+
+        None for a model that is unstable or not invertible.
+        """
         d = np.concatenate([[1.0], x[:p]])
         c = np.concatenate([[1.0], x[p:]])
         unstable = p and np.max(np.abs(np.roots(d))) >= 1
@@ -312,7 +320,7 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
             return None
         r = np.zeros(len(e))
         j = np.zeros((len(e), p + q))
-        for s in parts:
+        for s in segments:
             w = signal.lfilter(d, c, e[s])
             past_e = signal.lfilter([1.0], c, e[s])
             past_w = signal.lfilter([1.0], c, w)
@@ -327,7 +335,7 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
 
     names = [*(f"d_{i + 1}" for i in range(p)), *(f"c_{i + 1}" for i in range(q))]
     problem = Problem(tuple(names), evaluate)
-    for factor in (1.0, 0.7, 0.3, 0.0):
+    for factor in ROOT_FACTORS:
         powers = factor ** np.concatenate([np.arange(1, p + 1), np.arange(1, q + 1)])
         fit = minimise(problem, start * powers, tolerance=0.0)
         if fit.status is not Status.NOWHERE:
@@ -380,7 +388,7 @@ def equation_error(
     colour: Callable[[Array], Array],
     x: Array,
     colour_index: Sequence[int],
-    parts: Sequence[slice],
+    segments: Sequence[slice],
     r: Array,
     j: Array,
     free: Sequence[bool] = (),
@@ -396,7 +404,7 @@ def equation_error(
         Parameters (P,).
     colour_index
         Indices of the parameters that A depends on.
-    parts
+    segments
         Segments without gaps. The equation error is zero where a segment lacks the samples before.
     r, j
         Residuals (N,) and their Jacobian (N, P).
@@ -420,7 +428,7 @@ def equation_error(
     error = np.zeros_like(r)
     table = np.zeros_like(j)
     p = len(coefs)
-    for k, s in enumerate(parts):
+    for k, s in enumerate(segments):
         if k < len(free) and free[k]:
             first = slice(s.start, min(s.start + p, s.stop))
             error[first] = r[first]
@@ -436,7 +444,7 @@ def equation_error(
 
 
 def sandwich_covariance(
-    jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None
+    jacobian: Array, residual: Array, segments: Sequence[slice], precision: Array | None = None
 ) -> Array:
     """Covariance (P, P) of a least-squares estimate with correlated residuals (sandwich estimator).
 
@@ -444,7 +452,7 @@ def sandwich_covariance(
     ----------
     jacobian, residual
         Jacobian (N, P) and residuals (N,).
-    parts
+    segments
         Segments without gaps.
     precision
         Precision (P,) of normal priors, in units of the variance of the residuals; it is added to
@@ -471,11 +479,11 @@ def sandwich_covariance(
     3
     """
     n, p = jacobian.shape
-    noise = fit_ar(residual, parts)
-    innovation = noise.whiten(residual, parts)
+    noise = fit_ar(residual, segments)
+    innovation = noise.whiten(residual, segments)
     variance = float(innovation @ innovation) / (n - p)
     filtered = np.zeros_like(jacobian)
-    for s in parts:
+    for s in segments:
         filtered[s] = signal.lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
     prior_precision = np.zeros(p) if precision is None else precision
     bread = inverse(jacobian.T @ jacobian + np.diag(prior_precision))

@@ -514,7 +514,7 @@ def robust_weights(residual: Array, loss: str) -> Array:
     Huber: min(1, c/|z|); Tukey's bisquare: (1 - (z/c)^2)^2 inside c, zero outside; c from
     ``TUNING``.
     """
-    z = _standardised(residual, loss)
+    z = _standardised_residuals(residual, loss)
     if loss == "huber":
         return np.asarray(np.minimum(1.0, 1.0 / np.maximum(z, 1e-300)))
     return np.asarray(np.where(z < 1, (1 - z**2) ** 2, 0.0))
@@ -548,7 +548,7 @@ def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
     True
     """
     n, p = jacobian.shape
-    z = _standardised(residual, loss)
+    z = _standardised_residuals(residual, loss)
     psi = robust_weights(residual, loss) * residual
     inside = z < 1
     slope = inside if loss == "huber" else np.where(inside, (1 - z**2) * (1 - 5 * z**2), 0.0)
@@ -556,7 +556,7 @@ def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
     return np.asarray(variance * inverse(jacobian.T @ jacobian))
 
 
-def _standardised(residual: Array, loss: str) -> Array:
+def _standardised_residuals(residual: Array, loss: str) -> Array:
     """|r| in units of the tuning constant times the scale from the median absolute deviation.
 
     Parameters

@@ -18,9 +18,13 @@ from tcdyn.estimation.problem import Optimum, Status
 
 # shortest step, as a share of the first; chosen by judgement
 MIN_STEP = 1 / 6
-# share of the normal deviance below which, beyond three standard uncertainties, steps grow by half;
-# chosen by judgement
+# share of the normal deviance below which steps grow by this factor, beyond this offset in standard
+# uncertainties; chosen by judgement
 SLOW_DEVIANCE = 2 / 9
+SLOW_OFFSET = 3.0
+SLOW_GROWTH = 1.5
+# further fits at each end of the interval at most; chosen by judgement
+MAX_REFINEMENTS = 8
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ def profile(
     row = problem.direction(toward)
     width = optimum.u(row) * np.sqrt(scale) if u is None else u
     centre = value(float(row @ optimum.theta))
-    low, high = _box(optimum, row)
+    low, high = _box_ends(optimum, row)
 
     def walk(side: float) -> list[_Point]:
         """Points of the profile on one side of the optimum, ``side`` -1 or 1."""
@@ -151,9 +155,9 @@ def profile(
             deviance = (points[-1].cost - min(p.cost for p in points)) / scale
             if deviance > max_deviance or at_end:
                 break
-            if offset > 3.0 and deviance < SLOW_DEVIANCE * offset**2:
-                stride *= 1.5
-        for _ in range(8 if refine else 0):
+            if offset > SLOW_OFFSET and deviance < SLOW_DEVIANCE * offset**2:
+                stride *= SLOW_GROWTH
+        for _ in range(MAX_REFINEMENTS if refine else 0):
             outward = sorted(points, key=lambda p: side * p.number)
             numbers = np.array([p.number for p in outward])
             deviances = np.array([(p.cost - points[0].cost) / scale for p in outward])
@@ -217,7 +221,7 @@ def first_crossing(value: Array, deviance: Array, level: float = Z95**2) -> floa
     return float(value[k + j - 1] + share * (value[k + j] - value[k + j - 1]))
 
 
-def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
+def _box_ends(optimum: Optimum, row: Array) -> tuple[float, float]:
     """Ends of the box for a single parameter; infinite for a combination.
 
     Parameters

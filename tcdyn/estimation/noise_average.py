@@ -83,7 +83,7 @@ class LinearisedProblem:
     segments: list[slice]
     n_drifts: int
 
-    def marginal(self, noise: NoiseModel) -> tuple[float, Array, Array]:
+    def marginal_likelihood(self, noise: NoiseModel) -> tuple[float, Array, Array]:
         """Marginal likelihood of a noise model, and the step of x under it.
 
         The noise level and x are integrated out.
@@ -106,8 +106,9 @@ class LinearisedProblem:
         -----
         -2 ln L = (N - P) ln |w|^2 + ln det J'WJ + ln det of the noise (Patterson and Thompson
         1971). A drift has the prior that one independent sample would give, so that it costs the
-        logarithm of their number, as in BIC. ``tests/estimation/test_noise_models.py`` guards the
-        pieces.
+        logarithm of their number, as in BIC. The constants 1e-300 and 1e-12 only keep the
+        logarithms finite for an exact fit and for collinear columns. Guarded by
+        ``tests/estimation/test_noise_models.py``.
         """
         table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.segments)
         factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
@@ -134,7 +135,7 @@ class LinearisedProblem:
 
 @dataclass(frozen=True)
 class NoiseGrid:
-    """Noise models on a grid, and the result of :meth:`LinearisedProblem.marginal` for each.
+    """Noise models on a grid, each with its marginal likelihood and the step of x under it.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ class NoiseGrid:
     noises
         Noise model at each point.
     nodes
-        Log likelihood, step and covariance at each point, as ``marginal`` returns them.
+        Log likelihood, step and covariance at each point, as ``marginal_likelihood`` returns them.
     """
 
     box: Array
@@ -177,7 +178,7 @@ class NoiseGrid:
             step = np.ptp(box, axis=1) / GRID
             grid_points = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
             noises = tuple(first_order_noise(*point) for point in grid_points.tolist())
-            nodes = tuple(linearised.marginal(noise) for noise in noises)
+            nodes = tuple(linearised.marginal_likelihood(noise) for noise in noises)
             log_likelihood = np.array([node[0] for node in nodes])
             likely_points = grid_points[log_likelihood > log_likelihood.max() - MAX_LOG_DROP]
             smaller_box = np.column_stack(
@@ -235,7 +236,7 @@ class NoiseGrid:
             (1 - RANDOM_WALK_PROBABILITY) / np.log(n / MIN_TAU_SAMPLES),
         )
         prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)
-        nodes = [*self.nodes, *(linearised.marginal(noise) for noise in other_models)]
+        nodes = [*self.nodes, *(linearised.marginal_likelihood(noise) for noise in other_models)]
         log_likelihood = np.array([node[0] for node in nodes])
         log_weight = log_likelihood + np.log([*prior, *np.ones(len(other_models))])
         means = np.array([node[1] for node in nodes])

@@ -237,7 +237,7 @@ def inverse(information: Array) -> Array:
     >>> inverse(np.diag([1e-20, 4.0])).diagonal()
     array([1.0e+20, 2.5e-01])
     """
-    return _inverse(information)[0]
+    return _inverse_and_rank(information)[0]
 
 
 def is_full_rank(information: Array) -> bool:
@@ -263,10 +263,10 @@ def is_full_rank(information: Array) -> bool:
     >>> is_full_rank(np.array([[1.0, 1.0], [1.0, 1.0]]))
     False
     """
-    return _inverse(information)[1]
+    return _inverse_and_rank(information)[1]
 
 
-def _inverse(information: Array) -> tuple[Array, bool]:
+def _inverse_and_rank(information: Array) -> tuple[Array, bool]:
     """The inverse, and whether every direction is determined.
 
     Parameters
@@ -362,25 +362,27 @@ def orthonormal_basis(table: Array, tolerance: float = 1e-10) -> Array:
     return np.asarray(q)
 
 
-def slow_variance_factor(z: Array, sums: int = 25) -> float:
-    """Discount for correlated residuals: variance of slow waves in ``z`` over that of white noise.
+def slow_variance_factor(z: Array, n_chunks: int = 25) -> float:
+    """Covariance factor for correlated residuals: variance of chunk sums over that of white noise.
 
     Parameters
     ----------
     z
         Standardised residuals, (N, C). Columns of zeros (a channel left out) do not count.
-    sums
-        Number of chunks of the record.
+    n_chunks
+        Number of chunks of the record; the default is chosen by judgement.
 
     Returns
     -------
-    Factor for the covariance, at least one.
+    float
+        Factor for the covariance, at least one.
 
     Notes
     -----
-    The factor is the mean square of normalised sums over an N/``sums``-th of the record. A slow
-    misfit raises it; white noise of unit variance does not. Fewer chunks respond to slower misfit
-    only, and scatter more. The last chunk is left out.
+    The factor is the mean square of the sums of z over chunks of m = N/``n_chunks`` samples,
+    divided by sqrt(m). A slow misfit raises it; white noise of unit variance does not. Fewer
+    chunks respond to slower misfit only, and scatter more. The last chunk is left out.
+    Guarded by ``tests/estimation/test_noise_models.py``.
 
     Examples
     --------
@@ -389,7 +391,7 @@ def slow_variance_factor(z: Array, sums: int = 25) -> float:
     >>> round(slow_variance_factor(slow)), round(slow_variance_factor(white), 1)
     (19, 1.0)
     """
-    m = max(len(z) // sums, 1)
+    m = max(len(z) // n_chunks, 1)
     z = z[:, z.any(axis=0)]
-    waves = np.add.reduceat(z, np.arange(0, len(z) - m + 1, m), axis=0)[:-1] / np.sqrt(m)
-    return max(1.0, float(np.mean(waves**2)))
+    sums = np.add.reduceat(z, np.arange(0, len(z) - m + 1, m), axis=0)[:-1] / np.sqrt(m)
+    return max(1.0, float(np.mean(sums**2)))

@@ -31,6 +31,18 @@ MAX_MISSING_FRACTION = 0.05
 # share of repeats in short runs beyond which the step of the logger hides the noise; chosen by
 # judgement
 COARSE_REPEATS = 0.5
+# records in one of which a run of repeats is long by chance, and samples beyond it; shares of
+# repeats within which that chance is computed; share of the runs from which they follow; all chosen
+# by judgement
+RECORDS_PER_LONG_RUN = 1000.0
+RUN_MARGIN = 8
+REPEAT_RANGE = (0.05, 0.98)
+USUAL_RUNS = 0.99
+# a column looks like kelvin if these quantiles of it lie within this range; chosen by judgement
+KELVIN_QUANTILES = (0.02, 0.98)
+KELVIN_RANGE = (250.0, 800.0)
+# larger values of any column are error codes; chosen by judgement
+LARGEST_VALUE = 1e6
 # noise of a trace from which it cannot be estimated, in the unit of the trace; above zero, so that
 # numbers can be divided by it; chosen by judgement
 UNKNOWN_NOISE = 1e-6
@@ -328,7 +340,7 @@ def interpolate_gaps(y: Array, good: Flags) -> Array:
     y
         Trace, (N,).
     good
-        Samples that stay, (N,).
+        Samples that stay, (N,); at least one.
 
     Returns
     -------
@@ -357,21 +369,22 @@ def long_runs(trace: Array) -> Flags:
 
     Notes
     -----
-    A run is long if p^length N < 0.001, with p the share of repeats elsewhere, and at least 8
-    samples more than that. Where most neighbours are equal (``COARSE_REPEATS``), the step of the
-    logger is coarser than the noise, and a long run means nothing: no run is called long. A
-    constant trace is one long run.
+    A run is long if p^length N < 1/``RECORDS_PER_LONG_RUN``, with p the share of repeats elsewhere,
+    and by more than ``RUN_MARGIN`` samples. Where most neighbours are equal (``COARSE_REPEATS``),
+    the step of the logger is coarser than the noise, and a long run means nothing: no run is called
+    long. A constant trace is one long run.
     """
     n = len(trace)
     change = np.flatnonzero(np.diff(trace)) + 1
     if len(change) == 0:
         return np.ones(n, dtype=bool)
     lengths = np.diff(np.concatenate([[0], change, [n]]))
-    usual = lengths <= np.quantile(lengths, 0.99)
+    usual = lengths <= np.quantile(lengths, USUAL_RUNS)
     repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
     if repeats > COARSE_REPEATS:
         return np.zeros(n, dtype=bool)
-    longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
+    share = np.clip(repeats, *REPEAT_RANGE)
+    longest = RUN_MARGIN + np.log(RECORDS_PER_LONG_RUN * n) / -np.log(share)
     return np.repeat(lengths > longest, lengths)
 
 
@@ -389,11 +402,12 @@ def remove_impossible(name: str, values: Array, noise_K: float = np.inf) -> Arra
 
     Returns
     -------
-    Column, (N,), NaN for values beyond a million or, in a temperature, out of range, and spikes.
+    Column, (N,), NaN for values beyond ``LARGEST_VALUE`` or, in a temperature, out of range, and
+    spikes.
     """
     if not name.endswith("_degC"):
         with np.errstate(invalid="ignore"):
-            return np.where(np.abs(values) <= 1e6, values, np.nan)
+            return np.where(np.abs(values) <= LARGEST_VALUE, values, np.nan)
     out = np.where(outside_range(values), np.nan, values)
     out[find_spikes(out, SPIKES["reading"], noise_K)] = np.nan
     return out
@@ -433,8 +447,8 @@ def spike_noise_K(
             expected="degrees Celsius",
             column=name,
         )
-    low, high = np.quantile(finite, [0.02, 0.98])
-    if low > 250.0 and high < 800.0:
+    low, high = np.quantile(finite, KELVIN_QUANTILES)
+    if low > KELVIN_RANGE[0] and high < KELVIN_RANGE[1]:
         raise InputError(
             f"column {name} lies between {low:.4g} and {high:.4g}: this looks like kelvin",
             where=location.where,

@@ -249,7 +249,7 @@ def fields_at(
         "ix,isx->sx", steady_amplitudes(s).reshape(len(banks), -1), banks @ weights.T
     )
     inner = drive.inputs[rows] @ s.boundary
-    return _nodal(s, amplitude.reshape(len(rows), *s.rates.shape), inner)
+    return _nodal_fields(s, amplitude.reshape(len(rows), *s.rates.shape), inner)
 
 
 def step_fields(
@@ -313,7 +313,7 @@ def step_fields(
     new = np.tensordot(np.asarray(after, dtype=float), steady_amplitudes(s), axes=1)
     t = np.atleast_1d(np.asarray(time_s, dtype=float))
     amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)
-    return _nodal(s, amplitude, np.asarray(after, dtype=float) @ s.boundary)
+    return _nodal_fields(s, amplitude, np.asarray(after, dtype=float) @ s.boundary)
 
 
 def free_decay(
@@ -361,15 +361,15 @@ def free_decay(
         )
     s = spectrum(rim, h_W_m2K, rim.width_m / 4, profile, "uniform", mesh)
     amplitude = np.linalg.solve(s.shape_r, np.linalg.solve(s.shape_z, start[1:].T).T)
-    return _nodal(s, amplitude * np.exp(-time_s * s.rates), np.zeros(mesh.nz))
+    return _nodal_fields(s, amplitude * np.exp(-time_s * s.rates), np.zeros(mesh.nz))
 
 
-def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
+def _nodal_fields(modes: Spectrum, amplitude: Array, inner: Array) -> Array:
     """Nodal fields from modal amplitudes and the imposed profile.
 
     Parameters
     ----------
-    s
+    modes
         Modes.
     amplitude
         Modal amplitudes, (..., m, n).
@@ -380,6 +380,6 @@ def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
     -------
     Fields, (..., nr, nz).
     """
-    outer = s.shape_r @ amplitude @ s.shape_z.T
+    outer = modes.shape_r @ amplitude @ modes.shape_z.T
     inner_row = np.broadcast_to(inner[..., None, :], (*outer.shape[:-2], 1, inner.shape[-1]))
     return np.concatenate([inner_row, outer], axis=-2)

@@ -574,12 +574,12 @@ def readings(rim: Rim, points: tuple[Point, ...], mesh: Mesh) -> tuple[Array, Ar
     return reading_weights(steps_r, mesh.nr), reading_weights(steps_z, mesh.nz)
 
 
-def steady_amplitudes(s: Spectrum) -> Array:
+def steady_amplitudes(modes: Spectrum) -> Array:
     """Steady amplitude of every mode for a unit of every input.
 
     Parameters
     ----------
-    s
+    modes
         Modes and their forcing.
 
     Returns
@@ -589,10 +589,11 @@ def steady_amplitudes(s: Spectrum) -> Array:
     Notes
     -----
     Forcing divided by rate, summed over the sources that belong to an input. Multiply by
-    ``s.rates`` to have the forcing itself, as ``tcdyn.heat.nonuniform.rim_gains_nonuniform`` does.
+    ``modes.rates`` to have the forcing itself, as
+    ``tcdyn.heat.nonuniform.rim_gains_nonuniform`` does.
     """
-    sources = s.force_r[s.source_r][:, :, None] * s.force_z[:, None, :]
-    return np.tensordot(s.collect, sources, axes=1) / s.rates
+    sources = modes.force_r[modes.source_r][:, :, None] * modes.force_z[:, None, :]
+    return np.tensordot(modes.collect, sources, axes=1) / modes.rates
 
 
 def rim_gains(

@@ -477,22 +477,22 @@ class CrankNicolson:
     forward: sp.csr_matrix
 
     @classmethod
-    def prepare(cls, s: Scheme, dt_s: float) -> CrankNicolson:
+    def prepare(cls, equations: Scheme, dt_s: float) -> CrankNicolson:
         """Factorise (SuperLU, minimum degree on A + A', symmetric mode).
 
         Parameters
         ----------
-        s
+        equations
             The semi-discrete rim.
         dt_s
             Time step [s].
         """
-        eye = sp.eye(s.matrix.shape[0], format="csc")
-        half = (dt_s / 2) * s.matrix
+        eye = sp.eye(equations.matrix.shape[0], format="csc")
+        half = (dt_s / 2) * equations.matrix
         factor = splu(
             (eye + half).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
         )
-        return cls(s, dt_s, factor, sp.csr_matrix(eye - half))
+        return cls(equations, dt_s, factor, sp.csr_matrix(eye - half))
 
     def step(self, field: Array, g_now: Array, g_next: Array, damped: bool = False) -> Array:
         """One time step.
@@ -517,12 +517,12 @@ class CrankNicolson:
         return np.asarray(self.factor.solve(self.forward @ field + half * (g_now + g_next)))
 
 
-def steady_field(s: Scheme, forcing: Array) -> Array:
+def steady_field(equations: Scheme, forcing: Array) -> Array:
     """The steady field: the solution of A T = g.
 
     Parameters
     ----------
-    s
+    equations
         The semi-discrete rim.
     forcing
         Constant forcing, (n,) [K/s]: g = G_in T_inner + g_q q plus the terms of the air of
@@ -539,7 +539,7 @@ def steady_field(s: Scheme, forcing: Array) -> Array:
     ``tests/heat/test_rim_engine.py``. The runs of ``tests/heat/reference_run.py`` and of
     ``tcdyn.verify.studies`` start from it; ``tcdyn.verify.studies`` also compares meshes by it.
     """
-    return np.asarray(splu(s.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(forcing))
+    return np.asarray(splu(equations.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(forcing))
 
 
 def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:

@@ -309,7 +309,7 @@ def log_nodes(low: float, high: float, count: int) -> Array:
 
     Notes
     -----
-    ``_barycentric`` has the weights that belong to these nodes; change both together.
+    ``_chebyshev_nodes`` has the weights that belong to these nodes; change both together.
     ``tests/heat/test_rim_bank.py`` fails otherwise.
     """
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
@@ -359,7 +359,7 @@ def basis_rates(
 
 
 @lru_cache(maxsize=16)
-def _barycentric(count: int) -> tuple[Array, Array, Array]:
+def _chebyshev_nodes(count: int) -> tuple[Array, Array, Array]:
     """Barycentric interpolation on Chebyshev nodes of the second kind; cached.
 
     Parameters
@@ -431,7 +431,7 @@ def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Arr
     total
         Their sums, (M,).
     """
-    x, node_weights, _ = _barycentric(len(rates_per_s))
+    x, node_weights, _ = _chebyshev_nodes(len(rates_per_s))
     low, high = np.log(rates_per_s[[0, -1]])
     scaled = (2 * log_lambda - low - high) / (high - low)
     weights = scaled[:, None] - x
@@ -458,7 +458,7 @@ def lag_weights_slope(rates_per_s: Array, weights: Array) -> Array:
     -------
     Derivatives, (M, K).
     """
-    d = _barycentric(len(rates_per_s))[2]
+    d = _chebyshev_nodes(len(rates_per_s))[2]
     return weights @ d * (2 / np.log(rates_per_s[-1] / rates_per_s[0]))
 
 

@@ -188,7 +188,7 @@ class Comparison(Result):
 
     @property
     def advice(self) -> str:
-        """The conclusion as text."""
+        """The conclusion in words: the model to use, or why none is recommended and what to try."""
         return self.conclusion.sentence
 
     def to_dict(self) -> dict[str, Any]:
@@ -404,7 +404,7 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
     fits, setting = fit_models(ladder)
     result = score(ladder, fits, setting)
     is_doubtful = not is_adequate(result.best) or explains_little(result.best)
-    if setting.is_disturbed and is_doubtful:
+    if setting.has_disturbance and is_doubtful:
         fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(ladder, fits, setting))
     if not given_models and not is_adequate(result.best):
@@ -585,7 +585,7 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     table = pd.DataFrame(rows).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    recommended, reason = recommend(table, overdamped(fitted))
+    recommended, reason = recommend(table, overdamped_models(fitted))
     return Comparison(table, fitted, recommended, reason)
 
 
@@ -625,7 +625,7 @@ def _table_row(name: str, full: Fit, held_out: tuple[float, float, float]) -> di
     }
 
 
-def overdamped(fits: Mapping[str, Fit]) -> list[str]:
+def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
     """Models with a pair of poles (U) that are real, where two lags fit no worse.
 
     The data determine the two lags, or do not determine the pair either.
@@ -736,8 +736,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         final = average_noise(final, ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
     if is_part:
-        n_measured = record.data.n_samples - record.data.missing
-        share = n_measured * record.block / max(data.n_samples - data.missing, 1)
+        n_measured = record.data.n_samples - record.data.n_missing
+        share = n_measured * record.block / max(data.n_samples - data.n_missing, 1)
         numbers |= {"block": record.block, "share": min(share, 1.0)}
         # the conclusion is about the fit to all rows
         table = result.table.copy()
@@ -754,7 +754,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
         numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
-    elif setting.is_disturbed:
+    elif setting.has_disturbance:
         numbers["order"] = list(noise.order)
         numbers["baseline"] = setting.baseline
     final = add_findings(final, tuple(check_holds(ladder, final)))

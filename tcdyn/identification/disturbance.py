@@ -217,10 +217,10 @@ def fit_random_walk(e: Array, slices: list[slice], p: int, q: int) -> NoiseModel
     """
     steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in slices])
     noise = fit_arma(steps, slices, p, q)
-    return NoiseModel(_integrated(noise.ar), noise.ma, True, p + q)
+    return NoiseModel(_integrate_noise(noise.ar), noise.ma, True, p + q)
 
 
-def _integrated(ar: Sequence[float]) -> tuple[float, ...]:
+def _integrate_noise(ar: Sequence[float]) -> tuple[float, ...]:
     """Return the coefficients after the first of (1 - q^-1) A(q)."""
     return tuple(np.convolve([1.0, -1.0], [1.0, *ar])[1:].tolist())
 
@@ -260,7 +260,7 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
         """Return the noise model at the search variables z (p + q,)."""
         ar_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[:p]))
         ma_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[p:]))
-        below = _integrated(ar_at.tolist()) if noise.is_random_walk else tuple(ar_at.tolist())
+        below = _integrate_noise(ar_at.tolist()) if noise.is_random_walk else tuple(ar_at.tolist())
         return NoiseModel(below, tuple(ma_at.tolist()), noise.starts_at_rest, noise.n_fitted)
 
     scaled = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)

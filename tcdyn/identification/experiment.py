@@ -60,9 +60,9 @@ def step_input(
     >>> len(table), table["time_s"].iloc[-1]
     (60, np.float64(29.5))
     """
-    _check(lag_s, dt_s, levels)
+    _check_experiment(lag_s, dt_s, levels)
     count = int(np.ceil(settling_lags * lag_s / dt_s))
-    return _table(np.repeat(np.asarray(levels, dtype=float), count), dt_s)
+    return _input_table(np.repeat(np.asarray(levels, dtype=float), count), dt_s)
 
 
 def prbs_input(
@@ -106,7 +106,7 @@ def prbs_input(
     (1651, [20.0, 80.0])
     """
     shortest_s, longest_s = lag_s
-    _check(shortest_s, dt_s, levels)
+    _check_experiment(shortest_s, dt_s, levels)
     clock = int(2 * np.pi * HALF_POWER * shortest_s / SPEED_FACTOR / dt_s)
     if clock < 1 or longest_s < shortest_s or len(levels) != 2 or periods < 1:
         raise InputError(
@@ -117,11 +117,11 @@ def prbs_input(
     needed = 2 * np.pi * SETTLING_FACTOR * longest_s / (clock * dt_s)
     bits = max(int(np.ceil(np.log2(needed + 1))), 2)
     is_high = np.tile(max_len_seq(bits)[0], periods)
-    return _table(np.repeat(np.where(is_high, levels[1], levels[0]), clock), dt_s)
+    return _input_table(np.repeat(np.where(is_high, levels[1], levels[0]), clock), dt_s)
 
 
-def _check(lag_s: float, dt_s: float, levels: Sequence[float]) -> None:
-    """Raise InputError for a lag or interval not above zero, or levels that are all equal."""
+def _check_experiment(lag_s: float, dt_s: float, levels: Sequence[float]) -> None:
+    """Check that lag and interval are above zero, and that the levels differ."""
     if not (lag_s > 0 and dt_s > 0 and len(set(levels)) > 1):
         raise InputError(
             f"lag_s {lag_s}, dt_s {dt_s}, levels {levels}",
@@ -129,6 +129,6 @@ def _check(lag_s: float, dt_s: float, levels: Sequence[float]) -> None:
         )
 
 
-def _table(u: Array, dt_s: float) -> pd.DataFrame:
+def _input_table(u: Array, dt_s: float) -> pd.DataFrame:
     """Return the input (N,) with its times."""
     return pd.DataFrame({"time_s": np.arange(len(u)) * dt_s, "u": u})

@@ -271,7 +271,7 @@ def fit_setting(
             where=where,
             expected="the linear loss, no random walk, and no ARX model",
         )
-    if model.arx and setting.is_disturbed:
+    if model.arx and setting.has_disturbance:
         raise InputError(
             f"{model.name} has the noise of its own poles",
             remedy="leave noise and baseline out",
@@ -630,7 +630,7 @@ def _is_undetermined(name: str, estimate: Estimate, identified: Identified) -> b
         False for parameters that may be zero or negative, such as a dead time.
     """
     is_zero = base_name(name) == "Tz"
-    if not (is_zero or base_name(name) == "Kp" or identified.model.positive(name)):
+    if not (is_zero or base_name(name) == "Kp" or identified.model.is_positive(name)):
         return False
     size = abs(estimate.value)
     if is_zero:

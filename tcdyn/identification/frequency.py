@@ -38,6 +38,7 @@ from tcdyn.io.read import open_table
 
 # Grids and settings of the search, chosen by judgement.
 N_DELAYS = 13  # dead times of the starting values
+DELAY_STRIDE = 4  # every so many of them also with shared lags
 N_LAGS = 9  # lags of the starting values of process models
 LEVY_ROUNDS = 10  # of reweighting in the linear problem
 N_SEARCHES = 4  # starting values from which the search starts
@@ -447,7 +448,7 @@ def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Pr
         """Return residuals (2F,) and Jacobian (2F, P) at x; None for an unstable model."""
         theta = model.theta(x)
         rational = model.rational(theta)
-        if not rational.stable:
+        if not rational.is_stable:
             return None
         chain_rule = model.chain_rule(theta) * model.natural_scale(x)
         residual = (rational.frequency_response(f) - data.response) / u
@@ -530,7 +531,7 @@ def _start_parameters(data: Response, model: Model) -> list[dict[str, float]]:
             num, den = levy(s, response, weight, n_zeros, model.order)
             if num[0]:
                 candidates.append(from_poles(model, num, den, float(delay)))
-        if model.kind == "process" and k % 4 == 0:
+        if model.kind == "process" and k % DELAY_STRIDE == 0:
             for tau, pattern in product(taus, range(len(LAG_PATTERNS))):
                 candidates.append(share_lag(model, tau, delay, pattern))
     return candidates
@@ -621,7 +622,7 @@ def make_identified(
     scale = model.natural_scale(best.theta)
     covariance = variance * best.covariance * np.outer(scale, scale)
     result = Identified.of(model, theta, covariance, dt_s=0.0)
-    findings += search_findings(best, result.estimates, model.name, _undetermined)
+    findings += search_findings(best, result.estimates, model.name, _warn_if_undetermined)
     model_response = model.rational(theta).frequency_response(data.frequency_Hz)
     error = np.abs(model_response - data.response)
     spread = np.linalg.norm(data.response - data.response.mean()) or 1.0
@@ -650,8 +651,11 @@ def make_identified(
     )
 
 
-def _undetermined(name: str, estimate: Estimate) -> Finding | None:
-    """Return a warning about a parameter whose uncertainty is larger than its value, or None."""
+def _warn_if_undetermined(name: str, estimate: Estimate) -> Finding | None:
+    """Return a warning about a parameter whose uncertainty is larger than its value, or None.
+
+    A zero, a dead time and the coefficients of polynomials (a1, b0) may be zero: no warning.
+    """
     may_be_zero = name in ("Tz", "Td") or name[0] in "ab"
     if may_be_zero or estimate.u <= abs(estimate.value):
         return None

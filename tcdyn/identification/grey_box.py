@@ -143,7 +143,7 @@ def fit_function(
     x = np.array(list(start.values()), dtype=float)
     scale = np.where(x == 0, 1.0, np.abs(x))
     residual = partial(_residual, data=data, model=model, names=names)
-    evaluate = partial(_evaluate, residual=residual, scale=scale, upper=ends[:, 1])
+    evaluate = partial(_residual_and_jacobian, residual=residual, scale=scale, upper=ends[:, 1])
     problem = Problem(names, evaluate, lower=ends[:, 0], upper=ends[:, 1])
     optimum = minimise(problem, x, limit=100, tolerance=0.0, relative=1e-10)
     if optimum.status is Status.NOWHERE:
@@ -163,13 +163,13 @@ def fit_function(
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     estimates = {n: Estimate.normal(float(v), float(s)) for n, v, s in zip(names, optimum.theta, u)}
     findings = search_findings(optimum, estimates, "the model")
-    outputs = _outputs(optimum.theta, data, model, names)
+    outputs = _simulated_outputs(optimum.theta, data, model, names)
     rms = float(np.sqrt(np.mean(innovation**2)))
     percent = nrmse_percent([innovation], [with_gaps[measured]])
     return FunctionFit(estimates, covariance, tuple(outputs), percent, rms, findings, optimum)
 
 
-def _outputs(
+def _simulated_outputs(
     x: Array, data: IOData, model: SimulationFunction, names: tuple[str, ...]
 ) -> list[Array]:
     """Return the simulated outputs (N,) of the runs at a vector x (P,).
@@ -193,16 +193,28 @@ def _residual(
     x: Array, data: IOData, model: SimulationFunction, names: tuple[str, ...]
 ) -> Array | None:
     """Return simulated minus measured output (N,) at x; None where it is not finite."""
-    simulated = np.concatenate(_outputs(x, data, model, names))
+    simulated = np.concatenate(_simulated_outputs(x, data, model, names))
     measured = data.outputs[:, 0]
     residual = (simulated - measured)[np.isfinite(measured)]
     return residual if np.isfinite(residual).all() else None
 
 
-def _evaluate(
+def _residual_and_jacobian(
     x: Array, residual: Callable[[Array], Array | None], scale: Array, upper: Array
 ) -> tuple[Array, Array] | None:
-    """Return residual (N,) and Jacobian (N, P) by differences that stay below the upper bounds."""
+    """Return residual (N,) and Jacobian (N, P) by forward differences.
+
+    Parameters
+    ----------
+    x
+        Parameters (P,).
+    residual
+        Gives the residual at x, or None where it is not finite; then the result is None.
+    scale
+        Magnitude of each parameter (P,), for the step of one that is near zero.
+    upper
+        Upper bounds (P,). The difference is backward where a step would pass them.
+    """
     r = residual(x)
     if r is None:
         return None

@@ -431,44 +431,45 @@ class Identified(Dynamics, Result):
             raise InputError(f"the identified model is damaged ({reason})") from None
 
     @classmethod
-    def _from_dict(cls, d: Mapping[str, Any]) -> Identified:
-        """The model of the content of a file."""
-        model = _model_from_dict(d["model"])
+    def _from_dict(cls, content: Mapping[str, Any]) -> Identified:
+        """The model from the dictionary that :meth:`to_dict` made, also that of version 0.1."""
+        model = _model_from_dict(content["model"])
         size = len(model.free)
-        fields = {key: d[key] for key in PLAIN_KEYS}
-        if not isinstance(d["hold"], str):
-            fields["hold"] = tuple(d["hold"])
-        fields["covariance"] = np.array(d["covariance"], dtype=float).reshape(size, size)
-        fields["estimates"] = {n: Estimate(**e) for n, e in d["estimates"].items()}
+        fields = {key: content[key] for key in PLAIN_KEYS}
+        if not isinstance(content["hold"], str):
+            fields["hold"] = tuple(content["hold"])
+        fields["covariance"] = np.array(content["covariance"], dtype=float).reshape(size, size)
+        fields["estimates"] = {n: Estimate(**e) for n, e in content["estimates"].items()}
         fields["statistics"] = {
-            name: np.nan if value is None else value for name, value in d["statistics"].items()
+            name: np.nan if value is None else value
+            for name, value in content["statistics"].items()
         }
-        if "findings" in d:
-            findings = [Finding.from_dict(f) for f in d["findings"]]
+        if "findings" in content:
+            findings = [Finding.from_dict(f) for f in content["findings"]]
         else:  # a file of version 0.1
-            findings = [warning("from_file", text=message) for message in d["warnings"]]
+            findings = [warning("from_file", text=message) for message in content["warnings"]]
         return cls(
             model=model,
             **fields,
-            input_name=d["input"]["name"],
-            input_unit=d["input"]["unit"],
-            output_name=d["output"]["name"],
-            output_unit=d["output"]["unit"],
+            input_name=content["input"]["name"],
+            input_unit=content["input"]["unit"],
+            output_name=content["output"]["name"],
+            output_unit=content["output"]["unit"],
             findings=tuple(findings),
         )
 
 
-def _model_from_dict(m: Mapping[str, Any]) -> Model:
+def _model_from_dict(content: Mapping[str, Any]) -> Model:
     """The model structure in the "model" key of a file."""
-    known = KnownDynamics.ratio(m["known"]["num"], m["known"]["den"])
+    known = KnownDynamics.ratio(content["known"]["num"], content["known"]["den"])
     submodels = [
         Model(part["name"], part["kind"], tuple(part["names"]), known=known)
-        for part in m.get("parts", ())
+        for part in content.get("parts", ())
     ]
     return Model(
-        **{key: m[key] for key in MODEL_KEYS},
-        names=tuple(m["parameters"]),
-        inputs=tuple(m.get("inputs", ())),
+        **{key: content[key] for key in MODEL_KEYS},
+        names=tuple(content["parameters"]),
+        inputs=tuple(content.get("inputs", ())),
         submodels=tuple(submodels),
         known=known,
     )
@@ -563,8 +564,8 @@ def from_control(
         single = system[0, k] if system.ninputs > 1 else system
         if isinstance(single, control.StateSpace):
             single = control.ss2tf(single).minreal(1e-9)
-        num = _ascending(single.num)
-        den = _ascending(single.den)
+        num = _ascending_coefficients(single.num)
+        den = _ascending_coefficients(single.den)
         submodel, theta = _from_ratio(num, den, delay, f"input {k + 1}", where)
         submodels.append(submodel)
         values.append(theta)
@@ -577,7 +578,7 @@ def from_control(
     return Identified.of(model, theta, no_covariance, dt_s=0.0, input_name=", ".join(names))
 
 
-def _ascending(coefficients: Any) -> Array:
+def _ascending_coefficients(coefficients: Any) -> Array:
     """Return the coefficients of a polynomial of a ``control`` system, ascending in s."""
     return np.trim_zeros(np.asarray(coefficients[0][0], dtype=float), "f")[::-1]
 

@@ -109,7 +109,7 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     e = fit.innovation
     index = problem.model.free.index(name)
     dof = problem.n_measured - problem.size
-    positive = problem.model.positive(name)
+    positive = problem.model.is_positive(name)
     variance = float(e @ e) / dof
     u = float(np.sqrt(max(fit.covariance_x[index, index], 1e-30)))
     inflation = 1.0
@@ -163,7 +163,7 @@ def has_poor_interval(fit: Fit, name: str) -> bool:
     """
     estimate = fit.estimates[name]
     model = fit.problem.model
-    if model.positive(name):
+    if model.is_positive(name):
         return estimate.u > MAX_RELATIVE_U * estimate.value
     zero, delay = (n + input_suffix(name) for n in ("Tz", "Td"))
     if name in (zero, delay) and {zero, delay} <= set(model.free):

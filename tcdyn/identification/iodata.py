@@ -34,6 +34,8 @@ MIN_WRAP_SHARE = 0.8
 # Order, and cutoff over the new Nyquist frequency, of the Butterworth filter before decimation. It
 # acts twice: -96 dB at 1.5 times the Nyquist frequency.
 ANTI_ALIAS = (4, 0.5)
+# Rounding error of positions [samples].
+POSITION_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -216,8 +218,8 @@ class IOData(Result):
             f"{inputs} -> {outputs}: {len(self.runs)} run(s), {self.n_samples} samples every "
             f"{self.dt_s:g} s, input {hold_text(self.hold)}"
         )
-        if self.missing:
-            line += f", {self.missing} output values missing"
+        if self.n_missing:
+            line += f", {self.n_missing} output values missing"
         return "\n".join([line, *(f"  {f.sentence}" for f in self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
@@ -229,7 +231,7 @@ class IOData(Result):
             "dt_s": self.dt_s,
             "hold": self.hold,
             "runs": [{"name": r.name, "start_s": r.start_s, "samples": r.n} for r in self.runs],
-            "missing": self.missing,
+            "missing": self.n_missing,
             "findings": [f.to_dict() for f in self.findings],
         }
 
@@ -249,7 +251,7 @@ class IOData(Result):
         return max(run.n for run in self.runs) * self.dt_s
 
     @property
-    def missing(self) -> int:
+    def n_missing(self) -> int:
         """Number of output values that were not measured."""
         return int(sum(np.isnan(run.y).sum() for run in self.runs))
 
@@ -343,8 +345,8 @@ class IOData(Result):
         for run in self.runs:
             count = int(np.floor((run.n - 1) * self.dt_s / dt_s + 1e-9)) + 1
             position = np.asarray(np.arange(count) * dt_s / self.dt_s, dtype=float)
-            y = [_resampled(column, position, "foh") for column in run.y.T]
-            u = [_resampled(column, position, h) for column, h in zip(run.u.T, self.holds)]
+            y = [_resample_column(column, position, "foh") for column in run.y.T]
+            u = [_resample_column(column, position, h) for column, h in zip(run.u.T, self.holds)]
             runs.append(replace(run, u=np.column_stack(u), y=np.column_stack(y)))
         hold: Holds = "foh" if is_longer else self.hold
         return replace(self, runs=tuple(runs), dt_s=float(dt_s), hold=hold)
@@ -379,8 +381,8 @@ class IOData(Result):
         """
         runs = []
         for run in self.runs:
-            u = run.u if signals == "outputs" else _detrended(run.u, order)
-            y = run.y if signals == "inputs" else _detrended(run.y, order)
+            u = run.u if signals == "outputs" else _subtract_polynomials(run.u, order)
+            y = run.y if signals == "inputs" else _subtract_polynomials(run.y, order)
             runs.append(replace(run, u=u, y=y))
         return replace(self, runs=tuple(runs))
 
@@ -425,7 +427,7 @@ class IOData(Result):
         return self.between(window.start, window.stop)
 
     def run(self, index: int) -> IOData:
-        """The data of one run only."""
+        """Return the data of ``runs[index]`` only."""
         return replace(self, runs=(self.runs[index],))
 
     def select(
@@ -551,8 +553,23 @@ def as_iodata(data: Any) -> IOData:
     raise InputError(f"the data are a {type(data).__name__}", expected="IOData", remedy=remedy)
 
 
-def _resampled(column: Array, position: Array, hold: Hold) -> Array:
-    """Return one column (N,) at other positions (M,) [samples], filtered where they are sparser."""
+def _resample_column(column: Array, position: Array, hold: Hold) -> Array:
+    """Return a column at other positions, filtered against aliasing where they are sparser.
+
+    Parameters
+    ----------
+    column
+        Samples (N,), NaN where missing.
+    position
+        Positions (M,) in samples, uniform from 0.
+    hold
+        The signal between samples.
+
+    Returns
+    -------
+    array
+        Values (M,), NaN where samples are missing; where it was filtered, also next to them.
+    """
     missing = np.isnan(column)
     if missing.all():
         return np.full(len(position), np.nan)
@@ -567,13 +584,13 @@ def _resampled(column: Array, position: Array, hold: Hold) -> Array:
         values = signal.sosfiltfilt(sections, values, padlen=min(len(values) - 1, int(30 * ratio)))
         missing = maximum_filter1d(missing, 2 * int(ratio) + 1)
     if hold == "zoh" and ratio <= 1:
-        return np.asarray(column[(position + 1e-9).astype(int)])
+        return np.asarray(column[(position + POSITION_TOLERANCE).astype(int)])
     out = np.interp(position, index, values)
-    out[np.interp(position, index, missing) > 1e-9] = np.nan
+    out[np.interp(position, index, missing) > POSITION_TOLERANCE] = np.nan
     return out
 
 
-def _detrended(table: Array, order: int) -> Array:
+def _subtract_polynomials(table: Array, order: int) -> Array:
     """Return columns (N, K) without their polynomials of an order; NaN is left out of the fit."""
     index = np.arange(len(table))
     columns = []

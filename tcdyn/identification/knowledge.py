@@ -24,7 +24,16 @@ def check_knowledge(
     bounds: Mapping[str, tuple[float, float]],
     prior: Mapping[str, tuple[float, float]],
 ) -> None:
-    """Raise InputError for bounds or priors of other parameters, or that are not possible.
+    """Check that bounds and priors are possible and belong to free parameters of the model.
+
+    Parameters
+    ----------
+    model
+        The model.
+    bounds
+        Lower and upper bound by parameter.
+    prior
+        Mean and standard uncertainty by parameter.
 
     Raises
     ------
@@ -42,7 +51,7 @@ def check_knowledge(
         if not low < high:
             raise InputError(f"bounds of {name} are {low} and {high}", expected="low < high")
     for name, (mean, u) in prior.items():
-        if not u > 0 or (model.positive(name) and not mean > 0):
+        if not u > 0 or (model.is_positive(name) and not mean > 0):
             raise InputError(
                 f"prior of {name} is {mean} +- {u}",
                 expected="an uncertainty above zero, and a mean above zero of a time constant",

@@ -252,7 +252,7 @@ def climb(ladder: Ladder, fits: dict[str, Fit], setting: Setting) -> dict[str, F
 
 
 def fit_structures(ladder: Ladder, names: Sequence[str], setting: Setting) -> dict[str, Fit]:
-    """Return the fits of structures of one input, without those that cannot be fitted."""
+    """Fit structures of one input by name; those that cannot be fitted are left out."""
     fits = {}
     for name in names:
         result = ladder.fit_model(ladder.model([name]), setting)

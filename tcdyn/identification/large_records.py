@@ -70,7 +70,7 @@ def search_record(ladder: Ladder) -> SearchRecord:
     loss needs the rows themselves: outliers would spread over their blocks.
     """
     data = ladder.data
-    if data.n_samples - data.missing <= MAX_SEARCH_ROWS:  # a gap such as a night does not count
+    if data.n_samples - data.n_missing <= MAX_SEARCH_ROWS:  # a gap such as a night does not count
         return SearchRecord(data)
     longest_block = -(-data.n_samples // MAX_SEARCH_ROWS)
     block = 1
@@ -140,13 +140,15 @@ def block_means(data: IOData, block: int) -> IOData:
             continue
         before = np.concatenate([run.u[:1], run.u[:-1]])
         u = np.where(is_held, 0.5 * (run.u + before), run.u)
-        runs.append(Run(_means(u[:n], block), _means(run.y[:n], block), run.start_s, run.name))
+        runs.append(
+            Run(_block_means(u[:n], block), _block_means(run.y[:n], block), run.start_s, run.name)
+        )
     dt_s = block * data.dt_s
     hold = check_hold("foh", len(data.input_names), "block_means")
     return replace(data, runs=tuple(runs), dt_s=dt_s, hold=hold)
 
 
-def _means(table: Array, block: int) -> Array:
+def _block_means(table: Array, block: int) -> Array:
     """Return the means (N/block, K) over blocks of rows of a table (N, K)."""
     return np.asarray(table.reshape(-1, block, table.shape[1]).mean(axis=1))
 

@@ -193,7 +193,7 @@ class Model:
                 order += 2
         return order
 
-    def positive(self, name: str) -> bool:
+    def is_positive(self, name: str) -> bool:
         """Whether a parameter is positive; the search then uses its logarithm."""
         return base_name(name) in POSITIVE
 
@@ -217,7 +217,7 @@ class Model:
     @property
     def is_logarithm(self) -> Flags:
         """Which of the free parameters (P,) the search represents by their logarithm."""
-        return np.array([self.positive(n) for n in self.free], dtype=bool)
+        return np.array([self.is_positive(n) for n in self.free], dtype=bool)
 
     def natural_scale(self, x: Array) -> Array:
         """Return d(natural parameter)/dx (P,): the parameter for a logarithm, else one."""
@@ -236,7 +236,7 @@ class Model:
         dict
             Natural parameters, the fixed ones included.
         """
-        free = {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
+        free = {n: float(np.exp(v) if self.is_positive(n) else v) for n, v in zip(self.free, x)}
         return self.all_parameters(free)
 
     def as_x(self, name: str, value: float) -> float:
@@ -244,7 +244,7 @@ class Model:
 
         Positive parameters below ``MIN_POSITIVE`` are set to it.
         """
-        return float(np.log(max(value, MIN_POSITIVE))) if self.positive(name) else value
+        return float(np.log(max(value, MIN_POSITIVE))) if self.is_positive(name) else value
 
     def vector(self, theta: Mapping[str, float]) -> Array:
         """Return the free parameters as in x (:meth:`as_x`).
@@ -292,7 +292,7 @@ class Model:
                 rows.append((0.0, delay_s))
             elif base_name(name) == "Zeta":
                 rows.append(tuple(np.log(DAMPING_BOUNDS)))
-            elif self.positive(name):
+            elif self.is_positive(name):
                 rows.append(tuple(np.log(lags_s)))
             else:
                 rows.append((-np.inf, np.inf))
@@ -321,12 +321,12 @@ class Model:
         fixed = {n: self.fixed[full] for n, full in names.items() if full in self.fixed}
         return replace(model, fixed=fixed), names
 
-    def coefficients(self, p: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
+    def coefficients(self, theta: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
         """Return numerator and denominator factors without the known ones.
 
         Parameters
         ----------
-        p
+        theta
             All parameters by name; complex values are allowed.
 
         Returns
@@ -343,16 +343,18 @@ class Model:
         ``tcdyn.identification.level_lag.LevelLagProblem.output_change`` relies.
         """
         if self.kind == "tf":
-            denominator = (1.0, *(p[n] for n in self.names if n.startswith("a")))
-            return [p[n] for n in self.names if n.startswith("b")], [denominator]
-        factors: list[tuple[Any, ...]] = [(1.0, p[n]) for n in ("Tp1", "Tp2", "Tp3") if n in p]
-        if "Tw" in p:
-            factors.append((1.0, 2 * p["Zeta"] * p["Tw"], p["Tw"] ** 2))
-        if "Tc" in p:
-            factors += [(1.0, p["Tc"] * share) for share in cement_lags()]
-        if "Tz" in p:
-            return [p["Kp"], p["Kp"] * p["Tz"]], factors
-        return [p["Kp"]], factors
+            denominator = (1.0, *(theta[n] for n in self.names if n.startswith("a")))
+            return [theta[n] for n in self.names if n.startswith("b")], [denominator]
+        factors: list[tuple[Any, ...]] = [
+            (1.0, theta[n]) for n in ("Tp1", "Tp2", "Tp3") if n in theta
+        ]
+        if "Tw" in theta:
+            factors.append((1.0, 2 * theta["Zeta"] * theta["Tw"], theta["Tw"] ** 2))
+        if "Tc" in theta:
+            factors += [(1.0, theta["Tc"] * share) for share in cement_lags()]
+        if "Tz" in theta:
+            return [theta["Kp"], theta["Kp"] * theta["Tz"]], factors
+        return [theta["Kp"]], factors
 
     def rational(self, theta: Mapping[str, float]) -> Rational:
         """Return the transfer function at ``theta``, the known factor included."""
@@ -387,11 +389,11 @@ class Model:
         """
         parameters = self.all_parameters(theta)
 
-        def coefficients(p: Mapping[str, Any]) -> list[Any]:
+        def coefficients(theta: Mapping[str, Any]) -> list[Any]:
             """Return all coefficients in the order of the rows."""
-            num, factors = self.coefficients(p)
+            num, factors = self.coefficients(theta)
             below = [c for factor in factors for c in factor[1:]]
-            return [*np.convolve(num, self.known.num), *below, p.get("Td", 0.0)]
+            return [*np.convolve(num, self.known.num), *below, theta.get("Td", 0.0)]
 
         columns = []
         for name in self.free:

@@ -311,6 +311,7 @@ def frols_with_polynomials() -> Callable[[int, int, int], Any]:
         ) from None
 
     def model(degree: int, lags: int, max_terms: int) -> Any:
+        """Return a polynomial NARX model of sysidentpy whose terms are selected by BIC."""
         return FROLS(
             ylag=lags,
             xlag=lags,
@@ -424,7 +425,7 @@ def temperature_dependence(
     linear = narx(data, degree=1, lags=lags, held_out=held_out)
     quadratic = narx(data, degree=2, lags=lags, held_out=held_out)
     lag = level_lag(data.run(0))
-    sentence = _conclusion(lag, linear, quadratic, data.output_units[0] or "units")
+    sentence = _conclusion_text(lag, linear, quadratic, data.output_units[0] or "units")
     run = ""
     if len(data.runs) > 1:
         run = data.runs[0].name or "1"
@@ -432,7 +433,7 @@ def temperature_dependence(
     return TemperatureDependence(linear, quadratic, sentence, lag, run)
 
 
-def _conclusion(lag: LevelLag, linear: Narx, quadratic: Narx, unit: str) -> str:
+def _conclusion_text(lag: LevelLag, linear: Narx, quadratic: Narx, unit: str) -> str:
     """The conclusion of :func:`temperature_dependence` as text.
 
     Parameters

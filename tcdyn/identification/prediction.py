@@ -17,7 +17,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.search import Fit
-from tcdyn.identification.validation import fit_percent, fit_states
+from tcdyn.identification.validation import fit_nuisance_parameters, fit_percent
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +106,7 @@ def predict(fit: Fit, data: IOData, steps: int | None = 1) -> Prediction:
         raise InputError(
             f"predict: a {type(fit).__name__}", expected="the result of fit, with a linear model"
         )
-    problem, x = fit_states(fit, data)
+    problem, x = fit_nuisance_parameters(fit, data)
     outputs = problem.outputs(x)
     rows = problem.evaluate(x)
     assert outputs is not None  # the model is stable, it was fitted

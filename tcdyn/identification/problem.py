@@ -218,7 +218,7 @@ class IdentificationProblem:
 
     @cached_property
     def past_level_index(self) -> tuple[tuple[int | None, ...], ...]:
-        """Position in x of the level of each input before each segment, or None.
+        """Position in x of the level before each segment, or None, by segment and input.
 
         The level is relative to the first sample. For an integrator, the effect of the past is
         the offset.
@@ -259,7 +259,7 @@ class IdentificationProblem:
                     precision[k] = (self.noise_sd / sd) ** 2
         for name, (mean, u) in self.priors.items():
             if name in self.model.free:
-                sd = u / mean if self.model.positive(name) else u
+                sd = u / mean if self.model.is_positive(name) else u
                 precision[self.model.free.index(name)] = (self.noise_sd / sd) ** 2
         return precision
 
@@ -425,7 +425,7 @@ class IdentificationProblem:
     def _branch_systems(self, x: Array) -> list[_BranchSystem] | None:
         """Return the branches at x; None where one of them is unstable."""
         rationals = self.rationals(x)
-        if not all(g.stable for g in rationals):
+        if not all(g.is_stable for g in rationals):
             return None
         theta = self.theta(x)
         scale = self.natural_scale(x)
@@ -600,7 +600,22 @@ class IdentificationProblem:
     def _innovations(
         self, x: Array, noise: NoiseModel, root: Array | float
     ) -> tuple[Array, Array] | None:
-        """Innovations: whitened residuals (N,) and their Jacobian (N, size) at x, or None."""
+        """Whitened residuals (N,) and their Jacobian (N, size).
+
+        Parameters
+        ----------
+        x
+            Parameters, offsets, drifts and initial states (size,).
+        noise
+            Noise model; not used with equation error, whose noise is that of the poles.
+        root
+            Square roots of the weights of the residuals.
+
+        Returns
+        -------
+        tuple of array, or None
+            None where the model cannot be computed.
+        """
         slices = self.residual_slices
         rows = self.evaluate(x, root)
         if rows is None:

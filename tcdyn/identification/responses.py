@@ -23,6 +23,8 @@ from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.result import Result
 from tcdyn.identification.models import KnownDynamics, Model
 
+# Slowest time constants after which a step response is complete: 0.03 % of one lag remain.
+STEP_TIME_CONSTANTS = 8.0
 # Shares of the final value whose times are reported (VDI/VDE 3522).
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
@@ -192,7 +194,7 @@ def step_rows(model: Dynamics, time_s: Array) -> tuple[Array, Array]:
     model
         The model.
     time_s
-        Even times (N,) from 0 [s].
+        Uniform grid of times (N,) from 0 [s].
 
     Returns
     -------
@@ -207,10 +209,11 @@ def step_rows(model: Dynamics, time_s: Array) -> tuple[Array, Array]:
     return rows[0], model.model.chain_rule(model.theta).T @ rows[1:]
 
 
-def step_times(model: Dynamics, count: int = 1200) -> Array:
-    """Return an even time grid (count + 1,) [s] over the complete step response."""
+def step_time_grid(model: Dynamics, n_intervals: int = 1200) -> Array:
+    """Return a uniform grid of times (n_intervals + 1,) [s] over the complete step response."""
     g = model.rational
-    return np.linspace(0.0, g.delay_s + 8 * slowest_time_constant_s(g), count + 1)
+    end_s = g.delay_s + STEP_TIME_CONSTANTS * slowest_time_constant_s(g)
+    return np.linspace(0.0, end_s, n_intervals + 1)
 
 
 def slowest_time_constant_s(g: Rational) -> float:
@@ -226,7 +229,7 @@ def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
     model
         The model.
     time_s
-        Even times (N,) from 0 [s]; by default over eight of the slowest time constants.
+        Uniform grid of times (N,) from 0 [s]; by default that of ``step_time_grid``.
 
     Returns
     -------
@@ -241,7 +244,7 @@ def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
     >>> step_band(model, np.array([0.0, 20.0])).value.round(3)
     array([0., 2.])
     """
-    t = step_times(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
+    t = step_time_grid(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
     y, jacobian = step_rows(model, t)
     return Band(t, y, model.standard_uncertainty(jacobian))
 
@@ -280,7 +283,7 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
     """
     if model.model.integrators:
         raise InputError(f"{model.model.name} integrates: its step response has no final value")
-    t = step_times(model, 4000)
+    t = step_time_grid(model, 4000)
     y, jacobian = step_rows(model, t)
     share = y / model.gain
     gain_gradient = model.model.chain_rule(model.theta)[0]

@@ -67,7 +67,7 @@ class Setting:
         return asdict(self)
 
     @property
-    def is_disturbed(self) -> bool:
+    def has_disturbance(self) -> bool:
         """Whether it has coloured noise or a baseline."""
         return self.noise != "white" or self.baseline != "none"
 
@@ -208,7 +208,7 @@ def average_noise(best: Fit, given: Mapping[str, Any], fit_model: FitModel) -> F
     """
     selected = setting_of(best)
     is_given = "noise" in given or given.get("baseline") == "walk"
-    if is_given or not selected.is_disturbed or best.problem.n_measured > MAX_AVERAGE_ROWS:
+    if is_given or not selected.has_disturbance or best.problem.n_measured > MAX_AVERAGE_ROWS:
         return best
     averaged = replace(selected, noise="slow", baseline=given.get("baseline", "auto"))
     average = fit_model(best.problem.model, averaged, [best.identified.theta])

@@ -41,6 +41,9 @@ LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
 # Thresholds, chosen by judgement.
 # Share of repeated time stamps, above which the clock has too few decimals.
 MAX_REPEATED_STAMPS = 0.02
+# Changes that are one step, and ranges that are at most two steps, over the least step; halfway.
+ONE_STEP = 1.5
+TWO_STEPS = 2.5
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
 # Change of an input that a computer has set, over its range; rounding makes smaller steps.
 MIN_JUMP_SHARE = 0.05
@@ -137,13 +140,13 @@ def from_frame(
         groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
     times = [np.empty(0)] * len(groups)
     if clock is not None:
-        times = [_times(group, clock, where) for _, group in groups]
+        times = [_row_times(group, clock, where) for _, group in groups]
     if dt_s is not None:
         interval = dt_s
     elif resample_s is not None:
         interval = resample_s
     else:
-        interval = sampling(times, where)
+        interval = sampling_interval_s(times, where)
     if not 0 < interval < np.inf:
         raise InputError(
             f"the sampling interval is {interval:g} s", where=where, expected="a number above zero"
@@ -152,8 +155,8 @@ def from_frame(
     code_counts: dict[str, int] = {}
     for (label, group), t in zip(groups, times):
         location = f"{where}, run {label}" if label else where
-        u = _readings(group, inputs, location, overload_codes, code_counts)
-        y = _readings(group, outputs, location, _output_codes, code_counts)
+        u = _readings_of_columns(group, inputs, location, overload_codes, code_counts)
+        y = _readings_of_columns(group, outputs, location, _output_codes, code_counts)
         start_s = 0.0
         if time is not None:
             check_times(t, time, location)
@@ -329,7 +332,7 @@ def _check_once(names: Sequence[Any], requested: Collection[str | None], where: 
             )
 
 
-def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
+def _row_times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     """Return the times of the rows.
 
     Parameters
@@ -367,7 +370,7 @@ def _output_codes(values: Array) -> Flags:
     return overload | dropout_codes(np.where(overload, np.nan, values))
 
 
-def _readings(
+def _readings_of_columns(
     frame: pd.DataFrame,
     columns: Sequence[str],
     where: str,
@@ -439,8 +442,8 @@ def is_setpoint(u: Array) -> tuple[bool, float]:
     step = float(changes.min())
     isolated = float(np.mean(stays[index] & stays[index + 2]))
     is_large = bool(np.median(changes) > MIN_JUMP_SHARE * np.ptp(u))
-    mostly_one_step = np.mean(changes < 1.5 * step) > 0.5
-    if np.ptp(u) < 2.5 * step or not mostly_one_step:
+    mostly_one_step = np.mean(changes < ONE_STEP * step) > 0.5
+    if np.ptp(u) < TWO_STEPS * step or not mostly_one_step:
         return is_large or isolated > 0.5, 0.0
     is_isolated = isolated > MIN_ISOLATED_SHARE
     return is_large and is_isolated, step if is_large or is_isolated else 0.0
@@ -493,7 +496,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
         )
         requested.add(clock.name)
     raw = read_requested(table, requested)
-    frame = _frame(table, raw)
+    frame = _frame_of_columns(table, raw)
     run = options.get("run")
     if run is not None and run in raw.data and run not in raw.stamps:
         frame[run] = _whole_numbers(frame[run])
@@ -513,7 +516,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
     """Return a table's columns; those that are not requested stay empty."""
-    return _frame(table, read_requested(table, requested))
+    return _frame_of_columns(table, read_requested(table, requested))
 
 
 def read_requested(table: Table, requested: Collection[str]) -> Columns:
@@ -528,7 +531,7 @@ def read_requested(table: Table, requested: Collection[str]) -> Columns:
     return read_all_rows(table, [name for name in table.names if name in requested])
 
 
-def _frame(table: Table, raw: Columns) -> pd.DataFrame:
+def _frame_of_columns(table: Table, raw: Columns) -> pd.DataFrame:
     """Return columns as a table: numbers, and text as it is in the file."""
     columns = {**raw.data, **raw.stamps}
     names = list(dict.fromkeys(table.names))
@@ -583,7 +586,7 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
     return converted.to_numpy(dtype=float)
 
 
-def sampling(times: Sequence[Array], where: str) -> float:
+def sampling_interval_s(times: Sequence[Array], where: str) -> float:
     """Return the sampling interval [s] of several runs, the mean of all steps.
 
     The mean is not biased by rounded time stamps. A step over missing rows counts as several.

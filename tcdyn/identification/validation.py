@@ -53,6 +53,8 @@ FEEDBACK_P = 1e-3
 ALARM_P = 0.01
 # Probability of one outlier in a record of normal noise at which a residual is a spike.
 SPIKE_P = 0.005
+# Relative difference of two sampling intervals that is rounding of the time stamps.
+DT_TOLERANCE = 1e-6
 # Residuals over the largest output, up to which they are numerical errors.
 NUMERICAL_ERROR = 1e-9
 # Sampling interval over the sum of the lags, above which several structures fit the samples equally
@@ -231,7 +233,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         is_coloured = False
     percent = fit_percent(problem, fit.residual)
     unsettled = off_equilibrium(fit)
-    findings = [_conclusion(fit, white, cross, is_coloured, is_rounding, percent)]
+    findings = [_first_finding(fit, white, cross, is_coloured, is_rounding, percent)]
     n_spikes = _count_spikes(fit.residual if fit.noise.white else e)
     if n_spikes and cross.p >= ALARM_P and not is_rounding and not unsettled:
         findings.append(warning("residuals.spikes", count=n_spikes, robust=fit.loss != "linear"))
@@ -306,7 +308,7 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     >>> confirm(fit(data, "P1"), IOData.from_arrays(u, y, 0.05, hold="zoh")).dynamics_missing
     False
     """
-    problem, x = fit_states(fit, data)
+    problem, x = fit_nuisance_parameters(fit, data)
     k = problem.n_model
     core = problem.least_squares_problem(fit.noise)
     evaluated = core.evaluate(x)
@@ -339,8 +341,8 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     return replace(validation, findings=(*validation.findings, differs))
 
 
-def fit_states(fit: Fit, data: IOData) -> tuple[IdentificationProblem, Array]:
-    """Fit offsets, drifts and initial states to other data; the parameters stay.
+def fit_nuisance_parameters(fit: Fit, data: IOData) -> tuple[IdentificationProblem, Array]:
+    """Fit offsets, drifts and initial states to other data; the model's parameters stay.
 
     Parameters
     ----------
@@ -354,15 +356,19 @@ def fit_states(fit: Fit, data: IOData) -> tuple[IdentificationProblem, Array]:
     problem
         The problem of these data.
     x
-        Its vector (size,).
+        Its vector (size,): the parameters of the fit, then the fitted offsets, drifts and states.
 
     Raises
     ------
     InputError
         For data that cannot be used, or whose sampling differs from that of a noise model.
+
+    Notes
+    -----
+    The residual is linear in what is fitted, so one step of least squares is exact.
     """
     old = fit.problem
-    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
+    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > DT_TOLERANCE:
         raise InputError(
             f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
             where=data.name or "identify",
@@ -382,7 +388,7 @@ def fit_states(fit: Fit, data: IOData) -> tuple[IdentificationProblem, Array]:
     return problem, x
 
 
-def _conclusion(
+def _first_finding(
     fit: Fit,
     white: ResidualTest,
     cross: ResidualTest,
@@ -524,17 +530,17 @@ def shifted_inputs(problem: IdentificationProblem, delays: NDArray[np.int_]) -> 
     n_past = max(int(delays.max()), 0)
     n_future = max(-int(delays.min()), 0)
 
-    def delayed(s: Segment) -> Array:
+    def delayed(segment: Segment) -> Array:
         """Return the shifted first input of a segment (N, L)."""
-        past = s.last_inputs(n_past + 1)
+        past = segment.last_inputs(n_past + 1)
         level = past[0]
-        if problem.initial == "zero" and not s.after_gap:
+        if problem.initial == "zero" and not segment.after_gap:
             level = 0.0
-        before = past[1:] if s.after_gap else np.full(n_past, level)
-        after = np.full(n_future, s.u[-1])
-        padded = np.concatenate([before, s.u, after]) - level
-        columns = [padded[n_past - k : n_past - k + len(s.u)] for k in delays]
-        return np.array(columns).T[s.measured]
+        before = past[1:] if segment.after_gap else np.full(n_past, level)
+        after = np.full(n_future, segment.u[-1])
+        padded = np.concatenate([before, segment.u, after]) - level
+        columns = [padded[n_past - k : n_past - k + len(segment.u)] for k in delays]
+        return np.array(columns).T[segment.measured]
 
     n_inputs = len(problem.branches)
     return np.block([[delayed(s.with_input(k)) for k in range(n_inputs)] for s in problem.segments])
@@ -747,12 +753,12 @@ def feedback(e: Array, jacobian: Array, future: Array, past: Array) -> tuple[Fin
 
 
 def has_coloured_residuals(fit: Fit) -> bool:
-    """Whether the residuals are coloured."""
+    """Whether the test of whiteness rejects the residuals, at ``ALARM_P``."""
     return fit.identified.statistics["p_white"] < ALARM_P
 
 
 def has_clean_residuals(fit: Fit) -> bool:
-    """Whether the residuals are white and do not follow the input."""
+    """Whether neither residual test, whiteness or input correlation, rejects at ``ALARM_P``."""
     return not has_coloured_residuals(fit) and fit.identified.statistics["p_input"] >= ALARM_P
 
 

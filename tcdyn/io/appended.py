@@ -124,14 +124,18 @@ class AppendedFile:
         try:
             file = os.stat(self.path)
         except OSError:
-            raise self._lost(f"renamed or deleted while it was written: {there}") from None
+            raise self._changed_output_error(
+                f"renamed or deleted while it was written: {there}"
+            ) from None
         if not os.path.samestat(os.fstat(self.stream.fileno()), file):
-            raise self._lost(f"replaced by another file while it was written: {there}")
+            raise self._changed_output_error(
+                f"replaced by another file while it was written: {there}"
+            )
         if file.st_size != self.size:
             changed = f"changed by another program: it has {file.st_size} bytes after {before}"
-            raise self._lost(f"{changed}{after}", expected=f"{self.size} bytes")
+            raise self._changed_output_error(f"{changed}{after}", expected=f"{self.size} bytes")
 
-    def _lost(self, what: str, expected: str = "") -> InputError:
+    def _changed_output_error(self, what: str, expected: str = "") -> InputError:
         """The error for an output that is no longer what was written."""
         return InputError(
             f"the output was {what}",

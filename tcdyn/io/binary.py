@@ -117,7 +117,7 @@ def _channels_by_name(file: Any) -> dict[str, Any]:
 
 
 def _tdms_chunks(
-    path: Path, where: str, make_time: bool, wanted: Sequence[str], rows: int = CHUNK_ROWS
+    path: Path, where: str, make_time: bool, requested: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield the wanted channels in chunks.
 
@@ -130,7 +130,7 @@ def _tdms_chunks(
         The file, and its name for messages.
     make_time
         Whether ``time_s`` is made from the time tracks.
-    wanted
+    requested
         Names of the channels.
     rows
         Number of rows in a chunk.
@@ -141,10 +141,10 @@ def _tdms_chunks(
         For channels of different length beside a time column, without a time track where one is
         needed, or damaged.
     """
-    add_time = make_time and "time_s" in wanted
+    add_time = make_time and "time_s" in requested
     with _open_tdms(path, where) as file:
         by_name = _channels_by_name(file)
-        channels = {name: by_name[name] for name in wanted if name in by_name}
+        channels = {name: by_name[name] for name in requested if name in by_name}
         lengths = {len(channel) for channel in channels.values()}
         clock = next((name for name in channels if name in TIME_NAMES), None)
         if clock and len(lengths) > 1:
@@ -156,7 +156,7 @@ def _tdms_chunks(
         first_samples = {}
         for name, channel in channels.items():
             if not _is_text(channel):
-                first_samples[name] = _track(channel, where, 0, 1)
+                first_samples[name] = _read_track(channel, where, 0, 1)
         intervals_s = [track.dt_s for track in first_samples.values()]
         if add_time and not any(intervals_s):
             raise InputError(
@@ -171,7 +171,9 @@ def _tdms_chunks(
             return
         dt_s = (intervals_s[0] if intervals_s else None) or 1.0
         for start in range(0, lengths.pop(), rows):
-            yield _chunk(channels, where, slice(start, start + rows), dt_s if add_time else None)
+            yield _rows_of_chunk(
+                channels, where, slice(start, start + rows), dt_s if add_time else None
+            )
 
 
 def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> Columns:
@@ -186,14 +188,16 @@ def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> C
     where
         The file, for messages.
     """
-    tracks = {name: _track(channel, where) for name, channel in channels.items()}
+    tracks = {name: _read_track(channel, where) for name, channel in channels.items()}
     time_s, data, findings = align(tracks, where)
     if add_time and time_s is not None:
         data = {"time_s": time_s, **data}
     return Columns(data, SampleLocation(where), tuple(findings))
 
 
-def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None) -> Columns:
+def _rows_of_chunk(
+    channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
+) -> Columns:
     """The rows of one chunk.
 
     Parameters
@@ -215,7 +219,7 @@ def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None
             stamps[name] = np.array([str(cell) for cell in cells], dtype=object)
             data[name] = np.full(len(cells), np.nan)
             continue
-        data[name] = _track(channel, where, rows.start, rows.stop).values
+        data[name] = _read_track(channel, where, rows.start, rows.stop).values
         if np.issubdtype(channel.dtype, np.datetime64):
             stamps[name] = np.asarray(channel[rows]).astype(str).astype(object)
     if dt_s is not None:
@@ -236,11 +240,11 @@ def _open_tdms(path: Path, where: str) -> Iterator[Any]:
         try:
             file = TdmsFile.open(stream)
         except Exception as problem:  # npTDMS raises many kinds on damaged files
-            raise _damaged(problem, where) from None
+            raise _damaged_file_error(problem, where) from None
         yield file
 
 
-def _damaged(problem: BaseException, where: str) -> InputError:
+def _damaged_file_error(problem: BaseException, where: str) -> InputError:
     """Error for a TDMS file that npTDMS cannot read, with its reason."""
     text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__
     return InputError(
@@ -281,13 +285,13 @@ def _check_size(file: Any, path: Path, where: str) -> None:
         )
 
 
-def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
-    """Samples of a channel with its start and interval.
+def _read_track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
+    """Read samples of a channel with its start and interval.
 
     Parameters
     ----------
     channel
-        The channel.
+        Channel of npTDMS.
     where
         The file, for messages.
     start, stop
@@ -296,7 +300,8 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
     Returns
     -------
     Track
-        Its start is ``wf_start_time`` since 2000 plus ``wf_start_offset`` [s].
+        Its start is ``wf_start_time`` since 2000 plus ``wf_start_offset`` [s], 0 if that is not
+        finite. Its interval is None unless ``wf_increment`` is finite and positive.
 
     Raises
     ------
@@ -308,8 +313,8 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
         first = channel[:1]
         properties = channel.properties
     except Exception as problem:  # npTDMS raises many kinds on damaged files
-        raise _damaged(problem, where) from None
-    numbers = _floats(values, first, str(channel.name), where)
+        raise _damaged_file_error(problem, where) from None
+    numbers = _as_floats(values, first, str(channel.name), where)
     try:
         offset = float(properties.get("wf_start_offset", 0.0) or 0.0)
         start_time = properties.get("wf_start_time")
@@ -325,7 +330,7 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
     return Track(numbers, start_s, interval if has_interval else None)
 
 
-def _floats(values: Any, first: Any, name: str, where: str) -> Array:
+def _as_floats(values: Any, first: Any, name: str, where: str) -> Array:
     """Samples as float64; time stamps as seconds since the first.
 
     Parameters
@@ -402,7 +407,7 @@ def parquet_table(path: Path, where: str) -> Table:
 
 
 def _parquet_chunks(
-    path: Path, where: str, wanted: Sequence[str], rows: int = CHUNK_ROWS
+    path: Path, where: str, requested: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield the wanted columns in chunks, in bounded memory.
 
@@ -410,7 +415,7 @@ def _parquet_chunks(
     ----------
     path, where
         The file, and its name for messages.
-    wanted
+    requested
         Names of the columns.
     rows
         Number of rows in a chunk.
@@ -420,7 +425,7 @@ def _parquet_chunks(
     InputError
         For a damaged file or a column that holds no numbers.
     """
-    names = list(dict.fromkeys(wanted))
+    names = list(dict.fromkeys(requested))
     reader = _ParquetReader(where)
     try:
         with pq.ParquetFile(path) as file:
@@ -458,7 +463,7 @@ class _ParquetReader:
         """The columns of one batch as numbers.
 
         Booleans become 0 and 1, time stamps seconds since the first one, texts what
-        ``tcdyn.io.csv_dialect.TextColumn`` makes of them.
+        ``tcdyn.io.cells.TextColumn`` makes of them.
 
         Parameters
         ----------

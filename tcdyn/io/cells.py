@@ -215,7 +215,7 @@ class TextColumn:
             Index in the file of the first of them.
         """
         if self.is_switch is None:
-            self._decide(text for text in texts if text.lower() not in ABSENT)
+            self._decide_kind(text for text in texts if text.lower() not in ABSENT)
         if self.words:
             return np.full(len(texts), np.nan)
         if self.clock:
@@ -225,7 +225,7 @@ class TextColumn:
             values[i] = self._number(text, first_index + i)
         return values
 
-    def _decide(self, filled: Iterable[str]) -> None:
+    def _decide_kind(self, filled: Iterable[str]) -> None:
         """Decide what the column holds, by the filled cells of a chunk; not if there is none."""
         cells = list(islice(filled, DECISION_CELLS))
         if not cells:

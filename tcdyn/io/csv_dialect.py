@@ -92,7 +92,7 @@ class _Layout:
     ambiguous_cell: str = ""
 
 
-def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
+def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) -> Dialect:
     """Detect the dialect of a text log from its first bytes.
 
     Parameters
@@ -101,7 +101,7 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
         The file.
     where
         The file, for messages.
-    known
+    known_names
         Names that a header may contain. Among several lines of text above the first numbers
         (titles, header blocks, units) the one with most of them is the header.
 
@@ -112,10 +112,10 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
 
     Notes
     -----
-    Encoding, then separator and decimal mark by ``_best_layout``, then names and units. UTF-16 and
-    columns separated by spaces are rewritten in memory, because pyarrow reads neither; such a file
-    cannot be followed while it grows (``tcdyn.io.growing.open_growing``). ``HEAD_BYTES`` must hold
-    a header and some rows: a longer header is not found.
+    Encoding, then separator and decimal mark by ``_find_best_layout``, then names and units. UTF-16
+    and columns separated by spaces are rewritten in memory, because pyarrow reads neither; such a
+    file cannot be followed while it grows (``tcdyn.io.growing.open_growing``). ``HEAD_BYTES`` must
+    hold a header and some rows: a longer header is not found.
     """
     with open(path, "rb") as stream:
         head = stream.read(HEAD_BYTES)
@@ -123,12 +123,12 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
         raise InputError(
             "the file is empty", where=where, expected="a header row and rows of numbers"
         )
-    encoding = _encoding(head, where)
+    encoding = _detect_encoding(head, where)
     text = head.decode(encoding, errors="replace")
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
         lines = lines[:-1]  # the last one may be incomplete
-    layout = _best_layout(tuple(lines), frozenset(name.lower() for name in known))
+    layout = _find_best_layout(tuple(lines), frozenset(name.lower() for name in known_names))
     if layout is None:
         text_lines = (line for line in lines if line.strip() and not line.startswith("#"))
         raise InputError(
@@ -161,7 +161,7 @@ def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Diale
         names,
         layout.skip,
         first_row,
-        _metadata(lines),
+        _comment_metadata(lines),
         path,
         body,
         units,
@@ -226,14 +226,14 @@ def _tabs_for_spaces(text: bytes) -> bytes:
 
 
 @lru_cache(maxsize=4)
-def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | None:
+def _find_best_layout(lines: tuple[str, ...], known_names: frozenset[str]) -> _Layout | None:
     """The layout with the best score; the first of equal ones: tab, semicolon, comma, bar.
 
     Parameters
     ----------
     lines
         First lines of the text.
-    known
+    known_names
         Column names in lower case that a header may contain.
 
     Notes
@@ -249,21 +249,21 @@ def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | Non
         (",", ".," if has_quotes else "."),
         ("|", ".,"),
     ):
-        layouts += _layouts(lines, separator, decimals, known)
+        layouts += _layouts(lines, separator, decimals, known_names)
     if not layouts:  # spaces separate columns only if nothing else does
-        layouts = _layouts(lines, " ", ".,", known)
+        layouts = _layouts(lines, " ", ".,", known_names)
     return max(layouts, key=lambda layout: layout.score, default=None)
 
 
 def _layouts(
-    lines: Sequence[str], separator: str, decimals: str, known: Collection[str]
+    lines: Sequence[str], separator: str, decimals: str, known_names: Collection[str]
 ) -> list[_Layout]:
     """The layouts with data for one separator and each of the decimal marks."""
-    candidates = [_layout(lines, separator, decimal, known) for decimal in decimals]
+    candidates = [_find_layout(lines, separator, decimal, known_names) for decimal in decimals]
     return [layout for layout in candidates if layout is not None]
 
 
-def _encoding(head: bytes, where: str) -> str:
+def _detect_encoding(head: bytes, where: str) -> str:
     """Encoding of the text by its first bytes.
 
     Byte order marks decide; then zero bytes in every other place (UTF-16); then whether it is valid
@@ -304,7 +304,7 @@ def _encoding(head: bytes, where: str) -> str:
     return "utf-8"
 
 
-def _metadata(lines: list[str]) -> dict[str, str]:
+def _comment_metadata(lines: list[str]) -> dict[str, str]:
     """Values of the lines "# key: value" above the table."""
     metadata: dict[str, str] = {}
     for line in lines:
@@ -377,10 +377,10 @@ def _is_data(cells: list[str], decimal: str) -> bool:
     return kinds[0] in ("number", "stamp") and sum(k in ("number", "stamp") for k in kinds) > 1
 
 
-def _layout(
-    lines: Sequence[str], separator: str, decimal: str, known: Collection[str]
+def _find_layout(
+    lines: Sequence[str], separator: str, decimal: str, known_names: Collection[str]
 ) -> _Layout | None:
-    """Where header and data are with this separator and decimal mark; None without data.
+    """Find header and data with one separator and decimal mark; None without data.
 
     Parameters
     ----------
@@ -388,7 +388,7 @@ def _layout(
         First lines of the text.
     separator, decimal
         Separator of the columns and decimal mark.
-    known
+    known_names
         Column names in lower case that a header may contain.
 
     Notes
@@ -404,7 +404,7 @@ def _layout(
     fields = max(set(widths), key=widths.count)
     complete = [k for k in data if len(rows[k][1]) == fields]
     first = _first_row(rows, complete, decimal)
-    header = _header(rows[:first], fields, decimal, known)
+    header = _header_index(rows[:first], fields, decimal, known_names)
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     if header is not None:
@@ -420,7 +420,7 @@ def _layout(
     line, cells = rows[first]
     if not units:
         units = tuple(number_and_unit(cell, decimal)[1] for cell in cells)
-    score = _score([rows[k][1] for k in data], len(rows) - complete[0], fields, decimal)
+    score = _readable_share([rows[k][1] for k in data], len(rows) - complete[0], fields, decimal)
     numbers = [rows[k][1][0] for k in complete[:ROW_NUMBERS]]
     has_row_names = numbers == [str(k) for k in range(1, ROW_NUMBERS + 1)]
     ambiguous = ""
@@ -498,7 +498,7 @@ def _rows_and_data(
     data: list[int] = []
     number = top
     while number < len(lines) and len(data) < DATA_ROWS:
-        line, count = _joined_lines(lines, number, separator)
+        line, count = _join_quoted_lines(lines, number, separator)
         if line.strip() and not line.startswith(COMMENT):
             cells = split(line, separator)
             rows.append((number, cells))
@@ -508,8 +508,24 @@ def _rows_and_data(
     return comments, rows, data
 
 
-def _joined_lines(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
-    """A line with those that continue its quoted cell, and how many lines these are."""
+def _join_quoted_lines(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:
+    """Join a line and those that continue its quoted cell.
+
+    Parameters
+    ----------
+    lines
+        Lines of the file.
+    number
+        Index of the line.
+    separator
+        Separator of the cells.
+
+    Returns
+    -------
+    line, count
+        The joined line, and of how many it consists. A quote that is not closed within
+        ``LONGEST_CELL_LINES`` is a character: the line alone.
+    """
     line = lines[number]
     count = 1
     while has_open_quote(line, separator):
@@ -520,7 +536,7 @@ def _joined_lines(lines: Sequence[str], number: int, separator: str) -> tuple[st
     return line, count
 
 
-def _score(data: list[list[str]], count: int, fields: int, decimal: str) -> float:
+def _readable_share(data: list[list[str]], count: int, fields: int, decimal: str) -> float:
     """Share of rows that can be read completely; columns and a decimal mark in use add a little.
 
     Parameters
@@ -556,8 +572,8 @@ def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
     return ()
 
 
-def _header(
-    rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]
+def _header_index(
+    rows: list[tuple[int, list[str]]], fields: int, decimal: str, known_names: Collection[str]
 ) -> int | None:
     """Index of the header in ``rows``; None if there is none.
 
@@ -574,7 +590,7 @@ def _header(
         Number of fields of the data.
     decimal
         Decimal mark.
-    known
+    known_names
         Column names in lower case.
     """
     texts = [
@@ -582,14 +598,14 @@ def _header(
     ]
     candidates = [k for k in texts if abs(len(rows[k][1]) - fields) <= 1]
     if candidates:
-        return max(candidates, key=lambda k: (*_likeness(rows[k][1], known), k))
+        return max(candidates, key=lambda k: (*_header_likeness(rows[k][1], known_names), k))
     last = len(rows) - 1
     return last if last in texts else None
 
 
-def _likeness(cells: list[str], known: Collection[str]) -> tuple[int, int, int]:
+def _header_likeness(cells: list[str], known_names: Collection[str]) -> tuple[int, int, int]:
     """How much a row is like a header: known names, few units, filled cells."""
-    names = sum(cell.lower() in known or is_time_name(cell) for cell in cells)
+    names = sum(cell.lower() in known_names or is_time_name(cell) for cell in cells)
     units = sum(is_unit(cell) for cell in cells)
     return names, -units, sum(bool(cell) for cell in cells)
 

@@ -81,7 +81,7 @@ class GrowingText:
     def seek(self, offset: int) -> None:
         """Continue at ``offset`` bytes, hashing those before; InputError if the file is shorter."""
         with open(self.path, "rb") as stream:
-            self.file = _identity(stream)
+            self.file = _device_and_inode(stream)
             is_long_enough, self.hash, self.tail = _read_to(stream, offset)
         if not is_long_enough:
             raise InputError(
@@ -89,7 +89,7 @@ class GrowingText:
             )
         self.offset = offset
 
-    def chunks(self, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+    def chunks(self, requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Yield the columns of new lines as they come, until ``go_on`` returns False.
 
         Lines with another number of fields are left out and counted. If the file became shorter,
@@ -97,14 +97,14 @@ class GrowingText:
 
         Parameters
         ----------
-        wanted
+        requested
             Names of the columns; ``ROW_END`` among them gives the positions of the row ends.
         rows
             Not used: a chunk has the rows that are there.
         """
         location = SampleLocation(self.dialect.where, self.dialect.skip + 1)
         first_rows = CheckedRows(0, location, end=self.opened_bytes)
-        reader = TextReader(self.dialect, [n for n in wanted if n != ROW_END], first_rows)
+        reader = TextReader(self.dialect, [n for n in requested if n != ROW_END], first_rows)
         if self.offset > len(self.header):  # clock stamps count from the first row of the log
             reader.parse(self.first_row)
         lines: list[bytes] = []
@@ -119,14 +119,14 @@ class GrowingText:
             if lines and (len(lines) >= least or not goes_on):
                 columns = reader.parse(b"".join(lines))
                 data = columns.data
-                if ROW_END in wanted:
+                if ROW_END in requested:
                     data = {**data, ROW_END: np.array(ends, dtype=float)}
                 yield replace(columns, data=data)
                 lines = []
                 ends = []
                 least = 1
         findings = tuple(reader.findings(is_complete=False))
-        yield Columns({name: np.empty(0) for name in wanted}, location, findings)
+        yield Columns({name: np.empty(0) for name in requested}, location, findings)
 
     def _new_rows(self) -> tuple[list[bytes], list[int]]:
         """New complete lines with all their fields, and the positions of their ends."""
@@ -165,28 +165,31 @@ class GrowingText:
         """
         try:
             with open(self.path, "rb") as stream:
-                file = _identity(stream)
+                file = _device_and_inode(stream)
                 size = os.fstat(stream.fileno()).st_size
                 if size < self.offset:
-                    raise self._not_the_log(
+                    raise self._replaced_log_error(
                         f"it became shorter ({size} bytes, {self.offset} were read)"
                     )
                 if file != self.file:
                     _, content_hash, _ = _read_to(stream, self.offset)
                     if content_hash.digest() != self.hash.digest():
-                        raise self._not_the_log("another file with other rows is in its place")
+                        raise self._replaced_log_error(
+                            "another file with other rows is in its place"
+                        )
                     self.file = file
                 stream.seek(0)
                 if stream.read(len(self.header)) != self.header:
-                    raise self._not_the_log("its header was changed")
+                    raise self._replaced_log_error("its header was changed")
                 stream.seek(self.offset - len(self.tail))
                 if stream.read(len(self.tail)) != self.tail:
-                    raise self._not_the_log("rows that were read already were changed")
+                    raise self._replaced_log_error("rows that were read already were changed")
                 return stream.read(READ_BYTES)
         except FileNotFoundError:
-            raise self._not_the_log("there is no such file any more") from None
+            raise self._replaced_log_error("there is no such file any more") from None
 
-    def _not_the_log(self, reason: str) -> InputError:
+    def _replaced_log_error(self, reason: str) -> InputError:
+        """Return the error for a log that was replaced or rewritten, with the reason."""
         return InputError(
             f"the log was replaced, rotated or rewritten while it was followed: {reason}",
             where=display_path(self.path),
@@ -225,7 +228,7 @@ def open_growing(table: Table, path: Path) -> tuple[GrowingText, Table] | None:
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]
         first_rows = [stream.readline(), stream.readline()]
-        file = _identity(stream)
+        file = _device_and_inode(stream)
         size = os.fstat(stream.fileno()).st_size
     if not all(line.endswith(b"\n") for line in first_rows):
         return None
@@ -242,7 +245,7 @@ def _lines(text: bytes) -> list[bytes]:
     return [line + b"\n" for line in text.split(b"\n")[:-1]]
 
 
-def _identity(stream: BinaryIO) -> tuple[int, int]:
+def _device_and_inode(stream: BinaryIO) -> tuple[int, int]:
     """Device and inode of an open file."""
     status = os.fstat(stream.fileno())
     return status.st_dev, status.st_ino

@@ -101,7 +101,7 @@ def lvm_table(path: Path, where: str, read_chunks: ChunkReader) -> Table:
     end = _LvmText(lines, "", "", where).find_header_end(0, len(lines))
     if end is None:
         raise InputError("the header never ends", where=where, expected=f"a line {_HEADER_END}")
-    metadata = _file_header(lines[1:end])
+    metadata = _parse_file_header(lines[1:end])
     separator_name = metadata.pop("Separator", "Tab")
     separator = _SEPARATORS.get(separator_name.lower(), separator_name[:1] or "\t")
     decimal = "," if metadata.pop("Decimal_Separator", ".") == "," else "."
@@ -134,7 +134,7 @@ def _start_time(header: Mapping[str, str]) -> str:
         return ""
 
 
-def _file_header(lines: list[str]) -> dict[str, str]:
+def _parse_file_header(lines: list[str]) -> dict[str, str]:
     """Keys and values of the header of the file."""
     header: dict[str, str] = {}
     for line in lines:

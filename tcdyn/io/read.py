@@ -41,7 +41,7 @@ __all__ = [
     "open_text",
     "read_all_rows",
     "read_numbers",
-    "sha256",
+    "sha256_of_file",
 ]
 
 # endings of a file name that decide its format; others are read as text
@@ -97,14 +97,14 @@ def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
     return table
 
 
-def _open_by_format(file: Path, known: Collection[str]) -> Table:
+def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
     """The table of a file, by its first bytes, its ending, or as text.
 
     Parameters
     ----------
     file
         The file.
-    known
+    known_names
         Column names that the header may contain.
 
     Returns
@@ -148,7 +148,7 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
             where=where,
             expected="a log (CSV, LVM, TDMS or Parquet)",
         )
-    dialect = detect_dialect(file, where, known)
+    dialect = detect_dialect(file, where, known_names)
     in_file_beside, findings = read_metadata(file, dialect.names)
     metadata = {**in_file_beside, **dialect.metadata}
     chunks = partial(text_chunks, dialect)
@@ -172,12 +172,12 @@ def _open_by_format(file: Path, known: Collection[str]) -> Table:
 def _chunks_with_findings(
     chunks: Callable[[Sequence[str], int], Iterator[Columns]],
     findings: Sequence[Finding],
-    wanted: Sequence[str],
+    requested: Sequence[str],
     rows: int = CHUNK_ROWS,
 ) -> Iterator[Columns]:
     """Yield chunks, the first of them with further findings; parameters as in ``Table``."""
     remaining = tuple(findings)
-    for chunk in chunks(wanted, rows):
+    for chunk in chunks(requested, rows):
         yield replace(chunk, findings=(*remaining, *chunk.findings))
         remaining = ()
 
@@ -294,7 +294,7 @@ def display_path(path: Path) -> str:
     return printable(str(path))
 
 
-def sha256(path: str | Path) -> str:
+def sha256_of_file(path: str | Path) -> str:
     """SHA-256 of the bytes of a file as 64 hexadecimal digits, read in bounded memory.
 
     Raises
@@ -318,7 +318,7 @@ def open_text(dialect: Dialect) -> IO[bytes]:
 
 
 def text_chunks(
-    dialect: Dialect, wanted: Sequence[str], rows: int = CHUNK_ROWS
+    dialect: Dialect, requested: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield columns of a text log in chunks, in bounded memory.
 
@@ -326,7 +326,7 @@ def text_chunks(
     ----------
     dialect
         Dialect of the file.
-    wanted
+    requested
         Names of the columns.
     rows
         Approximate number of rows in a chunk, which has at most 2 MB of text.
@@ -347,7 +347,7 @@ def text_chunks(
         raise InputError("no rows below the header", where=dialect.where)
     if checked.comment_lines:
         dialect = replace(dialect, body=_without_lines(dialect, checked.comment_lines))
-    reader = TextReader(dialect, wanted, checked)
+    reader = TextReader(dialect, requested, checked)
     try:
         yield from reader.chunks(rows, as_text=False)
     except pa.ArrowInvalid:
@@ -359,7 +359,7 @@ def text_chunks(
             raise InputError(f"the table cannot be read ({reason})", where=dialect.where) from None
     findings = [*checked.findings, *reader.findings()]
     if findings:
-        yield Columns({name: np.empty(0) for name in wanted}, checked.location, tuple(findings))
+        yield Columns({name: np.empty(0) for name in requested}, checked.location, tuple(findings))
 
 
 def _without_lines(dialect: Dialect, numbers: Sequence[int]) -> bytes:
@@ -374,14 +374,14 @@ def _without_lines(dialect: Dialect, numbers: Sequence[int]) -> bytes:
 class TextReader:
     """Columns of one text log, with the state that its text columns keep from chunk to chunk."""
 
-    def __init__(self, dialect: Dialect, wanted: Sequence[str], checked: CheckedRows) -> None:
+    def __init__(self, dialect: Dialect, requested: Sequence[str], checked: CheckedRows) -> None:
         """Decide which columns are dates, times of day and texts.
 
         Parameters
         ----------
         dialect
             Dialect of the file.
-        wanted
+        requested
             Names of the columns.
         checked
             The rows of data; of a log that grows those that are there when it is opened.
@@ -393,7 +393,7 @@ class TextReader:
         """
         self.dialect = dialect
         self.encoding = "cp1252" if dialect.encoding == "cp1252" else "utf-8"
-        self.wanted = wanted
+        self.wanted = requested
         self.checked = checked
         self.location = checked.location
         self.rows_done = 0
@@ -405,8 +405,8 @@ class TextReader:
         # a time of day belongs to the date in the same row if there is one column of dates
         self.dated_columns: set[str] = set()
         if len(self.date_columns) == 1:
-            self.dated_columns = {name for name in wanted if is_time_of_day(first_cells[name])}
-        names = list(wanted)
+            self.dated_columns = {name for name in requested if is_time_of_day(first_cells[name])}
+        names = list(requested)
         if self.dated_columns:
             names += self.date_columns
         self.millisecond_column = _millisecond_column(first_cells)
@@ -449,7 +449,7 @@ class TextReader:
             for _ in range(self.dialect.skip):
                 stream.readline()
             for lines in self._blocks(stream, rows):
-                yield self._parsed(lines, types)
+                yield self._parse_lines(lines, types)
 
     def _blocks(self, stream: IO[bytes], rows: int) -> Iterator[bytes]:
         """Yield complete rows from the position of the stream on, in small blocks.
@@ -503,7 +503,7 @@ class TextReader:
             For lines that cannot be parsed.
         """
         try:
-            batch = self._parsed(lines, self._types(self.reads_text))
+            batch = self._parse_lines(lines, self._types(self.reads_text))
         except pa.ArrowInvalid:
             if not self.reads_text:
                 self.expect_text()
@@ -514,8 +514,8 @@ class TextReader:
         self.rows_done += batch.num_rows
         return columns
 
-    def _parsed(self, lines: bytes, types: dict[str, Any]) -> pa.RecordBatch:
-        """The columns of complete rows, in these types by key."""
+    def _parse_lines(self, lines: bytes, types: dict[str, Any]) -> pa.RecordBatch:
+        """Parse complete rows to a batch with columns of these types by key."""
         # a copy that pyarrow owns: at the end of the program, a thread of pyarrow that still has to
         # release an object of Python would abort it
         native = pa.BufferOutputStream()
@@ -577,7 +577,11 @@ class TextReader:
         return [finding for column in columns for finding in column.findings(rows, is_complete)]
 
     def _columns(self, batch: pa.RecordBatch) -> Columns:
-        """The wanted columns of one batch."""
+        """The wanted columns of one batch as numbers, and the cells of its dates and clock times.
+
+        Columns of text are parsed cell by cell. Warnings about them name the row in the file, which
+        is counted from ``rows_done``.
+        """
         data: dict[str, Array] = {}
         stamps: dict[str, NDArray[Any]] = {}
         for name in self.wanted:

@@ -149,7 +149,19 @@ class _RowCheck:
         self.last_line = block[-1:]
 
     def add_line(self, line: bytes) -> None:
-        """Add one line."""
+        """Count a line as row, comment, blank line or part of a section below the rows.
+
+        Parameters
+        ----------
+        line
+            Bytes of the line with its line end. A line that ends within quotes waits for the next
+            ones, at most ``LONGEST_ROW_LINES``.
+
+        Raises
+        ------
+        InputError
+            For zero bytes, and for a row after a row of another length or after a section.
+        """
         self.line += 1
         self.position += len(line)
         self.last_line = line
@@ -200,7 +212,7 @@ class _RowCheck:
         return line.count(self.dialect.separator.encode()) + 1
 
     def _cells(self, line: bytes) -> list[str]:
-        """Cells of a line."""
+        """Decode a line and split it at the separator; bytes that are no text are replaced."""
         encoding = "cp1252" if self.dialect.encoding == "cp1252" else "utf-8"
         return split(line.decode(encoding, errors="replace").strip("\r\n"), self.dialect.separator)
 

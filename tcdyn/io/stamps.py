@@ -128,7 +128,7 @@ def is_stamp(text: str) -> bool:
     >>> is_stamp("26-Nov-2021 10:00:00.5"), is_stamp("20211126T100000Z"), is_stamp("12.5")
     (True, True, False)
     """
-    return _parse(text) is not _NO_STAMP
+    return _parse_stamp(text) is not _NO_STAMP
 
 
 def is_date(text: str, column: str = "") -> bool:
@@ -149,7 +149,7 @@ def is_time_of_day(text: str) -> bool:
     >>> is_time_of_day("10:00:00.5"), is_time_of_day("2021-11-26 10:00:00")
     (True, False)
     """
-    stamp = _parse(text)
+    stamp = _parse_stamp(text)
     return stamp is not _NO_STAMP and not stamp.date
 
 
@@ -162,8 +162,12 @@ def has_fraction(text: str) -> bool:
     return re.search(r":\d\d(?:[.,]\d|:\d{3})", text) is not None
 
 
-def _parse(text: str) -> _Stamp:
-    """The fields of a stamp; ``_NO_STAMP`` for any other text."""
+def _parse_stamp(text: str) -> _Stamp:
+    """Parse a date, a clock time or both; ``_NO_STAMP`` for any other text.
+
+    A clock time with one colon is hours:minutes, but minutes:seconds if it has a fraction. The
+    result notes the first field where this is not clear.
+    """
     match = (_STAMP if text.isascii() else _STAMP_UNICODE).fullmatch(text)
     if match is None:
         return _parse_compact(text)
@@ -198,7 +202,7 @@ def _parse_compact(text: str) -> _Stamp:
 
 
 def _zone_s(zone: str | None) -> float | None:
-    """Seconds east of Greenwich; None without a zone."""
+    """Offset of a zone such as +01:00 or CET from UTC [s]; None without a zone."""
     if not zone:
         return None
     if zone in _ZONES:
@@ -265,7 +269,7 @@ class Stamps:
             If the first stamp cannot be read, dates such as 03/04/2021 can be read in two ways, or
             times such as 10:05 may be minutes and seconds.
         """
-        stamps = [_parse(text) for text in texts]
+        stamps = [_parse_stamp(text) for text in texts]
         of_day = np.array([stamp.of_day_s for stamp in stamps], dtype=float)
         if len(of_day) == 0:
             return of_day
@@ -344,7 +348,23 @@ class Stamps:
         return self._order or "dmy"
 
     def _without_clock_changes(self, wall_s: Array, dates: pd.Series, is_sunday: Flags) -> Array:
-        """Times (N,) [s] that continue where the local clock jumps by an hour on a Sunday night."""
+        """Times (N,) [s] that continue where the local clock jumps by an hour on a Sunday night.
+
+        Parameters
+        ----------
+        wall_s
+            Times of the local clock (N,) [s].
+        dates
+            Dates of the stamps, for the warning.
+        is_sunday
+            Whether each date is a Sunday (N,).
+
+        Notes
+        -----
+        A jump counts if the step without the hour is nearer to the usual step, at most
+        ``LONGEST_REST`` usual steps long, and at one of ``CHANGE_HOURS``. The state of the clock is
+        kept for the next chunk.
+        """
         steps = np.diff(wall_s, prepend=self._last_wall_s)
         shift_s = np.full(len(wall_s), self._shift_s)
         is_jump = ((steps < 0) & (steps > -SECONDS_PER_HOUR)) | (steps > SECONDS_PER_HOUR)
@@ -369,9 +389,20 @@ class Stamps:
 
 
 def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
-    """The three fields of a date as (first, second, third).
+    """The three fields of a date in the order of the text.
 
-    A date whose order is known is (day, month, year), with the year above 31.
+    Parameters
+    ----------
+    text
+        The date, with separators, with the name of a month, or of eight digits (year first).
+    column, where
+        Column and file, for messages.
+
+    Returns
+    -------
+    first, second, third
+        If their order is known: day, month and year, which is above 31. Otherwise ``_date_order``
+        finds it, and a third field of two digits is negative.
     """
     if text.isdecimal():
         return int(text[6:]), int(text[4:6]), int(text[:4])

@@ -72,14 +72,14 @@ def start_time(cells: Mapping[str, NDArray[Any]], time: str, times_s: Array) -> 
         orders = [True]
     elif _YEAR_FIRST.match(first):
         orders = [False]
-    starts = [(order, _parsed(first, order)) for order in orders]
+    starts = [(order, _parse_stamp(first, order)) for order in orders]
     parsed = {order: start for order, start in starts if start is not None}
     if len(set(parsed.values())) > 1:
         interval_s = float(times_s[-1] - times_s[0])
         parsed = {
             order: start
             for order, start in parsed.items()
-            if _is_later_by(interval_s, start, _parsed(last, order))
+            if _is_later_by(interval_s, start, _parse_stamp(last, order))
         }
     distinct = set(parsed.values())
     return distinct.pop().isoformat() if len(distinct) == 1 else ""
@@ -95,7 +95,7 @@ def _date_column(cells: Mapping[str, NDArray[Any]], time: str) -> NDArray[Any] |
     return columns[0] if len(columns) == 1 else None
 
 
-def _parsed(text: str, day_first: bool) -> pd.Timestamp | None:
+def _parse_stamp(text: str, day_first: bool) -> pd.Timestamp | None:
     """The instant of a stamp; None if it cannot be read."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # pandas warns where the order is the other one

@@ -90,14 +90,16 @@ class Table:
         return is_clock or (len(name_without_unit) > 1 and is_time_name(name))
 
 
-def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+def in_chunks(
+    columns: Columns, requested: Sequence[str], rows: int = CHUNK_ROWS
+) -> Iterator[Columns]:
     """Yield columns that are read already in chunks; findings come with the first.
 
     Parameters
     ----------
     columns
         The columns.
-    wanted
+    requested
         Names of the columns.
     rows
         Number of rows in a chunk.
@@ -105,29 +107,29 @@ def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -
     count = len(next(iter(columns.data.values())))
     for start in range(0, count, rows):
         chunk = slice(start, start + rows)
-        data = {name: columns.data[name][chunk] for name in wanted}
+        data = {name: columns.data[name][chunk] for name in requested}
         stamps = {name: cells[chunk] for name, cells in columns.stamps.items()}
         findings = columns.findings if start == 0 else ()
         yield Columns(data, columns.location, findings, stamps)
 
 
-def read_all_rows(table: Table, wanted: Sequence[str]) -> Columns:
+def read_all_rows(table: Table, requested: Sequence[str]) -> Columns:
     """Columns of the complete file.
 
     Parameters
     ----------
     table
         The open log.
-    wanted
+    requested
         Names of the columns.
     """
-    chunks = list(table.chunks(wanted, CHUNK_ROWS))
+    chunks = list(table.chunks(requested, CHUNK_ROWS))
     location = chunks[0].location if chunks else SampleLocation(table.where)
-    return concatenate_columns(chunks, wanted, location)
+    return concatenate_columns(chunks, requested, location)
 
 
 def concatenate_columns(
-    chunks: Sequence[Columns], wanted: Sequence[str], location: SampleLocation
+    chunks: Sequence[Columns], requested: Sequence[str], location: SampleLocation
 ) -> Columns:
     """Columns of all chunks, one after another, with their findings.
 
@@ -135,13 +137,13 @@ def concatenate_columns(
     ----------
     chunks
         The chunks in their order.
-    wanted
+    requested
         Names of the columns.
     location
         Location of the samples of the result.
     """
     data = {}
-    for name in wanted:
+    for name in requested:
         data[name] = np.concatenate([np.empty(0), *(chunk.data[name] for chunk in chunks)])
     clock_names = {name for chunk in chunks for name in chunk.stamps}
     stamps = {}

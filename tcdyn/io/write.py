@@ -29,7 +29,7 @@ from pyarrow import csv as pacsv
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import Dialect
 from tcdyn.io.metadata import check_metadata_file_is_ours, metadata_path, metadata_text
-from tcdyn.io.read import CsvTable, Table, open_text, sha256
+from tcdyn.io.read import CsvTable, Table, open_text, sha256_of_file
 
 # numbers of the errors that a full or read-only file system causes: they get a sentence for the
 # user, any other error of the block is raised as it is
@@ -185,7 +185,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as problem:
-        raise _unwritable(problem, path, "give a folder that you may write into") from None
+        raise _write_error(problem, path, "give a folder that you may write into") from None
     try:
         yield temporary
         with open(temporary, "r+b") as written:  # Windows can only flush what is open for writing
@@ -196,7 +196,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     except OSError as problem:
         if problem.errno not in FULL:  # it may come from reading in the block
             raise
-        raise _unwritable(
+        raise _write_error(
             problem, path, "make room, or write elsewhere; nothing half-written was kept"
         ) from None
     finally:
@@ -239,7 +239,7 @@ def _replace(temporary: Path, target: Path, path: str | Path) -> None:
         os.replace(temporary, target)
     except PermissionError as problem:
         remedy = "close it in other programs, or give another name; the file was not changed"
-        raise _unwritable(problem, path, remedy) from None
+        raise _write_error(problem, path, remedy) from None
 
 
 @contextmanager
@@ -287,7 +287,7 @@ def check_writable(path: Path) -> None:
             return
         mode = path.stat().st_mode
     except (OSError, ValueError, RuntimeError) as problem:
-        raise _unwritable(problem, path, "give another name") from None
+        raise _write_error(problem, path, "give another name") from None
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "no file but a device"
         raise InputError(f"is {kind}", where=str(path), expected="a file to write")
@@ -361,7 +361,7 @@ def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
     >>> import tempfile, pathlib
     >>> folder = pathlib.Path(tempfile.mkdtemp())
     >>> log = write_text(folder / "log.csv", "t,T")
-    >>> result = write_text(folder / "result.json", sha256(log))
+    >>> result = write_text(folder / "result.json", sha256_of_file(log))
     >>> contains_checksum_of(result, [log]), contains_checksum_of(log, [result])
     (True, False)
     """
@@ -372,7 +372,7 @@ def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
                 content += stream.read(SEARCHED_BYTES)
                 stream.seek(max(0, file.stat().st_size - FOOTER_BYTES))
                 content += stream.read()
-    checksums = (sha256(file) for file in inputs if Path(file).is_file())
+    checksums = (sha256_of_file(file) for file in inputs if Path(file).is_file())
     return any(checksum[:CHECKSUM_DIGITS].encode() in content for checksum in checksums)
 
 
@@ -428,7 +428,7 @@ def write_text(path: str | Path, text: str) -> Path:
     return Path(path)
 
 
-def _unwritable(problem: Exception, path: str | Path, remedy: str) -> InputError:
+def _write_error(problem: Exception, path: str | Path, remedy: str) -> InputError:
     """Error for a file that cannot be written.
 
     Parameters
@@ -625,12 +625,12 @@ def _csv_with_metadata(
     if style.comments or not metadata:
         lines = [f"# {key}: {value}{style.line_end}" for key, value in metadata.items()]
         with atomic_path(target) as temporary:
-            temporary.write_bytes(_encoded("".join([*lines, header]), style))
+            temporary.write_bytes(_encode("".join([*lines, header]), style))
             yield temporary
             file.unlink(missing_ok=True)
         return
     with atomic_path(file) as temporary_metadata, atomic_path(target) as temporary:
-        temporary.write_bytes(_encoded(header, style))
+        temporary.write_bytes(_encode(header, style))
         yield temporary
         written_names = [_header_name(name) for name in names]
         content = metadata_text(written_names, metadata)
@@ -638,7 +638,7 @@ def _csv_with_metadata(
         file.unlink(missing_ok=True)
 
 
-def _encoded(text: str, style: OutputStyle, is_first: bool = True) -> bytes:
+def _encode(text: str, style: OutputStyle, is_first: bool = True) -> bytes:
     """The text as bytes; a byte order mark only at the start of a file."""
     encoding = style.encoding
     if not is_first:
@@ -715,7 +715,7 @@ def csv_rows(
             decimal=style.decimal,
             lineterminator=style.line_end,
         )
-        return _encoded(str(rows), style, is_first=False)
+        return _encode(str(rows), style, is_first=False)
     # pyarrow puts quotes around all text or none
     needs_quotes = any(frame[name].astype(str).str.contains('[",\r\n]').any() for name in text)
     options = pacsv.WriteOptions(
@@ -750,7 +750,7 @@ def header_line(names: Sequence[str], separator: str = ",") -> str:
     >>> print(header_line(["time_s", "oven, left", "=1+1"]), end="")
     time_s,"oven, left",'=1+1
     """
-    return separator.join(_quoted(_header_name(name), separator) for name in names) + "\n"
+    return separator.join(_quote(_header_name(name), separator) for name in names) + "\n"
 
 
 def _header_name(name: object) -> str:
@@ -787,7 +787,7 @@ def table_csv(table: pd.DataFrame, float_format: str | None = None) -> str:
     return str(safe.to_csv(index=False, float_format=float_format, lineterminator="\n"))
 
 
-def _quoted(name: str, separator: str) -> str:
+def _quote(name: str, separator: str) -> str:
     """The name in quotation marks if it needs them."""
     if separator not in name and '"' not in name:
         return name

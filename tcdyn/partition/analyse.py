@@ -315,9 +315,9 @@ def analyse_corrected(
     combined = main.combined
     progress("other structures, compensation and cooling fits")
     chains = {d: refined_chains(main.test.disks[d].chains, fit.chain) for d, fit in joint.items()}
-    cooling = _cooling_fits(main, rows, chains, window_s, profile)
+    cooling = _fit_cooling(main, rows, chains, window_s, profile)
     budget = monte_carlo(main.test, main.lines, cooling.fits, cooling.sensitivities, joint, seed)
-    values = _values(main, cooling.fits)
+    values = _estimated_values(main, cooling.fits)
     surface, surface_samples = surface_temperatures(
         main.test, values, cooling.windows, budget.samples
     )
@@ -412,7 +412,7 @@ def joint_window_s(test: EhlTest) -> float:
     return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
 
 
-def _cooling_fits(
+def _fit_cooling(
     main: MainFits,
     rows: slice,
     chains: Mapping[str, tuple[Chain, ...]],
@@ -433,6 +433,11 @@ def _cooling_fits(
         Length of the cooling [s].
     profile
         Profile of the inner boundary along z.
+
+    Returns
+    -------
+    _CoolingFits
+        Traces, window, fit and sensitivity of each disk.
     """
     test = main.test
     traces: dict[str, Compensated] = {}
@@ -460,7 +465,7 @@ def _cooling_fits(
     return _CoolingFits(traces, windows, fits, sensitivities)
 
 
-def _values(main: MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
+def _estimated_values(main: MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
     """Values of all quantities but the surface temperatures, by key of ``Partition.estimates``.
 
     The keys must be those of ``tcdyn.partition.crosscheck._Sampler.samples``.

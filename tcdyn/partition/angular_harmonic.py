@@ -218,7 +218,7 @@ class AngularHarmonic:
         }
 
     @property
-    def expected(self) -> AngularHarmonic:
+    def prior_for_refit(self) -> AngularHarmonic:
         """The prior for a second fit of this disk.
 
         Where the harmonic is significant, its changes and its second harmonic may be proportional
@@ -544,7 +544,7 @@ def harmonic_K(harmonic: AngularHarmonic, setup: DiskSetup, since_s: Array) -> A
     Notes
     -----
     The first harmonic, and the second of a stated press fit, which is constant in time.
-    ``tcdyn.partition.analyse.remove_harmonics`` subtracts it;
+    ``tcdyn.partition.fit_rounds.remove_harmonics`` subtracts it;
     ``tests/partition/test_stated_fit.py`` and ``tests/partition/test_uneven.py`` check that
     readings and harmonic add up.
     """

@@ -230,7 +230,7 @@ def faults_at_rest(test: EhlTest) -> dict[str, tuple[Suspect, ...]]:
     return faults
 
 
-def faults_of_disk(rest: DiskAtRest) -> tuple[Suspect, ...]:
+def faults_of_disk(at_rest: DiskAtRest) -> tuple[Suspect, ...]:
     """Two channels exchanged, or channels with an offset, of a disk at rest.
 
     Two channels are exchanged if each reads like the rest of the disk through the other's static
@@ -239,7 +239,7 @@ def faults_of_disk(rest: DiskAtRest) -> tuple[Suspect, ...]:
 
     Parameters
     ----------
-    rest
+    at_rest
         The disk.
 
     Returns
@@ -247,44 +247,44 @@ def faults_of_disk(rest: DiskAtRest) -> tuple[Suspect, ...]:
     tuple
         The suspects.
     """
-    return _exchanged_channels(rest) or _offsets(rest)
+    return _exchanged_channels(at_rest) or _offsets(at_rest)
 
 
-def _exchanged_channels(rest: DiskAtRest) -> tuple[Suspect, ...]:
+def _exchanged_channels(at_rest: DiskAtRest) -> tuple[Suspect, ...]:
     """The exchange of two channels that explains the readings; one suspect or none.
 
     It must explain them far better than the next exchange, and than one channel with an offset.
     """
-    as_wired = rest.misfit(rest.mean)
-    dof = len(rest.used) - 1
-    one_offset = min(rest.misfit(rest.mean, k) for k in rest.used)
+    as_wired = at_rest.misfit(at_rest.mean)
+    dof = len(at_rest.used) - 1
+    one_offset = min(at_rest.misfit(at_rest.mean, k) for k in at_rest.used)
     candidates = []
-    for i, j in combinations(rest.used, 2):
-        order = [*range(len(rest.mean))]
+    for i, j in combinations(at_rest.used, 2):
+        order = [*range(len(at_rest.mean))]
         order[i] = j
         order[j] = i
-        candidates.append((rest.misfit(rest.read_through(rest, order)), i, j))
+        candidates.append((at_rest.misfit(at_rest.read_through(at_rest, order)), i, j))
     (misfit, i, j), second = sorted(candidates)[:2]
     explains = chdtrc(dof, as_wired) < MISFIT_P and chdtrc(dof, misfit) > LIKELY_P
     if not explains or min(second[0], one_offset) - misfit <= 2 * SURE_LOG_ODDS:
         return ()
-    channels = rest.disk.setup.channels
+    channels = at_rest.disk.setup.channels
     pair = (channels[i], channels[j])
-    return (Suspect(rest.disk.name, "swapped", pair, log_odds=0.5 * (as_wired - misfit)),)
+    return (Suspect(at_rest.disk.name, "swapped", pair, log_odds=0.5 * (as_wired - misfit)),)
 
 
-def _offsets(rest: DiskAtRest) -> tuple[Suspect, ...]:
+def _offsets(at_rest: DiskAtRest) -> tuple[Suspect, ...]:
     """The one or two channels with an offset, if all others agree; else none."""
-    deviation = rest.deviation(rest.mean)
-    limit = np.maximum(MIN_OFFSET_Z * rest.u, MIN_OFFSET_K)
-    outliers = [k for k in rest.used if abs(deviation[k]) > limit[k]]
-    others = [deviation[k] for k in rest.used if k not in outliers]
+    deviation = at_rest.deviation(at_rest.mean)
+    limit = np.maximum(MIN_OFFSET_Z * at_rest.u, MIN_OFFSET_K)
+    outliers = [k for k in at_rest.used if abs(deviation[k]) > limit[k]]
+    others = [deviation[k] for k in at_rest.used if k not in outliers]
     if not 1 <= len(outliers) <= 2 or np.ptp(others) > MIN_OFFSET_K:
         return ()
     suspects = []
     for k in outliers:
-        size = Estimate.normal(float(deviation[k]), float(rest.u[k]))
+        size = Estimate.normal(float(deviation[k]), float(at_rest.u[k]))
         odds = 0.5 * (size.value / size.u) ** 2
-        channel = rest.disk.setup.channels[k]
-        suspects.append(Suspect(rest.disk.name, "offset", (channel,), size, odds))
+        channel = at_rest.disk.setup.channels[k]
+        suspects.append(Suspect(at_rest.disk.name, "offset", (channel,), size, odds))
     return tuple(suspects)

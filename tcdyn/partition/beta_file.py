@@ -21,12 +21,14 @@ SCHEMA = "tcdyn.beta/1"  # of beta.json; it changes with the meaning of a key
 WITHHELD: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))
 
 
-def beta_file(p: Partition, source: dict[str, str], with_profiles: bool = False) -> dict[str, Any]:
+def beta_file(
+    partition: Partition, source: dict[str, str], with_profiles: bool = False
+) -> dict[str, Any]:
     """The content of ``beta.json`` without sufficient statistics and checksum.
 
     Parameters
     ----------
-    p
+    partition
         The partition.
     source
         Name and SHA-256 of the log.
@@ -45,90 +47,97 @@ def beta_file(p: Partition, source: dict[str, str], with_profiles: bool = False)
     ``SCHEMA`` changes with the meaning of a key. ``tcdyn.campaign.summary_table.COLUMNS`` uses
     the same keys.
     """
-    test = p.test
-    forms = p.model_forms
-    is_withheld = p.status == "withheld"
-    recommended = joint_budget(p)
-    recommended_beta = _reported(p, p.combined.estimates, "beta", "both ")
+    test = partition.test
+    forms = partition.model_forms
+    is_withheld = partition.status == "withheld"
+    recommended = joint_budget(partition)
+    recommended_beta = _estimate_entry(partition, partition.combined.estimates, "beta", "both ")
     range95 = None
     alternatives = []
     if forms is not None and not is_withheld:
         range95 = [forms.low95, forms.high95]
         alternatives = forms.to_list()
-    steady = {key: _reported(p, p.estimates, key) for key in ("h_fast", "h_slow", "exponent")}
-    for d in p.disks:
+    steady = {
+        key: _estimate_entry(partition, partition.estimates, key)
+        for key in ("h_fast", "h_slow", "exponent")
+    }
+    for d in partition.disks:
         steady[f"{d}_line"] = {
-            key: _reported(p, p.estimates, f"{d} {key}") for key in ("intercept", "slope")
+            key: _estimate_entry(partition, partition.estimates, f"{d} {key}")
+            for key in ("intercept", "slope")
         }
     joint: dict[str, Any] = {}
-    for d, fit in p.joint.items():
+    for d, fit in partition.joint.items():
         lag = fit.estimates["lag_s"].model_dump()
         joint[d] = {
-            "beta": _reported(p, p.estimates, f"joint {d}"),
-            "h": _reported(p, p.estimates, f"h joint {d}"),
-            "lag_s": WITHHELD if f"joint {d}" in p.impossible else lag,
+            "beta": _estimate_entry(partition, partition.estimates, f"joint {d}"),
+            "h": _estimate_entry(partition, partition.estimates, f"h joint {d}"),
+            "lag_s": WITHHELD if f"joint {d}" in partition.impossible else lag,
         }
-    both = {} if p.single_disk else p.combined.estimates
+    both = {} if partition.single_disk else partition.combined.estimates
     joint["both"] = {
-        key: _reported(p, both, key, "both ") for key in ("beta", "h_fast", "h_slow", "exponent")
+        key: _estimate_entry(partition, both, key, "both ")
+        for key in ("beta", "h_fast", "h_slow", "exponent")
     }
-    joint["profiles"] = profiles_file(p.profiles) if with_profiles else {}
+    joint["profiles"] = profiles_file(partition.profiles) if with_profiles else {}
     return {
         "schema": SCHEMA,
         "source": source,
         "test": test.conditions,
-        "steady": {"beta": _reported(p, p.estimates, "speed law"), **steady},
+        "steady": {"beta": _estimate_entry(partition, partition.estimates, "speed law"), **steady},
         "transient": {
             d: {
-                "beta": _reported(p, p.estimates, f"cooling {d}"),
-                "h": _reported(p, p.estimates, f"h cooling {d}"),
+                "beta": _estimate_entry(partition, partition.estimates, f"cooling {d}"),
+                "h": _estimate_entry(partition, partition.estimates, f"h cooling {d}"),
                 "window_s": fit.window_s,
             }
-            for d, fit in p.cooling.items()
+            for d, fit in partition.cooling.items()
         },
         "joint": joint,
         "headline": {
             "beta": recommended_beta,
-            "way": f"joint {p.single_disk or 'both'}",
-            "sentence": p.recommendation.sentence,
+            "way": f"joint {partition.single_disk or 'both'}",
+            "sentence": partition.recommendation.sentence,
             "range95": range95,
         },
-        "status": p.status,
+        "status": partition.status,
         "alternatives": alternatives,
-        "crosscheck": p.crosscheck.to_dict(),
-        "budget": [asdict(row) for row in p.budget.rows],
+        "crosscheck": partition.crosscheck.to_dict(),
+        "budget": [asdict(row) for row in partition.budget.rows],
         "budget_both": [{"source": name, "u_beta": u} for name, u in recommended.items()],
         "surface": {
-            "fast_max_degC": _reported(p, p.estimates, "surface fast"),
-            "slow_max_degC": _reported(p, p.estimates, "surface slow"),
-            "delta_T_us": _reported(p, p.estimates, "delta_T_us"),
+            "fast_max_degC": _estimate_entry(partition, partition.estimates, "surface fast"),
+            "slow_max_degC": _estimate_entry(partition, partition.estimates, "surface slow"),
+            "delta_T_us": _estimate_entry(partition, partition.estimates, "delta_T_us"),
         },
         "noise": {d: disk.noise.to_dict() for d, disk in test.disks.items()},
-        "unevenness": {d: harmonic.to_dict() for d, harmonic in p.combined.harmonics.items()},
-        "sensors": {} if p.sensors is None else p.sensors.texts,
-        "junctions": junction_depths(p.sensors),
-        "findings": [finding.to_dict() for finding in p.findings],
-        "warnings": list(p.warnings),
+        "unevenness": {
+            d: harmonic.to_dict() for d, harmonic in partition.combined.harmonics.items()
+        },
+        "sensors": {} if partition.sensors is None else partition.sensors.texts,
+        "junctions": junction_depths(partition.sensors),
+        "findings": [finding.to_dict() for finding in partition.findings],
+        "warnings": list(partition.warnings),
     }
 
 
-def _reported(
-    p: Partition, estimates: Mapping[str, Estimate], key: str, prefix: str = ""
+def _estimate_entry(
+    partition: Partition, estimates: Mapping[str, Estimate], key: str, prefix: str = ""
 ) -> dict[str, Any]:
     """An estimate as in ``beta.json``; nulls where it is withheld or missing.
 
     Parameters
     ----------
-    p
+    partition
         The partition.
     estimates
-        ``p.estimates``, or those of the combined fit.
+        ``partition.estimates``, or those of the combined fit.
     key
         Key of the estimate.
     prefix
-        Prefix of the key in ``p.impossible``.
+        Prefix of the key in ``partition.impossible``.
     """
-    if key not in estimates or f"{prefix}{key}" in p.impossible:
+    if key not in estimates or f"{prefix}{key}" in partition.impossible:
         return WITHHELD
     return estimates[key].model_dump()
 

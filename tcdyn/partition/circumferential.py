@@ -19,12 +19,12 @@ N_DEPTHS = 25
 N_ACROSS = 15
 
 
-def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTemperature:
+def circumferential_temperature(partition: Partition, disk: str) -> CircumferentialTemperature:
     """Temperature of a disk over depth and angle, mean of the last seconds under load.
 
     Parameters
     ----------
-    p
+    partition
         Result of the partition; the combined fit is used.
     disk
         "fast" or "slow".
@@ -35,12 +35,12 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     is measured deeper than the junctions. The uncertainty has two parts: that of the harmonic, and
     that of the mean surface temperature due to the joint uncertainty of share and h.
     """
-    test = p.test
+    test = partition.test
     unload_s = test.events.unload_s
-    window = p.windows[disk]
-    harmonic = p.combined.harmonics[disk]
+    window = partition.windows[disk]
+    harmonic = partition.combined.harmonics[disk]
     setup = test.disks[disk].setup
-    theta = p.combined.theta[4 * p.disks.index(disk) :]
+    theta = partition.combined.theta[4 * partition.disks.index(disk) :]
     share = float(theta[SHARE])
     h = float(np.exp(theta[LOG_H]))
     depth = np.linspace(0.0, setup.edge_m, N_DEPTHS)
@@ -59,10 +59,10 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     level = harmonic.amplitude_K.value * np.array([np.cos(hottest), np.sin(hottest)])
     shape = radial_shape(setup, h, depth)
     variance = np.einsum("ia,ij,ja->a", directions, harmonic.level_covariance_K2, directions)
-    even_u = p.estimates[f"surface {disk}"].u
-    time_s = test.time_s[p.rows]
+    even_u = partition.estimates[f"surface {disk}"].u
+    time_s = test.time_s[partition.rows]
     averaged = (time_s >= unload_s - SURFACE_MEAN_S) & (time_s < unload_s - END_GAP_S)
-    readings = test.disks[disk].readings_degC[p.rows][averaged].mean(axis=0)
+    readings = test.disks[disk].readings_degC[partition.rows][averaged].mean(axis=0)
     # The fits use readings without the harmonic: add it again.
     readings += harmonic_K(test.harmonics[disk], setup, np.array([-0.5 * SURFACE_MEAN_S]))[0]
     used = [c for c in setup.channels if c not in test.disks[disk].excluded]

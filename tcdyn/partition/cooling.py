@@ -435,7 +435,7 @@ def cooling_fit(
     Raises
     ------
     InputError
-        If the best h is at an end of 5..8000 W/m2K.
+        If the best h is at an end of ``H_RANGE_W_M2K``.
 
     Notes
     -----
@@ -474,7 +474,7 @@ def cooling_fit(
     if min(best.x - low, high - best.x) < 1e-2:
         raise InputError(
             f"the cooling fit of the {window.disk} disk runs to h = {np.exp(best.x):.3g} W/m2K",
-            expected="an h between 5 and 8000 W/m2K",
+            expected=f"an h between {H_RANGE_W_M2K[0]:g} and {H_RANGE_W_M2K[1]:g} W/m2K",
             remedy="the lag or the instant of unloading may be wrong; compare with the joint fit",
         )
     h = float(np.exp(best.x))

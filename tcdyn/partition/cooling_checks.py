@@ -79,13 +79,13 @@ def cooling_by_window(
 
 
 def _cooling_rows_of_disk(
-    p: Partition, name: str, fit_rows_slice: slice, lengths: Sequence[float]
+    partition: Partition, name: str, fit_rows_slice: slice, lengths: Sequence[float]
 ) -> list[dict[str, object]]:
     """Rows of ``cooling_by_window`` for one disk.
 
     Parameters
     ----------
-    p
+    partition
         The partition.
     name
         Name of the disk.
@@ -108,15 +108,20 @@ def _cooling_rows_of_disk(
     keys are the columns of :func:`cooling_by_window`, which
     ``tcdyn.plots.transient.draw_window_study`` reads; change both.
     """
-    test = p.test
-    line = p.lines[name]
-    lag = p.joint[name].estimates["lag_s"]
-    nominal = p.cooling[name]
+    test = partition.test
+    line = partition.lines[name]
+    lag = partition.joint[name].estimates["lag_s"]
+    nominal = partition.cooling[name]
     smoothed_traces = smooth_traces(
-        test, test.disks[name], fit_rows_slice, p.chains[name], lag.u, p.compensated[name]
+        test,
+        test.disks[name],
+        fit_rows_slice,
+        partition.chains[name],
+        lag.u,
+        partition.compensated[name],
     )
     cooling_data = compensate_disk(
-        test, test.disks[name], fit_rows_slice, smoothed_traces, p.windows[name].rim.profile
+        test, test.disks[name], fit_rows_slice, smoothed_traces, partition.windows[name].rim.profile
     )
     errors = cooling_effects(cooling_data, nominal.share, nominal.h_W_m2K)
     out: list[dict[str, object]] = []

@@ -89,7 +89,7 @@ class Budget:
 
     @property
     def total(self) -> BudgetRow:
-        """Standard uncertainty of beta in total."""
+        """Total of the budget: standard uncertainty of beta by all sources together."""
         return _budget_row("all together", self.samples)
 
 
@@ -230,39 +230,39 @@ class _Sampler:
             "h_slow": h_slow,
         }
 
-    def _disk_samples(self, d: str, active: str | None) -> dict[str, Array]:
+    def _disk_samples(self, disk: str, active: str | None) -> dict[str, Array]:
         """Samples of the quantities of one disk.
 
         Parameters
         ----------
-        d
+        disk
             Name of the disk.
         active
             As of :meth:`samples`.
         """
-        per_sd, root = self.sensitivity[d]
-        parameters = self.joint[d].sensitivity.parameters
+        per_sd, root = self.sensitivity[disk]
+        parameters = self.joint[disk].sensitivity.parameters
         uncertain = np.array([active in (None, q.source) for q in parameters])
-        deviation = self.parameters[d][:, uncertain] @ per_sd[uncertain]
-        deviation += (active in (None, "noise")) * self.noise[d] @ root.T
+        deviation = self.parameters[disk][:, uncertain] @ per_sd[uncertain]
+        deviation += (active in (None, "noise")) * self.noise[disk] @ root.T
         intercept, slope, *others = deviation.T
         cooling_share, cooling_h, joint_share, joint_h, lag = others
-        form = MODEL_FORM_REL * self.model_form[d] * (active in (None, "rim model form"))
+        form = MODEL_FORM_REL * self.model_form[disk] * (active in (None, "rim model form"))
         scale = 1 + form
-        line = self.lines[d].line
+        line = self.lines[disk].line
         out = {
-            f"{d} intercept": (line.intercept + intercept) * scale,
-            f"{d} slope": (line.slope + slope) * scale,
-            f"lag {d}": lag,
+            f"{disk} intercept": (line.intercept + intercept) * scale,
+            f"{disk} slope": (line.slope + slope) * scale,
+            f"lag {disk}": lag,
         }
         transient_fits: tuple[tuple[str, CoolingFit | DiskFit, Array, Array], ...] = (
-            ("cooling", self.cooling[d], cooling_share, cooling_h),
-            ("joint", self.joint[d], joint_share, joint_h),
+            ("cooling", self.cooling[disk], cooling_share, cooling_h),
+            ("joint", self.joint[disk], joint_share, joint_h),
         )
         for kind, fit, share_deviation, h_deviation in transient_fits:
             share = fit.share * scale + share_deviation
-            out[f"{kind} {d}"] = share if d == "fast" else 1 - share
-            out[f"h {kind} {d}"] = fit.h_W_m2K + h_deviation
+            out[f"{kind} {disk}"] = share if disk == "fast" else 1 - share
+            out[f"h {kind} {disk}"] = fit.h_W_m2K + h_deviation
         return out
 
 
@@ -627,7 +627,10 @@ def _lag_pull(test: EhlTest, name: str, fit: DiskFit) -> tuple[Finding, float]:
 
 
 def _exponent_pull(test: EhlTest, n: Estimate) -> tuple[Finding, float]:
-    """The exponent of the speed law, as a finding, and its pull by the fit of both disks."""
+    """The exponent of the speed law, as a finding, and its pull by the fit of both disks.
+
+    The pull is the distance of the fitted exponent ``n`` from the specified range, over its u.
+    """
     assumed = test.speed_exponent
     half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))

@@ -105,9 +105,9 @@ class DiskAtFit:
         surface = _surface_temperature(test, fit, rim, share, h)
         return cls(test, fit, share, h, rim, chain, boundary + share * power, power, surface)
 
-    def perturbation_effect(self, p: Perturbation) -> Array:
-        """Change of the outer row of a disk that departs by ``p`` from nominal, (R, P) [K]."""
-        boundary, power = self.rim.response(self.h_W_m2K, p)
+    def perturbation_effect(self, perturbation: Perturbation) -> Array:
+        """Change of the outer row by a departure from the nominal disk, (R, P) [K]."""
+        boundary, power = self.rim.response(self.h_W_m2K, perturbation)
         return np.asarray(boundary + self.share * power - self.base)
 
     def surface_air_effect(self, air_K: Array) -> Array:
@@ -260,75 +260,77 @@ def _surface_temperature(
     return np.asarray((boundary + share * heat)[:, len(rim.setup.outer) :].mean(axis=1))
 
 
-def _h_step(a: DiskAtFit) -> Array:
+def _h_step(at_fit: DiskAtFit) -> Array:
     """Effect of an h that is higher by ``H_STEP_SD`` from the unloading on, (R, P) [K]."""
-    after = a.fit.block.window.block_time_s >= a.test.events.unload_s
-    return H_STEP_SD * a.h_change_effect(after.astype(float))
+    after = at_fit.fit.block.window.block_time_s >= at_fit.test.events.unload_s
+    return H_STEP_SD * at_fit.h_change_effect(after.astype(float))
 
 
-def _h_of_temperature(a: DiskAtFit) -> Array:
+def _h_of_temperature(at_fit: DiskAtFit) -> Array:
     """Effect of an h that grows by ``H_PER_K_SD`` per kelvin of the surface, (R, P) [K].
 
     The surface temperature counts from that at the unloading.
     """
-    return H_PER_K_SD * a.h_change_effect(a.surface - a.mean_before_unloading(a.surface))
+    return H_PER_K_SD * at_fit.h_change_effect(
+        at_fit.surface - at_fit.mean_before_unloading(at_fit.surface)
+    )
 
 
-def _flux_shift(a: DiskAtFit) -> Array:
+def _flux_shift(at_fit: DiskAtFit) -> Array:
     """Effect of a flux that is shifted along the track by ``SHIFT_SD_M``, (R, P) [K]."""
-    return SHIFT_SD_M * flux_shift_effect(a.rim, a.share, a.h_W_m2K)
+    return SHIFT_SD_M * flux_shift_effect(at_fit.rim, at_fit.share, at_fit.h_W_m2K)
 
 
-def _flux_width(a: DiskAtFit) -> Array:
+def _flux_width(at_fit: DiskAtFit) -> Array:
     """Effect of a flux that is wider by ``FLUX_WIDTH_SD``, (R, P) [K]."""
-    return a.perturbation_effect(Perturbation(half_width=FLUX_WIDTH_SD))
+    return at_fit.perturbation_effect(Perturbation(half_width=FLUX_WIDTH_SD))
 
 
-def _washers(a: DiskAtFit) -> Array:
+def _washers(at_fit: DiskAtFit) -> Array:
     """Effect of a washer conductance that is higher by ``WASHER_SD``, (R, P) [K]."""
-    return a.perturbation_effect(Perturbation(washer=WASHER_SD))
+    return at_fit.perturbation_effect(Perturbation(washer=WASHER_SD))
 
 
-def _stem_conduction(a: DiskAtFit) -> Array:
+def _stem_conduction(at_fit: DiskAtFit) -> Array:
     """Effect of wires that conduct heat away from the junctions, (R, P) [K].
 
     They take ``STEM_SD`` of each junction's excess over ambient.
 
     Each junction reads less of its excess; the inner row then drives the rim too cold.
     """
-    ambient = a.rim.ambient_index
-    gains = a.rim.gains(a.h_W_m2K)
-    air = a.rim.inputs[:, [ambient]]
+    ambient = at_fit.rim.ambient_index
+    gains = at_fit.rim.gains(at_fit.h_W_m2K)
+    air = at_fit.rim.inputs[:, [ambient]]
     by_inner = 0.0
     for k in range(1, ambient):
-        excess = a.rim.inputs[:, [k]] - air
-        excess_bank = a.rim.banks[k] - a.rim.banks[ambient]
+        excess = at_fit.rim.inputs[:, [k]] - air
+        excess_bank = at_fit.rim.banks[k] - at_fit.rim.banks[ambient]
         by_inner = by_inner + (excess * gains.direct[k] + excess_bank @ gains.gains[k].T)
-    return np.asarray(STEM_SD * (by_inner - (a.base - air)))
+    return np.asarray(STEM_SD * (by_inner - (at_fit.base - air)))
 
 
-def _lost_heat(a: DiskAtFit) -> Array:
+def _lost_heat(at_fit: DiskAtFit) -> Array:
     """Effect of a frictional heat of which ``LOST_HEAT_SD`` enters neither disk, (R, P) [K]."""
-    return -LOST_HEAT_SD * a.share * a.power
+    return -LOST_HEAT_SD * at_fit.share * at_fit.power
 
 
-def _conductivity_of_temperature(a: DiskAtFit) -> Array:
+def _conductivity_of_temperature(at_fit: DiskAtFit) -> Array:
     """Effect of a conductivity that falls with temperature, (R, P) [K].
 
     By ``CONDUCTIVITY_PER_100_K_SD`` per 100 K, as rig.toml might have stated.
     """
-    setup = a.rim.setup
-    air = a.mean_before_unloading(a.rim.inputs[:, a.rim.ambient_index])
-    steel = setup.steel.linearised_about(air, a.mean_before_unloading(a.surface))
-    rim = replace(a.rim, setup=replace(setup, steel=steel))
-    window = replace(a.fit.block.window, rim=rim)
+    setup = at_fit.rim.setup
+    air = at_fit.mean_before_unloading(at_fit.rim.inputs[:, at_fit.rim.ambient_index])
+    steel = setup.steel.linearised_about(air, at_fit.mean_before_unloading(at_fit.surface))
+    rim = replace(at_fit.rim, setup=replace(setup, steel=steel))
+    window = replace(at_fit.fit.block.window, rim=rim)
     slope_u_per_K = 0.01 * CONDUCTIVITY_PER_100_K_SD
-    return -conductivity_slope_effect(window, a.share, a.h_W_m2K, slope_u_per_K)
+    return -conductivity_slope_effect(window, at_fit.share, at_fit.h_W_m2K, slope_u_per_K)
 
 
-def _surface_air(a: DiskAtFit) -> Array:
+def _surface_air(at_fit: DiskAtFit) -> Array:
     """Effect of air at the running surface that is ``AIR_SD_K`` warmer, (R, P) [K]."""
-    return a.surface_air_effect(np.full(len(a.base), AIR_SD_K))
+    return at_fit.surface_air_effect(np.full(len(at_fit.base), AIR_SD_K))
 
 
 # name: effect on a disk, and how far the disks may differ: half the standard deviation of the

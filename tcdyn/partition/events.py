@@ -51,6 +51,7 @@ TOUCH_START = 0.05
 TOUCH_MIN_PEAK = 0.15
 NOISE_WIDTH = 5  # of the median filter that removes the noise of a force [samples]
 LEVEL_WIDTH = 51  # of the median filter that gives its levels [samples]
+LEVEL_ITERATIONS = 5  # of the levels; chosen by judgement
 
 
 @dataclass(frozen=True)
@@ -395,9 +396,10 @@ def _switch_state(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
 
 
 def _scaled_force(force: Array) -> Array | None:
-    """A force (N,) scaled to 0 without contact and 1 under load.
+    """Scale a force (N,) to 0 without contact and 1 under load.
 
-    None where it hardly rises above its noise, or its levels have the wrong sign.
+    The levels are the medians of the samples below and above their middle, found by iteration. None
+    where they differ by less than ``MIN_FORCE_SNR`` times the noise, or have the wrong sign.
     """
     if np.isfinite(force).sum() < MIN_ZERO_SAMPLES:
         return None
@@ -406,7 +408,7 @@ def _scaled_force(force: Array) -> Array | None:
     slow = median_filter(filled, LEVEL_WIDTH)
     low = float(slow.min())
     high = float(slow.max())
-    for _ in range(5):
+    for _ in range(LEVEL_ITERATIONS):
         upper = slow > 0.5 * (low + high)
         if upper.all() or not upper.any():
             return None

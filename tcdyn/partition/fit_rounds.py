@@ -192,7 +192,7 @@ def expected_harmonics(
     press_fits
         Prior of each disk with a press fit in rig.toml; may be empty.
     """
-    return {d: press_fits.get(d, harmonic.expected) for d, harmonic in estimated.items()}
+    return {d: press_fits.get(d, harmonic.prior_for_refit) for d, harmonic in estimated.items()}
 
 
 def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:
@@ -201,7 +201,8 @@ def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:
     Parameters
     ----------
     expected
-        Result of :func:`expected_harmonics`: only a significant harmonic has a second one.
+        Prior of each disk's harmonics, from :func:`expected_harmonics`. Only that of a significant
+        harmonic has a second one.
     """
     return any(harmonic.second_harmonic_u_K > 0 for harmonic in expected.values())
 

@@ -277,7 +277,7 @@ def _noise_K(disk: DiskTraces, readings: Array) -> Array:
     own noise is kept. For coloured noise the differences mean nothing, so the trace's own noise is
     taken.
     """
-    if disk.noise.coloured:
+    if disk.noise.is_coloured:
         return disk.noise_K
     return np.maximum(white_noise_sd(readings, DIFFERENCE_ORDER), 0.5 * disk.noise_K)
 

@@ -42,12 +42,12 @@ class FitComparison:
     sd_K: Array
 
 
-def compare_joint_fit(p: Partition, disk: str) -> FitComparison:
+def compare_joint_fit(partition: Partition, disk: str) -> FitComparison:
     """Compare readings and model of a disk at the optimum of the joint fit of all its disks.
 
     Parameters
     ----------
-    p
+    partition
         The partition.
     disk
         Name of the disk.
@@ -57,28 +57,28 @@ def compare_joint_fit(p: Partition, disk: str) -> FitComparison:
     The residuals of the optimum start with those of the readings, disk by disk in the order of
     ``tcdyn.rig.disk.DISKS``; this must stay the order of ``tcdyn.partition.joint``.
     """
-    blocks = [fit.block for fit in p.joint.values()]
-    index = p.disks.index(disk)
+    blocks = [fit.block for fit in partition.joint.values()]
+    index = partition.disks.index(disk)
     ends = np.cumsum([len(block.y) for block in blocks])
     window = blocks[index].window
-    residuals = np.split(p.combined.optimum.residual[: ends[-1]], ends[:-1])
+    residuals = np.split(partition.combined.optimum.residual[: ends[-1]], ends[:-1])
     residual = residuals[index].reshape(window.y.shape)
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
     return FitComparison(
-        p.test.disks[disk].setup.outer,
-        window.block_time_s - p.test.events.unload_s,
+        partition.test.disks[disk].setup.outer,
+        window.block_time_s - partition.test.events.unload_s,
         window.y,
         window.y + residual * sd,
         sd,
     )
 
 
-def joint_budget(p: Partition) -> dict[str, float]:
+def joint_budget(partition: Partition) -> dict[str, float]:
     """Standard uncertainty of the recommended beta by source, largest first; squares add up.
 
     Parameters
     ----------
-    p
+    partition
         The partition.
 
     Returns
@@ -92,28 +92,28 @@ def joint_budget(p: Partition) -> dict[str, float]:
     nuisance parameters, two of the chain for each disk, and the measured surface flux if there are
     more. Noise is scaled by the inflation factor of the fit.
     """
-    blocks = [fit.block for fit in p.joint.values()]
-    noise, per_sd = main_covariance(p.combined.optimum, blocks)
+    blocks = [fit.block for fit in partition.joint.values()]
+    noise, per_sd = main_covariance(partition.combined.optimum, blocks)
     sources = [nuisance.source for nuisance, _ in nuisance_parameters(blocks)]
     sources += ["chain"] * (2 * len(blocks))
     sources += ["measured surface flux"] * (per_sd.shape[1] - len(sources))
-    square = {"noise": p.combined.inflation * float(noise[SHARE, SHARE])}
+    square = {"noise": partition.combined.inflation * float(noise[SHARE, SHARE])}
     for source, by in zip(sources, per_sd[SHARE]):
         square[source] = square.get(source, 0.0) + float(by) ** 2
     return {source: x**0.5 for source, x in sorted(square.items(), key=lambda item: -item[1])}
 
 
-def oil_film_share(p: Partition) -> float:
+def oil_film_share(partition: Partition) -> float:
     """Share of the frictional heat that leaves with the oil film, assumed to be Mobil Jet Oil II.
 
     The oil has the mean temperature of the junctions in the last seconds under load.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     """
-    test = p.test
+    test = partition.test
     rows = rows_between(test.time_s, test.events.unload_s - OIL_WINDOW_S, test.events.unload_s)
     disks = list(test.disks.values())
     bulk_degC = np.mean([np.nanmean(disk.readings_degC[rows]) for disk in disks])

@@ -383,7 +383,7 @@ def nuisance_effects(
     predicted = boundary + share * power
     gains = rim.gains(h_W_m2K)
     perturbed = perturbed_changes(rim, predicted, share, h_W_m2K)
-    input_responses = _input_responses(test, disk, window, share, h_W_m2K)
+    input_responses = _responses_to_inner_row_errors(test, disk, window, share, h_W_m2K)
     rates = np.gradient(predicted, window.block_time_s, axis=0)
     constant = np.ones(len(predicted))
     nominal = nominal_effects(perturbed, input_responses, constant, rates, disk.inner_row_weights)
@@ -513,13 +513,26 @@ def perturbed_changes(rim: RimMeans, predicted: Array, share: float, h_W_m2K: fl
     return np.array(changes)
 
 
-def _input_responses(
+def _responses_to_inner_row_errors(
     test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> Array:
-    """``input_responses`` of ``nominal_effects`` for a window, (3 k + 1, R, P).
+    """Responses of the outer row (P channels) to errors of the k channels of the inner row.
 
-    Constant errors have their steady response. Errors by gradient and by rate vary in time, so they
-    pass the filter bank and the gains of the rim.
+    Parameters
+    ----------
+    test, disk
+        The test and its disk.
+    window
+        Window of the fits, R blocks.
+    share, h_W_m2K
+        Heat partition and h at which the radial gradient is computed.
+
+    Returns
+    -------
+    array
+        ``input_responses`` of ``nominal_effects``, (3 k + 1, R, P). Constant errors have their
+        steady response. Errors by gradient and by rate vary in time, so they pass the filter bank
+        and the gains of the rim.
     """
     setup = disk.setup
     inner = setup.channel_indices(setup.inner)
@@ -541,7 +554,8 @@ def _input_responses(
 def _split_effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, predicted: Array) -> Array:
     """Effect of a second moved from an outer junction's first lag to its second, (P, R, P) [K].
 
-    Each junction changes only its own reading. The lags are those of the mean chain.
+    ``predicted`` are the readings of the outer row in the blocks of the window, (R, P) [degC]. Each
+    junction changes only its own reading. The lags are those of the mean chain.
     """
     dt = test.dt_s
     taus = sorted(disk.mean_chain.taus_s, reverse=True)

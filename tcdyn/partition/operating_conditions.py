@@ -21,7 +21,7 @@ from calibration.transducers import BearingFriction, fit_bearing_friction
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.read import read_numbers, sha256
+from tcdyn.io.read import read_numbers, sha256_of_file
 from tcdyn.partition.events import DiskAir
 from tcdyn.rig.columns import junction_columns_in
 from tcdyn.rig.contact import Events, FrictionCorrection, contact_force
@@ -97,7 +97,7 @@ def read_bearing(path: str | Path) -> BearingFile:
         lines = fit_bearing_friction(*(values[name] for name in BEARING_COLUMNS))
     except InputError as problem:
         raise problem.at(str(path)) from None
-    return BearingFile(lines, Path(path).name, sha256(path))
+    return BearingFile(lines, Path(path).name, sha256_of_file(path))
 
 
 # mask (N,) of the rows of a log
@@ -133,7 +133,7 @@ def rig_constants(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], l
 
 
 def forces_N(
-    frame: pd.DataFrame, events: Events, steady: RowMask, stated: Mapping[str, Constant]
+    frame: pd.DataFrame, events: Events, steady: RowMask, constants: Mapping[str, Constant]
 ) -> tuple[Array, Array]:
     """Load and friction during contact, zero elsewhere.
 
@@ -145,7 +145,7 @@ def forces_N(
         Loading and unloading.
     steady
         Mask (N,) of the steady rows.
-    stated
+    constants
         Constants of rig.toml that replace columns.
 
     Returns
@@ -160,13 +160,13 @@ def forces_N(
     """
     t = frame["time_s"].to_numpy(dtype=float)
     friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
-    if "load_N" not in stated:
+    if "load_N" not in constants:
         return contact_force(t, frame["load_N"].to_numpy(dtype=float), events), friction
-    return stated["load_N"].value * friction / float(np.mean(friction[steady])), friction
+    return constants["load_N"].value * friction / float(np.mean(friction[steady])), friction
 
 
 def speeds_rpm(
-    frame: pd.DataFrame, under_load: RowMask, stated: Mapping[str, Constant]
+    frame: pd.DataFrame, under_load: RowMask, constants: Mapping[str, Constant]
 ) -> tuple[list[float], list[float]]:
     """Speeds of both shafts under load, and their standard uncertainties.
 
@@ -176,7 +176,7 @@ def speeds_rpm(
         Table of the log.
     under_load
         Mask (N,) of the rows under load, whose median is used.
-    stated
+    constants
         Constants of rig.toml that replace columns.
 
     Returns
@@ -190,14 +190,14 @@ def speeds_rpm(
     logged = {
         n: float(np.nanmedian(frame[n].to_numpy(dtype=float)[under_load]))
         for n in names
-        if n not in stated
+        if n not in constants
     }
-    rpm = [stated[n].value if n in stated else logged[n] for n in names]
-    return rpm, [stated[n].u if n in stated else 0.0 for n in names]
+    rpm = [constants[n].value if n in constants else logged[n] for n in names]
+    return rpm, [constants[n].u if n in constants else 0.0 for n in names]
 
 
 def constants_rel_u(
-    rpm: Sequence[float], rpm_u: Sequence[float], stated: Mapping[str, Constant]
+    rpm: Sequence[float], rpm_u: Sequence[float], constants: Mapping[str, Constant]
 ) -> tuple[float, float, float]:
     """Relative uncertainties of load, sliding speed and speed ratio due to constants of rig.toml.
 
@@ -205,7 +205,7 @@ def constants_rel_u(
     ----------
     rpm, rpm_u
         Speeds of both shafts and their standard uncertainties [rpm].
-    stated
+    constants
         Constants of rig.toml that replace columns.
 
     Returns
@@ -217,13 +217,13 @@ def constants_rel_u(
     -----
     The radii of the disks are taken as equal.
     """
-    load = stated["load_N"].u / stated["load_N"].value if "load_N" in stated else 0.0
+    load = constants["load_N"].u / constants["load_N"].value if "load_N" in constants else 0.0
     sliding = math.hypot(*rpm_u) / abs(rpm[0] - rpm[1])
     return load, sliding, math.hypot(*(u / n for u, n in zip(rpm_u, rpm)))
 
 
 def disk_air(
-    frame: pd.DataFrame, disk: str, rig: Rig, steady: RowMask, stated: Mapping[str, Constant]
+    frame: pd.DataFrame, disk: str, rig: Rig, steady: RowMask, constants: Mapping[str, Constant]
 ) -> tuple[DiskAir, list[Finding]]:
     """The air around a disk, and findings about its channels.
 
@@ -237,7 +237,7 @@ def disk_air(
         The rig, whose ``[ambient]`` names channels at the surface and at the faces.
     steady
         Mask (N,) of the steady rows.
-    stated
+    constants
         Constants of rig.toml that replace columns.
 
     Returns
@@ -264,8 +264,8 @@ def disk_air(
     if "ambient_degC" in frame:
         logged = frame["ambient_degC"].to_numpy(dtype=float)
         ambient = interpolate_gaps(logged, np.isfinite(logged))
-    elif "ambient_degC" in stated:
-        ambient = np.full(len(frame), stated["ambient_degC"].value)
+    elif "ambient_degC" in constants:
+        ambient = np.full(len(frame), constants["ambient_degC"].value)
     means = dict[str, Array]()
     air_u_K = 0.0
     findings = list[Finding]()

@@ -378,8 +378,8 @@ def press_fit_priors(
         if z < SIGNIFICANT_Z:
             priors[d] = predicted.prior(*evidence)
             continue
-        estimated_K, estimated_deg = _polar(estimated[d].level_K)
-        predicted_K, predicted_deg = _polar(predicted.first_K)
+        estimated_K, estimated_deg = _amplitude_and_angle(estimated[d].level_K)
+        predicted_K, predicted_deg = _amplitude_and_angle(predicted.first_K)
         findings.append(
             warning(
                 "fit.contradicted",
@@ -425,7 +425,7 @@ def _bore_flux_of_test(
     return bore_flux_with_u(disk, (share * power_W, power_u_W), (h.value, h.u), inner_K, air_K)
 
 
-def _polar(level_K: Array) -> tuple[float, float]:
+def _amplitude_and_angle(level_K: Array) -> tuple[float, float]:
     """Amplitude [K] and angle [deg] of a level, cos and sin."""
     angle_deg = float(np.rad2deg(np.arctan2(level_K[1], level_K[0])) % 360.0)
     return float(np.hypot(*level_K)), angle_deg

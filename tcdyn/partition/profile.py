@@ -208,7 +208,7 @@ class ProfiledNumber:
     within: tuple[float, float] = (-np.inf, np.inf)
 
 
-def _exponential(toward: Array, offset: float = 0.0) -> ProfiledNumber:
+def _exponential_number(toward: Array, offset: float = 0.0) -> ProfiledNumber:
     """The number exp(coordinate) + offset.
 
     Parameters
@@ -258,8 +258,8 @@ def joint_profiles(joint: Mapping[str, DiskFit], combined: CombinedFit) -> pd.Da
         beta_of_share = float if d == "fast" else _complement
         numbers = {
             "beta": ProfiledNumber(unit[SHARE, :4], beta_of_share, beta_of_share, (0.0, 1.0)),
-            "h": _exponential(unit[LOG_H, :4]),
-            "lag_s": _exponential(unit[LOG_LAGS, :4], fit.block.remaining_lag_s),
+            "h": _exponential_number(unit[LOG_H, :4]),
+            "lag_s": _exponential_number(unit[LOG_LAGS, :4], fit.block.remaining_lag_s),
         }
         profiles.append(_profiles(d, [tables[d]], fit.theta, numbers, e, fit.inflation))
     if len(joint) == len(DISKS):
@@ -268,8 +268,8 @@ def joint_profiles(joint: Mapping[str, DiskFit], combined: CombinedFit) -> pd.Da
         log_ratio = float(np.log(combined.speed_ratio))
         numbers = {
             "beta": ProfiledNumber(unit[SHARE], within=(0.0, 1.0)),
-            "h_fast": _exponential(h_fast),
-            "h_slow": _exponential(h_slow),
+            "h_fast": _exponential_number(h_fast),
+            "h_slow": _exponential_number(h_slow),
             "exponent": ProfiledNumber((h_fast - h_slow) / log_ratio),
         }
         profiles.append(

@@ -213,14 +213,14 @@ def _sound(disk: str, table: pd.DataFrame, indistinguishable: Sequence[Candidate
     )
 
 
-def _check_disk(test: EhlTest, f: SensorWindow) -> _DiskCheck:
+def _check_disk(test: EhlTest, window: SensorWindow) -> _DiskCheck:
     """Dead channels, else the likeliest fault, else depths and indistinguishable swaps.
 
     Parameters
     ----------
     test
         The test.
-    f
+    window
         Window of the disk.
 
     Notes
@@ -228,11 +228,11 @@ def _check_disk(test: EhlTest, f: SensorWindow) -> _DiskCheck:
     Where no fault is likely but chi-squared is improbable (``MISFIT_P``), the suspect is "unknown".
     So is a swap that does not explain the data: it must not stop a run.
     """
-    disk = f.disk
-    dead = _dead_channels(test, f)
+    disk = window.disk
+    dead = _dead_channels(test, window)
     if dead:
         return _DiskCheck(dead)
-    sound, *fits = fit_faults(f)
+    sound, *fits = fit_faults(window)
     fits.sort(key=lambda fit: -fit.log_likelihood)
     numbers: dict[str, Any] = {}
     is_faulty = fits[0].log_likelihood - sound.log_likelihood > FAULT_LOG_ODDS
@@ -249,7 +249,7 @@ def _check_disk(test: EhlTest, f: SensorWindow) -> _DiskCheck:
         near = sound.log_likelihood - INDISTINGUISHABLE_LOG_ODDS
         blind = [fit for fit in fits if fit.kind == "swapped" and fit.log_likelihood > near]
         swaps = tuple(sorted(fit.channels for fit in blind))
-        return _DiskCheck((), sound.log_likelihood, depth_test(f, sound), swaps)
+        return _DiskCheck((), sound.log_likelihood, depth_test(window, sound), swaps)
     best = fits[0]
     log_odds = best.log_likelihood - sound.log_likelihood
     explains = best.kind != "swapped" or chdtrc(best.dof, best.chi2) >= MISFIT_P
@@ -308,14 +308,14 @@ def _swap_between_disks(
     return (Suspect("both", "swapped", channels, log_odds=best - log_likelihood),)
 
 
-def _dead_channels(test: EhlTest, f: SensorWindow) -> tuple[Suspect, ...]:
+def _dead_channels(test: EhlTest, window: SensorWindow) -> tuple[Suspect, ...]:
     """Channels whose rise under load and whose fall after unloading are unlike the others'.
 
     Parameters
     ----------
     test
         The test.
-    f
+    window
         Window of the disk.
 
     Notes
@@ -323,10 +323,10 @@ def _dead_channels(test: EhlTest, f: SensorWindow) -> tuple[Suspect, ...]:
     Where the log begins too late for a rise, the fall decides. Both must be below ``DEAD_REL`` of
     the median, so a junction that is only slow is not dead.
     """
-    disk = f.disk
-    levels = f.by_channel(f.levels)
+    disk = window.disk
+    levels = window.by_channel(window.levels)
     before = test.time_s < test.events.load_on_s - 0.5
-    falls = -levels[f.event == "unloading"][-1]
+    falls = -levels[window.event == "unloading"][-1]
     rises = falls
     if before.sum() >= MIN_REST_SAMPLES:
         steady = levels[0]
@@ -379,20 +379,20 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted(tuple(sorted(channels)) for channels in members))
 
 
-def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
+def hotter_junction(setup: DiskSetup, first: str, other: str) -> int | None:
     """Which of two junctions must be hotter under contact.
 
     Parameters
     ----------
     setup
         The disk.
-    one, other
+    first, other
         The channels.
 
     Returns
     -------
     int or None
-        1 when ``one`` must be hotter, -1 when ``other`` must, 0 by symmetry, None when it depends.
+        1 if ``first`` must be hotter, -1 if ``other`` must, 0 by symmetry, None if it depends.
 
     Notes
     -----
@@ -400,7 +400,7 @@ def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
     nearer the centre is hotter (section 6.4.2). Junctions within ``SAME_POSITION_M`` count as
     equal.
     """
-    i = setup.junctions[one]
+    i = setup.junctions[first]
     j = setup.junctions[other]
     middle = 0.5 * setup.width_m
     depth_difference = j.depth_m - i.depth_m
@@ -440,12 +440,12 @@ def classify_pair(sign: int | None, difference_K: float, u_K: float) -> str:
     return "illogical" if z < -SURE_Z else "weak"
 
 
-def pair_table(f: SensorWindow, groups: tuple[tuple[str, ...], ...]) -> pd.DataFrame:
+def pair_table(window: SensorWindow, groups: tuple[tuple[str, ...], ...]) -> pd.DataFrame:
     """A row for each pair of junctions: differences when steady and of the fall, classes, groups.
 
     Parameters
     ----------
-    f
+    window
         Window of the disk.
     groups
         Channels by angle.
@@ -462,15 +462,17 @@ def pair_table(f: SensorWindow, groups: tuple[tuple[str, ...], ...]) -> pd.DataF
     gradient; that of a fall by noise and lag. The gradient assumes that half of the frictional heat
     enters the disk.
     """
-    disk = f.disk
+    disk = window.disk
     setup = disk.setup
     area = 2 * np.pi * setup.outer_radius_m * setup.width_m
-    power_W = f.rim.inputs[0, 0]
+    power_W = window.rim.inputs[0, 0]
     gradient = 0.5 * power_W / (area * setup.conductivity_W_mK)  # of half the heat
     depth_u_K = gradient * disk.uncertainty.depth_mm * 1e-3
-    k = int(np.flatnonzero(f.event == "unloading")[:2][-1])  # one to two seconds after it
-    noise = np.sqrt(f.noise_var[k]) * disk.noise_K
-    steady, fall, rate = f.by_channel(np.array([f.levels[0], -f.levels[k], f.slopes[k]]))
+    k = int(np.flatnonzero(window.event == "unloading")[:2][-1])  # one to two seconds after it
+    noise = np.sqrt(window.noise_var[k]) * disk.noise_K
+    steady, fall, rate = window.by_channel(
+        np.array([window.levels[0], -window.levels[k], window.slopes[k]])
+    )
     levels = {
         "steady": (steady, np.hypot(disk.static_u_K, depth_u_K)),
         "unloading": (fall, np.hypot(noise, LAG_U_S * np.abs(rate))),

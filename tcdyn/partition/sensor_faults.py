@@ -150,24 +150,24 @@ class Suspect:
         return severity("sensors.suspect", subject=self.disk, **numbers)
 
 
-def fit_faults(f: SensorWindow) -> list[FaultFit]:
+def fit_faults(window: SensorWindow) -> list[FaultFit]:
     """The fit of a sound disk, then those of all faults that are considered.
 
     Parameters
     ----------
-    f
+    window
         Window of the disk.
     """
-    single = [(kind, (c,)) for c in f.used_channels for kind in SINGLE_CHANNEL_FAULTS]
-    fits = [fit_fault(f, kind, channels, {}) for kind, channels in (("none", ()), *single)]
-    for first, second in combinations(f.used_channels, 2):
-        sources = {first: (f, second), second: (f, first)}
-        fits.append(fit_fault(f, "swapped", (first, second), sources))
+    single = [(kind, (c,)) for c in window.used_channels for kind in SINGLE_CHANNEL_FAULTS]
+    fits = [fit_fault(window, kind, channels, {}) for kind, channels in (("none", ()), *single)]
+    for first, second in combinations(window.used_channels, 2):
+        sources = {first: (window, second), second: (window, first)}
+        fits.append(fit_fault(window, "swapped", (first, second), sources))
     return fits
 
 
 def fit_fault(
-    f: SensorWindow,
+    window: SensorWindow,
     kind: str,
     channels: tuple[str, ...],
     sources: Sources,
@@ -176,7 +176,7 @@ def fit_fault(
 
     Parameters
     ----------
-    f
+    window
         Window of the disk.
     kind, channels
         The fault, as of ``FaultFit``.
@@ -193,20 +193,20 @@ def fit_fault(
     The effects are those of the disk as wired: with two channels exchanged they are nearly the
     same.
     """
-    levels, rim = f.rewired(sources)
+    levels, rim = window.rewire(sources)
     boundary, power = (
-        CubicSpline(np.log(H_GRID_W_M2K), x[:, f.observed])(np.log(H_FINE_W_M2K))
+        CubicSpline(np.log(H_GRID_W_M2K), x[:, window.observed])(np.log(H_FINE_W_M2K))
         for x in rim.response(H_GRID_W_M2K)
     )
-    without_heat = levels[f.observed] - boundary
-    fits = [_fit_about(f, kind, channels, share, without_heat, power) for share in SHARE_GRID]
+    without_heat = levels[window.observed] - boundary
+    fits = [_fit_about(window, kind, channels, share, without_heat, power) for share in SHARE_GRID]
     best = max(fits, key=lambda fit: fit.log_likelihood)
     total = special.logsumexp([fit.log_likelihood for fit in fits]) - np.log(len(fits))
     return replace(best, log_likelihood=float(total))
 
 
 def _fit_about(
-    f: SensorWindow,
+    window: SensorWindow,
     kind: str,
     channels: tuple[str, ...],
     share: float,
@@ -217,7 +217,7 @@ def _fit_about(
 
     Parameters
     ----------
-    f, kind, channels
+    window, kind, channels
         Window of the disk, and the fault.
     share
         The share about which the component lies.
@@ -240,7 +240,7 @@ def _fit_about(
         if nearest == node:
             break
         node = nearest
-        table = f.effects(share, float(H_GRID_W_M2K[node]))
+        table = window.effects(share, float(H_GRID_W_M2K[node]))
         root = np.linalg.cholesky(table.covariance(widened))
         white = solve_triangular(root, residuals.T, lower=True)
         chi2 = (white**2).sum(axis=0)
@@ -441,14 +441,14 @@ class DepthTest:
     excluded: tuple[str, ...] = ()
 
 
-def depth_test(f: SensorWindow, sound: FaultFit) -> DepthTest:
+def depth_test(window: SensorWindow, sound: FaultFit) -> DepthTest:
     """Score test of each depth about the fit of a sound disk.
 
     All other nuisance parameters and depths are at their priors.
 
     Parameters
     ----------
-    f
+    window
         Window of the disk.
     sound
         The fit of a sound disk.
@@ -463,16 +463,16 @@ def depth_test(f: SensorWindow, sound: FaultFit) -> DepthTest:
     h counts as unknown: its effect, ``LOG_H_SD``, is part of C. ``tests/partition/test_depths.py``
     fails if another h is taken for a wrong depth.
     """
-    disk = f.disk
+    disk = window.disk
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
-    boundary, power = f.rim.response(h * np.exp([0.0, LOG_H_STEP]))
-    predicted, predicted_at_step = (boundary + sound.share * power)[:, f.observed]
+    boundary, power = window.rim.response(h * np.exp([0.0, LOG_H_STEP]))
+    predicted, predicted_at_step = (boundary + sound.share * power)[:, window.observed]
     by_h = LOG_H_SD / LOG_H_STEP * (predicted_at_step - predicted)
-    table = f.effects(sound.share, h)
+    table = window.effects(sound.share, h)
     cov = table.covariance({}) + np.outer(by_h, by_h)
-    residual = f.levels[f.observed] - predicted
+    residual = window.levels[window.observed] - predicted
     depth_u_m = disk.uncertainty.depth_mm * 1e-3
-    rows = [table.names.index(f"depth {c}") for c in f.used_channels]
+    rows = [table.names.index(f"depth {c}") for c in window.used_channels]
     effects = depth_u_m * table.change[rows]
     weighted = np.linalg.solve(cov, effects.T).T
     gram = weighted @ effects.T
@@ -481,7 +481,7 @@ def depth_test(f: SensorWindow, sound: FaultFit) -> DepthTest:
     root = np.sqrt(np.diag(gram))
     deeper_m = {
         c: Estimate.normal(depth_u_m * float(s / t), depth_u_m * float(np.sqrt((1 - t) / t)))
-        for c, s, t in zip(f.used_channels, score, information)
+        for c, s, t in zip(window.used_channels, score, information)
     }
     correlation = gram / np.outer(root, root)
     return DepthTest(disk.name, score / root, correlation, deeper_m, depth_u_m, disk.excluded)

@@ -173,7 +173,7 @@ class SensorWindow:
         setup = self.disk.setup
         return np.asarray(x[..., [setup.rows.index(c) for c in setup.channels]])
 
-    def rewired(self, sources: Sources) -> tuple[Array, RimMeans]:
+    def rewire(self, sources: Sources) -> tuple[Array, RimMeans]:
         """Levels (W, C) and rim model with other channels in place of some of the disk's own.
 
         Parameters

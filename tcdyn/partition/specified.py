@@ -35,22 +35,22 @@ SPECIFIC_HEAT_SLOPE = NuisanceParameter("specific heat slope", "specific heat sl
 SMOOTH_S = 0.5
 
 
-def depends_on_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
+def depends_on_temperature(setup: DiskSetup, uncertainties: UncertaintyTable) -> bool:
     """Whether the steel's slopes with temperature are specified, or uncertain.
 
     Parameters
     ----------
     setup
         The disk.
-    u
+    uncertainties
         Standard uncertainties of rig.toml.
     """
     steel = setup.steel
     slopes = (
         steel.conductivity_per_K,
         steel.specific_heat_per_K,
-        u.conductivity_slope_per_K,
-        u.specific_heat_slope_per_K,
+        uncertainties.conductivity_slope_per_K,
+        uncertainties.specific_heat_slope_per_K,
     )
     return any(slopes)
 

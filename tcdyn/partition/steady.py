@@ -515,7 +515,7 @@ def with_linear_steel(test: EhlTest) -> EhlTest:
     Notes
     -----
     Must come before ``with_inner_row_at_one_radius`` (see
-    ``tcdyn.partition.analyse.prepare_test``), because the gradient depends on the steel.
+    ``tcdyn.partition.analyse.apply_corrections``), because the gradient depends on the steel.
     ``tests/partition/test_statement.py`` (study) fails if the bias of a stated slope remains.
     """
     names = [
@@ -540,7 +540,7 @@ def with_linear_steel(test: EhlTest) -> EhlTest:
 
 
 def _linear_steel(
-    test: EhlTest, setup: DiskSetup, d: str, rows: slice, point: tuple[float, float] | None
+    test: EhlTest, setup: DiskSetup, disk: str, rows: slice, point: tuple[float, float] | None
 ) -> DiskSetup:
     """The set-up of a disk linearised about its temperatures under load.
 
@@ -550,14 +550,14 @@ def _linear_steel(
         The test.
     setup
         The nominal set-up of the disk.
-    d
+    disk
         Name of the disk.
     rows
         Rows of the test.
     point
         Share and h [W/m2K] that give the surface; None to take the rim's temperature instead.
     """
-    window = lagged_window(test, test.disks[d], rows)
+    window = lagged_window(test, test.disks[disk], rows)
     rim = window.rim
     since_s = window.block_time_s - test.events.unload_s
     last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)

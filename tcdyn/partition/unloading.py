@@ -186,13 +186,13 @@ def _fall(t: Array, force: Array, about_s: float) -> tuple[float, float] | None:
     level = (force[near] - low) / (high - low)
     if len(level) < MIN_SAMPLES:
         return None
-    start, middle, end = (_crossing(t[near], level, at) for at in (0.9, 0.5, 0.1))
+    start, middle, end = (_falling_crossing_s(t[near], level, at) for at in (0.9, 0.5, 0.1))
     if start is None or middle is None or end is None:
         return None
     return middle, max(end - start, 0.0)
 
 
-def _crossing(t: Array, level: Array, at: float) -> float | None:
+def _falling_crossing_s(t: Array, level: Array, at: float) -> float | None:
     """Instant at which a level falls through a threshold.
 
     That is the cut that misplaces the fewest samples, then a straight line. None where that is not

@@ -40,6 +40,9 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
+# Steady window of a short test: share of the time under load, and least length [s]; by judgement.
+STEADY_SHARE = 0.3
+MIN_STEADY_S = 10.0
 STEADY_S = 150.0  # length of the steady window before the unloading [s], section 4.3
 # Lengths chosen by judgement: record before the steady window, for the filter bank to settle, and
 # record after the loading that is not used [s].
@@ -146,7 +149,7 @@ class RimMeans:
 
     @property
     def inner_inputs(self) -> slice:
-        """Inputs of the inner row."""
+        """Slice of the inputs that are junctions of the inner row; input 0 is the power."""
         return slice(1, self.ambient_index)
 
     @property
@@ -173,7 +176,7 @@ class RimMeans:
         return {}
 
     def gains(
-        self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
+        self, h_W_m2K: float, perturbation: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> RimGains:
         """Gains of the rim, cached.
 
@@ -181,7 +184,7 @@ class RimMeans:
         ----------
         h_W_m2K
             Heat transfer coefficient of the running surface.
-        p
+        perturbation
             Departure from the nominal disk.
         extra
             Points beside the outer row, (depth, z) [m].
@@ -192,26 +195,34 @@ class RimMeans:
             Gains at the outer row, at the points of ``extra``, and with ``both_rows`` at the inner
             row.
         """
-        key = h_W_m2K, p, extra
+        key = h_W_m2K, perturbation, extra
         if key not in self._gains_cache:
             self._gains_cache[key] = self._gains(*key)
         return self._gains_cache[key]
 
-    def _gains(self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...]) -> RimGains:
-        """Compute the gains of :meth:`gains`; a depth shift moves junctions, not the rim's edge."""
+    def _gains(
+        self, h_W_m2K: float, perturbation: Perturbation, extra: tuple[Point, ...]
+    ) -> RimGains:
+        """Compute the gains that :meth:`gains` caches; the parameters are the same.
+
+        A depth shift moves junctions, not the rim's edge. The inner row, with ``both_rows``, is
+        predicted from the bore; it does not depend on the inputs of the inner row.
+        """
         setup = self.setup
-        depth_shifts = zip_longest(setup.rows, p.depth_shift_m, fillvalue=0.0)
+        depth_shifts = zip_longest(setup.rows, perturbation.depth_shift_m, fillvalue=0.0)
         positions = [
             (setup.junctions[str(c)].depth_m + float(shift), setup.junctions[str(c)].z_m)
             for c, shift in depth_shifts
         ]
         n_outer = len(setup.outer)
         points = (*positions[:n_outer], *extra)
-        outer = self._rim_gains(Rim.from_setup(setup), points, FIT_MESH, h_W_m2K, p)
+        outer = self._rim_gains(Rim.from_setup(setup), points, FIT_MESH, h_W_m2K, perturbation)
         if not self.both_rows:
             return outer
         to_bore = Rim.from_setup(setup, inner_radius_m=setup.bore_radius_m)
-        inner = self._rim_gains(to_bore, tuple(positions[n_outer:]), BORE_MESH, h_W_m2K, p)
+        inner = self._rim_gains(
+            to_bore, tuple(positions[n_outer:]), BORE_MESH, h_W_m2K, perturbation
+        )
         both = {}
         for name in ("gains", "direct", "static"):
             of_inner = getattr(inner, name).copy()
@@ -220,17 +231,36 @@ class RimMeans:
         return replace(outer, points=(*outer.points, *inner.points), **both)
 
     def _rim_gains(
-        self, rim: Rim, points: tuple[Point, ...], mesh: Mesh, h_W_m2K: float, p: Perturbation
+        self,
+        rim: Rim,
+        points: tuple[Point, ...],
+        mesh: Mesh,
+        h_W_m2K: float,
+        perturbation: Perturbation,
     ) -> RimGains:
-        """Gains of a nominal rim that departs by ``p``, at some points."""
+        """Gains of a rim at some points.
+
+        Parameters
+        ----------
+        rim
+            Nominal rim.
+        points
+            Points, (depth, z) [m].
+        mesh
+            Mesh of the rim.
+        h_W_m2K
+            Heat transfer coefficient of the running surface.
+        perturbation
+            Departure from the nominal rim, its flux and h.
+        """
         rim = replace(
             rim,
-            conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
-            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
-            washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
+            conductivity_W_mK=rim.conductivity_W_mK * (1 + perturbation.conductivity),
+            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + perturbation.heat_capacity),
+            washer_W_m2K=rim.washer_W_m2K * (1 + perturbation.washer),
         )
-        width = self.half_width_m * (1 + p.half_width)
-        flux = track_flux(self.setup.flux, width, p.shift_m, 1 + p.half_width)
+        width = self.half_width_m * (1 + perturbation.half_width)
+        flux = track_flux(self.setup.flux, width, perturbation.shift_m, 1 + perturbation.half_width)
         has_surface_air = len(self.banks) > self.ambient_index + 1
         return cached_rim_gains(
             rim,
@@ -242,14 +272,14 @@ class RimMeans:
             flux,
             mesh,
             has_surface_air,
-            p.h_profile,
+            perturbation.h_profile,
         )
 
     def input_response(
         self,
         inputs: slice,
         h_W_m2K: ArrayLike,
-        p: Perturbation = NOMINAL,
+        perturbation: Perturbation = NOMINAL,
         extra: tuple[Point, ...] = (),
     ) -> Array:
         """Response to some inputs, (..., R, P) for h of shape (...) [K].
@@ -260,10 +290,10 @@ class RimMeans:
             Indices of the inputs.
         h_W_m2K
             Heat transfer coefficients of the running surface.
-        p, extra
+        perturbation, extra
             As of :meth:`gains`.
         """
-        gains_of_h = [self.gains(float(h), p, extra) for h in np.ravel(h_W_m2K)]
+        gains_of_h = [self.gains(float(h), perturbation, extra) for h in np.ravel(h_W_m2K)]
         direct = np.concatenate([g.direct[inputs] for g in gains_of_h], axis=1)
         gains = np.concatenate([g.gains[inputs] for g in gains_of_h], axis=1)
         out = self.inputs[:, inputs] @ direct
@@ -309,7 +339,10 @@ class RimMeans:
         return out
 
     def response(
-        self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
+        self,
+        h_W_m2K: ArrayLike,
+        perturbation: Perturbation = NOMINAL,
+        extra: tuple[Point, ...] = (),
     ) -> tuple[Array, Array]:
         """Response without frictional heat, and to a share of one; (..., R, P) each.
 
@@ -317,7 +350,7 @@ class RimMeans:
 
         Parameters
         ----------
-        h_W_m2K, p, extra
+        h_W_m2K, perturbation, extra
             As of :meth:`input_response`.
 
         Returns
@@ -325,8 +358,8 @@ class RimMeans:
         boundary, power
             The readings of the model are ``boundary + share * power`` [degC, K].
         """
-        boundary = self.input_response(self.boundary_inputs, h_W_m2K, p, extra)
-        return boundary, self.input_response(POWER, h_W_m2K, p, extra)
+        boundary = self.input_response(self.boundary_inputs, h_W_m2K, perturbation, extra)
+        return boundary, self.input_response(POWER, h_W_m2K, perturbation, extra)
 
     @property
     def points_inside(self) -> tuple[Point, ...]:
@@ -334,12 +367,14 @@ class RimMeans:
         depth = self.setup.edge_m - GRADIENT_STEP_M
         return tuple((depth, self.setup.junctions[c].z_m) for c in self.setup.inner)
 
-    def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
+    def gradient(
+        self, h_W_m2K: ArrayLike, perturbation: Perturbation = NOMINAL
+    ) -> tuple[Array, Array]:
         """Radial gradient at the inner row without heat, and per share, (..., R, k) [K/m].
 
         Parameters
         ----------
-        h_W_m2K, p
+        h_W_m2K, perturbation
             As of :meth:`input_response`.
 
         Returns
@@ -348,7 +383,7 @@ class RimMeans:
             The gradient is ``boundary + share * power``, positive where it is hotter towards the
             surface.
         """
-        boundary, power = self.response(h_W_m2K, p, self.points_inside)
+        boundary, power = self.response(h_W_m2K, perturbation, self.points_inside)
         first = len(self.setup.outer)
         inside = slice(first, first + len(self.setup.inner))
         rise = boundary[..., inside] - self.inputs[:, self.inner_inputs]
@@ -457,16 +492,16 @@ def fit_rows(test: EhlTest, after_s: float) -> slice:
 
 
 def steady_start_s(test: EhlTest) -> float:
-    """Start of the steady window [s]: the last 150 s under load, or less in a short test.
+    """Start of the steady window [s]: the last ``STEADY_S`` under load, or less in a short test.
 
     Notes
     -----
-    A short test uses three tenths of its time under load, at least 10 s. The start of the first
-    block, ``tcdyn.partition.nuisance.harmonic_prior`` and :mod:`tcdyn.campaign.compress` rely on
-    it.
+    A short test uses ``STEADY_SHARE`` of its time under load, at least ``MIN_STEADY_S``. The start
+    of the first block, ``tcdyn.partition.nuisance.harmonic_prior`` and
+    :mod:`tcdyn.campaign.compress` rely on it.
     """
     loaded_s = test.events.unload_s - test.events.load_on_s
-    return test.events.unload_s - min(STEADY_S, max(0.3 * loaded_s, 10.0))
+    return test.events.unload_s - min(STEADY_S, max(STEADY_SHARE * loaded_s, MIN_STEADY_S))
 
 
 def disk_window(
@@ -551,9 +586,12 @@ def disk_window(
 
 
 def _fit_block_starts(test: EhlTest, time_s: Array) -> NDArray[np.int64]:
-    """First sample of each block of the fits, (R,).
+    """First sample (R,) of each block of the fits, in the order of time.
 
-    Samples before the steady window are in no block: they only settle the bank.
+    Blocks last ``STEADY_BLOCK_S`` under load, one sample about the unloading, from
+    ``BEFORE_UNLOADING_S`` before to ``SINGLE_SAMPLES_S`` after it, and ``COARSE_BLOCK_S`` later.
+    ``time_s`` (N,) are the times of the samples. Those before the steady window are in no block:
+    they only settle the bank.
     """
     unload_s = test.events.unload_s
     boundaries_s = [

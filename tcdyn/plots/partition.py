@@ -84,13 +84,17 @@ def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, s
 
 
 def draw_unloading(
-    p: Partition, disk: str, ax: Axes | None = None, before_s: float = 1.5, after_s: float = 5.0
+    partition: Partition,
+    disk: str,
+    ax: Axes | None = None,
+    before_s: float = 1.5,
+    after_s: float = 5.0,
 ) -> Axes:
     """Plot readings (grey) and compensated traces with their 95 % bands around the unloading.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     disk
         Name of the disk.
@@ -105,15 +109,15 @@ def draw_unloading(
         The same axes.
     """
     ax = axes_of(ax)
-    t = p.test.time_s[p.rows] - p.test.events.unload_s
+    t = partition.test.time_s[partition.rows] - partition.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
-    compensated = p.compensated[disk]
-    record = p.test.disks[disk]
+    compensated = partition.compensated[disk]
+    record = partition.test.disks[disk]
     setup = record.setup
     colour = DISK_COLOUR[disk]
     for channel, style in plotted_channels(setup, record.excluded).items():
         i = setup.channels.index(channel)
-        ax.plot(t[near], record.readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
+        ax.plot(t[near], record.readings_degC[partition.rows][near, i], color=GREY, linewidth=0.7)
         label = f"{channel}, {setup.junctions[channel].depth_m * 1e3:g} mm deep, compensated"
         x = compensated.temperature[near, i]
         u = compensated.sd[near, i]
@@ -123,12 +127,12 @@ def draw_unloading(
     return style_axes(ax, X_UNLOADING, Y_TEMPERATURE, title=f"{disk} disk", **LEGEND_OVER_LINES)
 
 
-def draw_joint_fit(p: Partition, disk: str, upper: Axes, lower: Axes) -> None:
+def draw_joint_fit(partition: Partition, disk: str, upper: Axes, lower: Axes) -> None:
     """Plot block means of the readings with the model of the joint fit, and the residuals below.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     disk
         Name of the disk.
@@ -140,7 +144,7 @@ def draw_joint_fit(p: Partition, disk: str, upper: Axes, lower: Axes) -> None:
     The band is two standard deviations of the block means. The running mean over ``RUNNING_MEAN_S``
     is for the eye; no result uses it.
     """
-    blocks = compare_joint_fit(p, disk)
+    blocks = compare_joint_fit(partition, disk)
     near = np.abs(blocks.time_since_unloading_s) <= FIT_SHOWN_S
     t = blocks.time_since_unloading_s[near]
     band = 2 * np.nanmedian(blocks.sd_K[near], axis=1)
@@ -153,7 +157,7 @@ def draw_joint_fit(p: Partition, disk: str, upper: Axes, lower: Axes) -> None:
         "markeredgewidth": 0,
     }
     for k, (channel, marker) in enumerate(zip(blocks.channels, ("o", "s", "^", "D", "v", "P"))):
-        if channel in p.test.disks[disk].excluded:
+        if channel in partition.test.disks[disk].excluded:
             continue
         line: dict[str, Any] = {
             "color": TRUTH,
@@ -173,12 +177,12 @@ def draw_joint_fit(p: Partition, disk: str, upper: Axes, lower: Axes) -> None:
     style_axes(lower, X_UNLOADING, "reading minus model [K]", ncols=3, loc="upper left")
 
 
-def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None) -> Axes:
+def draw_lines(partition: Partition, ax: Axes | None = None, truth: float | None = None) -> Axes:
     """Plot both steady lines as beta over h, with the estimates of all estimators.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     ax
         Axes to plot into; None: those of a new figure.
@@ -192,8 +196,8 @@ def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None)
     """
     ax = axes_of(ax)
     points = [
-        (disk, k, p.estimates[key], p.estimates[h_key], f"{name}, {disk}")
-        for disk in p.disks
+        (disk, k, partition.estimates[key], partition.estimates[h_key], f"{name}, {disk}")
+        for disk in partition.disks
         for k, (key, h_key, name) in enumerate(
             (
                 ("speed law", f"h_{disk}", "speed law"),
@@ -201,14 +205,14 @@ def draw_lines(p: Partition, ax: Axes | None = None, truth: float | None = None)
                 (f"joint {disk}", f"h joint {disk}", "joint fit"),
             )
         )
-        if key in p.estimates and key not in p.impossible
+        if key in partition.estimates and key not in partition.impossible
     ]
     h_max = 1.25 * max((h.value for _, _, _, h, _ in points), default=DEFAULT_H_MAX_W_M2K)
     h = np.array([0.0, h_max])
-    for disk in p.disks:
-        _steady_line(ax, p.lines[disk].line, disk, h, f"{disk} steady line")
+    for disk in partition.disks:
+        _steady_line(ax, partition.lines[disk].line, disk, h, f"{disk} steady line")
     for disk, k, beta, h_estimate, label in points:
-        _point(ax, h_estimate, beta, k, disk, label)
+        _plot_estimate(ax, h_estimate, beta, k, disk, label)
     if truth is not None:
         ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label=TRUTH_LABEL)
     ax.set_xlim(0, h_max)
@@ -245,7 +249,9 @@ def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) ->
     )
 
 
-def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str) -> None:
+def _plot_estimate(
+    ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str
+) -> None:
     """Plot an estimate of h and beta with 95 % bars.
 
     Markers and caps differ in size between estimators, so that equal estimates stay visible.
@@ -282,12 +288,14 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, lab
     )
 
 
-def draw_beta_estimates(p: Partition, ax: Axes | None = None, truth: float | None = None) -> Axes:
+def draw_beta_estimates(
+    partition: Partition, ax: Axes | None = None, truth: float | None = None
+) -> Axes:
     """Plot every estimate of beta with its 95 % interval.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     ax
         Axes to plot into; None: those of a new figure.
@@ -300,7 +308,7 @@ def draw_beta_estimates(p: Partition, ax: Axes | None = None, truth: float | Non
         The same axes.
     """
     ax = axes_of(ax)
-    estimates = _estimates(p)
+    estimates = _given_estimates(partition)
     for k, (name, beta) in enumerate(reversed(estimates)):
         disk = name.split()[-1]
         marker = DISK_MARKER.get(disk, "D")
@@ -315,12 +323,12 @@ def draw_beta_estimates(p: Partition, ax: Axes | None = None, truth: float | Non
     return style_axes(ax, x, "", legend=truth is not None)
 
 
-def _estimates(p: Partition) -> list[tuple[str, Estimate]]:
+def _given_estimates(partition: Partition) -> list[tuple[str, Estimate]]:
     """Return the estimators of beta with their estimates, without those that are withheld.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
 
     Returns
@@ -329,13 +337,15 @@ def _estimates(p: Partition) -> list[tuple[str, Estimate]]:
         (name, estimate), the most important first.
     """
     estimates = [
-        (name, beta) for name, beta in p.beta_by_estimator.items() if name not in p.impossible
+        (name, beta)
+        for name, beta in partition.beta_by_estimator.items()
+        if name not in partition.impossible
     ]
-    if p.single_disk:
+    if partition.single_disk:
         return estimates[::-1]
-    if "both beta" in p.impossible:
+    if "both beta" in partition.impossible:
         return estimates
-    return [("joint, both disks", p.combined.estimates["beta"]), *estimates]
+    return [("joint, both disks", partition.combined.estimates["beta"]), *estimates]
 
 
 def _estimator_label(name: str) -> str:
@@ -346,14 +356,14 @@ def _estimator_label(name: str) -> str:
     return name.replace("joint,", "joint fit,")
 
 
-def draw_budget(p: Partition, ax: Axes | None = None) -> Axes:
+def draw_budget(partition: Partition, ax: Axes | None = None) -> Axes:
     """Plot the standard uncertainty of beta by source.
 
     The largest source is on top, the combined uncertainty at the bottom.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     ax
         Axes to plot into; None: those of a new figure.
@@ -368,8 +378,8 @@ def draw_budget(p: Partition, ax: Axes | None = None) -> Axes:
     ``MIN_PLOTTED_U`` leaves small sources out of the figure and of its sum.
     """
     ax = axes_of(ax)
-    u_by_source = joint_budget(p)
-    estimator = "the joint fit" if p.single_disk else "the joint fit of both disks"
+    u_by_source = joint_budget(partition)
+    estimator = "the joint fit" if partition.single_disk else "the joint fit of both disks"
     components = {source: u for source, u in u_by_source.items() if u >= MIN_PLOTTED_U}
     combined = sum(u**2 for u in components.values()) ** 0.5
     names = ["all together", *reversed(components)]
@@ -381,14 +391,14 @@ def draw_budget(p: Partition, ax: Axes | None = None) -> Axes:
     return style_axes(ax, f"standard uncertainty of β by {estimator} [1]", "")
 
 
-def draw_map(p: Partition, disk: str, ax: Axes | None = None) -> Axes:
+def draw_map(partition: Partition, disk: str, ax: Axes | None = None) -> Axes:
     """Plot the mean absolute misfit of the steady segment over h and share (figure 4.11).
 
     The dots are the least misfit at each h, the line is the steady line.
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     disk
         Name of the disk.
@@ -401,7 +411,7 @@ def draw_map(p: Partition, disk: str, ax: Axes | None = None) -> Axes:
         The same axes.
     """
     ax = axes_of(ax)
-    error_map = p.lines[disk].map
+    error_map = partition.lines[disk].map
     h = error_map.h_W_m2K
     share = error_map.share
     colour = DISK_COLOUR[disk]
@@ -430,7 +440,7 @@ def draw_map(p: Partition, disk: str, ax: Axes | None = None) -> Axes:
     )
 
 
-def draw_beta_by_exponent(p: Partition, ax: Axes | None = None) -> Axes:
+def draw_beta_by_exponent(partition: Partition, ax: Axes | None = None) -> Axes:
     """Plot beta by the speed law against its exponent (figure 4.17).
 
     The triangle is the exponent that the joint fit of both disks implies, without the speed law;
@@ -439,7 +449,7 @@ def draw_beta_by_exponent(p: Partition, ax: Axes | None = None) -> Axes:
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     ax
         Axes to plot into; None: those of a new figure.
@@ -459,11 +469,13 @@ def draw_beta_by_exponent(p: Partition, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax)
     low, high = LITERATURE_EXPONENTS
     n = np.linspace(low - 0.05, high + 0.05, 60)
-    beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
+    beta = exponent_sensitivity(
+        partition.lines["fast"].line, partition.lines["slow"].line, partition.test.speed_ratio, n
+    )
     ax.axvspan(low, high, color=PALE, label="range of the literature")
     ax.plot(n, beta, color=TRUTH, label="speed law")
-    implied = p.combined.estimates["exponent"]
-    joint_beta = p.combined.estimates["beta"]
+    implied = partition.combined.estimates["exponent"]
+    joint_beta = partition.combined.estimates["beta"]
     ax.errorbar(
         implied.value,
         joint_beta.value,
@@ -475,16 +487,16 @@ def draw_beta_by_exponent(p: Partition, ax: Axes | None = None) -> Axes:
         capsize=3,
         label="joint fit of both disks, no speed law",
     )
-    ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")
+    ax.plot(partition.test.speed_exponent, partition.speed.beta, "ko", label="exponent of rig.toml")
     return style_axes(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
 
 
-def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
+def draw_temperatures(partition: Partition, ax: Axes | None = None) -> Axes:
     """Plot the central thermocouples of the disks over the full test (figure 6.1).
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     ax
         Axes to plot into; None: those of a new figure.
@@ -495,12 +507,12 @@ def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
         The same axes.
     """
     ax = axes_of(ax)
-    for disk, record in sorted(p.test.disks.items()):
+    for disk, record in sorted(partition.test.disks.items()):
         width = 1.8 if disk == "fast" else 1
         for channel, style in plotted_channels(record.setup, record.excluded).items():
             y = record.readings_degC[:, record.setup.channels.index(channel)]
             rows = screen_rows(y)
-            time_s = p.test.time_s[rows]
+            time_s = partition.test.time_s[rows]
             ax.plot(
                 time_s,
                 y[rows],
@@ -509,12 +521,12 @@ def draw_temperatures(p: Partition, ax: Axes | None = None) -> Axes:
                 color=DISK_COLOUR[disk],
                 linestyle=style,
             )
-    for event_s in (p.test.events.load_on_s, p.test.events.unload_s):
+    for event_s in (partition.test.events.load_on_s, partition.test.events.unload_s):
         ax.axvline(event_s, color=TRUTH, linewidth=0.7)
     return style_axes(ax, "time [s]", Y_TEMPERATURE, ncols=2)
 
 
-def draw_angular_harmonic(p: Partition, disk: str, ax: Axes) -> Axes:
+def draw_angular_harmonic(partition: Partition, disk: str, ax: Axes) -> Axes:
     """Plot the first circumferential harmonic of a disk, seen along its shaft.
 
     The colour is the temperature above the mean around the disk. Where the harmonic is
@@ -522,7 +534,7 @@ def draw_angular_harmonic(p: Partition, disk: str, ax: Axes) -> Axes:
 
     Parameters
     ----------
-    p
+    partition
         Result of one test.
     disk
         Name of the disk.
@@ -534,14 +546,14 @@ def draw_angular_harmonic(p: Partition, disk: str, ax: Axes) -> Axes:
     ax
         The same axes.
     """
-    harmonic = p.combined.harmonics[disk]
-    setup = p.test.disks[disk].setup
+    harmonic = partition.combined.harmonics[disk]
+    setup = partition.test.disks[disk].setup
     amplitude = harmonic.amplitude_K
     angle = harmonic.hottest_angle_deg
     _draw_field_of_harmonic(setup, harmonic, ax)
     outer_mm = setup.outer_radius_m * 1e3
     for name, junction in setup.junctions.items():
-        direction = _direction(junction.angle_deg)
+        direction = _unit_vector(junction.angle_deg)
         radius_mm = outer_mm - 1e3 * junction.depth_m
         ax.plot(*np.outer(direction, [radius_mm, 1.04 * outer_mm]), color=TRUTH, linewidth=0.5)
         ax.plot(
@@ -565,7 +577,7 @@ def draw_angular_harmonic(p: Partition, disk: str, ax: Axes) -> Axes:
     return ax
 
 
-def _direction(angle_deg: float) -> Array:
+def _unit_vector(angle_deg: float) -> Array:
     """Return the unit vector (2,) at an angle.
 
     Parameters
@@ -628,7 +640,7 @@ def _draw_hottest_side(setup: DiskSetup, amplitude_K: float, angle_deg: float, a
     ax
         Axes to plot into.
     """
-    direction = _direction(angle_deg)
+    direction = _unit_vector(angle_deg)
     inner_mm = setup.bore_radius_m * 1e3
     outer_mm = setup.outer_radius_m * 1e3
     ax.arrow(

@@ -60,7 +60,7 @@ def _first_test(files: CampaignFiles) -> Log | None:
     return None
 
 
-def _depths(rig: Rig) -> pd.DataFrame:
+def _depths_of_junctions(rig: Rig) -> pd.DataFrame:
     """Depth of each junction of both disks."""
     depths = {
         f"{disk} depth_mm": {name: t.depth_mm for name, t in rig.tables(disk).thermocouples.items()}
@@ -152,7 +152,7 @@ PARTS: dict[type, Callable[[Any], Any]] = {
     BodeBand: attrgetter("magnitude_dB"),
     Validation: attrgetter("whiteness"),
     CampaignFiles: _first_test,
-    Rig: _depths,
+    Rig: _depths_of_junctions,
     TouchLog: lambda touches: touches.to_frame()[["rise_K"]],
     RecordComparison: lambda changes: changes.to_frame()[["z"]],
     Result: methodcaller("to_frame"),

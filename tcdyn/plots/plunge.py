@@ -218,17 +218,17 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes | None = None) -> A
 
 def plunge_figure(fit: PlungeFit) -> Figure:
     """Return the first seconds of every plunge of the fit, two in a row."""
-    return _panels(fit, draw_plunge, 3.2)
+    return _figure_with_panels(fit, draw_plunge, 3.2)
 
 
 def residual_figure(fit: PlungeFit) -> Figure:
     """Return the standardised residuals of every plunge, two in a row."""
-    fig = _panels(fit, draw_plunge_residuals, 2.6)
+    fig = _figure_with_panels(fit, draw_plunge_residuals, 2.6)
     fig.axes[0].legend(fontsize="small", frameon=False, loc="lower right", ncols=2)
     return fig
 
 
-def _panels(
+def _figure_with_panels(
     fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float
 ) -> Figure:
     """Return a figure with a panel for each plunge, two in a row.

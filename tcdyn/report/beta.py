@@ -36,8 +36,8 @@ from tcdyn.workflows.beta_tables import (
     estimates_table,
     interval_table,
     junctions_table,
+    model_forms_table,
     residuals_table,
-    structures_table,
 )
 
 BETA_DEFINITION = (
@@ -55,7 +55,7 @@ ASSUMPTIONS = (
 )
 
 
-def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
+def beta_sections(partition: Partition, truth: float | None = None) -> list[Section]:
     """Return the sections of one test by importance, that of the page's head first.
 
     Details and the appendix are folded. Figures are rendered at once, so that a page of many tests
@@ -63,7 +63,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
 
     Parameters
     ----------
-    p
+    partition
         Result of the test.
     truth
         Beta of a simulation; None: not plotted.
@@ -79,86 +79,92 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     the head of the page.
     """
     main = [
-        lead_section(p, truth),
-        *estimate_sections(p, truth),
-        fit_section(p),
-        *uncertainty_sections(p),
-        unevenness_section(p),
+        lead_section(partition, truth),
+        *estimate_sections(partition, truth),
+        fit_section(partition),
+        *uncertainty_sections(partition),
+        unevenness_section(partition),
     ]
     appendix = [
-        *structure_sections(p),
-        around_section(p),
-        transient_section(p),
-        profile_section(p),
-        *test_sections(p),
+        *model_form_sections(partition),
+        around_section(partition),
+        transient_section(partition),
+        profile_section(partition),
+        *test_sections(partition),
     ]
     unfolded = [section for section in main if not section.folded]
     folded = [section for section in main if section.folded]
     folded += [replace(section, folded=True) for section in appendix]
-    return [section.rendered() for section in (*unfolded, *folded)]
+    return [section.render() for section in (*unfolded, *folded)]
 
 
-def lead_section(p: Partition, truth: float | None = None) -> Section:
+def lead_section(partition: Partition, truth: float | None = None) -> Section:
     """Return the figure of the page's head: all estimates of beta.
 
     Parameters
     ----------
-    p
+    partition
         Result of the test.
     truth
         Beta of a simulation; None: not plotted.
     """
-    height_in = 1.8 if p.single_disk else 2.8
-    estimates = panel_figure(partial(draw.draw_beta_estimates, p, truth=truth), height_in=height_in)
+    height_in = 1.8 if partition.single_disk else 2.8
+    estimates = panel_figure(
+        partial(draw.draw_beta_estimates, partition, truth=truth), height_in=height_in
+    )
     caption = "All estimates of β, the recommended one on top; 95 % intervals."
     return Section("All estimates of β", figure=estimates, caption=caption)
 
 
-def main_result(p: Partition) -> MainResult:
+def main_result(partition: Partition) -> MainResult:
     """Return the recommended beta with its interval, or that none is given.
 
     Parameters
     ----------
-    p
+    partition
         Result of the test.
     """
-    forms = p.model_forms
-    beta = p.combined.estimates["beta"]
+    forms = partition.model_forms
+    beta = partition.combined.estimates["beta"]
     value = f"β = {beta}"
     detail = f"95 %: {beta.interval_text}"
-    if p.status == "withheld":
+    if partition.status == "withheld":
         value = "no β"
         detail = "the result of the fit of both disks is impossible, or its power is far off"
-        if p.single_disk:
-            detail = f"the result of the joint fit of the {p.single_disk} disk is impossible"
+        if partition.single_disk:
+            detail = (
+                f"the result of the joint fit of the {partition.single_disk} disk is impossible"
+            )
     elif forms is None:
-        detail += f"; by the {p.single_disk} disk alone"
+        detail += f"; by the {partition.single_disk} disk alone"
     else:
         detail += (
             f"; over {len(forms.forms) - 1} other structures of the test {forms.low95:.3f} to "
             f"{forms.high95:.3f}"
         )
-    return MainResult(value, detail, p.status)
+    return MainResult(value, detail, partition.status)
 
 
-def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
+def estimate_sections(partition: Partition, truth: float | None) -> list[Section]:
     """Return all estimates of beta, the unloading, and the steady lines with the estimates.
 
     Parameters
     ----------
-    p
+    partition
         Result of the test.
     truth
         Beta of a simulation; None: not plotted.
     """
-    lags = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in p.disks)
-    unloading = [partial(draw.draw_unloading, p, d) for d in p.disks]
+    lags = ", ".join(
+        f"{d} {partition.joint[d].estimates['lag_s'].text('s')}" for d in partition.disks
+    )
+    unloading = [partial(draw.draw_unloading, partition, d) for d in partition.disks]
     text = (
         "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk "
         "from its compensated traces after the unloading. Joint fit: β, h and lag together from "
         "the traces as logged."
     )
-    if p.single_disk:
+    if partition.single_disk:
         text = (
             "Joint fit: β, h and lag together from the traces as logged. Cooling fit: h from the "
             "compensated traces after the unloading, and β from the steady line at that h. Speed "
@@ -166,7 +172,7 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
             "steel and depths by shares that add to one."
         )
     return [
-        Section("all estimates of β", text, table=estimates_table(p, truth)),
+        Section("all estimates of β", text, table=estimates_table(partition, truth)),
         Section(
             "the unloading, as logged and compensated",
             f"Common lag of each disk from the unloading, the record as prior: {lags}.",
@@ -176,7 +182,7 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
         ),
         Section(
             "steady lines and the estimates on them",
-            figure=panel_figure(partial(draw.draw_lines, p, truth=truth), height_in=4.8),
+            figure=panel_figure(partial(draw.draw_lines, partition, truth=truth), height_in=4.8),
             caption="Steady running determines a line for each disk; each estimator gives a point "
             "on it. Bars are 95 %. Markers of different size, so that equal estimates stay "
             "visible.",
@@ -185,19 +191,19 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
     ]
 
 
-def fit_section(p: Partition) -> Section:
+def fit_section(partition: Partition) -> Section:
     """Return readings and model of the joint fit at the junctions that the rim model predicts."""
-    n = len(p.disks)
+    n = len(partition.disks)
     fig, axes = figure(2, n, width_in=10.0, height_in=6.4)
-    for k, disk in enumerate(p.disks):
-        draw.draw_joint_fit(p, disk, axes[k], axes[n + k])
+    for k, disk in enumerate(partition.disks):
+        draw.draw_joint_fit(partition, disk, axes[k], axes[n + k])
     return Section(
         "does the model agree with the readings?",
         "The joint fit predicts the row near the surface from the readings of the inner row, the "
         "logged friction and the chain; nuisance parameters (depths, steel, static lines) vary "
         "within their stated uncertainty. A model that fits leaves residuals about as large as "
         "their noise, without a trend in time.",
-        table=residuals_table(p),
+        table=residuals_table(partition),
         figure=fig,
         caption="Upper row: block means of the readings (points) and the model (lines). Lower row: "
         "reading minus model; the band is two standard deviations of a block mean, the lines are "
@@ -205,9 +211,9 @@ def fit_section(p: Partition) -> Section:
     )
 
 
-def structure_sections(p: Partition) -> list[Section]:
+def model_form_sections(partition: Partition) -> list[Section]:
     """Return the fit of both disks under the model-form alternatives; nothing with one disk."""
-    if p.model_forms is None:
+    if partition.model_forms is None:
         return []
     return [
         Section(
@@ -215,29 +221,29 @@ def structure_sections(p: Partition) -> list[Section]:
             "The joint fit of both disks again, each time with one departure that the fits do not "
             "assume; the probability weighs how well it explains both disks and whether the "
             "exponent that it implies is the speed law's.",
-            table=structures_table(p.model_forms),
-            figure=panel_figure(partial(draw_model_forms, p.model_forms), height_in=5.2),
+            table=model_forms_table(partition.model_forms),
+            figure=panel_figure(partial(draw_model_forms, partition.model_forms), height_in=5.2),
             caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
             "all of them.",
         )
     ]
 
 
-def uncertainty_sections(p: Partition) -> list[Section]:
+def uncertainty_sections(partition: Partition) -> list[Section]:
     """Return the budget, the influence of the exponent, and the error maps of the steady lines."""
-    largest = ", ".join(list(joint_budget(p))[:3])
-    n_draws = len(next(iter(p.budget.samples.values())))
-    recommended = "the joint fit" if p.single_disk else "the fit of both disks"
-    others = "the cooling fit" if p.single_disk else "speed law and cooling fit"
-    maps = [partial(draw.draw_map, p, d) for d in p.disks]
+    largest = ", ".join(list(joint_budget(partition))[:3])
+    n_draws = len(next(iter(partition.budget.samples.values())))
+    recommended = "the joint fit" if partition.single_disk else "the fit of both disks"
+    others = "the cooling fit" if partition.single_disk else "speed law and cooling fit"
+    maps = [partial(draw.draw_map, partition, d) for d in partition.disks]
     sections = [
         Section(
             "uncertainty budget",
             f"Most of β's uncertainty by {recommended} comes from {largest}. Each row is "
             "one source alone; the last row is all together, the root of the sum of squares. "
             f"That of {others} is by Monte Carlo of {n_draws} draws.",
-            table=budget_table(p),
-            figure=panel_figure(partial(draw.draw_budget, p), height_in=3.8),
+            table=budget_table(partition),
+            figure=panel_figure(partial(draw.draw_budget, partition), height_in=3.8),
             caption="The first column of the table; a longer bar is a source better worth "
             "measuring.",
         ),
@@ -249,10 +255,10 @@ def uncertainty_sections(p: Partition) -> list[Section]:
             folded=True,
         ),
     ]
-    if not p.single_disk:
+    if not partition.single_disk:
         exponent = Section(
             "influence of the exponent",
-            figure=panel_figure(partial(draw.draw_beta_by_exponent, p), height_in=3.4),
+            figure=panel_figure(partial(draw.draw_beta_by_exponent, partition), height_in=3.4),
             caption="The joint fit of both disks assumes no speed law and so estimates the "
             "exponent. Bars are 95 %.",
             folded=True,
@@ -261,21 +267,21 @@ def uncertainty_sections(p: Partition) -> list[Section]:
     return sections
 
 
-def test_sections(p: Partition) -> list[Section]:
+def test_sections(partition: Partition) -> list[Section]:
     """Return the comparison of the sensors, the conditions, and the full record."""
     test = Section(
         "the test",
-        table=conditions_table(p),
-        figure=panel_figure(partial(draw.draw_temperatures, p), height_in=3.8),
+        table=conditions_table(partition),
+        figure=panel_figure(partial(draw.draw_temperatures, partition), height_in=3.8),
         caption="Vertical lines: loading, unloading.",
     )
-    return [*sensor_sections(p), test]
+    return [*sensor_sections(partition), test]
 
 
-def transient_section(p: Partition) -> Section:
+def transient_section(partition: Partition) -> Section:
     """Return the cooling fit over the length of its window, and against the joint fit."""
-    window_study = partial(draw_window_study, cooling_by_window(p))
-    comparison = partial(draw_inverse_check, reference_table(p))
+    window_study = partial(draw_window_study, cooling_by_window(partition))
+    comparison = partial(draw_inverse_check, reference_table(partition))
     return Section(
         "does the cooling fit depend on its window, or on the inverse?",
         figure=panel_figure(window_study, comparison, height_in=3.8),
@@ -285,12 +291,12 @@ def transient_section(p: Partition) -> Section:
     )
 
 
-def profile_section(p: Partition) -> Section:
+def profile_section(partition: Partition) -> Section:
     """Return the profile likelihoods of the joint fits, and their 95 % intervals."""
-    n_rows = p.profiles["fit"].nunique()
+    n_rows = partition.profiles["fit"].nunique()
     fig, axes = figure(n_rows, 4, width_in=10.0, height_in=1.0 + 2.0 * n_rows)
-    draw_likelihood_profiles(p.profiles, axes)
-    table = interval_table(p.profiles)
+    draw_likelihood_profiles(partition.profiles, axes)
+    table = interval_table(partition.profiles)
     remarks = [remark for remark in table.pop("remark") if remark]
     symmetric = (
         "Yes: profiles and standard uncertainties give the same 95 % intervals, to a fifth of "
@@ -306,12 +312,12 @@ def profile_section(p: Partition) -> Section:
     )
 
 
-def sensor_sections(p: Partition) -> list[Section]:
+def sensor_sections(partition: Partition) -> list[Section]:
     """Return pairs of junctions of each disk, judged as in tables 6.2 to 6.5, and their depths."""
-    if p.sensors is None:
+    if partition.sensors is None:
         return []
-    sections = [_sensor_map_section(p.sensors, disk) for disk in p.disks]
-    if p.sensors.depths:
+    sections = [_sensor_map_section(partition.sensors, disk) for disk in partition.disks]
+    if partition.sensors.depths:
         sections.append(
             Section(
                 "are the junctions at their nominal depths?",
@@ -319,8 +325,10 @@ def sensor_sections(p: Partition) -> list[Section]:
                 "the depth of each junction. A bar outside the grey band is a junction to measure "
                 "again; a contradiction is judged over all junctions together, in the verdict "
                 "above.",
-                table=junctions_table(p.sensors.depths),
-                figure=panel_figure(partial(draw_junctions, p.sensors.depths), height_in=3.4),
+                table=junctions_table(partition.sensors.depths),
+                figure=panel_figure(
+                    partial(draw_junctions, partition.sensors.depths), height_in=3.4
+                ),
             )
         )
     return sections
@@ -348,15 +356,15 @@ def _sensor_map_section(sensors: SensorCheck, disk: str) -> Section:
     return Section(f"sensor map of the {disk} disk, steady running", text, table=upper_half)
 
 
-def verdict(p: Partition) -> str:
+def verdict(partition: Partition) -> str:
     """Return the recommended beta, and whether its estimates agree."""
-    recommendation = p.recommendation.sentence.replace("beta =", "β =", 1)
-    return f"{recommendation}\n\n{p.crosscheck.sentence}"
+    recommendation = partition.recommendation.sentence.replace("beta =", "β =", 1)
+    return f"{recommendation}\n\n{partition.crosscheck.sentence}"
 
 
-def beta_assumptions(p: Partition) -> list[str]:
+def beta_assumptions(partition: Partition) -> list[str]:
     """Return what was assumed and not measured, with the values in use."""
-    setup = p.test.disks[p.disks[0]].setup
+    setup = partition.test.disks[partition.disks[0]].setup
     steel = (
         f"steel: conductivity {setup.conductivity_W_mK:g} W/mK, density {setup.density_kg_m3:g} "
         f"kg/m3, specific heat {setup.specific_heat_J_kgK:g} J/kgK, with the uncertainties of "
@@ -367,9 +375,9 @@ def beta_assumptions(p: Partition) -> list[str]:
         "subtracted; the temperature around a disk varies by its first harmonic, at the angles of "
         "rig.toml: two groups of junctions, 15 degrees between neighbours"
     )
-    if p.single_disk:
+    if partition.single_disk:
         return [steel, heat]
-    n = p.test.speed_exponent
+    n = partition.test.speed_exponent
     law = (
         f"the speed law h ~ u^n with n = {n:g} of rig.toml, whose range is part of the uncertainty"
     )

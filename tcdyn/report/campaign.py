@@ -142,7 +142,9 @@ def _test_sections(table: pd.DataFrame, compared: pd.DataFrame | None) -> list[S
         return []
     sections = [
         Section("β of each test, all estimates", ESTIMATORS, partition_table(good)),
-        Section("Heat transfer, lags and exponent of each test", table=_table(good, HEAT_TRANSFER)),
+        Section(
+            "Heat transfer, lags and exponent of each test", table=_tests_table(good, HEAT_TRANSFER)
+        ),
     ]
     if len(good) > 1:
         sections += campaign_pictures(table, compared)
@@ -150,8 +152,8 @@ def _test_sections(table: pd.DataFrame, compared: pd.DataFrame | None) -> list[S
         sections.append(comparison_section(table, compared))
     about_conditions = DELTA_T_US if len(good) == 1 else ""
     about_temperatures = "a and bulk (mean of all junctions): steady segment."
-    sections.append(Section("Conditions", about_conditions, _table(good, CONDITIONS)))
-    sections.append(Section("Temperatures", about_temperatures, _table(good, TEMPERATURES)))
+    sections.append(Section("Conditions", about_conditions, _tests_table(good, CONDITIONS)))
+    sections.append(Section("Temperatures", about_temperatures, _tests_table(good, TEMPERATURES)))
     lines = trend_lines(table)
     if len(lines):
         text = "Least squares; the slope's uncertainty is that of the scatter about the line."
@@ -361,14 +363,14 @@ def campaign_verdict(run: CampaignRun) -> str:
 
 def partition_table(good: pd.DataFrame) -> pd.DataFrame:
     """Return all estimates of beta with the result of the cross-check, as tables 7.1 and 7.3."""
-    table = _table(good, ESTIMATES)
+    table = _tests_table(good, ESTIMATES)
     table["agree, largest z"] = [
         f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])
     ]
     return table
 
 
-def _table(good: pd.DataFrame, columns: Mapping[str, tuple[str, int | None]]) -> pd.DataFrame:
+def _tests_table(good: pd.DataFrame, columns: Mapping[str, tuple[str, int | None]]) -> pd.DataFrame:
     """Return columns of the table of a campaign, with one row for each test.
 
     Parameters

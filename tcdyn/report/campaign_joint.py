@@ -65,7 +65,7 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
         Section("β of each test, all tests as one measurement", JOINT_TEXT, beta_table(joined)),
         Section(
             "Does β depend on ΔT u_s?",
-            f"{trend_sentence(joined)}\n\n{_models(joined)}",
+            f"{trend_sentence(joined)}\n\n{_model_paragraphs(joined)}",
             figure=beta_figure,
             caption="Compare figure 7.18. Thick bars and band: within the campaign; thin bars: "
             "absolute; all 95 %.",
@@ -207,12 +207,12 @@ def exponent_text(joined: JoinedCampaign) -> str:
     return text
 
 
-def _models(joined: JoinedCampaign) -> str:
+def _model_paragraphs(joined: JoinedCampaign) -> str:
     """Return a paragraph on each compared model."""
-    return "\n\n".join(_model(test) for test in joined.curves)
+    return "\n\n".join(_model_paragraph(test) for test in joined.curves)
 
 
-def _model(test: CurveTest) -> str:
+def _model_paragraph(test: CurveTest) -> str:
     """Return how well a model's curve fits the tests."""
     n_tests = len(test.inside)
     text = (

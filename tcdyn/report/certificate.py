@@ -24,7 +24,7 @@ from tcdyn.core.estimate import text_with_u
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
 from tcdyn.plots.plunge import plunge_figure, residual_figure
 from tcdyn.plots.style import panel_figure
-from tcdyn.report.formal import formal_sections, marks
+from tcdyn.report.formal import formal_sections, title_marks
 from tcdyn.report.page import Section, write_page
 from tcdyn.rig.record import ChainRecord, DiskRecord
 from tcdyn.rig.static_line import reading_u
@@ -70,7 +70,7 @@ def write_certificate(
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
-        marks=marks(record),
+        marks=title_marks(record),
         footer=f"Made {record.created} with tcdyn {__version__}; not signed.",
     )
 

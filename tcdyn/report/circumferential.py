@@ -19,13 +19,13 @@ from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section
 
 
-def unevenness_section(p: Partition) -> Section:
+def unevenness_section(partition: Partition) -> Section:
     """Return section of the first circumferential harmonic of each disk, which was subtracted."""
     rows = []
     sentences = []
-    for disk in p.disks:
-        harmonic = p.combined.harmonics[disk]
-        setup = p.test.disks[disk].setup
+    for disk in partition.disks:
+        harmonic = partition.combined.harmonics[disk]
+        setup = partition.test.disks[disk].setup
         finding = harmonic.finding(disk)
         if finding is not None:
             sentences.append(finding.sentence)
@@ -44,7 +44,7 @@ def unevenness_section(p: Partition) -> Section:
     conclusion = "Yes, as far as two groups of junctions can show."
     if sentences:
         conclusion = ". ".join(sentences) + "."
-    panels = [partial(draw.draw_angular_harmonic, p, disk) for disk in p.disks]
+    panels = [partial(draw.draw_angular_harmonic, partition, disk) for disk in partition.disks]
     return Section(
         "is the temperature even around the bores?",
         f"{conclusion} The contribution of the first harmonic to each reading at the unloading is "
@@ -57,14 +57,16 @@ def unevenness_section(p: Partition) -> Section:
     )
 
 
-def around_section(p: Partition) -> Section:
+def around_section(partition: Partition) -> Section:
     """Return the section of the temperature around each disk at the end of the load."""
     return Section(
         "the temperature around the disks",
         "Mean of the last ten seconds under load: the rim model's temperature by the joint "
         "fit with the first harmonic that it estimates. Nothing is measured deeper than "
         "the inner row.",
-        figure=circumferential_figure([circumferential_temperature(p, disk) for disk in p.disks]),
+        figure=circumferential_figure(
+            [circumferential_temperature(partition, disk) for disk in partition.disks]
+        ),
         caption="Upper row: the middle plane, unrolled, with the readings; open junctions lie "
         "beside it. Lower row: the mean across the running surface with its 95 % band.",
     )

@@ -85,9 +85,9 @@ def write_compensation_report(
     sections: list[Section] = []
     verdicts = []
     for disk, result in compensated.disks.items():
-        sections.append(_traces(compensated, disk, result))
+        sections.append(_trace_section(compensated, disk, result))
         sections.append(_filter_section(compensated, disk, result, records[disk]))
-        verdicts.append(_verdict(compensated, disk, result))
+        verdicts.append(_verdict_text(compensated, disk, result))
     metadata = pd.DataFrame(compensated.metadata.items(), columns=["key", "value"])
     sections.append(Section("Metadata of the output", table=metadata, folded=True))
     return write_page(
@@ -133,7 +133,7 @@ def compensation_assumptions(records: Mapping[str, DiskRecord], method: str) -> 
     return assumptions
 
 
-def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str:
+def _verdict_text(compensated: CompensatedLog, disk: str, result: Compensated) -> str:
     """Return the removed lag and the uncertainty of the junction nearest the surface.
 
     Parameters
@@ -183,7 +183,7 @@ def write_follow_report(
         assumptions = compensation_assumptions(records, "smoother")
         sources += record_rows(records, files)
     sections = [
-        _followed(log, out),
+        _followed_channel_section(log, out),
         Section("Noise and uncertainty of each channel", table=run.numbers.round(4)),
         Section(
             "Metadata of the output",
@@ -202,7 +202,7 @@ def write_follow_report(
     )
 
 
-def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Section:
+def _trace_section(compensated: CompensatedLog, disk: str, result: Compensated) -> Section:
     """Return the section with the trace of the junction nearest the surface.
 
     Parameters
@@ -310,7 +310,7 @@ def _filter_section(
     )
 
 
-def _followed(log: RawLog, out: Path) -> Section:
+def _followed_channel_section(log: RawLog, out: Path) -> Section:
     """Return the section of one channel before and after live compensation."""
     names = list(log.channels.units)
     name = next((n for n in names if n.endswith("e_degC")), names[0])

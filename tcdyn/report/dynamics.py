@@ -14,7 +14,7 @@ from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identification import Comparison, Fit, IOData
 from tcdyn.identification.recommendation import TABLE_LEGEND, comparison_table
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import panel_figure
@@ -179,7 +179,7 @@ def write_identify_report(
         assumptions.append(f"{parameter} = {value:g}, fixed")
     source_table = None
     if file is not None:
-        rows = [("table", file.name, f"{record.n_samples} samples", sha256(file))]
+        rows = [("table", file.name, f"{record.n_samples} samples", sha256_of_file(file))]
         source_table = sources(rows)
     write_page(
         path,

@@ -56,8 +56,8 @@ LAG_TOTALS = ("everything", "all of the fit")
 LAG_TYPE_A = ("noise alone",)
 
 
-def marks(record: DiskRecord) -> tuple[str, ...]:
-    """Return the words next to the title: "draft", "simulated", both or none."""
+def title_marks(record: DiskRecord) -> tuple[str, ...]:
+    """Return the marks next to the title of a certificate: draft, simulated, both or none."""
     draft = (DRAFT,) if draft_reasons(record) else ()
     return (*draft, SIMULATED) if simulated_files(record) else draft
 
@@ -77,13 +77,13 @@ def decision_rule(record: DiskRecord) -> str:
 
 
 def identification(record: DiskRecord) -> pd.DataFrame:
-    """Return laboratory, customer, item, reference, instruments, days and software as rows."""
+    """Return who calibrated what with which reference, as the rows that ISO/IEC 17025 asks for."""
     t = record.setup.traceability
     sensors = f"{len(record.static)} thermocouples"
     channels = ", ".join(record.static)
     if has_oven_lines(record):
         method = OVEN
-        reference = _instrument(
+        reference = _instrument_text(
             t.reference, t.reference_serial, t.reference_certificate, t.reference_date
         )
     else:
@@ -99,7 +99,7 @@ def identification(record: DiskRecord) -> pd.DataFrame:
         "Received; calibrated": f"{received}; {calibrated_on(record)}",
         "Procedure": t.procedure or f"{method}; plunges, grey-box fit of the chain",
         "Reference": reference,
-        "Logger": _instrument(t.logger, t.logger_serial, t.logger_certificate, t.logger_date),
+        "Logger": _instrument_text(t.logger, t.logger_serial, t.logger_certificate, t.logger_date),
         "Calibrated by": t.calibrated_by,
         "Software": f"tcdyn {__version__}; checksums of all logs below",
     }
@@ -107,7 +107,7 @@ def identification(record: DiskRecord) -> pd.DataFrame:
     return pd.DataFrame({"": list(rows), "stated": values})
 
 
-def _instrument(name: str, serial: str, certificate: str, day: str) -> str:
+def _instrument_text(name: str, serial: str, certificate: str, day: str) -> str:
     """Return an instrument with its serial number, its certificate and the day of that.
 
     Parameters
@@ -152,7 +152,7 @@ def results(record: DiskRecord) -> pd.DataFrame:
 
 
 def budget_table(budget: UncertaintyBudget) -> pd.DataFrame:
-    """Return the budget as in the GUM."""
+    """Return the budget of a correction at one temperature as a table, in the form of the GUM."""
     rows = []
     for source in budget.sources:
         rows.append(
@@ -163,13 +163,13 @@ def budget_table(budget: UncertaintyBudget) -> pd.DataFrame:
                 "distribution": source.distribution,
                 "sensitivity": f"{source.sensitivity:.3g}",
                 "contribution [K]": f"{source.contribution:.2g}",
-                "degrees of freedom": _freedom(source.dof),
+                "degrees of freedom": _dof_text(source.dof),
             }
         )
     combined = {
         "source": f"combined; U = {budget.expanded:.2g} K with k = {budget.coverage:.2f}",
         "contribution [K]": f"{budget.u:.2g}",
-        "degrees of freedom": _freedom(budget.dof),
+        "degrees of freedom": _dof_text(budget.dof),
     }
     return pd.DataFrame([*rows, combined]).fillna("")
 
@@ -213,7 +213,7 @@ def lag_budget_table(record: DiskRecord) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _freedom(dof: float) -> str:
+def _dof_text(dof: float) -> str:
     """Return degrees of freedom as text."""
     return "infinite" if math.isinf(dof) or dof > 1e6 else f"{dof:.0f}"
 

@@ -132,7 +132,7 @@ def _chart(axes: Sequence[Axes], height: float) -> dict[str, Any]:
         layout["yaxis"] |= {"scaleanchor": "x"}
     legend = main.get_legend()
     if legend is not None:
-        layout["legend"] = {"title": {"text": _plain(legend.get_title().get_text())}}
+        layout["legend"] = {"title": {"text": _plotly_text(legend.get_title().get_text())}}
     spec = main.get_subplotspec()
     letters = [text.get_text() for text in main.texts if text.get_gid() == PANEL_LETTER]
     return {
@@ -152,7 +152,7 @@ def _axis(ax: Axes, name: str) -> dict[str, Any]:
     axis = ax.xaxis if name == "x" else ax.yaxis
     limits = np.asarray(axis.get_view_interval(), dtype=float)
     result: dict[str, Any] = {
-        "title": {"text": _plain(axis.get_label_text())},
+        "title": {"text": _plotly_text(axis.get_label_text())},
         "visible": bool(ax.axison),
         "showgrid": any(line.get_visible() for line in axis.get_gridlines()),
     }
@@ -161,10 +161,10 @@ def _axis(ax: Axes, name: str) -> dict[str, Any]:
         limits = np.log10(limits)
     if ax.xaxis_inverted() if name == "x" else ax.yaxis_inverted():
         limits = np.sort(limits)[::-1]
-    result["range"] = _numbers(limits)
+    result["range"] = _json_numbers(limits)
     if isinstance(axis.get_major_locator(), FixedLocator):
-        result["tickvals"] = _numbers(axis.get_ticklocs())
-        result["ticktext"] = [_plain(label.get_text()) for label in axis.get_ticklabels()]
+        result["tickvals"] = _json_numbers(axis.get_ticklocs())
+        result["ticktext"] = [_plotly_text(label.get_text()) for label in axis.get_ticklabels()]
     return result
 
 
@@ -190,15 +190,15 @@ class _Converter:
         self.label_of: dict[int, str] = {}
         self.group_of: dict[int, str] = {}
         for container in ax.containers:
-            label = _label(container)
+            label = _legend_entry(container)
             members = container.get_children()
             self.group_of |= {id(member): label for member in members}
             self.label_of[id(container[0] or members[0])] = label
         # An artist without a label belongs to the labelled one of the same style.
         self.label_of_style: dict[tuple[str, ...], str] = {}
         for line in ax.lines:
-            if _label(line):
-                self.label_of_style.setdefault(_style(line), _label(line))
+            if _legend_entry(line):
+                self.label_of_style.setdefault(_style(line), _legend_entry(line))
 
     def traces(self) -> list[Trace]:
         """Return the traces in the order in which they are drawn."""
@@ -215,13 +215,13 @@ class _Converter:
         across = artist.get_transform().contains_branch_seperately(self.ax.transData)
         if isinstance(artist, Line2D):
             if not all(across):
-                self._shape("line", artist, across, artist.get_xydata(), _line(artist))
+                self._add_shape("line", artist, across, artist.get_xydata(), _line(artist))
                 return ()
             return (self._line_trace(artist),)
         if isinstance(artist, Rectangle) and not all(across):
             corners = artist.get_patch_transform().transform([(0, 0), (1, 1)])
             fill = {"fillcolor": _rgba(artist.get_facecolor()), "line": {"width": 0}}
-            self._shape("rect", artist, across, corners, fill)
+            self._add_shape("rect", artist, across, corners, fill)
             return ()
         if isinstance(artist, Patch):
             path = artist.get_patch_transform().transform_path(artist.get_path())
@@ -237,19 +237,29 @@ class _Converter:
         raise NotConvertible(type(artist).__name__)
 
     def _trace(self, artist: Any, x: ArrayLike, y: ArrayLike, **options: Any) -> Trace:
-        """Return a trace with name, group and hover text."""
+        """Return a trace with name, group and hover text.
+
+        Parameters
+        ----------
+        artist
+            Artist of matplotlib; its label is the name and the group.
+        x, y
+            Coordinates; a category of the axis is shown by its name.
+        options
+            Further keys of the trace. With ``hoverinfo`` there is no hover text.
+        """
         trace: Trace = {"type": "scatter", "yaxis": self.y_name, **options}
         self._name(artist, trace)
         hover = []
         for name, values in (("x", x), ("y", y)):
-            trace[name] = _numbers(values)
+            trace[name] = _json_numbers(values)
             axis = self._layout_of(name)
-            names = _names(axis, np.asarray(values, dtype=float))
+            names = _tick_names(axis, np.asarray(values, dtype=float))
             if names:
                 trace["text"] = names
                 hover.append("%{text}")
             else:
-                hover.append(f"%{{{name}:.5~g}} {_unit(axis['title']['text'])}".rstrip())
+                hover.append(f"%{{{name}:.5~g}} {_unit_of_label(axis['title']['text'])}".rstrip())
         if "hoverinfo" not in trace:
             name = trace.get("legendgroup", "")
             trace["hovertemplate"] = f"{'<br>'.join(hover)}<extra>{name}</extra>"
@@ -257,8 +267,8 @@ class _Converter:
 
     def _name(self, artist: Any, item: dict[str, Any]) -> None:
         """Give a trace or shape its group, and one of each group its entry in the legend."""
-        label = self.label_of.get(id(artist), "") or _label(artist)
-        group = _plain(artist.get_gid()) or label or self.group_of.get(id(artist), "")
+        label = self.label_of.get(id(artist), "") or _legend_entry(artist)
+        group = _plotly_text(artist.get_gid()) or label or self.group_of.get(id(artist), "")
         if not group and isinstance(artist, Line2D):
             group = self.label_of_style.get(_style(artist), "")
         # A band with a label of its own belongs to its line, which has the entry.
@@ -289,8 +299,8 @@ class _Converter:
         unit = ""
         scale = contours.colorbar
         if scale is not None:
-            label = _plain(scale.ax.get_ylabel())
-            unit = _unit(label)
+            label = _plotly_text(scale.ax.get_ylabel())
+            unit = _unit_of_label(label)
         levels = [float(level) for level in contours.levels]
         traces = []
         for k, path in enumerate(contours.get_paths()):
@@ -327,10 +337,24 @@ class _Converter:
         line = {"color": to_hex(colour), "width": 1.3 * width}
         return self._trace(artist, x, y, mode="lines", line=line)
 
-    def _shape(
+    def _add_shape(
         self, kind: str, artist: Any, across: Sequence[bool], ends: Any, style: dict[str, Any]
     ) -> None:
-        """Add a line or band across the axes."""
+        """Add a line or band across the axes to the layout.
+
+        Parameters
+        ----------
+        kind
+            "line" or "rect".
+        artist
+            Artist of matplotlib, for the name.
+        across
+            Whether ``ends`` are data in x and in y; otherwise shares of the axes.
+        ends
+            Two opposite corners, (2, 2) or more.
+        style
+            Further keys of the shape.
+        """
         (x0, y0), (x1, y1) = np.asarray(ends, dtype=float)[[0, -1]]
         shape = {"type": kind, "x0": x0, "x1": x1, "y0": y0, "y1": y1, **style}
         shape["xref"] = "x" if across[0] else "x domain"
@@ -360,7 +384,7 @@ class _Converter:
         anchors = {"center": "middle", "center_baseline": "middle", "baseline": "bottom"}
         vertical = text.get_verticalalignment()
         return {
-            "text": _plain(text.get_text()).replace("\n", "<br>"),
+            "text": _plotly_text(text.get_text()).replace("\n", "<br>"),
             "x": values[0],
             "y": values[1],
             "xref": "x" if in_data[0] else "x domain",
@@ -380,13 +404,13 @@ class _Converter:
         return self.layout["xaxis" if name == "x" else f"yaxis{self.y_name[1:]}"]
 
 
-def _label(artist: Any) -> str:
+def _legend_entry(artist: Any) -> str:
     """Return the entry of an artist in the legend; empty without one."""
-    label = _plain(artist.get_label())
+    label = _plotly_text(artist.get_label())
     return "" if label.startswith("_") else label
 
 
-def _plain(text: Any) -> str:
+def _plotly_text(text: Any) -> str:
     """Return text that Plotly, which knows some HTML, shows as it is."""
     return html.escape(str(text or ""), quote=False)
 
@@ -431,7 +455,7 @@ def _rgba(colour: Any) -> str:
     return f"rgba({255 * red:.0f},{255 * green:.0f},{255 * blue:.0f},{alpha:.3g})"
 
 
-def _numbers(values: ArrayLike) -> list[float | None]:
+def _json_numbers(values: ArrayLike) -> list[float | None]:
     """Return numbers for JSON; None where one is not finite."""
     array = np.atleast_1d(np.asarray(values, dtype=float))
     return [float(f"{x:.{DIGITS}g}") if np.isfinite(x) else None for x in array.tolist()]
@@ -448,13 +472,13 @@ def _outlines_with_gaps(polygons: Iterable[Any]) -> tuple[list[float], list[floa
     return x, y
 
 
-def _unit(label: str) -> str:
+def _unit_of_label(label: str) -> str:
     """Return the unit of a label."""
     match = UNIT.search(label)
     return match[1] if match and match[1] != "1" else ""
 
 
-def _names(axis: dict[str, Any], values: Array) -> list[str]:
+def _tick_names(axis: dict[str, Any], values: Array) -> list[str]:
     """Return the labels of the ticks nearest to ``values``; empty for an axis of numbers."""
     ticks = axis.get("ticktext", [])
     if not ticks or re.match(r"[-−\d.]", ticks[0]):
@@ -464,7 +488,17 @@ def _names(axis: dict[str, Any], values: Array) -> list[str]:
 
 
 def _colour_scale(shades: Any, low: float, high: float, label: str) -> Trace:
-    """Return a trace without points that shows a colour scale."""
+    """Return a trace without points that shows a colour scale.
+
+    Parameters
+    ----------
+    shades
+        Colours at uniform steps from ``low`` to ``high``.
+    low, high
+        Values at the ends of the scale.
+    label
+        Title of the scale, with its unit.
+    """
     stops = np.linspace(0.0, 1.0, len(shades))
     return {
         "type": "scatter",

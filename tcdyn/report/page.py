@@ -112,7 +112,7 @@ class Section:
         """Whether heading, text and table stay on one printed page."""
         return self.table is None or len(self.table) <= MAX_ROWS_UNBROKEN
 
-    def rendered(self) -> Section:
+    def render(self) -> Section:
         """Return the section with picture and charts instead of its figure."""
         if self.figure is None:
             return self
@@ -187,8 +187,8 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def compressed(text: str) -> str:
-    """Return a text compressed by gzip, in base64."""
+def gzip_base64(text: str) -> str:
+    """Return a text compressed by gzip, in base64, for a script of the page."""
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
@@ -251,8 +251,8 @@ def render_page(
     html
         The complete page.
     """
-    sections = [section.rendered() for section in sections]
-    lead = None if lead is None else lead.rendered()
+    sections = [section.render() for section in sections]
+    lead = None if lead is None else lead.render()
     with_figure = [s for s in (lead, *sections) if s is not None and s.charts is not None]
     charts = {f"figure-{k}": section.charts for k, section in enumerate(with_figure)}
     figure_ids = {id(section): name for name, section in zip(charts, with_figure)}
@@ -275,9 +275,9 @@ def render_page(
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         plus_minus=has_uncertainty,
         figure_id=lambda section: figure_ids.get(id(section), ""),
-        charts=compressed(json.dumps(charts, ensure_ascii=False)) if charts else "",
+        charts=gzip_base64(json.dumps(charts, ensure_ascii=False)) if charts else "",
         script=resources.files("tcdyn.report").joinpath("templates/charts.js").read_text("utf-8"),
-        plotly=compressed(get_plotlyjs()) if charts else "",
+        plotly=gzip_base64(get_plotlyjs()) if charts else "",
     )
     return CONTROL.sub(" ", page)
 
@@ -352,9 +352,9 @@ def table_html(table: pd.DataFrame) -> str:
     Test: ``tests/report/test_page.py``.
     """
     columns = [[cell(value) for value in table.iloc[:, k]] for k in range(table.shape[1])]
-    kinds = [_kind(cells) for cells in columns]
+    kinds = [_column_class(cells) for cells in columns]
     titles = [str(name) for name in table.columns]
-    heads = [f'<th class="{kind}">{_heading(title)}</th>' for title, kind in zip(titles, kinds)]
+    heads = [f'<th class="{kind}">{_title_html(title)}</th>' for title, kind in zip(titles, kinds)]
     names = [html.escape(typeset(title)) for title in titles]
     rows = []
     for cells in zip(*columns):
@@ -384,12 +384,12 @@ def cell(value: object) -> str:
     return typeset(str(value))
 
 
-def _heading(name: str) -> str:
+def _title_html(name: str) -> str:
     """Return a column's title as HTML, its unit in one piece."""
     return UNIT.sub(lambda unit: f'<span class="unit">{unit[0]}</span>', html.escape(typeset(name)))
 
 
-def _kind(cells: list[str]) -> str:
+def _column_class(cells: list[str]) -> str:
     """Return the CSS class of a column.
 
     "prose" for sentences, "long" for unbroken words, "words" for short text, "number" for all else.

@@ -24,12 +24,12 @@ Row = tuple[str, str, str, str]  # kind, file, size or day, SHA-256
 def source_table(
     runs: Sequence[BetaRun], files: Sequence[Path] = (), rig: Path | None = None
 ) -> pd.DataFrame:
-    """Return logs, records and rig of one or more tests.
+    """Return the table of the logs, records and rig of one or more tests.
 
     Parameters
     ----------
     runs
-        Results of tests with one set of records.
+        Results of tests; records and rig are those of the first.
     files
         Files of the records, in their order.
     rig

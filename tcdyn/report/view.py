@@ -17,7 +17,7 @@ import numpy as np
 
 from tcdyn.core.findings import Finding
 from tcdyn.core.progress import Progress, no_progress
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.unit_names import unit_in
 from tcdyn.plots.compensate import draw_traces
 from tcdyn.plots.style import panel_figure
@@ -115,7 +115,7 @@ def view(
     panels: dict[str, list[Trace]] = {}
     for trace in traces:
         panels.setdefault(_panel_key(trace), []).append(trace)
-    sections = [_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
+    sections = [_traces_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
     content = "as logged and compensated" if calibrations else "as logged"
     rows = max((len(trace.time_s) for trace in traces), default=0)
     write_page(
@@ -125,7 +125,7 @@ def view(
         verdict=f"{rows:,} rows. A line has at most {limit:,} points here; its extremes are kept. "
         "A click on an entry of the legend hides it, a double click shows it alone.",
         findings=findings,
-        sources=to_table([("log", path.name, f"{rows} rows", sha256(path))]),
+        sources=to_table([("log", path.name, f"{rows} rows", sha256_of_file(path))]),
     )
     if open_browser:
         webbrowser.open(page.resolve().as_uri())
@@ -153,7 +153,7 @@ def _panel_key(trace: Trace) -> str:
     return f"{trace.group} {trace.unit or trace.name.rpartition('_')[2]}"
 
 
-def _section(traces: Sequence[Trace], limit: int) -> Section:
+def _traces_section(traces: Sequence[Trace], limit: int) -> Section:
     """Return the section of traces of one disk and unit."""
     names = ", ".join(trace.name for trace in traces)
     first = traces[0]

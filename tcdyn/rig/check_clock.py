@@ -44,6 +44,25 @@ SLOPE_NEIGHBOURS = 3
 # Information of the prior that the stamps are right: readings outweigh it when they determine the
 # real share of the jitter to better than 0.5 (1 sd).
 STAMP_PRIOR = 4.0
+# Slope over its standard uncertainty, above which a trace tells the real share of the jitter.
+# Chosen by judgement.
+MIN_SLOPE_U = 4
+MIN_ROWS = 10  # of a log; chosen by judgement
+# Steps over the sample interval within which sampling is even: half an interval would be the next
+# position on the grid. Chosen by judgement.
+MIN_EVEN_STEP = 0.55
+MAX_EVEN_STEP = 1.45
+# Relative difference between median and mean step, above which stamps are rounded. By judgement.
+MIN_ROUNDING = 1e-3
+# Rounding moves a stamp by at most half of the smallest step; with a margin. The multiples of that
+# step must be integers within the second number. Chosen by judgement.
+MAX_OFFSET_STEPS = 0.6
+MULTIPLE_TOLERANCE = 0.01
+# Rates that are tried, over the mean rate of the stamps; lost samples make the latter too low.
+RATE_RANGE = (0.99, 1.06)
+# Rows in which the rate is searched first, and most rows of a sum. More cost time only.
+FIRST_GRID_ROWS = 4096
+MAX_GRID_ROWS = 20_000
 # Rows on each side of a window for the slope in the estimate of the real share of the jitter.
 SHARE_HALF_WINDOW = 8
 
@@ -106,9 +125,9 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
     Test: ``tests/rig/test_check_clock.py``.
     """
     where = location.where
-    if len(time) < 10:
+    if len(time) < MIN_ROWS:
         raise InputError(
-            f"only {len(time)} rows", where=where, expected="at least 10 samples in time"
+            f"only {len(time)} rows", where=where, expected=f"at least {MIN_ROWS} samples in time"
         )
     time, findings = _fill_missing(time, location)
     step = np.diff(time)
@@ -122,7 +141,7 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
     if is_jittered:
         dt, grid = _fit_grid(time, len(step) / float(time[-1] - time[0]))
         intervals = np.diff(grid)
-    is_uneven = (step > 1.45 * dt) | (step < 0.55 * dt)
+    is_uneven = (step > MAX_EVEN_STEP * dt) | (step < MIN_EVEN_STEP * dt)
     if (intervals != 1).mean() > MAX_UNEVEN_SHARE:
         raise InputError(
             f"column time_s, row {location.row(int(np.argmax(is_uneven)) + 1)}: sampling is uneven "
@@ -147,7 +166,7 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
         findings.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
     # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few
     # decimals
-    is_rounded = abs(median_step - dt) >= 1e-3 * dt and max_offset_s < dt
+    is_rounded = abs(median_step - dt) >= MIN_ROUNDING * dt and max_offset_s < dt
     if is_jittered or is_rounded:
         time = even
     return Sampling(time, dt, grid, tuple(findings), jitter_s)
@@ -248,8 +267,8 @@ def _has_few_decimals(step: Array, max_offset_s: float) -> bool:
     """
     resolution_s = float(step.min())
     multiples = step / resolution_s
-    is_multiple = np.allclose(multiples, np.rint(multiples), atol=0.01)
-    return is_multiple and max_offset_s < 0.6 * resolution_s
+    is_multiple = np.allclose(multiples, np.rint(multiples), atol=MULTIPLE_TOLERANCE)
+    return is_multiple and max_offset_s < MAX_OFFSET_STEPS * resolution_s
 
 
 def _lost_samples(
@@ -306,14 +325,15 @@ def _fit_grid(time: Array, mean_rate_Hz: float) -> tuple[float, NDArray[np.int32
 
     Notes
     -----
-    Rates from 0.99 to 1.06 of the mean rate are tried, since lost samples make the mean rate too
-    low. ``MIN_PHASE_SUM`` decides whether the maximum is significant.
+    Rates within ``RATE_RANGE`` of the mean rate are tried, since lost samples make the mean rate
+    too low. The steps of the rate are a quarter of the width of the maximum. ``MIN_PHASE_SUM``
+    decides whether the maximum is significant.
     """
     t = time - time[0]
-    size = min(4096, len(time))
-    candidates = mean_rate_Hz * np.arange(0.99, 1.06, 0.25 / size)
+    size = min(FIRST_GRID_ROWS, len(time))
+    candidates = mean_rate_Hz * np.arange(*RATE_RANGE, 0.25 / size)
     while True:
-        subset = t[:size][:: size // 20_000 + 1]
+        subset = t[:size][:: size // MAX_GRID_ROWS + 1]
         sums = [abs(_phase_sum(f, subset)) for f in candidates]
         best = float(candidates[np.argmax(sums)])
         if size == len(t):
@@ -374,14 +394,14 @@ def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) 
     y = sliding_window_view(np.pad(values, SLOPE_NEIGHBOURS, constant_values=np.nan), width)
     used = np.isfinite(y)
     count = np.maximum(used.sum(axis=1), 1)
-    t = _centred(np.where(used, t - time_s[:, None], 0.0), used, count)
-    y = _centred(np.where(used, y, 0.0), used, count)
+    t = _subtract_means(np.where(used, t - time_s[:, None], 0.0), used, count)
+    y = _subtract_means(np.where(used, y, 0.0), used, count)
     slope_numerator = (t * y).sum(axis=1)
     slope_denominator = np.maximum((t * t).sum(axis=1), 1e-300)
     return values - jitter_s * slope_numerator / slope_denominator
 
 
-def _centred(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:
+def _subtract_means(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:
     """Windows minus the mean of their used values; zero where a value is not used.
 
     Parameters
@@ -476,7 +496,7 @@ def _real_jitter_share(
         difference = np.diff(y, 4)[inside]
         sd = MAD_TO_SD * float(np.nanmedian(np.abs(difference)))
         with np.errstate(invalid="ignore"):
-            is_significant = np.abs(slope) > 4 * sd / np.sqrt(70 * weight_square)
+            is_significant = np.abs(slope) > MIN_SLOPE_U * sd / np.sqrt(70 * weight_square)
         used = is_contiguous & is_significant
         predicted = slope[used] / sampling.dt_s * jitter_difference[used]
         variance = max(sd, 1e-9) ** 2

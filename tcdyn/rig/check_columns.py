@@ -123,12 +123,12 @@ class DecimatedLog:
         chunk = pd.DataFrame({name: x for name, x in columns.items() if name not in SWITCHES})
         chunk.index += self.rows
         self.rows += len(chunk)
-        self.chunks.append(self._selected(chunk))
+        self.chunks.append(self._thin_out(chunk))
         while sum(map(len, self.chunks)) > MAX_SAMPLE_ROWS:
             self.every *= 2
-            self.chunks = [self._selected(chunk) for chunk in self.chunks]
+            self.chunks = [self._thin_out(chunk) for chunk in self.chunks]
 
-    def _selected(self, chunk: pd.DataFrame) -> pd.DataFrame:
+    def _thin_out(self, chunk: pd.DataFrame) -> pd.DataFrame:
         """Every k-th run of rows."""
         return chunk[chunk.index // RUN_ROWS % self.every == 0]
 

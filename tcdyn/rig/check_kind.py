@@ -33,11 +33,8 @@ MIN_COOLING_S = 5.0
 MIN_PLUNGE_RISE_K = 10.0
 # No enclosure is warmer [degC]: the column is in degrees Fahrenheit. Chosen by judgement.
 MAX_ROOM_DEGC = 120.0
-# Where the channels of a disk usually rise by more than this [K], a channel that rises by less than
-# this part of it is dead, and a room that rises by more than this part of it may be a junction.
-# Chosen by judgement.
-LEAST_USUAL_RISE_K = 10.0
-MIN_RELATIVE_RISE = 0.1
+# Beside a dead channel, a room that rises by more than this part of the usual rise of the channels
+# is taken for the junction. Chosen by judgement.
 MAX_ROOM_RISE = 0.5
 # The load rises by at least this much in contact [N]; less is another unit or a dead cell.
 MIN_LOAD_STEP_N = 10.0
@@ -51,6 +48,35 @@ MIN_SPEED_RPM = 60.0
 MIN_DEPTH_DIFFERENCE_MM = 2.5
 # They are equally deep if their depths differ by less than this [mm]. Chosen by judgement.
 SAME_DEPTH_MM = 0.5
+# Samples at both ends of a plunge whose means give its rise, and the shares of the rise between
+# which the disk heats: later its junctions approach each other again. Chosen by judgement.
+PLUNGE_END_SAMPLES = 30
+HEATING_SHARES = (0.05, 0.35)
+MIN_HEATING_SAMPLES = 20  # fewer give no order of the junctions; chosen by judgement
+# Samples of the start of a record, a twentieth of it within these bounds. Chosen by judgement.
+START_SAMPLES = (10, 400)
+# Differences of the rise that do not contradict an order: in K, and over the rise, the larger one.
+ORDER_LIMIT_K = 0.5
+ORDER_LIMIT_SHARE = 0.02
+# Share of a switch that may be missing. Chosen by judgement.
+MAX_MISSING_SWITCH = 0.05
+# Difference of the shares of samples at the upper level of a force, without and in contact, above
+# which the force contradicts the switch. Chosen by judgement.
+MIN_INVERTED_DIFFERENCE = 0.8
+# Readings within these limits may be emfs [mV]: all of type J up to about 290 degC lie within.
+EMF_RANGE_MV = (-5.0, 16.0)
+# Distance of an emf from the warmest other reading [K]. Chosen by judgement.
+MIN_EMF_DISTANCE_K = 8.0
+# A channel is dead if it changes by less than this share of the usual change, where that is at
+# least so many K. Chosen by judgement.
+DEAD_RISE_SHARE = 0.1
+MIN_USUAL_RISE_K = 10.0
+# A channel is noisy above this many times the usual noise plus so many K. Chosen by judgement.
+NOISY_RATIO = 4.0
+NOISY_K = 0.1
+# Speed of the fast shaft over that of the slow one, below which the columns look swapped: pure
+# rolling is allowed, with an error of the readings. Chosen by judgement.
+MIN_SPEED_RATIO = 0.98
 # Cosine of the largest angle, 60 degrees, between junctions at one side. Chosen by judgement.
 SAME_SIDE_COS = 0.5
 
@@ -63,7 +89,7 @@ def check_kind(
     rig: Rig,
     disk: str | None,
     *,
-    parted: bool = True,
+    needs_unloading: bool = True,
 ) -> tuple[dict[str, Flags], list[Finding]]:
     """Check what the columns of a log show together over the complete test.
 
@@ -81,7 +107,7 @@ def check_kind(
         The rig, for depths and constants.
     disk
         Disk of an oven or immersion log; None: the common tables.
-    parted
+    needs_unloading
         Whether the log must contain the unloading.
 
     Returns
@@ -93,7 +119,7 @@ def check_kind(
     InputError
         A log of this kind cannot look like this.
     """
-    states, findings = _check_switches(sample, switches, location, parted)
+    states, findings = _check_switches(sample, switches, location, needs_unloading)
     baths = [float(sample[name].median()) for name in ROOM_AND_BATH if name in sample]
     junctions = junction_columns_in(sample)
     if kind == "ehl":
@@ -102,18 +128,21 @@ def check_kind(
     findings += _check_channels(sample[junctions], location, max(baths) if baths else None)
     if kind == "immersion":
         mean = sample[junctions].mean(axis=1).to_numpy()
-        start = float(np.nanmean(mean[:30]))
-        end = float(np.nanmean(mean[-30:]))
+        start = float(np.nanmean(mean[:PLUNGE_END_SAMPLES]))
+        end = float(np.nanmean(mean[-PLUNGE_END_SAMPLES:]))
         if end - start > MIN_PLUNGE_RISE_K:
             rise = (mean - start) / (end - start)
-            is_heating = (rise > 0.05) & (rise < 0.35)
+            is_heating = (rise > HEATING_SHARES[0]) & (rise < HEATING_SHARES[1])
             tables = rig.tables(disk or "")
             findings += _junction_order(sample, "", tables, is_heating, compare_sides=True)
     return states, findings
 
 
 def _check_switches(
-    sample: pd.DataFrame, switches: Mapping[str, Array], location: SampleLocation, parted: bool
+    sample: pd.DataFrame,
+    switches: Mapping[str, Array],
+    location: SampleLocation,
+    needs_unloading: bool,
 ) -> tuple[dict[str, Flags], list[Finding]]:
     """Each switch as off and on; an inverted contact switch is corrected, with a warning.
 
@@ -125,7 +154,7 @@ def _check_switches(
         All rows of the switches, (N,) each.
     location
         Position of the rows in the file, for messages.
-    parted
+    needs_unloading
         Whether the log must contain the unloading.
 
     Returns
@@ -143,7 +172,7 @@ def _check_switches(
         if name == "contact" and _is_inverted(sample, levels[sample.index] > 0.5):
             levels = 1.0 - levels
             findings.append(warning("contact.inverted", subject="contact"))
-        findings += _check_edges(levels, name, location, parted)
+        findings += _check_edges(levels, name, location, needs_unloading)
         states[name] = levels > 0.5
     return states, findings
 
@@ -194,9 +223,9 @@ def _check_ehl(
         disk_junctions = [name for name in junctions if name.startswith(f"{disk}_")]
         if disk_junctions:
             findings += _check_channels(sample[disk_junctions], location, room_degC)
-    contact = states["contact"][sample.index] if "contact" in states else _loaded(sample)
+    contact = states["contact"][sample.index] if "contact" in states else _contact_by_force(sample)
     if len(np.unique(contact)) == 1 and _shows_unloaded_time(sample):
-        contact = _loaded(sample)  # a switch that never moves
+        contact = _contact_by_force(sample)  # a switch that never moves
     if contact.any():
         findings += _check_loads(sample, contact, location.where)
     # the first fifth of the contact is left out: the heat has not reached all junctions yet
@@ -207,7 +236,7 @@ def _check_ehl(
     return findings
 
 
-def _loaded(sample: pd.DataFrame) -> Flags:
+def _contact_by_force(sample: pd.DataFrame) -> Flags:
     """Contact by the load, or the friction if no load was logged: at its upper level, (N,)."""
     force_N = _smooth_force(sample)
     if force_N is None:
@@ -265,7 +294,7 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
         first = int(np.argmax(missing))
         count = int(missing.sum())
         share = count / len(values)
-        if share > 0.05:
+        if share > MAX_MISSING_SWITCH:
             raise InputError(
                 f"{location.at(name, first)}: {100 * share:.0f} % of it is missing",
                 where=location.where,
@@ -309,8 +338,8 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
 
     Notes
     -----
-    Both load and friction must contradict the switch: the shares of samples at the upper level must
-    differ by more than 0.8, so that one sensor with the wrong sign does not invert it. Test:
+    Both load and friction must contradict the switch (``MIN_INVERTED_DIFFERENCE``), so that one
+    sensor with the wrong sign does not invert it. Test:
     ``tests/partition/test_events.py``.
     """
     if contact.all() or not contact.any():
@@ -324,12 +353,14 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
         is_upper = force > 0.5 * (in_contact + without)
         difference = float(np.mean(is_upper[~contact])) - float(np.mean(is_upper[contact]))
         # of a force with the wrong sign the larger level is negative
-        if not (without > abs(in_contact) and difference > 0.8):
+        if not (without > abs(in_contact) and difference > MIN_INVERTED_DIFFERENCE):
             return False
     return True
 
 
-def _check_edges(values: Array, name: str, location: SampleLocation, parted: bool) -> list[Finding]:
+def _check_edges(
+    values: Array, name: str, location: SampleLocation, needs_unloading: bool
+) -> list[Finding]:
     """Check that a switch changes as it must: up at an entry, down at the unloading.
 
     At an entry it may stay on or be momentary. Bounces, a missing loading or cooling and a contact
@@ -344,7 +375,7 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
         Name of the switch.
     location
         Position of the rows in the file, for messages.
-    parted
+    needs_unloading
         Whether the log must contain the unloading.
 
     Raises
@@ -365,7 +396,7 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
         )
     assert location.dt_s is not None
     findings: list[Finding] = []
-    if name == "contact" and parted and not len(falls):
+    if name == "contact" and needs_unloading and not len(falls):
         if not steps.any():
             return [warning("contact.stuck", subject="contact", level=int(values[0]))]
         raise InputError(
@@ -414,8 +445,8 @@ def _check_exchanged_room(sample: pd.DataFrame, junctions: list[str], where: str
     usual_rise = _upper_median(rise[junctions])
     junction = str(rise[junctions].idxmin())
     room = str(rise[rooms].idxmax())
-    is_dead = rise[junction] < MIN_RELATIVE_RISE * usual_rise
-    if usual_rise > LEAST_USUAL_RISE_K and is_dead and rise[room] > MAX_ROOM_RISE * usual_rise:
+    is_dead = rise[junction] < DEAD_RISE_SHARE * usual_rise
+    if usual_rise > MIN_USUAL_RISE_K and is_dead and rise[room] > MAX_ROOM_RISE * usual_rise:
         raise InputError(
             f"column {room} changes by {rise[room]:.3g} degC as the junctions do, and {junction} "
             f"by {rise[junction]:.3g}: they look exchanged",
@@ -445,29 +476,27 @@ def _check_channels(
 
     Notes
     -----
-    All emfs of type J up to about 290 degC lie below 16 mV. Four times the usual noise plus 0.1 K
-    is chosen by judgement. The upper median is "usual", so that half of the channels may be faulty.
+    The upper median is "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)
     usual_high = _upper_median(high)
     warmest = max(usual_high, reference_degC if reference_degC is not None else 0.0)
-    # all emfs of type J up to about 290 degC lie below 16 mV
     for name, lower, upper in zip(columns, low, high):
-        is_small = upper < 16.0 and lower > -5.0
-        if is_small and (warmest > upper + 8.0 or usual_high < 16.0):
+        is_small = upper < EMF_RANGE_MV[1] and lower > EMF_RANGE_MV[0]
+        if is_small and (warmest > upper + MIN_EMF_DISTANCE_K or usual_high < EMF_RANGE_MV[1]):
             raise InputError(
                 f"column {name} stays between {lower:.3g} and {upper:.3g}: this looks like "
                 "millivolts",
                 where=location.where,
                 expected="degrees Celsius",
                 remedy="for type J write millivolts = true into rig.toml [logger]",
-                column=str(name) if usual_high >= 16.0 else "",
+                column=str(name) if usual_high >= EMF_RANGE_MV[1] else "",
             )
     rise = high - low
     usual_rise = _upper_median(rise)
     for name, value in rise.items():
-        if usual_rise > LEAST_USUAL_RISE_K and value < MIN_RELATIVE_RISE * usual_rise:
+        if usual_rise > MIN_USUAL_RISE_K and value < DEAD_RISE_SHARE * usual_rise:
             raise InputError(
                 f"column {name} changes by {value:.3g} degC, the others by {usual_rise:.3g}: "
                 "a dead channel",
@@ -477,7 +506,7 @@ def _check_channels(
             )
     noise_K = columns.apply(_noise_K)
     usual_noise_K = _upper_median(noise_K)
-    noisy = noise_K[noise_K > 4.0 * usual_noise_K + 0.1]
+    noisy = noise_K[noise_K > NOISY_RATIO * usual_noise_K + NOISY_K]
     return [
         warning("noise.high", subject=str(name), noise_K=value, others_K=usual_noise_K)
         for name, value in noisy.items()
@@ -485,7 +514,7 @@ def _check_channels(
 
 
 def _noise_K(column: pd.Series[float]) -> float:
-    """White noise by the median of the second differences, which events do not affect."""
+    """White noise [K] by the median of the second differences, which events do not affect."""
     if column.count() < 10:
         return 0.0
     return float(white_noise_sd(column.dropna(), 2, centred=False))
@@ -568,7 +597,7 @@ def _check_speeds(sample: pd.DataFrame, in_contact: pd.Series[float], where: str
             )
     fast = speeds["fast"]
     slow = speeds["slow"]
-    if fast < 0.98 * slow:
+    if fast < MIN_SPEED_RATIO * slow:
         raise InputError(
             f"column speed_fast_rpm ({fast:.4g}) is below speed_slow_rpm ({slow:.4g})",
             where=where,
@@ -617,22 +646,23 @@ def _junction_order(
     swapped, at least one is not in order with its neighbours. Where the readings themselves are in
     order, the disk was not at one temperature at the start. Otherwise channels look swapped.
 
-    The limit is 0.5 K, or 2 % of the rise: chosen by judgement. In 12 simulated plunges of rigs
-    drawn from their uncertainties, equally deep junctions warmed alike within 0.2 K. Tests:
+    The limits are chosen by judgement. In 12 simulated plunges of rigs drawn from their
+    uncertainties, equally deep junctions warmed alike within 0.2 K. Tests:
     ``tests/rig/test_junction_order.py``.
     """
-    if is_heating.sum() < 20:
+    if is_heating.sum() < MIN_HEATING_SAMPLES:
         return []
     names = [c for c in sorted(tables.thermocouples) if f"{prefix}{c}_degC" in sample]
     junction = {c: tables.thermocouples[c] for c in names}
     readings = sample[[f"{prefix}{c}_degC" for c in names]].set_axis(names, axis=1)
-    start_rows = max(10, min(len(sample) // 20, 400))
+    start_rows = int(np.clip(len(sample) // 20, *START_SAMPLES))
     heated = readings[is_heating].mean()
     start = readings.iloc[:start_rows].mean()
     rise = (heated - start).to_dict()
-    limit_K = {c: max(0.5, 0.02 * abs(rise[c])) for c in names}
+    limit_K = {c: max(ORDER_LIMIT_K, ORDER_LIMIT_SHARE * abs(rise[c])) for c in names}
 
     def deeper_mm(first: str, second: str) -> float:
+        """How much deeper the second junction lies [mm]."""
         return float(junction[second].depth_mm - junction[first].depth_mm)
 
     def same_side(first: str, second: str) -> float:

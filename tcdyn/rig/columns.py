@@ -383,10 +383,10 @@ def _air_columns(air: Mapping[str, str], names: Collection[str], where: str) -> 
     return air
 
 
-def normalised(name: str) -> str:
+def normalised_name(name: str) -> str:
     """A name in lower case without brackets, units, degree signs and separators.
 
-    >>> normalised("Fast A [°C]"), normalised("fast_a_degC")
+    >>> normalised_name("Fast A [°C]"), normalised_name("fast_a_degC")
     ('fasta', 'fasta')
     """
     text = _words(name)
@@ -415,10 +415,10 @@ def suggestion(missing: str, names: Iterable[str]) -> str | None:
     """
     by_key: dict[str, str] = {}
     for name in names:
-        by_key.setdefault(normalised(name), name)
+        by_key.setdefault(normalised_name(name), name)
         # a final "c" may be degrees Celsius, or junction c
         by_key.setdefault(_words(name).replace("_", ""), name)
-    key = normalised(missing)
+    key = normalised_name(missing)
     if key in by_key:
         return by_key[key]
     close = get_close_matches(key, by_key, n=1, cutoff=0.75)
@@ -481,7 +481,7 @@ def _missing_columns(
         is_complete = set(layouts[other].required) <= available
         if len(missing) >= 2 or is_complete:
             return InputError(
-                f"this looks like {LAYOUTS[other].name} (it lacks {_shortened(missing)})",
+                f"this looks like {LAYOUTS[other].name} (it lacks {_first_names(missing)})",
                 where=where,
                 expected=layout.name,
                 remedy=f"give {layout.name} here",
@@ -525,7 +525,7 @@ def _missing_columns(
     )
 
 
-def _shortened(names: list[str]) -> str:
+def _first_names(names: list[str]) -> str:
     """The first names, and how many more there are."""
     text = ", ".join(names[:MAX_NAMES_IN_QUESTION])
     if len(names) > MAX_NAMES_IN_QUESTION:

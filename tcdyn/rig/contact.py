@@ -49,9 +49,14 @@ MIN_ZERO_SAMPLES = 10
 ZERO_WINDOW_S = 60.0
 # Window of the local polynomial through a speed [s]. Chosen by judgement.
 SPEED_WINDOW_S = 1.0
-# Share of the speed below which a shaft stands; samples that later exceed five times this share are
-# dropouts. Chosen by judgement.
+# Share of the speed below which a shaft stands; samples after which the speed exceeds the second
+# share are dropouts. Chosen by judgement.
 STOPPED = 0.02
+RUNS_AGAIN = 5 * STOPPED
+# Fewest samples after the unloading, and share of them that must be there. Chosen by judgement.
+MIN_SPEED_SAMPLES = 5
+MIN_SPEED_SHARE = 0.5
+SPIKE_FILTER_SAMPLES = 5  # width of the median filter that removes spikes; chosen by judgement
 # Smallest relative change of a speed, and the time after the unloading in which it counts [s].
 MIN_SPEED_CHANGE = 0.02
 SPEED_CHANGE_WITHIN_S = 20.0
@@ -297,7 +302,7 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     ]
     is_near_contact = np.any([nowhere, *near], axis=0)
     unloaded = np.where(is_near_contact, np.nan, raw_N)
-    force_N = raw_N - _zero(t, unloaded, on - SWITCHING_MARGIN_S, off + settling_s)
+    force_N = raw_N - _zero_of_force(t, unloaded, on - SWITCHING_MARGIN_S, off + settling_s)
     inside = (t > on + SWITCHING_MARGIN_S) & (t < off - settling_s)
     dt_s = float(fast_nanmedian(np.diff(t)))
     smooth = np.interp(t, t[inside], _smooth_force(force_N[inside], dt_s))
@@ -375,7 +380,7 @@ def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) ->
     return max(2 * int((count - 1) // 2) + 1, 1)
 
 
-def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
+def _zero_of_force(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
     """Zero of the transducer at each time, from the unloaded segments before and after the test.
 
     Parameters
@@ -409,7 +414,7 @@ def relative_speed(
     """A logged speed after ``from_s`` as a share of ``level_rpm``, (N,); one before ``from_s``.
 
     Noise, spikes and dropouts are removed. The result is one everywhere if the speed changes by
-    less than 2 % in the first 20 s, and None if most samples in that time are missing.
+    less than ``MIN_SPEED_CHANGE`` within ``SPEED_CHANGE_WITHIN_S``.
 
     Parameters
     ----------
@@ -425,7 +430,7 @@ def relative_speed(
     Returns
     -------
     share
-        (N,); None if too much is missing.
+        (N,); None if most samples in that time are missing.
 
     Notes
     -----
@@ -444,13 +449,13 @@ def relative_speed(
     after = np.flatnonzero(time_s >= from_s)
     share = pd.Series(speed_rpm[after] / level_rpm)
     later_maximum = share[::-1].fillna(0.0).cummax()[::-1]
-    is_dropout = (share < STOPPED) & (later_maximum > 5 * STOPPED)
+    is_dropout = (share < STOPPED) & (later_maximum > RUNS_AGAIN)
     share = share.mask(is_dropout)
     near = time_s[after] < from_s + SPEED_CHANGE_WITHIN_S
-    if len(after) < 5 or share[near].notna().mean() < 0.5:
+    if len(after) < MIN_SPEED_SAMPLES or share[near].notna().mean() < MIN_SPEED_SHARE:
         return None
     filled = share.interpolate(limit_direction="both")
-    smooth = filled.rolling(5, center=True, min_periods=1).median().to_numpy()
+    smooth = filled.rolling(SPIKE_FILTER_SAMPLES, center=True, min_periods=1).median().to_numpy()
     dt_s = float(np.median(np.diff(time_s)))
     window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(smooth) - 1) // 2) + 1)
     if window > 3:

@@ -28,7 +28,7 @@ from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
 from tcdyn.io.metadata import COMPENSATED, START_TIME_KEY
-from tcdyn.io.read import Table, display_path, read_all_rows, sha256
+from tcdyn.io.read import Table, display_path, read_all_rows, sha256_of_file
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
@@ -129,7 +129,7 @@ class Log(Result):
             }
         )
 
-    def interpolated(self) -> pd.DataFrame:
+    def interpolate_missing(self) -> pd.DataFrame:
         """The frame with missing samples linearly interpolated."""
         if not self.frame.isna().to_numpy().any():
             return self.frame
@@ -372,7 +372,7 @@ def iter_log(
     *,
     rows: int = CHUNK_ROWS,
     allow_compensated: bool = False,
-    parted: bool = True,
+    needs_unloading: bool = True,
     without: Collection[str] = (),
 ) -> LogChunks:
     """Open a log that is read in chunks, in time order; joined, they are the frame of ``read_log``.
@@ -396,7 +396,7 @@ def iter_log(
         Approximate rows of a chunk.
     allow_compensated
         Accept a log that was compensated already.
-    parted
+    needs_unloading
         Whether an EHL log must contain the unloading.
     without
         Columns that are not read.
@@ -474,7 +474,7 @@ def iter_log(
         location,
         rig_or_default,
         disk,
-        parted=parted,
+        needs_unloading=needs_unloading,
     )
     findings = [*sampling.findings, *findings, *kind_findings]
     findings += missing_and_unused(kind, table, names, without)
@@ -484,7 +484,7 @@ def iter_log(
         chunks.clear()
     log = LogChunks(
         file,
-        sha256(file),
+        sha256_of_file(file),
         kind,
         metadata,
         sampling,
@@ -533,7 +533,7 @@ def open_log_for_records(
     if kind == "ehl":
         check_records_used(names, rig, records, where)
         skipped, unused = columns_to_skip(names, rig, records)
-    return iter_log(log, kind, rig, disk, parted=False, without=skipped), unused
+    return iter_log(log, kind, rig, disk, needs_unloading=False, without=skipped), unused
 
 
 def read_log(
@@ -543,7 +543,7 @@ def read_log(
     disk: str | None = None,
     *,
     allow_compensated: bool = False,
-    parted: bool = True,
+    needs_unloading: bool = True,
     without: Collection[str] = (),
 ) -> Log:
     """Read a log and check it.
@@ -563,7 +563,7 @@ def read_log(
         Disk whose ``[columns]`` are used.
     allow_compensated
         Accept a log that was compensated already.
-    parted
+    needs_unloading
         Whether an EHL log must contain the unloading.
     without
         Columns that are not read.
@@ -599,7 +599,7 @@ def read_log(
             rig,
             disk,
             allow_compensated=allow_compensated,
-            parted=parted,
+            needs_unloading=needs_unloading,
             without=without,
         )
         return log.to_log()
@@ -609,4 +609,4 @@ def read_log(
     frame, findings = oven_frame(columns, raw.location)
     findings = [*raw.findings, *findings, *missing_and_unused(kind, table, names)]
     located = tuple(finding.at(table.where) for finding in findings)
-    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), located)
+    return Log(frame, kind, file, sha256_of_file(file), None, dict(table.metadata), located)

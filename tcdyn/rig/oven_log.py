@@ -22,8 +22,18 @@ from tcdyn.rig.columns import junction_columns_in
 
 # A channel further from the PRT gives a warning [K]. Chosen by judgement.
 MAX_DISTANCE_FROM_PRT_K = 15.0
+# Blocks on either side of a block that decide whether it is steady, and the fewest of them at the
+# ends of a log. Chosen by judgement.
+NEAR_BLOCKS = 5
+MIN_NEAR_BLOCKS = 6
+# Size of a block over the usual size, from which it is used. Chosen by judgement.
+MIN_BLOCK_SHARE = 0.8
+# Steady blocks up to so many apart belong to one plateau. Chosen by judgement.
+MAX_PLATEAU_GAP = 15
+SETPOINT_STEP_K = 5.0  # set points are rounded to it
 # Smallest range of the PRT over all rows [K]. Chosen by judgement.
 MIN_RANGE_K = 5.0
+MIN_OVEN_ROWS = 3  # of a channel: a line and one degree of freedom
 
 
 def steady_minutes(
@@ -32,7 +42,7 @@ def steady_minutes(
     """Oven rows from a continuous log with time_s, prt_degC and a_degC .. f_degC.
 
     A block of ``minute_s`` is steady if the PRT and all channels drift by less than
-    ``drift_K_per_h`` (within twice the standard error of the drift) over the ten blocks around it.
+    ``drift_K_per_h`` (within twice the standard error of the drift) over the blocks around it.
     The last steady block of each plateau (PRT within ``apart_K``) gives one row: the means. A
     plateau visited again is the next repeat.
 
@@ -59,22 +69,22 @@ def steady_minutes(
 
     Notes
     -----
-    Eleven blocks (six at the ends of the log) decide whether a block is steady. A smaller drift
-    gives fewer rows; a larger one leaves a lag between thermocouples and PRT in the rows. Test:
+    ``NEAR_BLOCKS`` on either side decide whether a block is steady. A smaller drift gives fewer
+    rows; a larger one leaves a lag between thermocouples and PRT in the rows. Test:
     ``tests/calibration/test_static_lines.py``.
     """
     time = frame["time_s"].to_numpy(dtype=float)
     names = ["prt_degC", *junction_columns_in(frame)]
     block = ((time - time[0]) // minute_s).astype(int)
     grouped = frame[names].groupby(block)
-    is_full = grouped.size() >= 0.8 * float(grouped.size().median())
+    is_full = grouped.size() >= MIN_BLOCK_SHARE * float(grouped.size().median())
     means = grouped.mean()[is_full]
     t_h = means.index.to_numpy(dtype=float) * minute_s / 3600.0
     is_steady = np.zeros(len(means), dtype=bool)
     prt = means["prt_degC"].to_numpy()
     for i in range(len(means)):
-        near = np.flatnonzero(np.abs(np.arange(len(means)) - i) <= 5)
-        if len(near) < 6 or np.ptp(prt[near]) > apart_K:
+        near = np.flatnonzero(np.abs(np.arange(len(means)) - i) <= NEAR_BLOCKS)
+        if len(near) < MIN_NEAR_BLOCKS or np.ptp(prt[near]) > apart_K:
             continue
         is_steady[i] = all(
             _drift_below(t_h[near], means[name].to_numpy()[near], drift_K_per_h) for name in names
@@ -88,14 +98,14 @@ def steady_minutes(
         plateaus_degC.append(level)
         row = {
             "repeat": float(1 + earlier_visits),
-            "setpoint_degC": float(5.0 * np.rint(level / 5.0)),
+            "setpoint_degC": float(SETPOINT_STEP_K * np.rint(level / SETPOINT_STEP_K)),
         }
         row |= {name: float(last[name]) for name in names}
         rows.append(row)
     if not rows:
         raise InputError(
             "no steady stretch in the oven log",
-            expected=f"a drift below {drift_K_per_h:g} K/h for {10 * minute_s:g} s",
+            expected=f"a drift below {drift_K_per_h:g} K/h for {2 * NEAR_BLOCKS * minute_s:g} s",
             remedy="wait longer at each temperature",
         )
     return pd.DataFrame(rows)
@@ -114,7 +124,7 @@ def _drift_below(t_h: Array, y: Array, limit: float) -> bool:
         Largest drift [K/h].
     """
     ok = np.isfinite(y)
-    if ok.sum() < 6:
+    if ok.sum() < MIN_NEAR_BLOCKS:
         return False
     line = fit_line(t_h[ok], y[ok])
     standard_error = float(np.sqrt(line.covariance[0, 0]))
@@ -122,7 +132,7 @@ def _drift_below(t_h: Array, y: Array, limit: float) -> bool:
 
 
 def _plateaus(is_steady: NDArray[np.bool_], prt: Array, apart_K: float) -> list[list[int]]:
-    """Steady blocks grouped by plateau; blocks up to 15 apart belong to one plateau.
+    """Group steady blocks by plateau, up to ``MAX_PLATEAU_GAP`` blocks apart.
 
     Parameters
     ----------
@@ -141,7 +151,7 @@ def _plateaus(is_steady: NDArray[np.bool_], prt: Array, apart_K: float) -> list[
     plateaus: list[list[int]] = []
     for i in np.flatnonzero(is_steady).tolist():
         last = plateaus[-1] if plateaus else None
-        if last and i - last[-1] <= 15 and abs(prt[i] - prt[last[0]]) < apart_K:
+        if last and i - last[-1] <= MAX_PLATEAU_GAP and abs(prt[i] - prt[last[0]]) < apart_K:
             last.append(i)
         else:
             plateaus.append([i])
@@ -257,7 +267,8 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
     Raises
     ------
     InputError
-        Fewer than 3 rows over 5 degC, or a channel that is not in degrees Celsius.
+        Fewer than ``MIN_OVEN_ROWS`` over ``MIN_RANGE_K``, or a channel that is not in degrees
+        Celsius.
     """
     prt = frame["prt_degC"].to_numpy()
     findings: list[Finding] = []
@@ -265,11 +276,11 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
         y = frame[name].to_numpy()
         ok = np.isfinite(y) & np.isfinite(prt)
         range_K = float(np.ptp(prt[ok])) if ok.any() else 0.0
-        if ok.sum() < 3 or range_K < MIN_RANGE_K:
+        if ok.sum() < MIN_OVEN_ROWS or range_K < MIN_RANGE_K:
             raise InputError(
                 f"column {name}: {int(ok.sum())} rows over {range_K:.3g} degC",
                 where=location.where,
-                expected="at least 3 rows over 5 degC or more",
+                expected=f"at least {MIN_OVEN_ROWS} rows over {MIN_RANGE_K:g} degC or more",
             )
         line = fit_line(prt[ok], y[ok])
         scatter = float(np.std(line.residuals)) / range_K

@@ -128,16 +128,16 @@ def dropout_codes(values: Array) -> Flags:
         finite = remaining[np.isfinite(remaining)]
         if len(finite) < MIN_DIFFERENT_READINGS:
             break
-        is_code = _code(remaining, float(finite.min()))
+        is_code = _dropout_mask(remaining, float(finite.min()))
         if not is_code.any():
-            is_code = _code(remaining, float(finite.max()))
+            is_code = _dropout_mask(remaining, float(finite.max()))
         if not is_code.any():
             break
         codes |= is_code
     return codes
 
 
-def _code(values: Array, candidate: float) -> Flags:
+def _dropout_mask(values: Array, candidate: float) -> Flags:
     """Where ``candidate``, an extreme of the column, is a drop-out code.
 
     Parameters

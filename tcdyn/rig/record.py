@@ -178,6 +178,11 @@ class DiskRecord(Result, StrictModel):
     def _check_consistency(self) -> DiskRecord:
         """Check the names of the channels, the date, and each lag against its parameters.
 
+        Raises
+        ------
+        ValueError
+            Otherwise; pydantic makes it an error of the record.
+
         Notes
         -----
         The lag is the first moment of the chain: dead time, time constants minus zero, the

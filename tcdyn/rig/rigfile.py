@@ -413,8 +413,8 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     >>> changed_keys(old, {"disk": {"width_mm": 10.0, "bore": 1}})
     [('[disk] width_mm', 9.53, 10.0)]
     """
-    old = _flat(before)
-    new = _flat(after)
+    old = _flat_values(before)
+    new = _flat_values(after)
     changes: list[tuple[str, Any, Any]] = []
     for key, value in old.items():
         if value != new.get(key):
@@ -423,7 +423,7 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     return changes
 
 
-def _flat(tables: Mapping[str, Any]) -> dict[Hashable, Any]:
+def _flat_values(tables: Mapping[str, Any]) -> dict[Hashable, Any]:
     """All values by "table.key"."""
     return pd.json_normalize(dict(tables)).to_dict("records")[0]
 
@@ -466,7 +466,7 @@ def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
 
 
 def _toml_value(value: Any) -> str:
-    """A value as TOML text."""
+    """Write a value as TOML: a table inline, a list, text, a number or a boolean."""
     if isinstance(value, dict):
         pairs = ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items())
         return f"{{ {pairs} }}"

@@ -387,8 +387,8 @@ def _text_of_day(day: Any) -> Any:
     return day.isoformat() if isinstance(day, date) else day
 
 
-def _day(text: str) -> str:
-    """Check that a text is a date, or empty."""
+def _check_date(text: str) -> str:
+    """Return a text that is empty or an ISO date (2026-01-31); ValueError for any other."""
     if text:
         date.fromisoformat(text)
     return text
@@ -408,7 +408,9 @@ REQUIRED_ENTRIES = (
     "logger_serial",
 )
 Text = Annotated[str, Field(max_length=200)]
-Day = Annotated[str, BeforeValidator(_text_of_day), Field(max_length=10), AfterValidator(_day)]
+Day = Annotated[
+    str, BeforeValidator(_text_of_day), Field(max_length=10), AfterValidator(_check_date)
+]
 
 
 class TraceabilityTable(BaseModel):
@@ -467,13 +469,13 @@ class TraceabilityTable(BaseModel):
         return self
 
     @property
-    def missing(self) -> tuple[str, ...]:
+    def missing_entries(self) -> tuple[str, ...]:
         """Keys of ``REQUIRED_ENTRIES`` that are not stated.
 
         Examples
         --------
         >>> stated = dict.fromkeys(REQUIRED_ENTRIES, "x") | {"reference_date": "2026-01-01"}
-        >>> TraceabilityTable(**(stated | {"laboratory": " "})).missing
+        >>> TraceabilityTable(**(stated | {"laboratory": " "})).missing_entries
         ('laboratory',)
         """
         return tuple(key for key in REQUIRED_ENTRIES if not getattr(self, key).strip())

@@ -285,7 +285,7 @@ def temperature_degC(
     """
     ref = _reference(thermocouple_type)
     e = np.asarray(measured_mV, dtype=float) + emf_mV(cold_junction_degC, thermocouple_type)
-    degrees, grid = _grid(thermocouple_type)
+    degrees, grid = _inversion_grid(thermocouple_type)
     low_mV = float(grid[0])
     high_mV = float(grid[-1])
     if outside == "refuse":
@@ -310,9 +310,9 @@ def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Ar
     if not conversions:
         return table
 
-    def pieces(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+    def pieces(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Chunks of the table with the converted columns."""
-        for chunk in table.chunks(wanted, rows):
+        for chunk in table.chunks(requested, rows):
             converted = {
                 name: conversions[name](values)
                 for name, values in chunk.data.items()
@@ -364,7 +364,7 @@ def _reference(couple: str) -> _Reference:
 
 
 @lru_cache
-def _grid(couple: str) -> tuple[Array, Array]:
+def _inversion_grid(couple: str) -> tuple[Array, Array]:
     """Every degree of the range, the start values of Newton's method, and the emf there.
 
     Returns

@@ -113,7 +113,10 @@ class TableChannels:
         return max((channel.chain.lag_s for channel in self.channels), default=0.0)
 
     def readings(self, segment: TableSegment) -> tuple[list[ChannelReadings], list[Finding]]:
-        """Readings of the channels that have enough of them, and findings."""
+        """Readings of the channels that have ``MIN_ROWS`` of them, on even times, and findings.
+
+        A group of many channels is divided, so that one block holds at most ``MAX_VALUES``.
+        """
         findings = []
         for channel in self.channels:
             values = segment.data[channel.column]
@@ -148,7 +151,7 @@ class TableChannels:
                 for values, i in zip(columns, indices):
                     findings += _leave_out_repeats(values, group.channels[i].column, grid.dt_s)
                 y = np.stack(columns, axis=1)
-                prepared.append(_grouped(group, indices, y, float(segment.time_s[0]), grid))
+                prepared.append(_readings_of(group, indices, y, float(segment.time_s[0]), grid))
         return prepared, findings
 
 
@@ -170,10 +173,24 @@ def _leave_out_repeats(values: Array, column: str, dt_s: float) -> list[Finding]
     return [info("sensor.repeats", subject=column, percent=100 * share, interval_s=dt_s / share)]
 
 
-def _grouped(
+def _readings_of(
     group: ChannelGroup, indices: list[int], y: Array, start_s: float, grid: EvenTimes
 ) -> ChannelReadings:
-    """Readings ``y`` (N, M) [degC] of some channels of a group."""
+    """Readings of some channels of a group with their units, chains and uncertainties.
+
+    Parameters
+    ----------
+    group
+        Channels that are smoothed together.
+    indices
+        Indices (M,) in the group of the channels that have readings.
+    y
+        Their readings (N, M) [degC], NaN where missing.
+    start_s
+        Time of the first row of the segment [s].
+    grid
+        The even times of the readings.
+    """
     channels = [group.channels[i] for i in indices]
     static_u_K = np.zeros_like(y)
     shared_K = np.zeros(len(channels))

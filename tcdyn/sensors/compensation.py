@@ -249,7 +249,25 @@ def output_columns(
     method: CompensationMethod,
     rows: slice | None = None,
 ) -> dict[str, Array]:
-    """Columns (R,) of the results for ``rows`` of the segment, in the units of the output."""
+    """Columns of the output for some rows of a segment.
+
+    Parameters
+    ----------
+    readings
+        Readings of the channels.
+    result
+        Their smoothed temperatures.
+    method
+        Decides the columns: u only if the lag is removed, its components if they are requested.
+    rows
+        Rows of the segment (R,); all by default.
+
+    Returns
+    -------
+    dict
+        Arrays (R,), rounded to ``DECIMALS``: temperatures and u in the unit of the output, the
+        components of u in K.
+    """
     samples = readings.sample_of_row[rows or slice(None)]
     temperature, sd = result.determined_estimates()
     common_u = np.hypot(result.common_sd(), readings.shared_u_K)
@@ -287,7 +305,7 @@ def compensate_segment(
     numbers: dict[str, Array] = {}
     flags: dict[str, NDArray[np.uint8]] = {}
     for group in prepared:
-        for readings, result in _smoothed(group, method, events, findings):
+        for readings, result in _smooth_together_or_singly(group, method, events, findings):
             columns |= output_columns(readings, result, method, segment.keep)
             samples = readings.sample_of_row[segment.keep]
             sd = result.determined_estimates()[1][samples]
@@ -301,13 +319,28 @@ def compensate_segment(
     return CompensatedSegment(segment, columns, numbers, flags, findings)
 
 
-def _smoothed(
+def _smooth_together_or_singly(
     readings: ChannelReadings,
     method: CompensationMethod,
     events: Mapping[float, float] | None,
     findings: list[Finding],
 ) -> Iterator[tuple[ChannelReadings, Compensated]]:
-    """Smooth channels together; where that fails one by one, with a warning for each that fails."""
+    """Smooth channels together; where that fails one by one, with a warning for each that fails.
+
+    Parameters
+    ----------
+    readings
+        Readings of the channels. If they are not separable, the first error is raised.
+    method, events
+        As for ``compensated_segments``.
+    findings
+        The findings are appended to it.
+
+    Yields
+    ------
+    tuple
+        Readings and result of the channels that could be smoothed.
+    """
     try:
         result = compensate_readings(readings, method, events)
     except InputError as problem:
@@ -318,7 +351,7 @@ def _smoothed(
             findings.append(warning("sensor.left", subject=subject, problem=problem.what))
             return
         for i in range(len(readings.columns)):
-            yield from _smoothed(readings.single(i), method, events, findings)
+            yield from _smooth_together_or_singly(readings.single(i), method, events, findings)
         return
     if readings.disk:
         findings += [finding.at(readings.disk) for finding in result.findings]

@@ -28,7 +28,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import NoiseModel
-from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
+from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined_lag_error
 from tcdyn.sensors.step import block_means
 from tcdyn.sensors.step_fits import CurveFit, fit_curve, residual_noise, white_noise_K
 
@@ -61,6 +61,8 @@ MIN_FAST_SHARE = 0.1
 # current does not determine the response to a plunge; chosen by judgement.
 WIDE_PERCENT = 20.0
 MAX_ROWS = 4000  # rows that are fitted; longer records are averaged; chosen by judgement
+# Least change of the power over the largest power: the current switches; chosen by judgement.
+MIN_SWITCHED_SHARE = 0.3
 MIN_READINGS = 40  # of the record; chosen by judgement
 MIN_RISE_NOISES = 10.0  # least response over the noise; chosen by judgement
 SAMPLES = 400  # samples of the posterior for each proposal; chosen by judgement
@@ -72,7 +74,7 @@ MAX_EXCESS_COST = 20.0
 # finite.
 MAX_LOG = 20.0
 MAX_CORE = 0.9  # largest radius of the core over that of the insulation
-# Parameters in which the response is linear, in the order of ``_HeatedRecord.table``.
+# Parameters in which the response is linear, in the order of ``_HeatedRecord.regressors``.
 LINEAR = ("level", "drift", "direct", "size")
 
 
@@ -139,7 +141,7 @@ def current_sensor(
         )
     largest = float(np.abs(current).max())
     power = (current / largest) ** 2 if largest > 0 else np.zeros_like(current)
-    if np.ptp(power) < 0.3:
+    if np.ptp(power) < MIN_SWITCHED_SHARE:
         raise InputError(
             "the current does not switch",
             expected="one that is switched on or off within the record",
@@ -149,7 +151,7 @@ def current_sensor(
     if count < MIN_READINGS:
         raise InputError(f"only {count} readings", expected=f"at least {MIN_READINGS}")
     dt_s = float(time_s[1] - time_s[0])
-    record = _HeatedRecord.averaged(dt_s, y, power)
+    record = _HeatedRecord.from_rows(dt_s, y, power)
     rise_K = float(np.nanmax(record.y) - np.nanmin(record.y))
     if rise_K < MIN_RISE_NOISES * record.noise_K:
         raise InputError(
@@ -164,11 +166,11 @@ def current_sensor(
     shift_s = model_u_s * np.random.default_rng(1).standard_normal(len(theta))
     lag = _weighted_estimate(lags + shift_s, weights)
     chosen = np.random.default_rng(2).choice(len(theta), TIMES_SAMPLES, p=weights)
-    passes = np.array([step_passes(_chain(theta[k])) + shift_s[k] for k in chosen])
+    passes = np.array([step_passes(_chain_of_lags(theta[k])) + shift_s[k] for k in chosen])
     equal = np.full(TIMES_SAMPLES, 1 / TIMES_SAMPLES)
     times = [_weighted_estimate(t, equal) for t in passes.T]
     mean_theta = weights @ theta
-    taus = _chain(mean_theta).taus_s
+    taus = _chain_of_lags(mean_theta).taus_s
     chain = Chain([tau * lag.value / sum(taus) for tau in taus])
     switches = np.flatnonzero(np.diff(power > 0.5))
     rows_after = np.diff(np.r_[switches, len(power) - 1])
@@ -252,7 +254,7 @@ def cylinder_modes(theta: Array) -> tuple[Array, Array]:
     return lag * taus[:MODES] / taus.sum(), shares / shares.sum()
 
 
-def _chain(theta: Array) -> Chain:
+def _chain_of_lags(theta: Array) -> Chain:
     """Return the chain of a plunge: the two largest lags, and the sum of all others as one."""
     first, second = cylinder_modes(theta)[0][:2]
     others = max(float(np.exp(theta[0])) - first - second, 0.0)
@@ -284,7 +286,7 @@ class _HeatedRecord:
     noise_K: float
 
     @classmethod
-    def averaged(cls, dt_s: float, y: Array, power: Array) -> _HeatedRecord:
+    def from_rows(cls, dt_s: float, y: Array, power: Array) -> _HeatedRecord:
         """Build a record of at most ``MAX_ROWS`` means of neighbouring rows.
 
         Parameters
@@ -331,7 +333,7 @@ class _HeatedRecord:
             total += share * lagged
         return total
 
-    def table(self, shape: Array) -> Array:
+    def regressors(self, shape: Array) -> Array:
         """Return the regressors (N, 4) of level, drift, direct and size."""
         ones = np.ones_like(self.t)
         return np.stack([ones, self.t, self.power, self.response(shape)], axis=1)
@@ -361,7 +363,7 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     profiled out. Up to three proposals are mixed until a quarter of ``SAMPLES`` is effective. The
     seeds are fixed, so that the same data give the same file.
     """
-    fits = _fit_all(record)
+    fits = _fit_from_all_starts(record)
     best = min(fits, key=lambda f: f.optimum.cost)
     density = _LogPosterior(record, best)
     near = [f for f in fits if f.optimum.cost < best.optimum.cost + MAX_EXCESS_COST]
@@ -398,8 +400,12 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     return best, samples, weights
 
 
-def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
-    """Return fits from all starts, with the noise of the residuals of the best."""
+def _fit_from_all_starts(record: _HeatedRecord) -> list[CurveFit]:
+    """Fit the record from all ``STARTS`` with white noise, then again with the residuals' noise.
+
+    The second fits start at the optima of the first. Their noise is that of the residuals of the
+    best of these.
+    """
     finite = np.isfinite(record.y)
     y = record.y[finite]
     names = [*LINEAR, "log_lag", *PRIORS]
@@ -411,7 +417,7 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
         """Return the readings of the model (N,), or None beyond ``MAX_LOG``."""
         if not np.all(np.abs(theta[4:]) <= MAX_LOG):
             return None
-        return record.table(theta[4:]) @ theta[:4]
+        return record.regressors(theta[4:]) @ theta[:4]
 
     def start(biot: float, wall: float, heated: float, gap: float) -> Array:
         """Best of ten lags, with level, drift, direct and size by linear least squares.
@@ -429,7 +435,7 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
         candidates = []
         for lag in np.geomspace(3 * record.dt_s, duration_s / 3, 10):
             shape = np.log([lag, biot, wall, heated, gap])
-            table = record.table(shape)[finite]
+            table = record.regressors(shape)[finite]
             linear = np.linalg.lstsq(table, y, rcond=None)[0]
             square_sum = float(np.sum((table @ linear - y) ** 2))
             candidates.append((square_sum, np.r_[linear, shape]))
@@ -463,7 +469,7 @@ class _LogPosterior:
         """Return the log density at a shape, up to a constant."""
         if not np.all(np.abs(shape) <= MAX_LOG):
             return -np.inf
-        table = self._whiten(self.record.table(shape)[self.finite])
+        table = self._whiten(self.record.regressors(shape)[self.finite])
         linear = np.linalg.lstsq(table, self.white_y, rcond=None)[0]
         deviations = [(v - mean) / sd for v, (mean, sd) in zip(shape[1:], PRIORS.values())]
         square_sum = np.sum((self.white_y - table @ linear) ** 2)
@@ -493,7 +499,7 @@ class _Mixture:
     chances: Array
 
     def sample(self, rng: np.random.Generator) -> Array:
-        """Return ``SAMPLES`` samples (SAMPLES, D)."""
+        """Draw ``SAMPLES`` samples (SAMPLES, D) from the mixture of Student's t distributions."""
         component = rng.choice(len(self.centres), SAMPLES, p=self.chances)
         tails = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, (SAMPLES, 1)))
         roots = np.linalg.cholesky(self.covariances)[component]
@@ -537,5 +543,5 @@ def _weighted_estimate(values: Array, weights: Array) -> Estimate:
     low, high = np.interp([0.025, 0.975], cumulative, values[order])
     sd = float(np.sqrt(weights @ (values - mean) ** 2))
     if not 0 < sd < np.inf:  # all weight on one sample
-        raise undetermined()
+        raise undetermined_lag_error()
     return Estimate(value=mean, u=sd, low95=float(low), high95=float(high))

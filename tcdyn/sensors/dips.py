@@ -61,31 +61,33 @@ class RandomEffects:
 
     def mean_estimate(self, group: int = 0) -> Estimate:
         """The mean of many dips of one group."""
-        return self._estimate(self.mean[:, group], self.variance[:, group] + self.common_u**2)
+        return self._estimate_of_logarithm(
+            self.mean[:, group], self.variance[:, group] + self.common_u**2
+        )
 
     def next_estimate(self) -> Estimate:
         """One further dip of the first group, which includes the spread between dips."""
         variance = self.variance[:, 0] + self.spread**2 + self.common_u**2
-        return self._estimate(self.mean[:, 0], variance)
+        return self._estimate_of_logarithm(self.mean[:, 0], variance)
 
     def groups_differ(self) -> bool:
         """Whether the 95 % interval of the difference of the two groups excludes zero."""
         difference = self.mean[:, 0] - self.mean[:, 1]
-        low, high = self._interval(difference, self.variance.sum(axis=1))
+        low, high = self._mixture_interval95(difference, self.variance.sum(axis=1))
         return not low <= 0 <= high
 
-    def _interval(self, mean: Array, variance: Array) -> tuple[float, float]:
+    def _mixture_interval95(self, mean: Array, variance: Array) -> tuple[float, float]:
         """95 % interval of the mixture of normal distributions."""
         parts = [Estimate.normal(m, v**0.5) for m, v in zip(mean, variance)]
         return mixture_interval95(parts, self.weights.tolist())
 
-    def _estimate(self, mean: Array, variance: Array) -> Estimate:
+    def _estimate_of_logarithm(self, mean: Array, variance: Array) -> Estimate:
         """Estimate of the quantity whose logarithm has this mixture.
 
         u is the half width of the 95 % interval over 1.96, so that a normal distribution with this
         u has an interval of that width.
         """
-        low, high = np.exp(self._interval(mean, variance))
+        low, high = np.exp(self._mixture_interval95(mean, variance))
         value = float(np.exp(self.weights @ mean))
         return Estimate(value=value, u=(high - low) / (2 * Z95), low95=low, high95=high)
 
@@ -190,7 +192,7 @@ def pool_dips(
     lag = pooled.next_estimate()
     relative_u = [estimate.u / estimate.value for estimate in lags]
     best = dips[int(np.argmin(relative_u))].chains[0]
-    chain = _scaled(best, lag.value / (best.lag_s - filter_lag_s))
+    chain = _scale_times(best, lag.value / (best.lag_s - filter_lag_s))
     largest_shares = [max(dip.chains[0].taus_s) / dip.chains[0].lag_s for dip in dips]
     within_split_u_s = np.sqrt(np.mean([dip.split_u_s[0] ** 2 for dip in dips]))
     split_u_s = float(np.hypot(within_split_u_s, lag.value * np.std(largest_shares, ddof=1)))
@@ -261,12 +263,12 @@ def _pooled_time(dips: Sequence[Estimate], common_u_s: float) -> Estimate:
 
 
 def _check_same_sensor(dips: Sequence[SensorFile]) -> None:
-    """Raise InputError for dips that cannot be combined.
+    """Check that at least two different dips are plunges of one column with one filter.
 
     Raises
     ------
     InputError
-        With what they must have in common.
+        Otherwise.
     """
     if len(dips) < 2:
         raise InputError(f"{len(dips)} dips to combine", expected="at least two")
@@ -288,7 +290,7 @@ def _check_same_sensor(dips: Sequence[SensorFile]) -> None:
         )
 
 
-def _scaled(chain: Chain, factor: float) -> Chain:
+def _scale_times(chain: Chain, factor: float) -> Chain:
     """The chain with all its times multiplied by ``factor``; its filter stays."""
     pair = chain.pair and (factor * chain.pair[0], chain.pair[1])
     return replace(

@@ -327,7 +327,7 @@ def sensor_file(
     variances = np.diag(lag_covariance)
     for (name, chain), variance in zip(chains.items(), variances):
         if not np.isfinite(variance) or (variance <= 0 and method in MEASURED):
-            raise undetermined(name)
+            raise undetermined_lag_error(name)
         _check_longest(name, chain)
     lag_u_s = np.sqrt(np.maximum(variances, 0.0))
     channels = {}
@@ -355,7 +355,7 @@ def sensor_file(
     )
 
 
-def undetermined(column: str = "") -> InputError:
+def undetermined_lag_error(column: str = "") -> InputError:
     """Return the error for a lag whose uncertainty is zero or undefined."""
     lag = f"the lag of {column}" if column else "the lag"
     return InputError(

@@ -57,7 +57,7 @@ def frame_source(
     units = units or {}
     data: dict[str, Array] = {}
     for label in frame.columns:
-        numbers = _numbers(frame[label])
+        numbers = _floats_or_none(frame[label])
         if numbers is not None:
             data[str(label)] = numbers
     times, name = _time_values(frame, time, time_unit, list(data), where)
@@ -79,7 +79,7 @@ def frame_source(
     return Source(Path("DataFrame"), table, clock)
 
 
-def _numbers(column: pd.Series) -> Array | None:
+def _floats_or_none(column: pd.Series) -> Array | None:
     """The column as floats; None if it holds no numbers."""
     if column.dtype.kind in "fiub":
         return column.to_numpy(dtype=float, na_value=np.nan)
@@ -144,7 +144,13 @@ def _is_time(column: pd.Series) -> bool:
 
 
 def _as_index(values: pd.Series | pd.Index[Any], name: str, where: str) -> pd.Index[Any]:
-    """Times as numbers, dates or durations; InputError for anything else."""
+    """The index or column ``name`` of ``where`` as times: numbers, dates or durations.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
     index = pd.Index(values)
     if index.dtype.kind not in "fiuMm":
         raise InputError(

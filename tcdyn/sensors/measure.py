@@ -20,7 +20,7 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import InputFile
 from tcdyn.sensors.current import current_sensor
@@ -107,7 +107,7 @@ def read_readings(
         source = frame_source(data, time, time_unit)
     elif isinstance(data, str | Path):
         source = open_source(data, time, [*columns, *others], time_unit)
-        inputs = (InputFile.of_path(Path(data), sha256(Path(data))),)
+        inputs = (InputFile.of_path(Path(data), sha256_of_file(Path(data))),)
     else:
         raise InputError(
             f"the data are a {type(data).__name__}",
@@ -238,7 +238,7 @@ def sensor_from_dip(
         raise InputError(f"junction is {junction!r}", expected=" or ".join(JUNCTIONS))
     film = _boundary_layer(medium, diameter_mm, speed_m_s)
     tables = data if isinstance(data, list) else [data]
-    entries = [None] * len(tables) if entry_s is None else _entries(entry_s)
+    entries = [None] * len(tables) if entry_s is None else _entry_list(entry_s)
     if len(entries) != len(tables):
         raise InputError(
             f"{{entry_s}} is given {len(entries)} times for {len(tables)} dips",
@@ -247,7 +247,7 @@ def sensor_from_dip(
         )
     dips = []
     for table, entry in zip(tables, entries):
-        dip = read_readings(table, _listed(column), **reading)
+        dip = read_readings(table, _as_list(column), **reading)
 
         fit = partial(
             plunge_sensor,
@@ -262,7 +262,7 @@ def sensor_from_dip(
             junction=junction,
             inputs=list(dip.inputs),
         )
-        dips.append(_measured(dip, fit))
+        dips.append(_with_reader_findings(dip, fit))
     return dips[0] if len(dips) == 1 else pool_dips(dips, name, film)
 
 
@@ -354,7 +354,7 @@ def sensor_from_pair(
         bare=bare,
         inputs=list(table.inputs),
     )
-    return _measured(table, fit)
+    return _with_reader_findings(table, fit)
 
 
 def sensor_from_current(
@@ -405,7 +405,7 @@ def sensor_from_current(
     >>> sensor.chain.channels["reading"].lag_s.contains(3.4)  # doctest: +SKIP
     True
     """
-    columns = _listed(column) or (["reading"] if isinstance(data, tuple) else [])
+    columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
     table = read_readings(data, columns, [current], **reading)
 
     fit = partial(
@@ -418,7 +418,7 @@ def sensor_from_current(
         off_only=off_only,
         inputs=list(table.inputs),
     )
-    return _measured(table, fit)
+    return _with_reader_findings(table, fit)
 
 
 def sensor_from_noise(
@@ -458,7 +458,7 @@ def sensor_from_noise(
     >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
     True
     """
-    table = read_readings(data, _listed(column), **reading)
+    table = read_readings(data, _as_list(column), **reading)
 
     fit = partial(
         noise_sensor,
@@ -468,10 +468,10 @@ def sensor_from_noise(
         sensor=name,
         inputs=list(table.inputs),
     )
-    return _measured(table, fit)
+    return _with_reader_findings(table, fit)
 
 
-def _listed(column: str | None) -> list[str]:
+def _as_list(column: str | None) -> list[str]:
     """The column as a list; empty for None."""
     return [] if column is None else [column]
 
@@ -483,7 +483,7 @@ def _with_u(value: ValueWithU) -> tuple[float, float]:
     return float(value[0]), float(value[1])
 
 
-def _entries(entry_s: ValueWithU | Sequence[ValueWithU]) -> list[tuple[float, float]]:
+def _entry_list(entry_s: ValueWithU | Sequence[ValueWithU]) -> list[tuple[float, float]]:
     """Instants of entry: a list has several, a number or a tuple is one."""
     listed: Any = entry_s if isinstance(entry_s, list) else [entry_s]
     return [_with_u(entry) for entry in listed]
@@ -516,7 +516,7 @@ def _boundary_layer(
     return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
 
 
-def _measured(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
+def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
     """The result of a fit, with the findings of the reader in front.
 
     A warning is added for each lag whose standard uncertainty exceeds the length of the record.

@@ -24,7 +24,13 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.conduction import conduction_chain, inner_lags
-from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
+from tcdyn.sensors.file import (
+    SHARES,
+    SensorFile,
+    lag_and_times,
+    sensor_file,
+    undetermined_lag_error,
+)
 from tcdyn.sensors.step_fits import bic_weights, model_average
 
 # Standard uncertainty besides the statistics: relative to the lag, since that the fluctuations are
@@ -49,6 +55,11 @@ TAPER_FACTOR = 35 / 18
 # (`python -m tests.sensors.layered_study noise`); and bins that are averaged to find it.
 NEGLIGIBLE_POWER = 3e-3
 SMOOTHED_BINS = 9
+# Lags at which the fits start: their number, the longest over the length of a segment, and a second
+# lag over the first; chosen by judgement.
+N_STARTS = 6
+LONGEST_START = 0.2
+SECOND_LAG_SHARE = 0.2
 MIN_BINS = 20  # least number of bins that are fitted; chosen by judgement
 BANDS = 12  # of the goodness-of-fit test of the spectrum; chosen by judgement
 MISFIT_P_VALUE = 0.001  # p-value of that test below which a warning is given; chosen by judgement
@@ -117,13 +128,15 @@ def noise_sensor(
     longest = n // MIN_SEGMENTS
     length = longest
     for _ in range(3):
-        theta = _fit(segments(y, length, dt), 1)
+        theta = _fit_spectrum(mean_periodogram(y, length, dt), 1)
         length = int(np.clip(SEGMENT_LAGS * np.exp(theta[2]) / dt, MIN_SEGMENT_ROWS, longest))
-    periodogram = segments(y, length, dt)
+    periodogram = mean_periodogram(y, length, dt)
     conductive = replace(periodogram, conduction=True)
     structures = [periodogram, periodogram, conductive]
-    fits = [_fit(data, count) for data, count in zip(structures, (1, 2, 2))]
-    costs = np.array([_cost(theta, data) for theta, data in zip(fits, structures)])
+    fits = [_fit_spectrum(data, count) for data, count in zip(structures, (1, 2, 2))]
+    costs = np.array(
+        [_negative_log_likelihood(theta, data) for theta, data in zip(fits, structures)]
+    )
     costs *= periodogram.weight
     n_parameters = np.array([3, 4, 4])
     log_size = np.log(periodogram.weight * len(periodogram.w))
@@ -132,12 +145,12 @@ def noise_sensor(
     us = []
     model_us = []
     for theta, data in zip(fits, structures):
-        covariance = _covariance(theta, data)
-        quantities = _quantities(theta[2:], data.conduction)
-        slopes = approx_fprime(theta[2:], _quantities, 1e-4, data.conduction)
+        covariance = _theta_covariance(theta, data)
+        quantities = _lag_and_step_times(theta[2:], data.conduction)
+        slopes = approx_fprime(theta[2:], _lag_and_step_times, 1e-4, data.conduction)
         variance = np.einsum("ik,kl,il->i", slopes, covariance[2:, 2:], slopes)
         if not variance[0] > 0:
-            raise undetermined(column)
+            raise undetermined_lag_error(column)
         values.append(quantities)
         inner_u_s = FURTHER_REL * sum(_all_lags(theta[2:], True)[1:]) * data.conduction
         model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2
@@ -156,7 +169,7 @@ def noise_sensor(
     first_s, second_s = [*_lags(best[2:]), 0.0][:2]
     chain = conduction_chain(first_s, second_s, data.conduction)
     _check_record(len(y), dt, lag, best)
-    findings = _conditions(y, data, best, column, len(_lags(best[2:])))
+    findings = _condition_findings(y, data, best, column, len(_lags(best[2:])))
     fit = {
         "lag_s": lag.model_dump(),
         "lags_in_record": len(y) * dt / lag.value,
@@ -207,7 +220,7 @@ class Periodogram:
     conduction: bool = False
 
 
-def segments(y: Array, length: int, dt_s: float) -> Periodogram:
+def mean_periodogram(y: Array, length: int, dt_s: float) -> Periodogram:
     """Return the mean periodogram of overlapping Hann segments (Welch's method).
 
     Parameters
@@ -271,14 +284,14 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
     return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
-def _cost(theta: Array, periodogram: Periodogram) -> float:
+def _negative_log_likelihood(theta: Array, periodogram: Periodogram) -> float:
     """Return Whittle's negative log likelihood, for one independent value in each bin."""
     s = spectrum(theta, periodogram)
     return float(np.sum(np.log(s) + periodogram.power / s))
 
 
-def _fit(periodogram: Periodogram, count: int) -> Array:
-    """Return the parameters of least cost (Nelder-Mead, six starts).
+def _fit_spectrum(periodogram: Periodogram, count: int) -> Array:
+    """Return the parameters of least cost (Nelder-Mead from ``N_STARTS`` lags).
 
     Parameters
     ----------
@@ -298,15 +311,17 @@ def _fit(periodogram: Periodogram, count: int) -> Array:
     floor = float(np.median(power[-max(len(power) // 10, 3) :]))
     options = {"maxiter": 1500, "xatol": 1e-4, "fatol": 1e-4}
     results = []
-    for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(power), 6):
-        start = np.log([mean_power, max(floor, 1e-12), *[tau, 0.2 * tau][:count]])
-        result = minimize(_cost, start, (periodogram,), method="Nelder-Mead", options=options)
+    for tau in np.geomspace(2 * dt, LONGEST_START * dt * 2 * len(power), N_STARTS):
+        start = np.log([mean_power, max(floor, 1e-12), *[tau, SECOND_LAG_SHARE * tau][:count]])
+        result = minimize(
+            _negative_log_likelihood, start, (periodogram,), method="Nelder-Mead", options=options
+        )
         results.append(result)
     theta = min(results, key=lambda result: result.fun).x
     return np.r_[theta[:2], np.sort(theta[2:])[::-1]]
 
 
-def _covariance(theta: Array, periodogram: Periodogram) -> Array:
+def _theta_covariance(theta: Array, periodogram: Periodogram) -> Array:
     """Return the inverse of Whittle's expected information.
 
     Parameters
@@ -330,7 +345,7 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
     return np.asarray(np.linalg.pinv(information), dtype=np.float64)
 
 
-def _quantities(logs: Array, conduction: bool) -> Array:
+def _lag_and_step_times(logs: Array, conduction: bool) -> Array:
     """Return lag and times of the step response (4,) [s], from the logarithms of the lags."""
     return lag_and_times(Chain(_all_lags(logs, conduction)))
 
@@ -392,7 +407,7 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
         )
 
 
-def _conditions(
+def _condition_findings(
     y: Array, periodogram: Periodogram, theta: Array, column: str, lags: int
 ) -> list[Finding]:
     """Return findings on number of lags, stationarity, and goodness of fit.

@@ -29,7 +29,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
-from tcdyn.sensors.file import SensorFile, sensor_file, undetermined
+from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
 from tcdyn.sensors.updates import Updates, find_updates
@@ -254,7 +254,7 @@ def pair_sensor(
         )
     n_lags = 2 * data.segments
     exponents = [] if speed is None else [exponent[0]]
-    starts = _starts(data, exponents)
+    starts = _grid_starts(data, exponents)
     for _ in range(2):
         size = max(int(np.exp(starts[0][:n_lags].min()) / ROWS_IN_SHORTER_LAG / data.dt_s), 1)
         averaged = averaged_rows(data, size)
@@ -264,11 +264,11 @@ def pair_sensor(
         if usable < MIN_ROWS:
             what = f"a segment of {usable} rows with new values of {columns[0]} and {columns[1]}"
             raise InputError(what, expected=f"at least {MIN_ROWS} between changes of flow")
-        theta = _minimise(averaged, starts)
+        theta = _search_minimum(averaged, starts)
         if averaged.intervals is not None:
             data = _with_fitted_noise(averaged, theta)
             averaged = data
-            theta = _minimise(averaged, [theta])
+            theta = _search_minimum(averaged, [theta])
         starts = [theta]
     shorter_s = float(np.exp(theta[:n_lags].min()))
     if data.dt_s > row_dt_s and data.dt_s > shorter_s / ROWS_PER_LAG:
@@ -283,7 +283,7 @@ def pair_sensor(
     unshown_s = np.zeros(n_lags)
     if averaged.intervals is None and not bare:
         two = replace(averaged, second_lags=True)
-        two_lags = _fit(two, _minimise(two, _starts(two, exponents)))
+        two_lags = _fit(two, _search_minimum(two, _grid_starts(two, exponents)))
         if _requires_second(best, two_lags):
             best = two_lags
             fitted = two
@@ -293,7 +293,7 @@ def pair_sensor(
     best, gain, by_gain_s = _with_gain(fitted, best)
     covariance = best.covariance
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
-        raise undetermined(", ".join(columns))
+        raise undetermined_lag_error(", ".join(columns))
     taus, lag_covariance = _total_lags(best, n_lags)
     limited_by = "noise and fluctuations of the fluid"
     if np.any(unshown_s**2 > np.diag(lag_covariance)):
@@ -517,7 +517,7 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
     high = data.noise_K[sparse]
     for _ in range(40):  # bisection of the logarithm
         middle = float(np.sqrt(low * high))
-        if np.mean(whitened(with_noise(middle), theta) ** 2) > 1:
+        if np.mean(whitened_residuals(with_noise(middle), theta) ** 2) > 1:
             low = middle
         else:
             high = middle
@@ -561,7 +561,7 @@ def averaged_rows(data: PairData, size: int) -> PairData:
     )
 
 
-def whitened(data: PairData, theta: Array) -> Array:
+def whitened_residuals(data: PairData, theta: Array) -> Array:
     """Residuals of unit variance: differences of the two sides at the middle between rows.
 
     Parameters
@@ -674,13 +674,13 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
     return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
 
-def _cost(data: PairData, theta: Array) -> float:
+def _sum_of_squares(data: PairData, theta: Array) -> float:
     """Return the sum of squares of the whitened residuals, with those of the priors."""
-    w = whitened(data, theta)
+    w = whitened_residuals(data, theta)
     return float(w @ w + np.sum(data.prior_residuals(theta) ** 2))
 
 
-def _starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
+def _grid_starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     """Return starts of the parameters: the best of a coarse grid of lags.
 
     Parameters
@@ -704,10 +704,10 @@ def _starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     ]
     if not data.second_lags:
         candidates = [theta[:-2] for theta in candidates[:: len(SECOND_STARTS)]]
-    return sorted(candidates, key=lambda theta: _cost(averaged, theta))[:N_STARTS]
+    return sorted(candidates, key=lambda theta: _sum_of_squares(averaged, theta))[:N_STARTS]
 
 
-def _minimise(data: PairData, starts: Sequence[Array]) -> Array:
+def _search_minimum(data: PairData, starts: Sequence[Array]) -> Array:
     """Return the parameters of least cost.
 
     Parameters
@@ -731,7 +731,7 @@ def _minimise(data: PairData, starts: Sequence[Array]) -> Array:
 
     def residuals(theta: Array) -> Array:
         """Return the whitened residuals and those of the priors."""
-        return np.r_[whitened(data, theta), data.prior_residuals(theta)]
+        return np.r_[whitened_residuals(data, theta), data.prior_residuals(theta)]
 
     def jacobian(theta: Array) -> Array:
         """Return central differences; long lags lose digits, so that the step is not small."""
@@ -801,18 +801,18 @@ def _fit(data: PairData, theta: Array) -> _Fit:
         The fit.
     """
     p = len(theta)
-    w = whitened(data, theta)
+    w = whitened_residuals(data, theta)
     steps = LOG_STEP * np.eye(p)
     scores = []
     hessian = np.zeros((p, p))
     for i, step in enumerate(steps):
-        up = whitened(data, theta + step) ** 2
-        down = whitened(data, theta - step) ** 2
+        up = whitened_residuals(data, theta + step) ** 2
+        down = whitened_residuals(data, theta - step) ** 2
         scores.append(0.25 * (up - down) / LOG_STEP)
         for j, other in enumerate(steps[: i + 1]):
             corners = 0.0
             for a, b in product((1, -1), repeat=2):
-                corners += a * b * _cost(data, theta + a * step + b * other)
+                corners += a * b * _sum_of_squares(data, theta + a * step + b * other)
             hessian[i, j] = corners / (8 * LOG_STEP**2)
             hessian[j, i] = hessian[i, j]
     block_starts = np.arange(0, len(w), max(len(w) // SCORE_BLOCKS, 1))
@@ -835,12 +835,12 @@ def _fit(data: PairData, theta: Array) -> _Fit:
     return _Fit(theta, covariance, w**2, data.second_lags)
 
 
-def _requires_second(one: _Fit, two: _Fit) -> bool:
+def _requires_second(single: _Fit, two: _Fit) -> bool:
     """Return whether the data require second lags.
 
     Parameters
     ----------
-    one, two
+    single, two
         The fits without and with second lags.
 
     Returns
@@ -854,7 +854,7 @@ def _requires_second(one: _Fit, two: _Fit) -> bool:
     variance of its own, estimated from blocks of the record (Vuong 1989, Econometrica 57, 307).
     """
     n = len(two.squares)
-    difference = one.squares[:n] - two.squares
+    difference = single.squares[:n] - two.squares
     blocks = [block.sum() for block in np.array_split(difference, SCORE_BLOCKS)]
     chance = SECOND_QUANTILE * np.std(blocks, ddof=1) * np.sqrt(SCORE_BLOCKS)
     return bool(difference.sum() > 2 * np.log(n) + chance)
@@ -915,7 +915,7 @@ def _with_gain(data: PairData, fit: _Fit) -> tuple[_Fit, Estimate, Array]:
         known = replace(data, gain=(gain, KNOWN_GAIN_SD))
         start = fit.theta.copy()
         start[n_lags] = gain
-        return _fit(known, _minimise(known, [start]))
+        return _fit(known, _search_minimum(known, [start]))
 
     smaller, known, larger = (with_gain(gain) for gain in (-GAIN_SD, 0.0, GAIN_SD))
     shift_s = 0.5 * (_total_lags(larger, n_lags)[0] - _total_lags(smaller, n_lags)[0])

@@ -95,8 +95,8 @@ def interval_residuals(
     Generalised least squares of these sums equals that of all equations with the missing values as
     free parameters.
 
-    ``before`` and ``after`` are those of ``tcdyn.sensors.pair.whitened``; a change of the equation
-    there needs none here, as long as it is linear in neighbouring rows.
+    ``before`` and ``after`` are those of ``tcdyn.sensors.pair.whitened_residuals``; a change of the
+    equation there needs none here, as long as it is linear in neighbouring rows.
     """
     count = len(intervals.start)
     index = np.arange(count)

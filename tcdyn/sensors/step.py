@@ -17,6 +17,13 @@ from tcdyn.sensors.step_fits import white_noise_K
 MIN_STEP_NOISES = 20.0  # least step over the white noise; chosen by judgement
 MIN_SAMPLES = 30  # least number of samples; chosen by judgement
 MIN_RISES_AFTER = 2.5  # least record after the step, in times to 63.2 %; chosen by judgement
+MIN_ROWS_AROUND = (20, 30)  # least rows before the entry, and after it, to fit; by judgement
+# Rows from which a level is taken: a 50th of the record and at least so many; by judgement.
+LEVEL_PARTS = 50
+MIN_LEVEL_ROWS = 3
+# First half-width of the means whose slope is searched, a 400th of the record; by judgement.
+SLOPE_PARTS = 400
+TIME_CONSTANT_SHARE = 0.632  # share of the step that one lag reaches after its time constant
 # Part of the record in which no other event is searched, in times to 63.2 % after the entry, the
 # part before the entry as a share of it, and the longest part that is fitted; by judgement.
 RISES_AFTER = 12.0
@@ -100,7 +107,7 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
         raise InputError(f"only {int(finite.sum())} samples", expected=f"at least {MIN_SAMPLES}")
     filled = np.interp(np.arange(len(y)), np.flatnonzero(finite), y[finite])
     noise = white_noise_K(y)
-    edge = max(len(y) // 50, 3)
+    edge = max(len(y) // LEVEL_PARTS, MIN_LEVEL_ROWS)
     if entry_s is None:
         start = _step_start(filled, noise, edge)
     else:
@@ -116,7 +123,7 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
             expected=f"at least {MIN_STEP_NOISES:g} times the noise",
         )
     share = (filled[start:end] - before) / size
-    rise = max(int(np.argmax(share >= 0.632)), 2)
+    rise = max(int(np.argmax(share >= TIME_CONSTANT_SHARE)), 2)
     rows_after = end - start
     if rows_after < MIN_RISES_AFTER * rise:
         what = "record ends" if end == len(y) else "reading changes again"
@@ -124,7 +131,8 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
             f"the {what} {rows_after * dt_s:.3g} s after the step, which is not over",
             expected="five time constants after the step",
         )
-    first = max(start - max(int(BEFORE_SHARE * RISES_AFTER * rise), 20), 0)
+    rows_before = max(int(BEFORE_SHARE * RISES_AFTER * rise), MIN_ROWS_AROUND[0])
+    first = max(start - rows_before, 0)
     rows, has_event = _rows_to_fit(filled[start:end], rise, abs(size))
     has_event |= start + rows == end < len(y)
     return Step(first, start + rows, start * dt_s, size, rise * dt_s, before, has_event)
@@ -177,7 +185,7 @@ def _rows_to_fit(after: Array, rise: int, size: float) -> tuple[int, bool]:
     int, bool
         The rows until the next event, at most those of ``MOST_RISES_AFTER``; whether there is one.
     """
-    count = max(int(RISES_AFTER * rise), 30)
+    count = max(int(RISES_AFTER * rise), MIN_ROWS_AROUND[1])
     after = after[: MOST_RISES_AFTER * rise + count]
     if count >= len(after):
         return len(after), False
@@ -211,7 +219,7 @@ def _step_start(filled: Array, noise: float, edge: int) -> int:
     Within the noise: below ``LEVEL_NOISES`` standard deviations of a mean, or ``LEVEL_SHARE`` of
     the change if that is more.
     """
-    half = max(len(filled) // 400, 1)
+    half = max(len(filled) // SLOPE_PARTS, 1)
     while True:
         window = 2 * half + 1
         mean = np.convolve(filled, np.ones(window) / window, mode="valid")

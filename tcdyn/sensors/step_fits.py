@@ -17,7 +17,7 @@ from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import NoiseModel, Optimum, Problem, Status, fit_ar, minimise
 from tcdyn.estimation.trace_noise import white_noise_sd
-from tcdyn.sensors.file import undetermined
+from tcdyn.sensors.file import undetermined_lag_error
 
 # curve (N,) at the parameters; None where it cannot be computed
 Model = Callable[[Array], Array | None]
@@ -71,7 +71,7 @@ class CurveFit:
         k = self.optimum.problem.names.index(name)
         return float(np.sqrt(self.optimum.covariance[k, k]))
 
-    def resolved(self, names: Sequence[str]) -> bool:
+    def is_resolved(self, names: Sequence[str]) -> bool:
         """Whether the data distinguish all these parameters from zero."""
         return all(self.u(name) <= RESOLVED_REL * self.theta[name] for name in names)
 
@@ -345,5 +345,5 @@ def model_average(values: Sequence[float], us: Sequence[float], weights: Array) 
     v = np.asarray(values, dtype=float)
     u = np.asarray(us, dtype=float)
     if not (np.all(np.isfinite(v)) and np.all(np.isfinite(u))):
-        raise undetermined()
+        raise undetermined_lag_error()
     return mixture([Estimate.normal(*pair) for pair in zip(v, u)], weights.tolist())

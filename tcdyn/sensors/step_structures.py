@@ -62,6 +62,7 @@ MAX_SLOW_SHARE = {"axis": 0.5, "sheath": 0.95}
 MIN_GAIN = 4.0
 MEDIUM_LIMIT_U = 4.0  # largest lag of the medium, in standard uncertainties above its mean
 MIN_WEIGHT = 1e-3  # probability below which a structure is not tried with the grid of second lags
+SETTLED_NOISE = (0.8, 1.25)  # ratio of two white levels within which no round follows; by judgement
 NOISE_ITERATIONS = 3  # rounds of noise and fit, at most; chosen by judgement
 
 
@@ -163,7 +164,7 @@ class StepRecord:
         below = second_lag_probability(edges * self.sensor_lag_s, self.diameter_m)
         return float(below[0] if k < 0 else below[k + 1] - below[k])
 
-    def exchanged(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+    def exchange_lags(self, values: Mapping[str, float]) -> list[dict[str, float]]:
         """Return start values with the medium's lag and one of the sensor's lags exchanged.
 
         The response is symmetric in them, so that both are solutions; their priors decide. Lags
@@ -354,7 +355,7 @@ def fit_structures(record: StepRecord) -> tuple[list[FittedStructure], Array]:
         best = fitted[int(np.argmax(weights))].fit
         colour, level_K = residual_noise(best.residual, len(best.optimum.theta))
         both_white = colour.white and noise[0].white
-        if both_white and 0.8 < level_K / noise[1] < 1.25:
+        if both_white and SETTLED_NOISE[0] < level_K / noise[1] < SETTLED_NOISE[1]:
             break
         noise = (colour, level_K)
     return fitted, weights
@@ -393,8 +394,8 @@ def _fit_with_noise(
         """Fit a structure; keep and return the fit if it is resolved and differs from others."""
         if record.curve(structure, start) is None:
             return None
-        fit = _fit(record, structure, start, noise)
-        if not fit.resolved(structure.to_resolve):
+        fit = _fit_structure(record, structure, start, noise)
+        if not fit.is_resolved(structure.to_resolve):
             return None
         if any(f.structure == structure and f.fit.is_near(fit) for f in fitted):
             return None
@@ -406,7 +407,7 @@ def _fit_with_noise(
         fit = add(structure, record.start(shares))
         if fit is None:
             break
-        for exchanged in record.exchanged(fit.theta):
+        for exchanged in record.exchange_lags(fit.theta):
             add(structure, exchanged)
     if not fitted:
         raise InputError(
@@ -465,7 +466,7 @@ def _slow_path(
     trials = []
     for ratio in SLOW_RATIOS:
         path = {"slow_share": SMALL_SHARE, "slow_s": ratio * record.sensor_lag_s}
-        share, gain = _score(record, fitted, structure, path, "slow_share")
+        share, gain = _score_of_parameter(record, fitted, structure, path, "slow_share")
         path["slow_share"] = float(np.clip(share, SMALL_SHARE, MAX_SLOW_SHARE[record.junction]))
         trials.append((gain if share > 0 else 0.0, path))
     gain, path = max(trials, key=lambda trial: trial[0])
@@ -513,14 +514,15 @@ def later_response(record: StepRecord, fitted: FittedStructure) -> tuple[float, 
     Returns
     -------
     shift_s, gain
-        As ``_score`` returns them; the shift is negative if the response begins earlier [s].
+        As ``_score_of_parameter`` returns them; the shift is negative if the response begins
+        earlier [s].
     """
     structure = replace(fitted.structure, dead=True)
     step_s = SMALL_SHARE * record.sensor_lag_s
-    return _score(record, fitted, structure, {"dead_s": step_s}, "dead_s")
+    return _score_of_parameter(record, fitted, structure, {"dead_s": step_s}, "dead_s")
 
 
-def _score(
+def _score_of_parameter(
     record: StepRecord,
     fitted: FittedStructure,
     structure: StepStructure,
@@ -555,7 +557,7 @@ def _score(
     return fitted.fit.score(direction)
 
 
-def _fit(
+def _fit_structure(
     record: StepRecord,
     structure: StepStructure,
     start: Mapping[str, float],

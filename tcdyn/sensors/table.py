@@ -209,7 +209,10 @@ def source_of_table(
     time_unit: str | None = None,
     known: Sequence[str] = (),
 ) -> Source:
-    """An open table with its time column; parameters and errors are those of ``open_source``."""
+    """Find the time column of an open table; ``path`` is its file.
+
+    The other parameters, and the errors, are those of ``open_source``.
+    """
     check_not_compensated(table.names, table.metadata, table.where)
     table = _with_unique_names(table, [*known, *([time] if time else [])])
     clock = find_time_column(
@@ -252,8 +255,8 @@ def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:
         count = table.names[: k + 1].count(name)
         names.append(f"{name} ({count})" if count > 1 else name)
 
-    def chunks(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
-        yield from table.chunks([name for name in wanted if name in table.names], rows)
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        yield from table.chunks([name for name in requested if name in table.names], rows)
 
     return replace(table, names=tuple(names), chunks=chunks)
 
@@ -498,12 +501,12 @@ def _interval_s(step: Array) -> float:
 
 
 def _check_rising(time_s: Array, where: str) -> None:
-    """Raise InputError for few rows, or time that is missing or does not rise.
+    """Check that there are ``MIN_ROWS`` rows, all with a time that never falls and rises in total.
 
     Raises
     ------
     InputError
-        With the row.
+        Otherwise, with the row.
     """
     n = len(time_s)
     if n < MIN_ROWS:
@@ -721,7 +724,19 @@ def _settled_lengths(margin: int, min_rows: int) -> _Lengths:
 def _delayed_lengths(
     delay_s: float, lag_s: float, interval_s: float, stretch_rows: int
 ) -> _Lengths:
-    """Lengths of a block with a fixed delay, ``stretch_rows`` rows after a start or a long gap."""
+    """Lengths [rows] of a block with a fixed delay; see the notes of ``read_segments``.
+
+    Parameters
+    ----------
+    delay_s
+        The delay [s].
+    lag_s
+        Largest lag, for the margin before the block [s].
+    interval_s
+        Interval of the rows [s]; 0: not known yet, so that ``START_ROWS`` are read first.
+    stretch_rows
+        Rows since the start or the last long gap that belong to earlier blocks.
+    """
     if not interval_s:
         return _Lengths(0, 0, 0, 0, 0, START_ROWS)
     rows = int(delay_s / interval_s + 1e-6)
@@ -776,9 +791,10 @@ def _typical_interval_s(time: Array) -> float:
 
 
 def _rounded_margin(rows: float) -> int:
-    """Return rows rounded up to a power of two, from 1024 on to a multiple of it.
+    """Round a number of rows up to a power of two, beyond 1024 to a multiple of 1024.
 
-    The intervals of the smoother then begin at the same rows as those of the table.
+    The smoother starts its intervals at the first row of a segment. With this margin they begin at
+    the same rows of the table in every segment. At most ``MAX_MARGIN_ROWS``.
     """
     step = 1 << min(int(np.ceil(np.log2(max(rows, 1)))), 10)
     return int(min(step * np.ceil(rows / step), MAX_MARGIN_ROWS))

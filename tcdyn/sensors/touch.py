@@ -173,9 +173,9 @@ def find_touches(
         raise InputError(
             f"a touch of {touch_s:g} s has {touch_s / step_s:.2g} rows", expected="at least two"
         )
-    rise_K = _rises(readings_degC, n_touch)
+    rise_K = _column_rises(readings_degC, n_touch)
     touches = [
-        _touch(time_s, rise_K, columns, row, round(SAME_TOUCH_DURATIONS * n_touch))
+        _touch_at(time_s, rise_K, columns, row, round(SAME_TOUCH_DURATIONS * n_touch))
         for row in _touch_rows(rise_K, n_touch)
     ]
     if len(touches) == len(order):
@@ -183,10 +183,10 @@ def find_touches(
             Touch(t.time_s, t.column, t.rise_K, t.second, t.second_share, expected)
             for t, expected in zip(touches, order)
         ]
-    return TouchLog(tuple(touches), tuple(_findings(touches, columns, order)))
+    return TouchLog(tuple(touches), tuple(_touch_findings(touches, columns, order)))
 
 
-def _rises(readings_degC: Array, n_touch: int) -> Array:
+def _column_rises(readings_degC: Array, n_touch: int) -> Array:
     """Rise of each column within a touch, (N, M) [K]; missing readings are interpolated.
 
     Parameters
@@ -227,7 +227,7 @@ def _touch_rows(rise_K: Array, n_touch: int) -> list[int]:
     return [int(row) - 1 for row in peaks]
 
 
-def _touch(time_s: Array, rise_K: Array, columns: Sequence[str], row: int, n_same: int) -> Touch:
+def _touch_at(time_s: Array, rise_K: Array, columns: Sequence[str], row: int, n_same: int) -> Touch:
     """The touch whose largest rise is at a row.
 
     Parameters
@@ -253,7 +253,7 @@ def _touch(time_s: Array, rise_K: Array, columns: Sequence[str], row: int, n_sam
     return Touch(float(time_s[onset]), columns[first], size_K, columns[second], second_share)
 
 
-def _findings(
+def _touch_findings(
     touches: Sequence[Touch], columns: Sequence[str], order: Sequence[str]
 ) -> list[Finding]:
     """What differs from the stated order, columns without response, and unclear touches.

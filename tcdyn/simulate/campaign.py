@@ -24,7 +24,7 @@ from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io import write
 from tcdyn.io.metadata import SIMULATED_KEY, metadata_path
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig, load_rig, rig_toml
 from tcdyn.simulate.bath import FluidName
@@ -255,7 +255,7 @@ def simulate_campaign(
     with write.removed_on_failure(*written):
         rig_sha256 = _write_rig(folder, nominal_rig)
         true_values: dict[str, dict[str, Any]] = {name: {} for name in jobs}
-        results = parallel_map(partial(_run, folder=folder), [*jobs.items()], n_jobs)
+        results = parallel_map(partial(_run_job, folder=folder), [*jobs.items()], n_jobs)
         for number, (_, result) in enumerate(results, 1):
             if isinstance(result, Exception):
                 raise result
@@ -293,9 +293,9 @@ def _write_rig(folder: Path, rig: Rig) -> str:
         last_sha256 = _last_rig_sha256(folder)
         if load_rig(path) == rig:
             return last_sha256
-        if sha256(path) != last_sha256:
+        if sha256_of_file(path) != last_sha256:
             raise _foreign_file_error(folder, path.name)
-    return sha256(write.write_text(path, rig_toml(rig)))
+    return sha256_of_file(write.write_text(path, rig_toml(rig)))
 
 
 def _last_rig_sha256(folder: Path) -> str:
@@ -323,7 +323,7 @@ def _traces(folder: Path, name: str) -> Path:
     return folder / "truth" / f"{name}_traces.parquet"
 
 
-def _run(named_job: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
+def _run_job(named_job: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
     """Run a job and write its log and its traces.
 
     Parameters

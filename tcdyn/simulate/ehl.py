@@ -391,7 +391,9 @@ def simulate_ehl(
     o = options or EhlOptions()
     test_truth = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
-    columns, traces = _conditions(t, test_truth, rig, rng_for(seed, "conditions", condition.name))
+    columns, traces = _condition_channels(
+        t, test_truth, rig, rng_for(seed, "conditions", condition.name)
+    )
     unevenness: dict[str, Any] = {}
     for name in DISKS:
         rng = rng_for(seed, "measure", condition.name, name)
@@ -403,7 +405,7 @@ def simulate_ehl(
     order = [c for c in columns if c not in last] + last
     frame = pd.DataFrame(columns)[order]
     trace_frame = pd.DataFrame(traces)[order]
-    values = _scalars(test_truth, rig, trace_frame)
+    values = _true_scalars(test_truth, rig, trace_frame)
     return frame, {**values, "unevenness": unevenness, "traces": trace_frame}
 
 
@@ -430,7 +432,7 @@ def heat_share_and_h(test_truth: EhlTruth, name: str) -> tuple[float, float]:
 
 
 def _simulate_disk(
-    rig: RigTruth, name: str, test_truth: EhlTruth, o: EhlOptions, rng: np.random.Generator
+    rig: RigTruth, name: str, test_truth: EhlTruth, options: EhlOptions, rng: np.random.Generator
 ) -> tuple[Array, Array, dict[str, Any]]:
     """Simulate and log one disk.
 
@@ -442,7 +444,7 @@ def _simulate_disk(
         "fast" or "slow".
     test_truth
         True values of the test.
-    o
+    options
         Options of the simulation.
     rng
         Random numbers of the logger of this disk.
@@ -457,7 +459,7 @@ def _simulate_disk(
     """
     disk = rig.disk(name)
     share, h = heat_share_and_h(test_truth, name)
-    _, solution = disk_run(disk, test_truth, share, h, o, o.duration_s)
+    _, solution = disk_run(disk, test_truth, share, h, options, options.duration_s)
     n_channels = len(disk.channels)
 
     def junctions_at(t: Array) -> Array:
@@ -465,13 +467,18 @@ def _simulate_disk(
         return solution.at(t)[:, :n_channels]
 
     imperfections = rig.imperfections
-    log, true = log_disk(junctions_at, o.duration_s, disk, rng, imperfections, spikes=True)
+    log, true = log_disk(junctions_at, options.duration_s, disk, rng, imperfections, spikes=True)
     unloading_start = np.array([test_truth.breaks_s[2]])
     return log, true, unevenness_effects(disk, solution.at(unloading_start)[0])
 
 
 def disk_run(
-    disk: DiskTruth, test_truth: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
+    disk: DiskTruth,
+    test_truth: EhlTruth,
+    share: float,
+    h: float,
+    options: EhlOptions,
+    until_s: float,
 ) -> tuple[DiskSystem, Solution]:
     """Simulate one disk from the start of its test to ``until_s``.
 
@@ -485,7 +492,7 @@ def disk_run(
         Share of the frictional heat that enters the disk.
     h
         Heat transfer coefficient of the running surface under load [W/m2K].
-    o
+    options
         Mesh and steps of the solution.
     until_s
         End of the solution [s].
@@ -504,7 +511,7 @@ def disk_run(
     """
     flux = disk.setup.flux.at_pressure(test_truth.pressure_Pa)
     loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
-    system = harmonic_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
+    system = harmonic_system(loaded_disk, h, test_truth.half_width_m, options.mesh)
 
     def power(t: Array) -> Array:
         """Return the heat that enters the disk (N,) [W] at times ``t`` (N,)."""
@@ -520,12 +527,12 @@ def disk_run(
     breaks = sorted({b for b in test_truth.breaks_s if 0 < b < until_s})
     edges = (0.0, *breaks, until_s)
     solution = integrate(
-        system, power, test_truth.ambient_at, edges, start, o.stepping, test_truth.h_share
+        system, power, test_truth.ambient_at, edges, start, options.stepping, test_truth.h_share
     )
     return system, solution
 
 
-def _conditions(
+def _condition_channels(
     t: Array, test_truth: EhlTruth, rig: RigTruth, rng: np.random.Generator
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the channels of the log that are no temperatures of the disks, logged and true.
@@ -571,7 +578,7 @@ def _conditions(
         "time_s": t,
         "load_N": load_N * test_truth.contact_share(t),
         "friction_N": test_truth.friction_at(t),
-        "contact": _within(
+        "contact": _inside_intervals(
             t, [(test_truth.load_on_s, test_truth.unload_s), *test_truth.recontact_intervals_s]
         ),
         "speed_fast_rpm": test_truth.test.speed_fast_rpm * test_truth.speed_share(t),
@@ -587,7 +594,9 @@ def _conditions(
         "time_s": t,
         "load_N": digitised(load + zero_load + 6.0 * noise[0], 5000.0),
         "friction_N": digitised(friction + zero_friction + 0.15 * noise[1], 100.0),
-        "contact": _within(t, [(switch_on_s, switch_off_s), *test_truth.recontact_intervals_s]),
+        "contact": _inside_intervals(
+            t, [(switch_on_s, switch_off_s), *test_truth.recontact_intervals_s]
+        ),
         "speed_fast_rpm": np.round(true["speed_fast_rpm"] + 1.5 * noise[2], 1),
         "speed_slow_rpm": np.round(true["speed_slow_rpm"] + 0.5 * noise[3], 1),
         "ambient_degC": true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4],
@@ -620,7 +629,7 @@ def _oil_temperature(t: Array, test_truth: EhlTruth, drift: bool) -> Array:
     return oil + slow + 0.2 * test_truth.contact_share(t)
 
 
-def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
+def _inside_intervals(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
     """Return 1 inside any of the intervals, else 0.
 
     Parameters
@@ -638,7 +647,7 @@ def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
     return np.any([(t >= start) & (t < stop) for start, stop in intervals], axis=0).astype(float)
 
 
-def _scalars(test_truth: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
+def _true_scalars(test_truth: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
     """Return the true values of a test for the truth file.
 
     Parameters

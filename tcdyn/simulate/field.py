@@ -53,7 +53,7 @@ def disk_fields(
 
 
 def _temperature_around(
-    disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions
+    disk: DiskTruth, system: DiskSystem, state: Array, options: EhlOptions
 ) -> CircumferentialTemperature:
     """Return the temperature around a disk from the state of its system.
 
@@ -65,7 +65,7 @@ def _temperature_around(
         Its equations.
     state
         State of all unknowns (n,).
-    o
+    options
         Options of the run; its mesh must be that of ``system``.
 
     Returns
@@ -74,7 +74,7 @@ def _temperature_around(
         Temperature over depth and angle in the middle plane, and at the surface as the mean over
         the width.
     """
-    grid = grid_of(disk, o.mesh)
+    grid = grid_of(disk, options.mesh)
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
     shapes = [np.ones(len(angle)), *(wave(n * angle) for n, wave in harmonic_shapes(disk))]
     field = np.zeros((grid.cells.size, len(angle)))
@@ -87,14 +87,14 @@ def _temperature_around(
         setup=disk.setup,
         depth_m=(disk.setup.outer_radius_m - grid.r)[::-1],
         angle_deg=ANGLES_DEG,
-        middle_degC=_middle(field, grid.z)[::-1],
+        middle_degC=_middle_plane(field, grid.z)[::-1],
         surface_degC=field[-1].mean(axis=0),
         surface_u_K=np.zeros(len(angle)),
         reading_degC=dict(zip(system.channels, readings.tolist())),
     )
 
 
-def _middle(field: Array, z_m: Array) -> Array:
+def _middle_plane(field: Array, z_m: Array) -> Array:
     """Return a field in the middle plane of the disk, by linear interpolation in z.
 
     Parameters

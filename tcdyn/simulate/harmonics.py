@@ -113,7 +113,7 @@ def harmonic_system(
         return even
     g = grid_of(disk, mesh)
     waves = harmonic_shapes(disk)
-    blocks = [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
+    blocks = [_harmonic_block(disk, g, n, h_W_m2K) for n, _ in waves]
     sizes = [len(block.capacity) for block in blocks]
     starts = np.cumsum([0, g.size, *sizes])
     conductances = [even.conductance, *(block.conductance for block in blocks)]
@@ -121,7 +121,7 @@ def harmonic_system(
     walls: list[Wall] = [(g.cells[0], g.under)]
     for start, block in zip(starts[1:], blocks):
         walls.append((start + g.cells[0], start + block.shaft_faces))
-    coupled = uncoupled + _coupling(disk, g, walls, int(starts[-1]))
+    coupled = uncoupled + _press_fit_matrix(disk, g, walls, int(starts[-1]))
     zeros = np.zeros(starts[-1] - g.size)
     half_surfaces = [_half_surface(even, size) for size in sizes]
     return replace(
@@ -166,30 +166,32 @@ def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
     return COSINES + SINES if disk.uneven.sectors else COSINES
 
 
-def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
-    """Return the rows of ``sample`` of an uneven disk, see ``harmonic_system``.
+def _sample_rows(disk: DiskTruth, grid: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
+    """Return the matrix that gives the readings of an uneven disk from its n unknowns.
 
     Parameters
     ----------
     disk
         True values of the disk.
-    g
+    grid
         Its cells.
     even
-        The even system.
+        System of the disk without harmonics.
     starts
         First unknown of the even system and of each harmonic, then the number of unknowns.
 
     Returns
     -------
     sparse matrix
-        Rows of ``sample`` (2 or more blocks of channels, n).
+        ``sample`` of :func:`harmonic_system`, (R, n). A block of rows for all channels at their
+        temperature, one for the part of each order of harmonics in it, then the amplitudes of the
+        first harmonic at the edge, one row each.
     """
     waves = harmonic_shapes(disk)
     junctions = disk.setup.junctions
     angles_deg = [junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels]
     angles = np.deg2rad(angles_deg)
-    at_cells = even.sample[:, : g.cells.size]
+    at_cells = even.sample[:, : grid.cells.size]
     by_wave = [sparse.csr_matrix(at_cells.multiply(wave(n * angles)[:, None])) for n, wave in waves]
     amplitude = at_cells[[even.channels.index(disk.setup.edge)]]
     rows = [[(0, even.sample), *enumerate(by_wave, start=1)]]
@@ -199,7 +201,7 @@ def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> s
     return sparse.vstack([_spread(row, starts) for row in rows], format="csr")
 
 
-def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
+def _steel_with_harmonics(disk: DiskTruth, grid: Grid, even: Steel, starts: Array) -> Steel:
     """Extend the steel of the even disk by one block of unknowns for each harmonic.
 
     A harmonic conducts as at the temperature of the even part; its conduction is halved (mean of
@@ -209,7 +211,7 @@ def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) 
     ----------
     disk
         True values of the disk.
-    g
+    grid
         Its cells.
     even
         Steel of the even system.
@@ -221,14 +223,14 @@ def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) 
     Steel
         Steel with the unknowns of all harmonics.
     """
-    size = g.cells.size
+    size = grid.cells.size
     k = disk.setup.conductivity_W_mK
     blocks = [even.conduction]
     for (n, _), (first, end) in zip(harmonic_shapes(disk), pairwise(starts[1:])):
         to_ground = np.zeros(end - first)
-        to_ground[:size] = _circumferential_W_K(k, n, g.r_edges, g.dz).ravel()
-        blocks.append(0.5 * laplacian(disk_conductances(disk, g), to_ground, len(to_ground)))
-    cells = np.stack([start + g.cells.ravel() for start in starts[:-1]])
+        to_ground[:size] = _circumferential_W_K(k, n, grid.r_edges, grid.dz).ravel()
+        blocks.append(0.5 * laplacian(disk_conductances(disk, grid), to_ground, len(to_ground)))
+    cells = np.stack([start + grid.cells.ravel() for start in starts[:-1]])
     conduction = sparse.csc_matrix(sparse.block_diag(blocks, format="csc"))
     return Steel(even.slopes, conduction, cells)
 
@@ -334,7 +336,7 @@ def _spread(blocks: list[tuple[int, sparse.csr_matrix]], starts: Array) -> spars
     return sparse.csr_matrix(total)
 
 
-def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBlock:
+def _harmonic_block(disk: DiskTruth, grid: Grid, n: int, h_W_m2K: float) -> _HarmonicBlock:
     """Return the equations of harmonic ``n``.
 
     The mean of cos^2 around the disk is a half, so all terms are half of those of the full ring.
@@ -343,7 +345,7 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
     ----------
     disk
         True values of the disk.
-    g
+    grid
         Its cells.
     n
         Order of the harmonic.
@@ -361,36 +363,38 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
     """
     s = disk.setup
     k = s.conductivity_W_mK
-    first = g.first_under - N_BESIDE
-    end = g.first_under + len(g.z) + N_BESIDE
+    first = grid.first_under - N_BESIDE
+    end = grid.first_under + len(grid.z) + N_BESIDE
     hollow_radius = s.bore_radius_m * np.sqrt(1 - SHAFT_SECTION)
     inwards = graded_edges(s.bore_radius_m, hollow_radius, OUTER_SHAFT_CELL_M, N_SHAFT_CELLS)
     r_edges = inwards[::-1]
-    z_edges = g.shaft_edges[first : end + 1]
+    z_edges = grid.shaft_edges[first : end + 1]
     dz = np.diff(z_edges)
     n_cells = N_SHAFT_CELLS * (end - first)
-    cells = g.cells.size + np.arange(n_cells).reshape(N_SHAFT_CELLS, -1)
+    cells = grid.cells.size + np.arange(n_cells).reshape(N_SHAFT_CELLS, -1)
     r = 0.5 * (r_edges[1:] + r_edges[:-1])
     area = np.pi * np.diff(r_edges**2)
-    conductances = disk_conductances(disk, g) + ring_conductances(cells, r, area, dz, k)
+    conductances = disk_conductances(disk, grid) + ring_conductances(cells, r, area, dz, k)
 
-    even_to_ambient = to_ambient_W_K(disk, g, h_W_m2K)
-    to_ground = np.append(even_to_ambient[: g.cells.size], np.zeros(cells.size))
-    to_ground[cells[-1]] += even_to_ambient[g.shaft[first:end]]  # the shaft outside the disk
-    to_ground[g.cells] += _circumferential_W_K(k, n, g.r_edges, g.dz)
+    even_to_ambient = to_ambient_W_K(disk, grid, h_W_m2K)
+    to_ground = np.append(even_to_ambient[: grid.cells.size], np.zeros(cells.size))
+    to_ground[cells[-1]] += even_to_ambient[grid.shaft[first:end]]  # the shaft outside the disk
+    to_ground[grid.cells] += _circumferential_W_K(k, n, grid.r_edges, grid.dz)
     to_ground[cells] += _circumferential_W_K(k, n, r_edges, dz)
 
-    disk_volume = np.outer(g.face_area, g.dz).ravel()
+    disk_volume = np.outer(grid.face_area, grid.dz).ravel()
     shaft_volume = np.outer(area, dz).ravel()
     rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
     return _HarmonicBlock(
         capacity=0.5 * (rho_c * np.concatenate([disk_volume, shaft_volume])),
         conductance=0.5 * laplacian(conductances, to_ground, len(to_ground)),
-        shaft_faces=cells[-1, N_BESIDE : N_BESIDE + len(g.z)],
+        shaft_faces=cells[-1, N_BESIDE : N_BESIDE + len(grid.z)],
     )
 
 
-def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.csc_matrix:
+def _press_fit_matrix(
+    disk: DiskTruth, grid: Grid, walls: list[Wall], size: int
+) -> sparse.csc_matrix:
     """Return the conduction of the press fit beyond that of the even system, (size, size) [W/K].
 
     The flux at an angle is h(psi) times the difference across the fit, half a cell of steel counted
@@ -400,7 +404,7 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     ----------
     disk
         True values of the disk.
-    g
+    grid
         Its cells.
     walls
         Cells of disk and shaft beside the fit, of each harmonic; the even part comes first.
@@ -413,14 +417,14 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
         Symmetric conductances (size, size) [W/K].
     """
     s = disk.setup
-    skin = s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
+    skin = s.bore_radius_m * np.log(grid.r[0] / s.bore_radius_m) / s.conductivity_W_mK
     psi = 2 * np.pi * (np.arange(N_ANGLES) + 0.5) / N_ANGLES
     mean_W_m2K = disk.bore_conductance_W_m2K
-    contact_W_m2K = mean_W_m2K * disk.uneven.relative(psi)
+    contact_W_m2K = mean_W_m2K * disk.uneven.relative_conductance(psi)
     shapes = np.stack([np.ones(N_ANGLES), *(wave(n * psi) for n, wave in harmonic_shapes(disk))])
     pairs = shapes * (contact_W_m2K / (1 + contact_W_m2K * skin)) @ shapes.T / N_ANGLES
     pairs[0, 0] -= mean_W_m2K / (1 + mean_W_m2K * skin)
-    area = 2 * np.pi * s.bore_radius_m * g.dz
+    area = 2 * np.pi * s.bore_radius_m * grid.dz
     rows = []
     cols = []
     values = []

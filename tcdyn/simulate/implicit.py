@@ -142,7 +142,7 @@ def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Arr
     h is that of ``system``. Steel that depends on temperature is iterated; the last iterate is
     returned where ``MAX_ITERATIONS`` do not suffice.
     """
-    load = _load(system, power_W, ambient_degC)
+    load = _source_heat_W(system, power_W, ambient_degC)
     factors = _factorise(system.conductance)
     state = factors.solve(load)
     if not system.steel.depends_on_temperature:
@@ -198,10 +198,9 @@ def integrate(
     each step size. What another h changes in S, and what steel with temperature-dependent
     properties conducts and stores differently, is on their right side and is iterated.
 
-    A new time-dependent
-    term goes to the right side as the change of h does (``tcdyn.simulate.implicit._heat`` and
-    ``_iterate_stage``); a kink of any signal must be in ``edges_s``.
-    ``tests/simulate/test_disk.py`` fails where the order is no longer four,
+    A new time-dependent term goes to the right side as the change of h does
+    (``tcdyn.simulate.implicit._cell_heat_W`` and ``_iterate_stage``); a kink of any signal must be
+    in ``edges_s``. ``tests/simulate/test_disk.py`` fails where the order is no longer four,
     ``tests/simulate/test_ehl.py`` where another h gives another system.
     """
     stepping = stepping or Stepping()
@@ -228,7 +227,7 @@ def integrate(
         stage_signals = signals_at(inside).reshape(*stage_t.shape, 3)
         edge_signals = signals_at(np.clip(t_steps, begin + nudge, end - nudge))
         for i in range(len(t_steps)):
-            heat = _heat(system, y, *edge_signals[i])
+            heat = _cell_heat_W(system, y, *edge_signals[i])
             rate = system.steel.rate(heat, y, system.capacity)
             times.append(t_steps[i])
             values.append(system.sample @ y)
@@ -308,7 +307,7 @@ def _step(system: DiskSystem, factors: SuperLU, y: Array, h: float, signals: Arr
     stages = np.zeros((5, len(y)))
     for i, (power, ambient, change) in enumerate(signals):
         guess = y + h * (_A[i, :i] @ stages[:i]) if i else y
-        heat = _heat(system, guess, power, ambient, change)
+        heat = _cell_heat_W(system, guess, power, ambient, change)
         rate = factors.solve(heat)
         if change or system.steel.depends_on_temperature:
             rate = _iterate_stage(system, factors, guess, h, heat, change, rate)
@@ -361,7 +360,9 @@ def _iterate_stage(
     return rate
 
 
-def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: float) -> Array:
+def _cell_heat_W(
+    system: DiskSystem, y: Array, power: float, ambient: float, change: float
+) -> Array:
     """Return the heat [W] that warms each cell at a state.
 
     Parameters
@@ -388,7 +389,7 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: fl
     between the surface conductance and the cell. So the change of the conductance takes a share of
     the power, too.
     """
-    heat = _load(system, power, ambient) - system.conductance @ y
+    heat = _source_heat_W(system, power, ambient) - system.conductance @ y
     if change:
         heat += change * (
             system.surface_air_m2 * (ambient + system.film_air_K)
@@ -400,7 +401,7 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: fl
     return np.asarray(heat)
 
 
-def _load(system: DiskSystem, power: float, ambient: float) -> Array:
+def _source_heat_W(system: DiskSystem, power: float, ambient: float) -> Array:
     """Return the heat [W] that power, ambient and constant sources bring to each cell."""
     return system.source_power * power + system.source_ambient * ambient + system.source_const
 

@@ -205,7 +205,7 @@ def build_system(
     enters at the surface itself, so a part of it leaves through h at once.
 
     A new heat path belongs in ``_conductances`` (between cells) or ``to_ambient_W_K`` (to ambient);
-    ``tcdyn.simulate.harmonics._harmonic`` must get it too where it acts on harmonics.
+    ``tcdyn.simulate.harmonics._harmonic_block`` must get it too where it acts on harmonics.
     ``tests/simulate/test_disk.py`` fails where steady heat in is not heat out.
     """
     s = disk.setup
@@ -242,7 +242,7 @@ def build_system(
         source_power=track * (1 - conductance_W_m2K * skin),
         source_ambient=to_ground,
         source_const=constant,
-        sample=_sampler(disk, g.r, g.z, g.size),
+        sample=_junction_weights(disk, g.r, g.z, g.size),
         channels=tuple(sorted(s.junctions)),
         h_W_m2K=h_W_m2K,
         surface_m2=area,
@@ -341,17 +341,17 @@ def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
     )
 
 
-def _conductances(disk: DiskTruth, g: Grid) -> list[Conductances]:
+def _conductances(disk: DiskTruth, grid: Grid) -> list[Conductances]:
     """Return all conduction: in r, in z, through the press fit into the shaft, along the shaft."""
     s = disk.setup
-    shaft_dz = np.diff(g.shaft_edges)
+    shaft_dz = np.diff(grid.shaft_edges)
     fit_resistance = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m)
-    fit_resistance += np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
-    along_shaft = g.shaft_conductance * 2 / (shaft_dz[1:] + shaft_dz[:-1])
+    fit_resistance += np.log(grid.r[0] / s.bore_radius_m) / s.conductivity_W_mK
+    along_shaft = grid.shaft_conductance * 2 / (shaft_dz[1:] + shaft_dz[:-1])
     return [
-        *disk_conductances(disk, g),
-        (g.cells[0], g.under, 2 * np.pi * g.dz / fit_resistance),
-        (g.shaft[:-1], g.shaft[1:], along_shaft),
+        *disk_conductances(disk, grid),
+        (grid.cells[0], grid.under, 2 * np.pi * grid.dz / fit_resistance),
+        (grid.shaft[:-1], grid.shaft[1:], along_shaft),
     ]
 
 
@@ -389,23 +389,25 @@ def ring_conductances(
     return [(cells[:-1], cells[1:], radial), (cells[:, :-1], cells[:, 1:], axial)]
 
 
-def disk_conductances(disk: DiskTruth, g: Grid) -> list[Conductances]:
+def disk_conductances(disk: DiskTruth, grid: Grid) -> list[Conductances]:
     """Return the conduction in r and in z within the disk."""
-    return ring_conductances(g.cells, g.r, g.face_area, g.dz, disk.setup.conductivity_W_mK)
+    return ring_conductances(
+        grid.cells, grid.r, grid.face_area, grid.dz, disk.setup.conductivity_W_mK
+    )
 
 
-def skin_m2K_W(disk: DiskTruth, g: Grid) -> float:
+def skin_m2K_W(disk: DiskTruth, grid: Grid) -> float:
     """Return the resistance of half a cell of steel at the running surface [m2K/W]."""
     s = disk.setup
-    return float(s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK)
+    return float(s.outer_radius_m * np.log(s.outer_radius_m / grid.r[-1]) / s.conductivity_W_mK)
 
 
-def surface_conductance_W_m2K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> float:
+def surface_conductance_W_m2K(disk: DiskTruth, grid: Grid, h_W_m2K: float) -> float:
     """Return the conductance of half a surface cell of steel in series with h [W/m2K]."""
-    return h_W_m2K / (1 + h_W_m2K * skin_m2K_W(disk, g))
+    return h_W_m2K / (1 + h_W_m2K * skin_m2K_W(disk, grid))
 
 
-def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
+def to_ambient_W_K(disk: DiskTruth, grid: Grid, h_W_m2K: float) -> Array:
     """Return the conductances to ambient of running surface, washer faces and shaft.
 
     The shaft loses heat outside the disk only.
@@ -414,7 +416,7 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
     ----------
     disk
         True values of the disk.
-    g
+    grid
         Its cells.
     h_W_m2K
         Heat transfer coefficient of the running surface [W/m2K].
@@ -425,17 +427,17 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
         Conductances (n,) [W/K].
     """
     s = disk.setup
-    out = np.zeros(g.size)
+    out = np.zeros(grid.size)
     washer_W_m2K = s.washer_conductivity_W_mK / s.washer_thickness_m
     if washer_W_m2K > 0:
-        for face, half_cell in ((0, g.z[0]), (-1, s.width_m - g.z[-1])):
+        for face, half_cell in ((0, grid.z[0]), (-1, s.width_m - grid.z[-1])):
             resistance = 1 / washer_W_m2K + half_cell / s.conductivity_W_mK
-            out[g.cells[:, face]] += g.face_area / resistance
-    shaft = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(g.shaft_edges)
-    shaft[g.first_under : g.first_under + len(g.z)] = 0.0
-    out[g.shaft] += shaft
-    conductance = surface_conductance_W_m2K(disk, g, h_W_m2K)
-    out[g.cells[-1]] += conductance * 2 * np.pi * s.outer_radius_m * g.dz
+            out[grid.cells[:, face]] += grid.face_area / resistance
+    shaft = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(grid.shaft_edges)
+    shaft[grid.first_under : grid.first_under + len(grid.z)] = 0.0
+    out[grid.shaft] += shaft
+    conductance = surface_conductance_W_m2K(disk, grid, h_W_m2K)
+    out[grid.cells[-1]] += conductance * 2 * np.pi * s.outer_radius_m * grid.dz
     return out
 
 
@@ -466,7 +468,7 @@ def laplacian(conductances: list[Conductances], to_ground: Array, n: int) -> spa
     return sparse.csc_matrix((values, (rows, cols)), shape=(n, n))
 
 
-def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
+def _junction_weights(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
     """Return the weights of the cubic interpolation in r and z at each junction.
 
     Parameters

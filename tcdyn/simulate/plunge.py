@@ -157,7 +157,7 @@ def draw_plunge(
     rng: np.random.Generator,
     fluid: FluidName,
     bath_degC: float,
-    o: PlungeOptions,
+    options: PlungeOptions,
     imperfections: Imperfections,
 ) -> PlungeTruth:
     """Draw the true values of one plunge.
@@ -170,7 +170,7 @@ def draw_plunge(
         Fluid of the bath.
     bath_degC
         Temperature of the bath [degC].
-    o
+    options
         Times and fixed values.
     imperfections
         Errors to simulate: ``timing``, ``drift`` and ``static`` are used.
@@ -189,19 +189,21 @@ def draw_plunge(
     """
     z = np.clip(rng.standard_normal(4), -2.5, 2.5)
     u = rng.uniform(0, 1, 12)
-    entry = o.entry_s + (u[0] - 0.5)
+    entry = options.entry_s + (u[0] - 0.5)
     timing = 1.0 if imperfections.timing else 0.0
     drift = 1.0 if imperfections.drift else 0.0
     has_bounces = imperfections.timing and u[8] < 0.3
     return PlungeTruth(
         fluid=fluid,
         bath_degC=bath_degC,
-        initial_degC=o.initial_degC + 2.0 * drift * (u[1] - 0.5),
+        initial_degC=options.initial_degC + 2.0 * drift * (u[1] - 0.5),
         entry_s=float(entry),
-        duration_s=o.entry_s + o.after_s,
-        h_scale=o.h_scale if o.h_scale is not None else float(1 + 0.06 * z[0]),
-        burst=o.burst if o.burst is not None else float(2.0 + 1.5 * u[2]),
-        burst_decay_s=o.burst_decay_s if o.burst_decay_s is not None else float(0.8 + 0.8 * u[3]),
+        duration_s=options.entry_s + options.after_s,
+        h_scale=options.h_scale if options.h_scale is not None else float(1 + 0.06 * z[0]),
+        burst=options.burst if options.burst is not None else float(2.0 + 1.5 * u[2]),
+        burst_decay_s=options.burst_decay_s
+        if options.burst_decay_s is not None
+        else float(0.8 + 0.8 * u[3]),
         bath_drift_K_s=float(drift * (-0.5 + 0.7 * u[4]) / 60.0),
         bath_dip_K=float(drift * 0.4 * u[5]),
         fluid_bias_K=float((0.6 * (u[6] - 0.5)) if imperfections.static else 0.0),
@@ -257,7 +259,7 @@ def simulate_plunge(
     plunge_truth = draw_plunge(rng, fluid, bath_degC, options or PlungeOptions(), errors)
     names = sorted(setup.junctions)
     depths = np.array([setup.junctions[c].depth_m for c in names])
-    heating = heat_disk(setup, depths, plunge_truth)
+    heating = immersed_disk(setup, depths, plunge_truth)
 
     def truth_at(t: Array) -> Array:
         """Return the true junction temperatures (M, channels) [degC] at times ``t`` (M,) [s]."""
@@ -279,7 +281,7 @@ def simulate_plunge(
     return pd.DataFrame(columns), {**values, "traces": pd.DataFrame(traces)}
 
 
-def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Heating:
+def immersed_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Heating:
     """Return the true temperatures of an immersed disk over the time since its entry.
 
     Parameters
@@ -287,7 +289,7 @@ def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Hea
     setup
         Geometry and steel of the disk; its width is the height of the convecting wall.
     depths
-        Depths below the running surface (depths,) [m].
+        Depths below the running surface (D,) [m].
     plunge_truth
         True values of the plunge.
 
@@ -338,13 +340,13 @@ def bath_columns(
         fluid = quantise(fluid)
     return {
         "time_s": t,
-        "switch": _switch(t, plunge_truth),
+        "switch": _switch_signal(t, plunge_truth),
         "probe_degC": probe,
         "fluid_degC": fluid,
     }
 
 
-def _switch(t: Array, plunge_truth: PlungeTruth) -> Array:
+def _switch_signal(t: Array, plunge_truth: PlungeTruth) -> Array:
     """Return the switch signal (N,): 1 while pressed, with bounces of 20 ms."""
     pressed = t >= plunge_truth.switch_s
     if not plunge_truth.switch_held:
@@ -402,7 +404,7 @@ def simulate_hole(
     options = PlungeOptions(entry_s=10.0, after_s=after_s, initial_degC=initial_degC)
     plunge_truth = draw_plunge(rng, "water", bath_degC, options, errors)
     setup = rig.fast.setup
-    heating = heat_disk(setup, np.array([3e-3]), plunge_truth)
+    heating = immersed_disk(setup, np.array([3e-3]), plunge_truth)
     cement_lag_s = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
     base_lag_s = 0.25 + 0.01 * rng.standard_normal(5)
     chains: list[tuple[float, float, Conditioning]] = []

@@ -96,7 +96,7 @@ _RESULTS = {
 }
 
 
-def _condition(name: str) -> EhlCondition:
+def _condition_of(name: str) -> EhlCondition:
     """Return the test of that name from the tables."""
     load = _LOADS[int(name[1])]
     speeds = _SPEEDS[name[0]]
@@ -104,7 +104,7 @@ def _condition(name: str) -> EhlCondition:
 
 
 # All tests by name.
-PROGRAMME: dict[str, EhlCondition] = {name: _condition(name) for name in _RESULTS}
+PROGRAMME: dict[str, EhlCondition] = {name: _condition_of(name) for name in _RESULTS}
 
 
 def ehl_test(name: str) -> EhlCondition:

@@ -48,7 +48,7 @@ class Steel:
 
     @property
     def depends_on_temperature(self) -> bool:
-        """Whether anything depends on temperature."""
+        """Whether conductivity or specific heat depends on temperature."""
         return bool(self.slopes.conductivity_per_K or self.slopes.specific_heat_per_K)
 
     def extra_conduction_W(self, y: Array) -> Array:

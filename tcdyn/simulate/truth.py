@@ -137,7 +137,7 @@ class BoreContact:
         """Whether the conductance is the same at all angles."""
         return not (self.amplitude or self.sectors)
 
-    def relative(self, psi_rad: Array) -> Array:
+    def relative_conductance(self, psi_rad: Array) -> Array:
         """Return the conductance over its mean.
 
         Parameters

@@ -25,6 +25,7 @@ from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import (
     AFTER_S,
     DECAYS_S,
+    REACH_LAGS,
     channel_spans,
     likeliest_burst,
     segment,
@@ -47,6 +48,8 @@ FALSE_CANDIDATES = 0.05
 MORE_FALSE_CANDIDATES = 1.0
 # lags around an event within which the score test sees that event only
 SCORE_REACH_LAGS = 6.0
+# start [s] before an event of the samples that it influences
+BEFORE_EVENT_S = 5.0
 # lags: a window ends soon after the next event, unless that event is as near as this
 NEXT_EVENT_LAGS = 1.0
 # log odds below which a candidate becomes doubtful before all others are in place
@@ -124,7 +127,7 @@ class HiddenEvent:
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
         """Intensities (M,) without this event: no burst, ``level`` before and after it."""
         bare = _without_bursts(intensities, self.at_s)
-        return [_one_level(q, self.at_s, level) for q, level in zip(bare, self.level)]
+        return [_level_across_boundary(q, self.at_s, level) for q, level in zip(bare, self.level)]
 
 
 def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
@@ -132,28 +135,28 @@ def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Inten
     return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in intensities]
 
 
-def _one_level(q: Intensity, at_s: float, level: float) -> Intensity:
+def _level_across_boundary(intensity: Intensity, at_s: float, level: float) -> Intensity:
     """Intensity with the same level in the segments before and after one boundary.
 
     Parameters
     ----------
-    q
+    intensity
         The intensity; returned as it is if no segment starts exactly at ``at_s``.
     at_s
         Time of the boundary [s].
     level
         The level [K2/s3].
     """
-    if at_s not in q.starts_s:
-        return q
-    index = q.starts_s.index(at_s)
-    levels = list(q.levels)
+    if at_s not in intensity.starts_s:
+        return intensity
+    index = intensity.starts_s.index(at_s)
+    levels = list(intensity.levels)
     for i in range(max(index - 1, 0), index + 1):
         levels[i] = level
-    return replace(q, levels=tuple(levels))
+    return replace(intensity, levels=tuple(levels))
 
 
-def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
+def candidate_times(fit: Smoothed, events: Sequence[float]) -> list[float]:
     """Times where a jump would help more than chance: the best of each region, best first.
 
     Parameters
@@ -201,7 +204,7 @@ def remaining_jump(fit: Smoothed) -> Array:
     Notes
     -----
     The most likely jump at a knot is the adjoint over its variance. It counts where the score test
-    of ``candidates`` is significant, and in the intervals beside.
+    of ``candidate_times`` is significant, and in the intervals beside.
     """
     threshold = 2 * np.log(fit.jump_chi2.size / FALSE_CANDIDATES)
     chi2 = fit.jump_chi2.copy()
@@ -268,7 +271,7 @@ def detect_hidden_events(
         new: list[float] = []
         if search:
             excluded = [*listed_s, *(h.at_s for h in (*accepted, *doubtful))]
-            new = candidates(fit, excluded)[: MAX_EVENTS - len(accepted)]
+            new = candidate_times(fit, excluded)[: MAX_EVENTS - len(accepted)]
         if not new and (settled or not accepted):
             break
         final = not new
@@ -333,15 +336,15 @@ def influenced_samples(
 
     Notes
     -----
-    From 5 s and 5 lags before to ``tcdyn.smoothing.process_noise.AFTER_S`` and 5 lags after, lags
-    by ``tcdyn.smoothing.process_noise.smearing_time_s``; chosen by judgement. A longer range costs
-    time. A shorter one leaves out samples that ``average_over_event`` should change.
+    From ``BEFORE_EVENT_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after. A lag
+    is ``tcdyn.smoothing.process_noise.smearing_time_s``. A longer range costs time. A shorter one
+    leaves out samples that ``average_over_event`` should change.
     """
     dt = record.dt_s
     lag = smearing_time_s(record)
-    first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
+    first = max(int(np.ceil((at_s - BEFORE_EVENT_S - REACH_LAGS * lag) / dt)), 0)
     after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + NEXT_EVENT_LAGS * lag)])
-    return first, min(int((after + 5 * lag) / dt) + 1, len(record.y))
+    return first, min(int((after + REACH_LAGS * lag) / dt) + 1, len(record.y))
 
 
 @dataclass(frozen=True)
@@ -605,7 +608,8 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
     some = np.array(bounds)
     levels = np.geomspace(some.min(axis=1), some.max(axis=1), FINE_TIMES, axis=1)
     proposals = [
-        [_one_level(q, window.start_s, v) for v in row] for q, row in zip(window.base, levels)
+        [_level_across_boundary(q, window.start_s, v) for v in row]
+        for q, row in zip(window.base, levels)
     ]
     value = likelihood(window.record, window.noise_var, proposals, 2 * FINE)[0]
     best = np.argmax(value, axis=1)[:, None]

@@ -185,7 +185,7 @@ def _knots(
 
 
 def chunks(
-    record: Record, noise_var: Array, chosen: Sequence[Intensity], knots: Array
+    record: Record, noise_var: Array, intensities: Sequence[Intensity], knots: Array
 ) -> Iterator[tuple[int, int, int, int]]:
     """Divide the intervals into chunks with margins.
 
@@ -195,7 +195,7 @@ def chunks(
         The record.
     noise_var
         Noise variance (M,) [K2].
-    chosen
+    intensities
         One intensity for each channel.
     knots
         Knots (J + 1,) [s].
@@ -220,7 +220,7 @@ def chunks(
     if n_intervals <= 2 * length:
         yield 0, 0, n_intervals, n_intervals
         return
-    margin_samples = settling_time_s(record.sensors, np.sqrt(noise_var), dt, chosen) / dt
+    margin_samples = settling_time_s(record.sensors, np.sqrt(noise_var), dt, intensities) / dt
     complete_count = np.concatenate([[0], np.cumsum((record.weight > 0).all(axis=1))])
     first_sample = np.clip(np.ceil(knots / dt).astype(int), 0, len(record.y))
     while True:

@@ -27,6 +27,20 @@ from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.record import Compensated, channel_names, record_of
 
+# Share to which an impulse response must have decayed, and most rows of it, for the noise gain.
+DECAYED = 1e-9
+MAX_DECAY_ROWS = 4e6
+# Noise of the result over that of the trace, from which there is a warning; chosen by judgement.
+MAX_NOISE_GAIN = 100.0
+# Bandwidth over the sampling frequency, from which there is a warning; chosen by judgement.
+MAX_BANDWIDTH_SHARE = 0.2
+# Rows of the step response in a report: so many times lag and shift, plus a few, within bounds that
+# limit the time; and fewest points of the raw step, which is oversampled. Chosen by judgement.
+STEP_LAGS = 12
+STEP_MARGIN_ROWS = 20
+STEP_ROWS = (64, 400_000)
+MIN_STEP_POINTS = 400
+
 
 @dataclass(frozen=True)
 class InverseFilter:
@@ -62,11 +76,12 @@ class InverseFilter:
     def noise_gain(self) -> float:
         """Ratio of output and input standard deviation for white noise.
 
-        The square root of the sum of the squared impulse response, until it has decayed to 1e-9.
+        The square root of the sum of the squared impulse response, until it has decayed.
         """
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
-        length = int(min(np.log(1e-9) / np.log(max(slowest, 0.1)), 4e6)) + 64 + len(self.b)
+        decay_rows = np.log(DECAYED) / np.log(max(slowest, 0.1))
+        length = int(min(decay_rows, MAX_DECAY_ROWS)) + 64 + len(self.b)
         impulse = np.zeros(length)
         impulse[0] = 1.0
         response = signal.lfilter(self.b, self.a, impulse)
@@ -222,12 +237,12 @@ def invert(
     return result.with_undetermined(record.y, names).with_labels(y, names)
 
 
-def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
+def lag_sensitivity(inverse: InverseFilter, y: ArrayLike) -> Array:
     """Change of the compensated temperature per second of the largest lag [K/s].
 
     Parameters
     ----------
-    f
+    inverse
         The inverse.
     y
         Readings (N,) or (N, M) [degC].
@@ -243,9 +258,9 @@ def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     respect to tau over 1 + tau s. The digital form is exact where the input is straight between
     samples. ``tests/smoothing/test_causal.py`` compares it with the change for another lag.
     """
-    x = f(y)
-    e = float(np.exp(-f.dt_s / max((*f.chain.taus_s, f.dt_s))))
-    b = np.array([1.0, -1.0]) * (1 - e) / f.dt_s
+    x = inverse(y)
+    e = float(np.exp(-inverse.dt_s / max((*inverse.chain.taus_s, inverse.dt_s))))
+    b = np.array([1.0, -1.0]) * (1 - e) / inverse.dt_s
     return np.asarray(signal.lfilter(b, np.array([1.0, -e]), x - x[:1], axis=0))
 
 
@@ -313,25 +328,25 @@ class FilterReport(Result):
 
 
 def report_inverse(
-    f: InverseFilter, noise_sd: float, wanted_K: float | None = None
+    inverse: InverseFilter, noise_sd: float, wanted_K: float | None = None
 ) -> FilterReport:
     """The report on a proper inverse for a trace with white noise.
 
     Parameters
     ----------
-    f
+    inverse
         The inverse.
     noise_sd
         Standard deviation of the white noise of the trace [K].
     wanted_K
-        Largest noise of the result without a warning [K]; a hundred times that of the trace when
-        left out.
+        Largest noise of the result without a warning [K]; by default ``MAX_NOISE_GAIN`` times that
+        of the trace.
 
     Returns
     -------
     FilterReport
         With a warning when the result would be noisier, which states the largest bandwidth that is
-        possible; and when the bandwidth is above a fifth of the sampling frequency.
+        possible; and above ``MAX_BANDWIDTH_SHARE``.
 
     Examples
     --------
@@ -339,51 +354,52 @@ def report_inverse(
     >>> report.rise_s < report.raw_rise_s
     True
     """
-    dt = f.dt_s
-    noise_out = f.noise_gain * noise_sd
-    limit = 100.0 * noise_sd if wanted_K is None else wanted_K
+    dt = inverse.dt_s
+    noise_out = inverse.noise_gain * noise_sd
+    limit = MAX_NOISE_GAIN * noise_sd if wanted_K is None else wanted_K
     findings = []
     if noise_out > limit:
-        best_Hz = widest_bandwidth_Hz(f.chain, dt, noise_sd, limit)
+        best_Hz = widest_bandwidth_Hz(inverse.chain, dt, noise_sd, limit)
         findings.append(
             warning(
                 "inverse.noisy",
-                bandwidth_Hz=f.bandwidth_Hz,
+                bandwidth_Hz=inverse.bandwidth_Hz,
                 noise_K=noise_out,
                 limit_K=limit,
                 best_Hz=best_Hz,
             )
         )
-    if f.bandwidth_Hz > 0.2 / dt:
+    if inverse.bandwidth_Hz > MAX_BANDWIDTH_SHARE / dt:
         findings.append(
-            warning("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt)
+            warning("inverse.near_nyquist", bandwidth_Hz=inverse.bandwidth_Hz, rate_Hz=1 / dt)
         )
-    chain = f.chain
-    gain = f.noise_gain
-    rows = int(min(max(12 * (chain.lag_s + f.remaining_shift_s) / dt + 20, 64), 400_000))
-    oversampling = max(int(np.ceil(400 / rows)), 1)
+    chain = inverse.chain
+    gain = inverse.noise_gain
+    shown_s = STEP_LAGS * (chain.lag_s + inverse.remaining_shift_s)
+    rows = int(min(max(shown_s / dt + STEP_MARGIN_ROWS, STEP_ROWS[0]), STEP_ROWS[1]))
+    oversampling = max(int(np.ceil(MIN_STEP_POINTS / rows)), 1)
     u = np.zeros(rows * oversampling)
     u[oversampling:] = 1.0  # a step at the second sample
     raw = np.asarray(
         chain.response(u, dt / oversampling, hold="zoh")[::oversampling], dtype=np.float64
     )
-    step = np.asarray(signal.lfilter(f.b, f.a, raw), dtype=np.float64)
+    step = np.asarray(signal.lfilter(inverse.b, inverse.a, raw), dtype=np.float64)
     t = np.asarray((np.arange(rows) - 1.0) * dt, dtype=np.float64)
     freq = np.geomspace(1e-4, 0.499, 3000) / dt
     raw_freq = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
-    b_delay = np.arange(len(f.b)) @ f.b / np.sum(f.b)
-    a_delay = np.arange(len(f.a)) @ f.a / np.sum(f.a)
+    b_delay = np.arange(len(inverse.b)) @ inverse.b / np.sum(inverse.b)
+    a_delay = np.arange(len(inverse.a)) @ inverse.a / np.sum(inverse.a)
     delay_warnings = [warning("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
-    total_gain = np.abs(f.frequency_response(freq) * chain.frequency_response(freq))
+    total_gain = np.abs(inverse.frequency_response(freq) * chain.frequency_response(freq))
     return FilterReport(
         noise_gain=gain,
         noise_out_K=gain * noise_sd,
         bandwidth_Hz=_first_below(freq, total_gain),
         raw_bandwidth_Hz=_first_below(raw_freq, np.abs(chain.frequency_response(raw_freq))),
-        rise_s=_rise(t, step),
-        raw_rise_s=_rise(t, raw),
+        rise_s=_rise_time_s(t, step),
+        raw_rise_s=_rise_time_s(t, raw),
         overshoot=float(max(step.max() - 1.0, 0.0)),
-        remaining_shift_s=f.remaining_shift_s,
+        remaining_shift_s=inverse.remaining_shift_s,
         bias_K_per_K_s=float(dt * (b_delay - a_delay) + chain.lag_s),
         step_time_s=t,
         step=step,
@@ -461,7 +477,7 @@ def _first_below(freq: Array, gain: Array) -> float:
     return float(freq[below[0]]) if len(below) else float(freq[-1])
 
 
-def _rise(t: Array, step: Array) -> float:
+def _rise_time_s(t: Array, step: Array) -> float:
     """Rise time from 10 to 90 % of a step response (N,) at times (N,) [s], first crossings."""
     crossings = []
     for level in (0.1, 0.9):

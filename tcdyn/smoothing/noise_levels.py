@@ -129,7 +129,7 @@ class Intensity:
         return replace(self, starts_s=starts_s, bursts=bursts)
 
 
-def _bursts(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
+def _burst_arrays(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
     """All bursts (B,) of several intensities as arrays.
 
     Returns
@@ -145,7 +145,7 @@ def _bursts(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
     return member.astype(float), table[:, 1:].T[:, :, None]
 
 
-def _steady(intensities: Sequence[Intensity], t_s: Array) -> Array:
+def _segment_levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
     """Levels (Q, T) [K2/s3] of the segments at ``t_s`` (T,), without the bursts."""
     distinct = {(q.starts_s, q.levels) for q in intensities}
     levels = {}
@@ -163,7 +163,7 @@ def level_noise_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
             segment = np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)
             row[:] = np.array(q.level_noise, dtype=float)[segment]
     if any(b.rough for q in intensities for b in q.bursts):
-        member, (start, height, decay, power, *_, rough) = _bursts(intensities)
+        member, (start, height, decay, power, *_, rough) = _burst_arrays(intensities)
         age = np.maximum(t_s - start, 0.0) / decay
         decaying = height * (rough * decay) ** 2 * (1.0 + age / power) ** -power
         out += member @ np.where(t_s >= start, decaying, 0.0)
@@ -190,10 +190,10 @@ def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
     ``levels_between`` is the integral of the same function: change both together
     (``tests/smoothing/test_any_unit.py`` integrates one numerically).
     """
-    member, (start, height, decay, power, *_) = _bursts(intensities)
+    member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(t_s - start, 0.0) / decay
     decaying = height * (1.0 + age / power) ** -power
-    return _steady(intensities, t_s) + member @ np.where(t_s >= start, decaying, 0.0)
+    return _segment_levels_at(intensities, t_s) + member @ np.where(t_s >= start, decaying, 0.0)
 
 
 def levels_between(intensities: Sequence[Intensity], knots_s: Array) -> Array:
@@ -217,11 +217,13 @@ def levels_between(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     interval. This is exact where segments start at knots, as those at listed events and bursts do;
     see ``tcdyn.smoothing.intervals.knots_for``.
     """
-    member, (start, height, decay, power, *_) = _bursts(intensities)
+    member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(knots_s - start, 0.0) / decay
     integral = height * decay * power / (power - 1) * (1.0 - (1.0 + age / power) ** (1 - power))
     burst_integral = np.diff(integral, axis=1)
-    return _steady(intensities, knots_s[:-1]) * np.diff(knots_s) + member @ burst_integral
+    return (
+        _segment_levels_at(intensities, knots_s[:-1]) * np.diff(knots_s) + member @ burst_integral
+    )
 
 
 def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
@@ -239,7 +241,7 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     Array
         Variances (J, Q, 2) of level [K2] and slope [K2/s2].
     """
-    member, (start, _, _, _, level_sd, slope_sd, width, _) = _bursts(intensities)
+    member, (start, _, _, _, level_sd, slope_sd, width, _) = _burst_arrays(intensities)
     at = (knots_s == start).astype(float)
     level_share = at
     if (width > 0).any():

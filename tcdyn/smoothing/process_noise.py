@@ -45,12 +45,21 @@ EXPONENTIAL = 50.0
 REFINEMENTS = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
 # length [s] of the window after an event in which a burst is fitted; chosen by judgement
 AFTER_S = 30.0
+# start of this window before the event [s], and lags on either side of it; chosen by judgement
+BEFORE_S = 10.0
+REACH_LAGS = 5
 # share of the corner frequency from which on a spectrum is used: the error arises near the corner,
 # not at low frequency
 CORNER_SHARE = 0.4
 # nats: a likelihood that has fallen by so much below its maximum is taken not to rise again; chosen
 # by judgement
 PAST_PEAK_NATS = 20.0
+# rounds of the grid search for a level, trials in a refined one over 0.8 steps on either side, and
+# batches and coarser intervals of the first one; chosen by judgement
+GRID_ROUNDS = 3
+REFINED_TRIALS = 7
+FIRST_BATCHES = 3
+COARSE_START = 4
 # nats within which the first of several bursts counts as the most likely one, so that
 # rounding errors do not decide
 TIE_NATS = 1e-4
@@ -189,14 +198,27 @@ def exact_levels(
 
     Notes
     -----
-    A grid search in the logarithm, refined twice. The highest levels are left out where the
-    likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
+    A grid search in the logarithm, refined ``GRID_ROUNDS`` - 1 times. The highest levels are left
+    out where the likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
     ``tests/smoothing/test_any_unit.py`` recovers a known intensity and noise.
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
     def evaluate(logs: Array, fine: float) -> tuple[Array, Array]:
-        """Log likelihood, profiled over unknown noise, and factor of its variance (M, Q)."""
+        """Likelihood of intensities, profiled over unknown noise.
+
+        Parameters
+        ----------
+        logs
+            Logarithm of the intensities over the noise variance (M, Q) [1/s3].
+        fine
+            Largest length of an interval, see ``knots_for``.
+
+        Returns
+        -------
+        log_likelihood, ratio
+            Log likelihood, and factor of the noise variance, (M, Q).
+        """
         proposed = [
             [Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)
         ]
@@ -208,11 +230,11 @@ def exact_levels(
             value = value + 0.5 * ratio * free - 0.5 * free * (1 + log_ratio)
         return value, ratio
 
-    for iteration in range(3):
+    for iteration in range(GRID_ROUNDS):
         # the highest levels need the shortest intervals: skip them once the likelihood has fallen
         batches: list[tuple[Array, Array]] = []
-        fine = FINE if iteration else 4 * FINE
-        for batch in np.array_split(logs, 3 if iteration == 0 else 1, axis=1):
+        fine = FINE if iteration else COARSE_START * FINE
+        for batch in np.array_split(logs, FIRST_BATCHES if iteration == 0 else 1, axis=1):
             batches.append(evaluate(batch, fine))
             value, ratio = (np.concatenate(arrays, axis=1) for arrays in zip(*batches))
             if np.all(value[:, -1] < value.max(axis=1) - PAST_PEAK_NATS):
@@ -225,23 +247,24 @@ def exact_levels(
             scale = np.maximum(ratio[rows, best], least)
         step = logs[:, 1] - logs[:, 0]
         top = logs[rows, best]
-        refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7)
+        refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, REFINED_TRIALS)
         logs = np.clip(refined, np.log(FLOOR), None)
     intensity = np.exp(top) * noise_var * scale
     larger = noise_var * scale
-    signal = (scale > NOISE_SLACK) & _stands_out(record, larger, intensity)
+    signal = (scale > NOISE_SLACK) & _has_line_above_corner(record, larger, intensity)
     if signal.any():
         known, _ = exact_levels(record, noise_var, True, most, trials)
         return np.where(signal, known, intensity), np.where(signal, noise_var, larger)
     return intensity, larger
 
 
-def _stands_out(record: Record, noise_var: Array, intensity: Array) -> Flags:
+def _has_line_above_corner(record: Record, noise_var: Array, intensity: Array) -> Flags:
     """Channels (M,) with a frequency above the corner of the smoother whose power is no noise.
 
     A larger noise would explain such a line, or part of a spectrum, as well as a temperature would;
     but white noise has the same power at all frequencies. In the periodogram of white noise the
-    share above log(N / P) is P / N.
+    share above log(N / P) is P / N; P is ``LINE_CHANCE``. ``noise_var`` [K2] and ``intensity``
+    [K2/s3] are those of the channels (M,).
     """
     n = len(record.y)
     t = np.linspace(-1, 1, n)
@@ -512,7 +535,7 @@ def _event_window(record: Record, event: float) -> tuple[Record, float]:
 
     Notes
     -----
-    From 10 s and 5 lags before to ``AFTER_S`` and 5 lags after, chosen by judgement; see also
+    From ``BEFORE_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after; see also
     ``tcdyn.smoothing.hidden_events.influenced_samples``.
     """
     dt = record.dt_s
@@ -520,8 +543,8 @@ def _event_window(record: Record, event: float) -> tuple[Record, float]:
     lag = max(s.lag_s for s in record.sensors)
     before = max([e for e in record.events_s if e < event], default=0.0)
     after = min([e for e in record.events_s if e > event], default=(n - 1) * dt)
-    first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
-    last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
+    first = int(np.ceil(max(before, event - BEFORE_S - REACH_LAGS * lag) / dt))
+    last = min(int(min(after, event + AFTER_S + REACH_LAGS * lag) / dt) + 1, n)
     return segment(record, first, last, (event,)), first * dt
 
 
@@ -591,7 +614,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
         rows.append((misfit, np.sum(slope_changes, axis=0), effective_count))
     misfits, roughness, effective = (np.array(column) for column in zip(*rows))
     chosen = [
-        _pick(criterion, levels, *columns)
+        _best_ratio(criterion, levels, *columns)
         for columns in zip(
             misfits.T, roughness.T, effective.T, n_samples.tolist(), noise_var.tolist()
         )
@@ -606,7 +629,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
     )
 
 
-def _pick(
+def _best_ratio(
     criterion: Criterion,
     levels: Array,
     misfit: Array,

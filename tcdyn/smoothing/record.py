@@ -185,14 +185,14 @@ def record_of(
         raise InputError(
             f"smooth: {m} channels but {len(channels)} names", expected="one name per channel"
         )
-    implausible, findings = _implausible(data, dt_s, listed, channels)
+    implausible, findings = _implausible_readings(data, dt_s, listed, channels)
     data[implausible] = np.nan
     traces = np.ascontiguousarray(data.T)
     if noise_sd is None:
         noise = np.array([trace_noise_sd(x) for x in traces], dtype=float)
     else:
         noise = np.full(m, noise_sd, dtype=float)
-    flags = np.stack([_flags(x) for x in traces], axis=1)
+    flags = np.stack([_sample_flags(x) for x in traces], axis=1)
     flags[implausible] = IMPLAUSIBLE
     rounding = np.array([rounding_sd(x) for x in traces])
     hides_noise = (rounding >= noise) & (noise_sd is None)
@@ -220,7 +220,7 @@ def record_of(
         if noise_sd is None:  # readings without noise, as of a simulation
             noise[index] = np.maximum(noise[index], least_noise_sd(x))
         aliasing_u[index] = logger_noise.aliasing_u_K
-        coloured = coloured or logger_noise.coloured
+        coloured = coloured or logger_noise.is_coloured
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
         findings += logger_noise.findings(subject)
         for c in index:
@@ -304,7 +304,7 @@ def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
     return []
 
 
-def _implausible(
+def _implausible_readings(
     data: Array, dt_s: float, chains: Sequence[Chain], names: Sequence[str]
 ) -> tuple[Flags, list[Finding]]:
     """Readings that no temperature can produce through the chains, and the findings about them.
@@ -379,7 +379,7 @@ def _first_of(bad: Flags, y: Array) -> dict[str, Any]:
     return {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
 
 
-def _flags(y: Array) -> NDArray[np.uint8]:
+def _sample_flags(y: Array) -> NDArray[np.uint8]:
     """Bits MISSING, STUCK, SATURATED for each sample of ``y`` (N,).
 
     A sample is stuck, or saturated at the extremes, in a run of one value that is longer than

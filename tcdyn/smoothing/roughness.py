@@ -50,6 +50,7 @@ MIN_DOF = 4.0
 MAX_DIVISIONS = 6
 # windows of a record in which its prior is checked
 CHECK_WINDOWS = 64
+CHECK_SIZES = (1, 4, 16)  # windows that are checked together; divisors of their number
 # smallest level noise, in noise variances per second
 LEVEL_FLOOR = 1e-9
 # factors of the intensity that are tried by the risk, and standard deviations by which it must fall
@@ -69,8 +70,8 @@ MIN_FREQUENCIES = 50
 MAX_BANDS = 200
 
 
-def selected(record: Record, channels: Flags) -> Record:
-    """The record of some of its ``channels`` (M,)."""
+def select_channels(record: Record, channels: Flags) -> Record:
+    """The record with those of its channels that ``channels`` (M,) marks."""
     return replace(
         record,
         y=record.y[:, channels],
@@ -142,7 +143,7 @@ def too_smooth(fit: Smoothed) -> Flags:
         if not q.level_noise and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
             out[c] = True
             continue
-        for size in (1, 4, 16):
+        for size in CHECK_SIZES:
             total = observed.reshape(-1, size, 2).sum(axis=1)
             total_dof = dof.reshape(-1, size, 2).sum(axis=1)
             gain = gain_nats(total_dof, np.maximum(total / total_dof, 1.0))
@@ -177,13 +178,13 @@ def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
     return rise > (LEVEL_SD * sd if dof > FEW_DOF else 0.0)
 
 
-def adapted(
+def adapt_intensities(
     record: Record,
     noise_var: Array,
     intensities: Sequence[Intensity],
     divisions: int = MAX_DIVISIONS,
 ) -> list[Intensity]:
-    """Intensities with level noise, by blocks of time.
+    """Estimate intensities with level noise in blocks of time by maximum likelihood.
 
     Parameters
     ----------
@@ -212,33 +213,50 @@ def adapted(
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
             fit = smooth_record(record, noise_var, current, COARSENING * FINE)
-            updated = [_updated(fit, c, q) for c, q in enumerate(current)]
+            updated = [_update_intensity(fit, c, q) for c, q in enumerate(current)]
             if max(gain for _, gain in updated) < SETTLED_NATS:
                 break
             current = [q for q, _ in updated]
-        divided = [_divided(fit, c, q) for c, q in enumerate(current)]
+        divided = [_divide_blocks(fit, c, q) for c, q in enumerate(current)]
         if division == divisions or divided == current:
             break
         current = divided
     return current
 
 
-def _first_level_noise(q: Intensity, chain: Chain, noise_density: float) -> Array:
+def _first_level_noise(intensity: Intensity, chain: Chain, noise_density: float) -> Array:
     """Intensity of level noise (S,) [K2/s] in each segment of a channel with slope noise only.
 
     At the corner of the smoother it has the power of the slope noise. ``noise_density`` is the
     noise variance times the sampling interval [K2 s].
     """
-    levels = np.array(q.levels)
+    levels = np.array(intensity.levels)
     return np.asarray(levels / corner_rad_s(chain, levels / noise_density) ** 2)
 
 
-def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, float]:
-    """The intensity after one iteration, and the largest gain of a block by it [nats]."""
-    observed, expected = score_sums(fit, channel, np.array(q.starts_s))
-    var = np.column_stack([q.level_noise, q.levels])
+def _update_intensity(fit: Smoothed, channel: int, intensity: Intensity) -> tuple[Intensity, float]:
+    """Multiply the intensity of each block by the factor that the scores ask for.
+
+    Parameters
+    ----------
+    fit
+        Record smoothed with the present intensities.
+    channel
+        Index of the channel.
+    intensity
+        Its intensity.
+
+    Returns
+    -------
+    intensity
+        The intensity after one iteration; no factor exceeds ``MAX_FACTOR``.
+    gain
+        Largest gain of a block in log likelihood [nats].
+    """
+    observed, expected = score_sums(fit, channel, np.array(intensity.starts_s))
+    var = np.column_stack([intensity.level_noise, intensity.levels])
     dof = np.maximum(var * expected, 1e-3)
-    durations = np.diff(np.append(q.starts_s, fit.knots_s[-1]))
+    durations = np.diff(np.append(intensity.starts_s, fit.knots_s[-1]))
     prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
     with np.errstate(over="ignore"):  # the factor is limited
         ratio = observed / expected + prior_dof[:, None] / dof
@@ -246,26 +264,38 @@ def _updated(fit: Smoothed, channel: int, q: Intensity) -> tuple[Intensity, floa
     gain = float(np.max(gain_nats(dof, ratio)))
     floors = np.array([LEVEL_FLOOR, FLOOR]) * fit.noise_var[channel]
     level_noise, levels = np.maximum(var * factor, floors).T
-    updated = replace(q, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist()))
+    updated = replace(
+        intensity, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist())
+    )
     return updated, gain
 
 
-def _divided(fit: Smoothed, channel: int, q: Intensity) -> Intensity:
-    """The intensity with those blocks divided whose halves disagree."""
-    starts = np.array(q.starts_s)
+def _divide_blocks(fit: Smoothed, channel: int, intensity: Intensity) -> Intensity:
+    """Divide those blocks of an intensity whose halves disagree by ``SPLIT_NATS``.
+
+    Parameters
+    ----------
+    fit
+        Record smoothed with the present intensities.
+    channel
+        Index of the channel.
+    intensity
+        Its intensity. Halves with fewer than ``MIN_DOF`` degrees of freedom are not divided.
+    """
+    starts = np.array(intensity.starts_s)
     middles = 0.5 * (starts + np.append(starts[1:], fit.knots_s[-1]))
     observed, expected = score_sums(fit, channel, np.column_stack([starts, middles]).ravel())
-    var = np.repeat(np.column_stack([q.level_noise, q.levels]), 2, axis=0)
+    var = np.repeat(np.column_stack([intensity.level_noise, intensity.levels]), 2, axis=0)
     dof = var * expected
     gain = gain_nats(dof, observed / expected).reshape(len(starts), -1).sum(axis=1)
     enough = dof.sum(axis=1).reshape(-1, 2).min(axis=1) > MIN_DOF
     divide = (gain > SPLIT_NATS) & enough
     copies = np.where(divide, 2, 1)
     return replace(
-        q,
+        intensity,
         starts_s=tuple(np.sort(np.concatenate([starts, middles[divide]])).tolist()),
-        levels=tuple(np.repeat(q.levels, copies).tolist()),
-        level_noise=tuple(np.repeat(q.level_noise, copies).tolist()),
+        levels=tuple(np.repeat(intensity.levels, copies).tolist()),
+        level_noise=tuple(np.repeat(intensity.level_noise, copies).tolist()),
     )
 
 
@@ -306,6 +336,7 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
         return out
 
     def scaled(scale: float) -> list[Intensity]:
+        """The intensities of the fit, all multiplied by one factor."""
         return [
             replace(
                 q,
@@ -347,15 +378,15 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
     return smooth_record(record, fit.noise_var, chosen)
 
 
-def refined(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
-    """``fit`` with the channels adapted whose prior is too smooth."""
+def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
+    """Smooth again with adapted intensities of the channels whose prior is too smooth."""
     channels = too_smooth(fit)
     if not channels.any():
         return fit
     chosen = [q for q, use in zip(fit.intensities, channels) if use]
-    record = selected(fit.record, channels)
+    record = select_channels(fit.record, channels)
     intensities = list(fit.intensities)
-    rougher = adapted(record, fit.noise_var[channels], chosen, divisions)
+    rougher = adapt_intensities(record, fit.noise_var[channels], chosen, divisions)
     for index, q in zip(np.flatnonzero(channels).tolist(), rougher):
         intensities[index] = q
     return smooth_record(fit.record, fit.noise_var, intensities)

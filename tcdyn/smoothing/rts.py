@@ -131,15 +131,16 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
     mean = _predicted_means(
         model.mean0[:, 0], transition[model.kind], step, gain, info, score, gain_index
     )
-    innovation = score - _times(info, mean)
+    innovation = score - _matrix_vector(info, mean)
     adjoint, adjoint_var, shared = _backward_pass(
         step,
-        _times(gain_matrix.swapaxes(-1, -2), innovation),
+        _matrix_vector(gain_matrix.swapaxes(-1, -2), innovation),
         info[distinct] @ gain_matrix[distinct],
         gain_index,
     )
-    mean += _times(
-        filtered_cov, innovation + _times(transition[model.kind].swapaxes(-1, -2), adjoint[1:])
+    mean += _matrix_vector(
+        filtered_cov,
+        innovation + _matrix_vector(transition[model.kind].swapaxes(-1, -2), adjoint[1:]),
     )
     # first interval of each run with one covariance
     first = np.flatnonzero(np.diff(gain_index, prepend=-1) | np.diff(shared[1:], prepend=-1))
@@ -191,7 +192,7 @@ def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, NDArray[np.
             j
             and last - j >= MIN_RUN
             and ends[j - 1] == last
-            and _close(filtered_cov[j], filtered_cov[j - 1])
+            and _are_settled(filtered_cov[j], filtered_cov[j - 1])
         ):
             rows = slice(j, last + 1)
             filtered_cov[rows] = filtered_cov[j]
@@ -245,12 +246,14 @@ def _predicted_means(
     for last in last_of_run:
         k = gain_index[last]
         if last > j:
-            driven = np.concatenate([mean[j][None], _times(gain[k], score[j:last])])
+            driven = np.concatenate([mean[j][None], _matrix_vector(gain[k], score[j:last])])
             mean[j : last + 1] = recursion(step[k], driven)
         j = last + 1
         if j < len(mean):
-            innovation = score[last] - _times(info[last], mean[last])
-            mean[j] = _times(transition[last], mean[last]) + _times(gain[k], innovation)
+            innovation = score[last] - _matrix_vector(info[last], mean[last])
+            mean[j] = _matrix_vector(transition[last], mean[last]) + _matrix_vector(
+                gain[k], innovation
+            )
     return mean
 
 
@@ -292,14 +295,14 @@ def _backward_pass(
         adjoint_var[j] = back[k] @ adjoint_var[j + 1] @ step[k] + added[k]
         start = int(run_starts[k])
         is_long = j - start >= MIN_RUN and j < count - 1
-        if is_long and _close(adjoint_var[j], adjoint_var[j + 1]):
+        if is_long and _are_settled(adjoint_var[j], adjoint_var[j + 1]):
             adjoint_var[start:j] = adjoint_var[j]
             shared[start:j] = j
             reversed_driven = np.concatenate([adjoint[j + 1][None], driven[start : j + 1][::-1]])
             adjoint[start : j + 1] = recursion(back[k], reversed_driven)[:0:-1]
             j = start
         else:
-            adjoint[j] = _times(back[k], adjoint[j + 1]) + driven[j]
+            adjoint[j] = _matrix_vector(back[k], adjoint[j + 1]) + driven[j]
         j -= 1
     return adjoint, adjoint_var, shared
 
@@ -363,12 +366,12 @@ def recursion(phi: Array, driven: Array) -> Array:
     return np.asarray(x.swapaxes(0, 1))
 
 
-def _times(matrix: Array, vectors: Array) -> Array:
+def _matrix_vector(matrix: Array, vectors: Array) -> Array:
     """Products of matrices (..., M, n, n) and vectors (..., M, n)."""
     return np.asarray((matrix @ vectors[..., None])[..., 0])
 
 
-def _close(a: Array, b: Array) -> bool:
+def _are_settled(a: Array, b: Array) -> bool:
     """Whether covariances (M, n, n) agree within ``SETTLED_CHANGE`` of their standard deviations.
 
     The standard deviations are those of ``a``.

@@ -28,7 +28,7 @@ from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import (
     HiddenEvent,
     average_over_event,
-    candidates,
+    candidate_times,
     detect_hidden_events,
     influenced_samples,
     remaining_jump,
@@ -43,7 +43,7 @@ from tcdyn.smoothing.process_noise import (
     tradeoff_curve,
 )
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
-from tcdyn.smoothing.roughness import refined, unresolved_var, with_least_risk
+from tcdyn.smoothing.roughness import refine, unresolved_var, with_least_risk
 from tcdyn.smoothing.rts import rts_smooth
 from tcdyn.smoothing.state_space import Smoothed, full_model, likelihood, smooth_record
 
@@ -182,11 +182,11 @@ def smooth(
     findings = list(record.findings)
     if intensity is None:
         detect = not events_s if find_events is None else find_events
-        fit, detected_events, jump_K, contradicts = _estimated(record, detect)
+        fit, detected_events, jump_K, contradicts = _smooth_by_likelihood(record, detect)
         if record.events_s and contradicts:
             without = replace(record, events_s=())
-            other, other_events, other_jump_K, _ = _estimated(without, True)
-            if _evidence(other) > _evidence(fit) + EVENTS_NATS:
+            other, other_events, other_jump_K, _ = _smooth_by_likelihood(without, True)
+            if _log_likelihood(other) > _log_likelihood(fit) + EVENTS_NATS:
                 fit, detected_events, jump_K = other, other_events, other_jump_K
                 findings.append(warning("trace.events", events=len(record.events_s)))
     else:
@@ -198,7 +198,7 @@ def smooth(
     events = {at: u_by_time[at] for at in fit.record.events_s}
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
-            fit = _reweighted(fit, record.y)
+            fit = _smooth_with_student_weights(fit, record.y)
     samples = fit.at_samples()
     for event in detected_events:
         samples = average_over_event(fit, samples, event)
@@ -263,17 +263,34 @@ def _smoothed_without_spikes(
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
         raise _too_slow(record)
     fit = smooth_record(record, noise_var, intensities)
-    spikes = _spikes(fit)
+    spikes = _spike_mask(fit)
     if spikes.any():
         fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
     return fit
 
 
-def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
-    """The record smoothed with intensities by their likelihood, and the events that were detected.
+def _smooth_by_likelihood(
+    record: Record, detect: bool
+) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
+    """Smooth a record with intensities by their likelihood, and detect events in it.
 
-    The third result is ``remaining_jump``. The fourth is whether there were large ones before the
-    intensities were adapted to them.
+    Parameters
+    ----------
+    record
+        The record.
+    detect
+        Whether events are detected that are not listed.
+
+    Returns
+    -------
+    fit
+        The smoothed record.
+    events
+        The events that were detected.
+    jump
+        Its ``remaining_jump``, (N, M) [K].
+    contradicts
+        Whether a jump was large before the intensities were adapted to it.
     """
     lag_s = max(c.lag_s for c in record.chains)  # 0 where the lag is to be left in
     if 0 < lag_s * MAX_LAGS_IN_ROW < record.dt_s:
@@ -285,7 +302,7 @@ def _estimated(record: Record, detect: bool) -> tuple[Smoothed, list[HiddenEvent
     contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
     if detect and _shows_events(fit):
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
-    fit = refined(fit)
+    fit = refine(fit)
     return with_least_risk(fit), detected_events, remaining_jump(fit), contradicts
 
 
@@ -299,7 +316,7 @@ def _too_slow(record: Record) -> InputError:
     )
 
 
-def _evidence(fit: Smoothed) -> float:
+def _log_likelihood(fit: Smoothed) -> float:
     """Log likelihood of a record with the intensities of ``fit``."""
     value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
     return float(value.sum())
@@ -307,12 +324,12 @@ def _evidence(fit: Smoothed) -> float:
 
 def _shows_events(fit: Smoothed) -> bool:
     """Whether level noise, the same at all times, leaves candidates of events."""
-    if not candidates(fit, fit.record.events_s):
+    if not candidate_times(fit, fit.record.events_s):
         return False
-    return bool(candidates(refined(fit, divisions=0), fit.record.events_s))
+    return bool(candidate_times(refine(fit, divisions=0), fit.record.events_s))
 
 
-def _spikes(fit: Smoothed) -> Flags:
+def _spike_mask(fit: Smoothed) -> Flags:
     """Samples (N, M) that are spikes, judged by the prediction of the smoother.
 
     Next to a slope change or in fast motion the rule with medians, applied before, misses spikes.
@@ -336,7 +353,7 @@ def _without_samples(record: Record, spikes: Flags) -> Record:
     return replace(record, y=np.stack(columns, axis=1), weight=weight, flags=flags)
 
 
-def _reweighted(fit: Smoothed, y: Array) -> Smoothed:
+def _smooth_with_student_weights(fit: Smoothed, y: Array) -> Smoothed:
     """Smooth again with the weights of Student's t likelihood.
 
     Parameters

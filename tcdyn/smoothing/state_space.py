@@ -125,16 +125,16 @@ def interval_model(
         min_span = 10 * float(np.sqrt(noise_var[c]))
         start_intensity = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
         start_level_noise = level_noise_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
-        mean, cov, jump_var = prior(
+        mean, cov, jump_var = ramp_prior(
             s, level, max(float(span[c]), min_span), dt, start_intensity, start_level_noise
         )
-        at_knot = _centred(integral)
+        at_knot = _half_around_knots(integral)
         at_knot[event] += jump_var
         jumps = jumps_at(proposals[c], knots[:-1])
         jumps[..., 1] += at_knot
         if any(q.is_rough for q in proposals[c]):
             level_noise = level_noise_at(proposals[c], knots[:-1]).T
-            jumps[..., 0] += _centred(level_noise * np.diff(knots)[:, None])
+            jumps[..., 0] += _half_around_knots(level_noise * np.diff(knots)[:, None])
         channels.append(
             (np.tile(mean, (len(cov), 1)), cov, information_c[:, None], score_c[:, None], jumps)
         )
@@ -156,7 +156,7 @@ def interval_model(
     )
 
 
-def _centred(integral: Array) -> Array:
+def _half_around_knots(integral: Array) -> Array:
     """Half of the ``integral`` (J, Q) over the intervals beside each knot but the last."""
     before = np.concatenate([np.zeros_like(integral[:1]), integral[:-1]])
     return np.asarray(0.5 * (integral + before))
@@ -188,8 +188,8 @@ def full_model(
     )
 
 
-def prior(
-    s: Sensor,
+def ramp_prior(
+    sensor: Sensor,
     level: float,
     span: float,
     dt_s: float,
@@ -200,7 +200,7 @@ def prior(
 
     Parameters
     ----------
-    s
+    sensor
         State space of the chain, n states.
     level
         Level [degC] about which the prior is centred; the slope is about zero.
@@ -230,10 +230,10 @@ def prior(
     events in ``tcdyn.smoothing.hidden_events._coarse_search``. ``tests/smoothing/test_states.py``
     states these values.
     """
-    wide = DIFFUSE * span * np.array([1.0, 1.0 / (s.lag_s + 4 * dt_s)])
-    cov = s.ramp * wide**2 @ s.ramp.T + intensity[:, None, None] * s.scatter
-    cov = cov + np.reshape(level_noise, (-1, 1, 1)) * s.level_scatter
-    return level * s.ramp[:, 0], cov, float(wide[1] ** 2)
+    wide = DIFFUSE * span * np.array([1.0, 1.0 / (sensor.lag_s + 4 * dt_s)])
+    cov = sensor.ramp * wide**2 @ sensor.ramp.T + intensity[:, None, None] * sensor.scatter
+    cov = cov + np.reshape(level_noise, (-1, 1, 1)) * sensor.level_scatter
+    return level * sensor.ramp[:, 0], cov, float(wide[1] ** 2)
 
 
 def flow(drift: Array, time_s: float) -> Array:
@@ -242,7 +242,7 @@ def flow(drift: Array, time_s: float) -> Array:
     The cache helps because channels and windows share their chains and intervals. The result cannot
     be written to. Times are rounded to 1e-12 s.
     """
-    return _flow(drift.tobytes(), len(drift), round(time_s, 12))
+    return _cached_flow(drift.tobytes(), len(drift), round(time_s, 12))
 
 
 def flows(drift: Array, dt_s: float) -> Array:
@@ -250,11 +250,11 @@ def flows(drift: Array, dt_s: float) -> Array:
 
     The shape is (K, n, n). The longest interval is the last of ``tcdyn.smoothing.intervals.STEPS``.
     """
-    return _flows(drift.tobytes(), len(drift), dt_s)
+    return _cached_flows(drift.tobytes(), len(drift), dt_s)
 
 
 @lru_cache(maxsize=200)
-def _flows(drift: bytes, n: int, dt_s: float) -> Array:
+def _cached_flows(drift: bytes, n: int, dt_s: float) -> Array:
     """The matrices of ``flows``, by the bytes of the drift, which the cache can compare."""
     one = flow(np.frombuffer(drift).reshape(n, n), dt_s)
     powers = [np.eye(n)]
@@ -264,7 +264,7 @@ def _flows(drift: bytes, n: int, dt_s: float) -> Array:
 
 
 @lru_cache(maxsize=20_000)
-def _flow(drift: bytes, n: int, time_s: float) -> Array:
+def _cached_flow(drift: bytes, n: int, time_s: float) -> Array:
     """The matrix of ``flow``, by the bytes of the drift, which the cache can compare."""
     result = np.asarray(expm(np.frombuffer(drift).reshape(n, n) * time_s))
     result.setflags(write=False)
@@ -307,7 +307,7 @@ def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
         back = model.transition[kind, :, 0].swapaxes(-1, -2)
         gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
         innovation = model.score[j] - mean @ info
-        cov = _inverse(gain) @ cov
+        cov = _inverse_or_nan(gain) @ cov
         step = (cov @ innovation[..., None])[..., 0]
         yield mean, step, gain, innovation
         mean = (mean + step) @ back
@@ -315,7 +315,7 @@ def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
             cov = (cov.swapaxes(-1, -2).reshape(rows) @ back).reshape(cov.shape)
 
 
-def _inverse(matrices: Array) -> Array:
+def _inverse_or_nan(matrices: Array) -> Array:
     """Inverses of matrices (..., n, n); NaN for one that rounding made singular."""
     try:
         return np.asarray(np.linalg.inv(matrices), dtype=float)
@@ -350,8 +350,8 @@ def likelihood(
 
     Notes
     -----
-    Prior mean and covariance are those of ``prior``. ``tests/smoothing/test_states.py`` compares
-    both results with the dense covariance of all samples.
+    Prior mean and covariance are those of ``ramp_prior``. ``tests/smoothing/test_states.py``
+    compares both results with the dense covariance of all samples.
     """
     model = full_model(record, noise_var, proposals, fine)
     log_det = np.zeros(model.mean0.shape[:2])
@@ -467,7 +467,7 @@ class Smoothed:
 
 
 def smooth_record(
-    record: Record, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
+    record: Record, noise_var: Array, intensities: Sequence[Intensity], fine: float = FINE
 ) -> Smoothed:
     """Smooth the full record with the RTS smoother, given noise variance and intensities.
 
@@ -477,7 +477,7 @@ def smooth_record(
         The record.
     noise_var
         Noise variance (M,) [K2].
-    chosen
+    intensities
         One intensity for each channel.
     fine
         Largest length of an interval times the corner frequency [rad].
@@ -496,7 +496,7 @@ def smooth_record(
     The score test for a jump of level and slope at a knot is q' W^-1 q, with the adjoint q and its
     variance W from ``tcdyn.smoothing.rts.rts_smooth`` (as in de Jong and Penzer 1998).
     """
-    proposals = [[q] for q in chosen]
+    proposals = [[q] for q in intensities]
     knots = knots_for(record, noise_var, proposals, fine)
     span = channel_ranges(record)
     (n_samples, n_channels) = record.y.shape
@@ -507,7 +507,7 @@ def smooth_record(
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
     split_rows = np.stack([s.split_row for s in record.sensors])
-    for low, first, last, high in chunks(record, noise_var, chosen, knots):
+    for low, first, last, high in chunks(record, noise_var, intensities, knots):
         model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
         chunk = rts_smooth(model)
         stored = slice(first - low, last - low)
@@ -543,7 +543,7 @@ def smooth_record(
     return Smoothed(
         record,
         noise_var,
-        tuple(chosen),
+        tuple(intensities),
         knots,
         level,
         slope,

@@ -455,7 +455,7 @@ def disk_traces(
     )
     missing |= outliers
     has_lines = bool(noise.hum_lines or noise.waves)
-    if not (noise.coloured or has_lines or noise.unexplained > UNEXPLAINED):
+    if not (noise.is_coloured or has_lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, DIFFERENCE_ORDER))
     for name, share in zip(names, missing.mean(axis=0)):
         percent = 100 * float(share)
@@ -469,7 +469,7 @@ def disk_traces(
         y = y @ shares.T
         missing = missing @ (shares.T > 0)
         rounding = list(shares @ rounding)
-        noise = noise.expanded(used, np.sqrt(shares**2 @ noise.level_K**2))
+        noise = noise.with_channels(used, np.sqrt(shares**2 @ noise.level_K**2))
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
         chains = tuple(
             average_chains([*compress(channels.chains, row > 0)], disk) for row in weights

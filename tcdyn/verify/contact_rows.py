@@ -168,7 +168,7 @@ def contact_rows() -> Iterator[VerifyRow]:
         why="the fit radius is not in the thesis: 20.5 mm was solved from the first number; only "
         "the second is a test",
     )
-    yield _conductance()
+    yield _conductance_rows()
     setup = load_rig().disk_setup("slow")
     fitted = [
         press_fit_conductance(replace(setup, press_fit=PressFit(interference_um=um)))
@@ -208,7 +208,7 @@ def contact_rows() -> Iterator[VerifyRow]:
     )
 
 
-def _conductance() -> VerifyRow:
+def _conductance_rows() -> VerifyRow:
     """Table 6.6: one constant must give all three printed numbers to their rounding."""
     pressures_MPa = (1.0, 27.3, 45.6)
     published = np.array([0.78, 7.7, 11.1])

@@ -221,7 +221,7 @@ def mesh_rows() -> Iterator[VerifyRow]:
         change["I at 1 s"] > 20 * change["I"],
         "agrees when at least twenty times that of 0.04 s",
     )
-    yield from _ideal()
+    yield from _ideal_study_rows()
     for name, published in TABLE_3_4.items():
         ours = [correction_factor(b * 1e-3, MESHES[name].nz, 9.53e-3) for b in HALF_WIDTHS_mm]
         yield close(
@@ -235,11 +235,11 @@ def mesh_rows() -> Iterator[VerifyRow]:
             why="N = 2 round(b/dz), N^2/(N^2 - 1), to the last digit; the rule was found from "
             "this table",
         )
-    yield from _real()
+    yield from _test_D4_study_rows()
 
 
-def _ideal() -> Iterator[VerifyRow]:
-    """Tables 3.2 and 3.3."""
+def _ideal_study_rows() -> Iterator[VerifyRow]:
+    """Rows of tables 3.2 and 3.3: mesh errors under a constant flux with ideal washers."""
     errors = studies.ideal_study()
     delayed = studies.ideal_study(late_steps=1)
     for table, statistic, published in (("3.2", "maximum", TABLE_3_2), ("3.3", "mean", TABLE_3_3)):
@@ -274,8 +274,8 @@ def _ideal() -> Iterator[VerifyRow]:
     )
 
 
-def _real() -> Iterator[VerifyRow]:
-    """Tables 3.5 and 3.6."""
+def _test_D4_study_rows() -> Iterator[VerifyRow]:
+    """Rows of tables 3.5 and 3.6: mesh errors in test D4 at two times."""
     at_125_s, at_1000_s = (studies.mesh_study_of_test_D4(*state) for state in D4_STATES)
     for table, statistic, published in (("3.5", "maximum", TABLE_3_5), ("3.6", "mean", TABLE_3_6)):
         for name, printed in published.items():

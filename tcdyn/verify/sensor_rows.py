@@ -203,10 +203,10 @@ def bath_rows() -> Iterator[VerifyRow]:
         "exact laminar plate with tabulated water at the film's 48 degC; the floor of 0.68 in "
         "(5.4) is 3 % of it: agrees within 5 %",
     )
-    yield from _cylinders()
+    yield from _cylinder_rows()
 
 
-def _cylinders() -> Iterator[VerifyRow]:
+def _cylinder_rows() -> Iterator[VerifyRow]:
     """Section 5.7: solid and hollow cylinders in a bath."""
     rig = load_rig().disk_setup("fast")
     k = rig.conductivity_W_mK

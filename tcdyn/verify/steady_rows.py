@@ -146,9 +146,9 @@ def steady_disks(test: EhlCondition) -> dict[str, Steady]:
 def steady_rows() -> Iterator[VerifyRow]:
     """Yield the rows of the figures and tables of the steady rim."""
     yield from _line_ends()
-    yield from _asymmetries()
-    yield from _surfaces()
-    yield from _sensitivity()
+    yield from _asymmetry_rows()
+    yield from _surface_rows()
+    yield from _sensitivity_rows()
 
 
 def _line_ends() -> Iterator[VerifyRow]:
@@ -214,7 +214,7 @@ def _line_ends() -> Iterator[VerifyRow]:
     )
 
 
-def _asymmetries() -> Iterator[VerifyRow]:
+def _asymmetry_rows() -> Iterator[VerifyRow]:
     """Figures 6.26 to 6.28: the slow disk of D4 with uneven h or air."""
     d4 = replace(steady_disks(PROGRAMME["D4"])["slow"], h_W_m2K=300.0)
     inner = d4.inner_degC()
@@ -265,7 +265,7 @@ def _asymmetries() -> Iterator[VerifyRow]:
     )
 
 
-def _surfaces() -> Iterator[VerifyRow]:
+def _surface_rows() -> Iterator[VerifyRow]:
     """Table 7.3: the maximum surface temperatures of both disks, from a's readings."""
     computed = []
     speeds = []
@@ -306,7 +306,7 @@ def _surfaces() -> Iterator[VerifyRow]:
     )
 
 
-def _sensitivity() -> Iterator[VerifyRow]:
+def _sensitivity_rows() -> Iterator[VerifyRow]:
     """Figure 7.21: along both lines of least error of D4, beta 0.42 to 0.68."""
     test = PROGRAMME["D4"]
     disks = steady_disks(test)

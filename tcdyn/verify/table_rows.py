@@ -27,15 +27,15 @@ FAMILIES = tuple(TESTS[k : k + 4] for k in range(0, 16, 4))  # A to D, four load
 
 def table_rows() -> Iterator[VerifyRow]:
     """Yield the rows that compare printed tables with each other."""
-    yield from _kinematics()
-    yield _groups()
-    yield from _forces()
-    yield _ratios()
-    yield from _means()
+    yield from _kinematics_rows()
+    yield _group_rows()
+    yield from _force_rows()
+    yield _ratio_rows()
+    yield from _mean_difference_rows()
     yield from _trend_lines()
 
 
-def _kinematics() -> Iterator[VerifyRow]:
+def _kinematics_rows() -> Iterator[VerifyRow]:
     """Sections 2.2.1 and 2.2.2: slide/roll ratio and aspect ratio of the contact."""
     slide_roll = [t.sliding_speed_m_s / t.entraining_speed_m_s for t in TESTS[::4]]
     yield row(
@@ -60,7 +60,7 @@ def _kinematics() -> Iterator[VerifyRow]:
     )
 
 
-def _groups() -> VerifyRow:
+def _group_rows() -> VerifyRow:
     """Table 6.5, and that the groups of table 6.2 are those of the default rig's angles."""
     counts = {published.PAIRS_SAME: Counter[str](), published.PAIRS_OTHER: Counter[str]()}
     for groups, comparisons in published.COMPARED:
@@ -102,7 +102,7 @@ def _default_groups() -> str:
     return f"{near}|{far}"
 
 
-def _forces() -> Iterator[VerifyRow]:
+def _force_rows() -> Iterator[VerifyRow]:
     """Section 6.5: traction and friction coefficient of the four families of tests."""
     load = np.array([[test.load_N for test in family] for family in FAMILIES])
     force = np.array([[test.friction_N for test in family] for family in FAMILIES])
@@ -128,7 +128,7 @@ def _forces() -> Iterator[VerifyRow]:
     )
 
 
-def _ratios() -> VerifyRow:
+def _ratio_rows() -> VerifyRow:
     """Table 7.1: one ratio h_f/h_s gives all printed pairs to their rounding."""
     h_pairs = [(test.h_fast_W_m2K, test.h_slow_W_m2K) for test in TESTS]
     fast, slow = np.array([*h_pairs, *published.CLARKE_H], dtype=float).T
@@ -150,7 +150,7 @@ def _ratios() -> VerifyRow:
     )
 
 
-def _means() -> Iterator[VerifyRow]:
+def _mean_difference_rows() -> Iterator[VerifyRow]:
     """Table 7.2: mean differences from Clarke's tests."""
     current = np.array([(t.fast_a_degC, t.slow_a_degC, t.friction_N) for t in TESTS])
     fast, slow, friction = (current - np.array(published.CLARKE_STEADY)).mean(axis=0)

@@ -405,29 +405,33 @@ def estimate_stages(
     return tuple(runs)
 
 
-def summary_of(p: Partition) -> str:
+def summary_of(partition: Partition) -> str:
     """Recommended estimate, beta, h and lag by every method, and the cross-check, as text."""
     lines = {}
-    if not p.single_disk:
+    if not partition.single_disk:
         pair = "beta {}   h_fast {}   h_slow {} W/m2K"
-        combined = p.combined.estimates
+        combined = partition.combined.estimates
         lines["both beta"] = (
             "both disks",
             pair.format(combined["beta"], combined["h_fast"], combined["h_slow"]),
         )
         lines["speed law"] = (
             "speed law",
-            pair.format(p.estimates["speed law"], p.estimates["h_fast"], p.estimates["h_slow"]),
+            pair.format(
+                partition.estimates["speed law"],
+                partition.estimates["h_fast"],
+                partition.estimates["h_slow"],
+            ),
         )
     for kind in ("cooling", "joint"):
-        for d, fit in p.joint.items():
+        for d, fit in partition.joint.items():
             key = f"{kind} {d}"
-            text = f"beta {p.estimates[key]}   h {p.estimates[f'h {key}']} W/m2K"
+            text = f"beta {partition.estimates[key]}   h {partition.estimates[f'h {key}']} W/m2K"
             if kind == "joint":
                 text += f"   lag {fit.estimates['lag_s']} s"
             lines[key] = (key, text)
     rows = [
-        f"{word:14}{'withheld' if key in p.impossible else text}"
+        f"{word:14}{'withheld' if key in partition.impossible else text}"
         for key, (word, text) in lines.items()
     ]
-    return "\n".join([p.recommendation.sentence, *rows, p.crosscheck.sentence])
+    return "\n".join([partition.recommendation.sentence, *rows, partition.crosscheck.sentence])

@@ -24,11 +24,11 @@ from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 
 
-def residuals_table(p: Partition) -> pd.DataFrame:
+def residuals_table(partition: Partition) -> pd.DataFrame:
     """Table of reading minus model [mK]: mean under load, mean after unloading, rms over noise."""
     rows = []
-    for disk in p.disks:
-        m = compare_joint_fit(p, disk)
+    for disk in partition.disks:
+        m = compare_joint_fit(partition, disk)
         difference = m.readings_degC - m.model_degC
         after = m.time_since_unloading_s > 0
         for k, c in enumerate(m.channels):
@@ -129,7 +129,7 @@ def estimates_table(partition: Partition, truth: float | None = None) -> pd.Data
     return table.drop(columns="exponent n [1]") if partition.single_disk else table
 
 
-def structures_table(forms: ModelForms) -> pd.DataFrame:
+def model_forms_table(forms: ModelForms) -> pd.DataFrame:
     """Table of the fit of both disks with every other model form, best supported first."""
     rows = []
     for a, likely in zip(forms.forms, forms.probability):
@@ -147,7 +147,7 @@ def structures_table(forms: ModelForms) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def budget_table(p: Partition) -> pd.DataFrame:
+def budget_table(partition: Partition) -> pd.DataFrame:
     """Table of the uncertainty of beta by source and method, largest first.
 
     The columns are the combined fit (recommended), the speed law, which needs both disks, and the
@@ -158,46 +158,50 @@ def budget_table(p: Partition) -> pd.DataFrame:
     The heat that the oil film carries away (appendix B) enters neither disk, like a friction that
     is read too high by this share. It is not corrected; its line is its effect on beta.
     """
-    recommended = joint_budget(p)
-    by_source = {row.source: row for row in p.budget.rows}
+    recommended = joint_budget(partition)
+    by_source = {row.source: row for row in partition.budget.rows}
     rows = {}
     for source in sorted(recommended | by_source, key=lambda x: -recommended.get(x, 0.0)):
         row = by_source.get(source, BudgetRow(source, 0.0, 0.0))
         u_recommended = recommended.get(source, 0.0)
         rows[source] = np.array([u_recommended, row.u_beta_steady, row.u_beta_transient], float)
-    total = p.budget.total
+    total = partition.budget.total
     u_total = sum(u**2 for u in recommended.values()) ** 0.5
     total_u = np.array([u_total, total.u_beta_steady, total.u_beta_transient], dtype=float)
-    friction_rel = p.test.disks[p.disks[0]].uncertainty.friction_rel
+    friction_rel = partition.test.disks[partition.disks[0]].uncertainty.friction_rel
     if "friction" in rows and friction_rel > 0:
-        rows["oil film"] = oil_film_share(p) / friction_rel * rows["friction"]
+        rows["oil film"] = oil_film_share(partition) / friction_rel * rows["friction"]
         total_u = np.hypot(total_u, rows["oil film"])
     rows[total.source] = total_u
-    if p.single_disk:
+    if partition.single_disk:
         heads = ("joint fit", "speed law", "cooling fit")
     else:
         heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = [f"u(β) [1], {head}" for head in heads]
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
     # the speed law has no numbers in a test with one disk
-    return frame.dropna(axis="columns").map(u_of_beta).rename_axis("source").reset_index()
+    return frame.dropna(axis="columns").map(u_beta_text).rename_axis("source").reset_index()
 
 
-def u_of_beta(u: float) -> str:
-    """A standard uncertainty of beta in a table."""
-    return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
+def u_beta_text(u: float) -> str:
+    """A standard uncertainty of beta [1] with four decimals; smaller ones are "below 0.0001"."""
+    return f"{u:.4f}" if u >= 0.5e-4 else "below 0.0001"
 
 
-def conditions_table(p: Partition) -> pd.DataFrame:
-    """Table of the conditions of the test."""
-    t = p.test
+def conditions_table(partition: Partition) -> pd.DataFrame:
+    """Table of load, speeds, friction, events and hottest surfaces of the test, with units."""
+    t = partition.test
     plain = [
         ("load", f"{t.load_N:.0f}", "N"),
         ("friction", f"{t.friction_N:.2f}", "N"),
         ("friction coefficient", f"{t.friction_N / t.load_N:.4f}", "1"),
         ("sliding speed", f"{t.sliding_speed_m_s:.2f}", "m/s"),
         ("entraining speed", f"{t.entraining_speed_m_s:.2f}", "m/s"),
-        ("frictional heat that leaves with the oil film", f"{100 * oil_film_share(p):.2f}", "%"),
+        (
+            "frictional heat that leaves with the oil film",
+            f"{100 * oil_film_share(partition):.2f}",
+            "%",
+        ),
         ("half-width of the contact", f"{t.half_width_m * 1e3:.3f}", "mm"),
         ("load on at", f"{t.events.load_on_s:.2f}", "s"),
         ("unloading at", text_with_u(t.events.unload_s, t.events.unload_u_s), "s"),
@@ -207,7 +211,7 @@ def conditions_table(p: Partition) -> pd.DataFrame:
         ("hottest surface, slow disk", "surface slow", "°C"),
         ("their difference times sliding speed, ΔT u_s", "delta_T_us", "K m/s"),
     ):
-        plain += [(word, str(p.estimates[key]), unit)] if key in p.estimates else []
+        plain += [(word, str(partition.estimates[key]), unit)] if key in partition.estimates else []
     return pd.DataFrame(plain, columns=["quantity", "value", "unit"])
 
 

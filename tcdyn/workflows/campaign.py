@@ -1,7 +1,7 @@
 """Analysis of many EHL logs into one table: parallel, resumable, tolerant of a log that fails.
 
 The command ``tcdyn rig campaign``. One log is :mod:`tcdyn.workflows.campaign_log`, the combined
-analysis :func:`tcdyn.campaign.joined`. Guarded by ``tests/cli/test_campaign_command.py``.
+analysis :func:`tcdyn.campaign.join_results`. Guarded by ``tests/cli/test_campaign_command.py``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tcdyn.campaign import (
     JoinedCampaign,
     MapComparison,
     compare_maps,
-    joined,
+    join_results,
     rig_fingerprint,
 )
 from tcdyn.campaign.stored_results import (
@@ -42,7 +42,7 @@ from tcdyn.core.findings import Finding, info
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import table_csv, write_text
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
@@ -269,7 +269,7 @@ def run_campaign(
     for i, path in enumerate(paths):
         if i in outcomes:
             continue
-        stored = _stored(path, folder, settings)
+        stored = _stored_outcomes(path, folder, settings)
         if stored:
             outcomes[i] = stored
             progress(path.stem, len(outcomes), len(paths))
@@ -294,7 +294,7 @@ def run_campaign(
     if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
         write_text(folder / TABLE_FILE, table_csv(table, "%.8g"))
     interchange = None if interchanged is None else _compare_interchange(ordered, interchanged)
-    campaign = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
+    campaign = join_results({o.name: o.data for o in ordered if o.data is not None}, curves)
     if campaign is not None:
         content = campaign.to_dict()
         if interchange is not None:
@@ -343,8 +343,8 @@ def _compare_interchange(
     return compare_maps(tests[first], tests[second], interchanged, (first, second))
 
 
-def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
-    """Results of an earlier run, if all tests of the log have the same log and settings; else none.
+def _stored_outcomes(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
+    """Results of an earlier run; none unless all tests of the log have this log and settings.
 
     Parameters
     ----------
@@ -372,7 +372,7 @@ def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int
     Parameters
     ----------
     path, folder, settings
-        As for ``_stored``.
+        As for ``_stored_outcomes``.
     stage
         Number of the test in its log; 0 in a log with one.
 
@@ -384,7 +384,7 @@ def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int
     data = read_result(_answer_file(path, folder, stage))
     stored = data["campaign"]
     requested = settings.fingerprint()
-    if data["source"]["sha256"] != sha256(path) or any(
+    if data["source"]["sha256"] != sha256_of_file(path) or any(
         stored.get(k) != v for k, v in requested.items()
     ):
         raise ValueError("of another log or other settings")

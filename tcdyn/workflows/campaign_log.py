@@ -57,8 +57,10 @@ class CampaignSettings:
         """
         return {
             "version": __version__,
-            "rig_sha256": _hash(self.rig.model_dump_json()),
-            "records_sha256": {d: _hash(r.to_json()) for d, r in sorted(self.records.items())},
+            "rig_sha256": _text_sha256(self.rig.model_dump_json()),
+            "records_sha256": {
+                d: _text_sha256(r.to_json()) for d, r in sorted(self.records.items())
+            },
             "bearing_sha256": self.bearing.sha256 if self.bearing else None,
             "window_s": self.window_s,
             "seed": self.seed,
@@ -167,6 +169,6 @@ def _analyse_stage(
     return with_checksum(data), run.stages
 
 
-def _hash(text: str) -> str:
+def _text_sha256(text: str) -> str:
     """SHA-256 of a text as hexadecimal digits."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -110,6 +110,7 @@ class LogSegments:
         reported_percent = 0
 
         def report(rows: int) -> None:
+            """Report the rows that are done, every ten percent."""
             nonlocal reported_percent
             percent = 10 * (10 * rows // self.log.rows)
             if percent > reported_percent:
@@ -413,7 +414,7 @@ def compensate_log(
     if refine and way.removes_lag and kind == "ehl" and disks_in_log <= set(records):
         progress("common lags from the unloading")
         one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
-        traces, fits, refine_findings = _refine(table, rig, records, one_test)
+        traces, fits, refine_findings = _refine_lags(table, rig, records, one_test)
         findings += refine_findings
     frame = table.frame
     for disk, record in records.items():
@@ -490,7 +491,7 @@ def log_around_unloading(pieces: LogChunks) -> Log:
         return pieces.to_log(np.arange(MAX_ROWS))
 
 
-def _refine(
+def _refine_lags(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
 ) -> tuple[dict[str, DiskTraces], Mapping[str, DiskFit], list[Finding]]:
     """Traces and joint fits for the common lags of the disks, from the unloading.

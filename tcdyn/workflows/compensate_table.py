@@ -18,7 +18,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
@@ -155,17 +155,18 @@ def compensate_table(
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
     check_delay(delay_s)
-    raw = _opened(log, calibrations, rig, options)
+    raw = _open_log(log, calibrations, rig, options)
     out_path = Path() if callable(out) else Path(out)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
     style = output_style(dialect, comments, raw.source.table, out_path)
     notes = dict(raw.notes)
     if raw.source.path.is_file():
-        notes["source_sha256"] = sha256(raw.source.path)
+        notes["source_sha256"] = sha256_of_file(raw.source.path)
     next_row = 0
 
     def report(rows: int) -> None:
+        """Report the rows that are done, each time that they have doubled, after the first."""
         nonlocal next_row
         if rows >= next_row:
             progress(f"compensating, from row {rows + 1}")
@@ -203,7 +204,7 @@ def compensate_table(
     )
 
 
-def _opened(
+def _open_log(
     log: str | Path | Source, calibrations: Calibrations, rig: Rig | None, options: TableOptions
 ) -> RawLog:
     """The raw columns, channels and output of a log; parameters as for ``compensate_table``."""
@@ -227,7 +228,7 @@ def check_delay(delay_s: float | None) -> None:
 
 
 def delayed_findings(raw: RawLog, rising: RisingRows, totals: Totals) -> list[Finding]:
-    """Findings of a run with a fixed delay.
+    """Findings of a run with a fixed delay: of the log, of its rows ``rising``, and of ``totals``.
 
     Findings about single records of the smoother (``trace.``, ``noise.``) are about some hundred
     rows each. They are replaced by the number of readings that were not used.

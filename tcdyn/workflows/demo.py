@@ -143,7 +143,7 @@ def run_demo(
     compensated = {}
     for name, log in files.ehl.items():
         out = folder / f"EHL_{name}"
-        betas[name] = _partition(log, rig, records, out)
+        betas[name] = _write_partition(log, rig, records, out)
         compensated[name] = _compensate(log, rig, records, out)
     comparison = compare_with_truth(files, calibrations, betas, compensated)
     return DemoRun(files, calibrations, betas, compensated, comparison)
@@ -165,7 +165,7 @@ def _compensate(
     return done
 
 
-def _partition(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> BetaRun:
+def _write_partition(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> BetaRun:
     """Estimate beta of one log and write its beta.json."""
     beta = estimate_beta(log, rig, records)
     write_text(out.with_name(f"{out.name}.beta.json"), json_text(beta.to_dict()))

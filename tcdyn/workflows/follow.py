@@ -201,7 +201,7 @@ def follow(
     continues = state is not None and state.exists()
     if not continues:
         _check_output_free(out, overwrite)
-    opened = _opened(log, calibrations, rig, options, patience)
+    opened = _wait_for_rows(log, calibrations, rig, options, patience)
     if opened is None:
         ended = "stopped before the header was there"
         numbers = pd.DataFrame(columns=["column"])
@@ -210,14 +210,14 @@ def follow(
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
     style = output_style(dialect, comments, raw.source.table, out)
-    key = {**_key(raw, calibrations, delay_s), "dialect": dialect}
+    key = {**_state_key(raw, calibrations, delay_s), "dialect": dialect}
     is_new = not out.exists()
     if state is not None and continues:
         stand = _read_state(state, key, growing, out)
     else:
         _check_output_free(out, overwrite)  # it may have come while the header was waited for
         # what stood there stays until this is complete
-        notes = {**raw.notes, "delay_s": f"{delay_s:g}", **_first_stamp(growing, raw)}
+        notes = {**raw.notes, "delay_s": f"{delay_s:g}", **_start_time_metadata(growing, raw)}
         out_bytes = start_csv(out, raw.header, notes, style=style)
         stand = _Stand(growing.offset, None, 0, out_bytes)
     announce(raw, delay_s)
@@ -238,7 +238,7 @@ def follow(
         saved_at = -float("inf")  # at once, so that a run that is killed can be continued
         for result in segments:
             if result.segment.is_last and state:  # a run that continues writes these rows again
-                _save(state, key, growing, stand, output)
+                _write_state(state, key, growing, stand, output)
             frame = result.frame(raw.header)
             text = text_columns(result, raw.header)
             output.append(csv_rows(frame, text, style), len(frame))
@@ -247,11 +247,11 @@ def follow(
                 break
             stand = stand.after(result, output)
             if state and time.monotonic() - saved_at > SAVE_EVERY_S:
-                _save(state, key, growing, stand, output)
+                _write_state(state, key, growing, stand, output)
                 saved_at = time.monotonic()
         else:
             if state:
-                _save(state, key, growing, stand, output)
+                _write_state(state, key, growing, stand, output)
         written = output.rows
     if growing.problem:
         problem = growing.problem
@@ -358,16 +358,28 @@ class _Patience:
         return True
 
 
-def _opened(
+def _wait_for_rows(
     log: Path,
     calibrations: Calibrations,
     rig: Rig | None,
     options: TableOptions,
     patience: _Patience,
 ) -> tuple[GrowingText, RawLog] | None:
-    """The log once it can be read; None when the run was stopped before.
+    """Wait until a log has two rows; None when the run was stopped before.
 
-    Raises InputError for what is wrong with its header.
+    Parameters
+    ----------
+    log
+        The log, which may not exist yet.
+    calibrations, rig, options
+        As for ``follow``.
+    patience
+        How often and how long to look.
+
+    Raises
+    ------
+    InputError
+        For what is wrong with its header or first row.
     """
     while True:
         problem = InputError("no two rows came below the header", where=display_path(log))
@@ -378,7 +390,7 @@ def _opened(
                 if opened is not None:
                     growing, table = opened
                     raw = raw_log(log, table, calibrations, rig, options)
-                    _first_stamp(growing, raw)
+                    _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
                     return growing, raw
         except InputError as error:
@@ -391,7 +403,7 @@ def _opened(
             raise problem
 
 
-def _first_stamp(growing: GrowingText, raw: RawLog) -> dict[str, str]:
+def _start_time_metadata(growing: GrowingText, raw: RawLog) -> dict[str, str]:
     """Metadata with the date and time of the first row; empty if the log states none.
 
     Raises InputError for a time column that holds neither numbers nor clock stamps.
@@ -434,8 +446,8 @@ class _Stand:
         return _Stand(offset, segment.position, output.rows, output.size)
 
 
-def _key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, Any]:
-    """What a state file must agree with."""
+def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, Any]:
+    """What a state file must agree with: log, records, units, channels and delay of the run."""
     if isinstance(calibrations, Mapping):
         texts = {disk: record.to_json() for disk, record in calibrations.items()}
     else:
@@ -450,10 +462,24 @@ def _key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, A
     }
 
 
-def _save(
+def _write_state(
     file: Path, key: dict[str, Any], growing: GrowingText, stand: _Stand, output: AppendedFile
 ) -> None:
-    """Write the state file, with a checksum of its content."""
+    """Write the state file, with a checksum of its content.
+
+    Parameters
+    ----------
+    file
+        The state file.
+    key
+        What a later run must agree with, see ``_state_key``.
+    growing
+        The log; its position and checksum are stored.
+    stand
+        Where the run stands.
+    output
+        The output; its checksum is stored.
+    """
     content = {
         **key,
         "opened_bytes": growing.opened_bytes,

@@ -99,7 +99,7 @@ def compensate_frame(
         data = data.to_frame(name)
         columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
     options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
-    return _compensated(data, files, time, time_unit, {}, options)
+    return _compensate_frame(data, files, time, time_unit, {}, options)
 
 
 def compensate_dataset(
@@ -157,7 +157,7 @@ def compensate_dataset(
     frame.attrs = dict(data.attrs)
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
     options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
-    done = _compensated(frame, files, None, time_unit, units, options)
+    done = _compensate_frame(frame, files, None, time_unit, units, options)
     result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
     for name, variable in data.data_vars.items():
         if name in done.columns:
@@ -177,7 +177,7 @@ def _single_column(files: Sequence[SensorFile]) -> str:
     return files[0].columns[0].replace("*", "") if files else "temperature"
 
 
-def _compensated(
+def _compensate_frame(
     frame: pd.DataFrame,
     files: Sequence[SensorFile],
     time: str | None,

@@ -190,25 +190,33 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
         stamps = "time_stamp" if time_in_log in names else time_in_log
         names = {"time_s": time_in_log, stamps: time_in_log, **names}
     names = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
-    canonical = _renamed(convert_columns(table, conversions), names, stamps)
+    canonical = _rename_columns(convert_columns(table, conversions), names, stamps)
     source = Source(path, canonical, TimeColumn("time_s", 1.0, True, "s", where))
     channels, findings = record_channels(records, rig, kind == "ehl", where)
     carried = tuple(n for n in canonical.names if n not in channels.units and n != "time_s")
     return _with_output(source, time_in_log, stamps, channels, carried, findings)
 
 
-def _renamed(table: Table, names: Mapping[str, str], stamps: str) -> Table:
-    """The columns ``names`` (new name: name in the table) of a table; clock stamps as seconds.
+def _rename_columns(table: Table, names: Mapping[str, str], stamps: str) -> Table:
+    """Select and rename columns of a table; clock stamps become seconds.
 
-    ``stamps``: new name of the one column that keeps its stamps, if there is one.
+    Parameters
+    ----------
+    table
+        The table.
+    names
+        Name in the table by new name. One column may have several new names.
+    stamps
+        New name of the one column that keeps its stamps; empty: none.
     """
 
-    def chunks(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
-        in_table = {name: names.get(name, name) for name in wanted}
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        """Yield chunks of the table with its columns under their new names."""
+        in_table = {name: names.get(name, name) for name in requested}
         for chunk in table.chunks(list(dict.fromkeys(in_table.values())), rows):
             data = {name: chunk.data[old] for name, old in in_table.items()}
             cells = {}
-            if stamps in wanted and names[stamps] in chunk.stamps:
+            if stamps in requested and names[stamps] in chunk.stamps:
                 cells[stamps] = chunk.stamps[names[stamps]]
             yield replace(chunk, data=data, stamps=cells)
 
@@ -223,7 +231,29 @@ def _with_output(
     carried: tuple[str, ...],
     findings: list[Finding],
 ) -> RawLog:
-    """Header and notes of the output: each channel's result in its column, and u at the end."""
+    """Add header and notes of the output to an opened log.
+
+    Parameters
+    ----------
+    source
+        The table with its time column.
+    time_in_log
+        Name of the time column in the log.
+    stamps
+        Name of the column that keeps its clock stamps; empty: none.
+    channels
+        Channels that are compensated. Each result stands in the column of its channel, the
+        uncertainties are at the end.
+    carried
+        Columns that are copied.
+    findings
+        Findings about the log.
+
+    Raises
+    ------
+    InputError
+        If two columns of the output would have one name.
+    """
     table = source.table
     output_names = {column: unit.names(column) for column, unit in channels.units.items()}
     header = [output_names[n][0] if n in output_names else n for n in table.names]

@@ -36,7 +36,23 @@ def record_channels(
 ) -> tuple[TableChannels, list[Finding]]:
     """The channels of the disks that have a record; those of a disk are smoothed together.
 
-    ``prefixed``: whether the columns contain the name of the disk.
+    Parameters
+    ----------
+    records
+        Record of each disk.
+    rig
+        Gives the setups of the disks.
+    prefixed
+        Whether the columns contain the name of the disk.
+    where
+        The log, for messages.
+
+    Returns
+    -------
+    channels
+        The channels.
+    findings
+        Whether a record was altered.
     """
     groups = []
     findings = []
@@ -60,7 +76,24 @@ def record_channels(
 def with_common_lag(
     traces: DiskTraces, record: DiskRecord, fit: DiskFit | None
 ) -> tuple[DiskTraces, str]:
-    """Return the traces with the common lag of the fit, if there is one, and a note about it."""
+    """Return the traces with the common lag of the fit, if there is one.
+
+    Parameters
+    ----------
+    traces
+        Traces of a disk, with the chains of its record.
+    record
+        The record.
+    fit
+        Joint fit of the disk; None: the lag stays that of the record.
+
+    Returns
+    -------
+    traces
+        The traces with refined chains and the covariance of their lags.
+    note
+        The lag and its source, as text.
+    """
     if fit is not None:
         lag = fit.estimates["lag_s"]
         chains = refined_chains(traces.chains, fit.chain)
@@ -142,7 +175,7 @@ class DiskColumns:
         return max(lags, default=0.0)
 
     def readings(self, segment: TableSegment) -> tuple[list[ChannelReadings], list[Finding]]:
-        """Readings of each disk, and findings."""
+        """Prepare the readings of each disk in a segment of the log; with findings about them."""
         prepared = []
         findings: list[Finding] = []
         frame = pd.DataFrame(segment.data)

@@ -163,8 +163,8 @@ def test_certificate_shows_the_plunges(tmp_path):
         load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"]
     )
     traces, residuals = plunge_sections(calibration.fit)
-    assert traces.rendered().image.startswith("data:image/png")
-    assert residuals.rendered().image.startswith("data:image/png")
+    assert traces.render().image.startswith("data:image/png")
+    assert residuals.render().image.startswith("data:image/png")
     # the remaining noise of a single sample is the simulated 0.1 to 0.15 degC
     assert all(float(residuals.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
 

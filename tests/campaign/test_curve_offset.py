@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tcdyn.campaign import joined
+from tcdyn.campaign import join_results
 from tcdyn.campaign.line_fit import Line, fit_generalised_line, level_inside_points
 from tcdyn.campaign.posterior import BETA
 from tcdyn.campaign.trends import Curve, curve_test
@@ -213,7 +213,7 @@ def test_campaign_warns_of_a_curve_whose_shape_does_not_fit() -> None:
     falling = 0.70 - 3e-5 * (load - 1620.0)
     wrong = Curve("wrong.csv", "load_N", load, falling[::-1], np.zeros(2))
     correct = Curve("correct.csv", "load_N", load, falling, np.zeros(2))
-    campaign = joined(beta_files, [wrong, correct])
+    campaign = join_results(beta_files, [wrong, correct])
     assert campaign is not None
     shapes = [f for f in campaign.findings if f.code == "campaign.curve_shape"]
     assert [f.subject for f in shapes] == ["wrong.csv"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tcdyn.campaign import JoinedCampaign, joined, solve_campaign
+from tcdyn.campaign import JoinedCampaign, join_results, solve_campaign
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.line_fit import fit_generalised_line
 from tcdyn.campaign.posterior import N_QUANTITIES, Posterior
@@ -154,7 +154,7 @@ def test_uncertainty_of_a_curve_is_a_common_error_of_its_points() -> None:
 
 @pytest.fixture(scope="module")
 def joined_campaign() -> JoinedCampaign:
-    result = joined({t.name: beta_json(t) for t in toy(1).tests})
+    result = join_results({t.name: beta_json(t) for t in toy(1).tests})
     assert result is not None
     return result
 

@@ -16,7 +16,7 @@ from scipy import stats
 from calibration.static_lines import fit_static_lines
 from tcdyn.campaign import (
     SufficientStatistics,
-    joined,
+    join_results,
     rig_fingerprint,
     solve_campaign,
     verify_checksum,
@@ -320,8 +320,8 @@ def test_friction_error_of_one_test_is_an_outlier_with_its_size(factor: float) -
     outliers = outlying_tests(solve_campaign(tests))
     assert [(s.name, s.cause) for s in outliers] == [(statistics.name, "friction")]
     assert abs(outliers[0].size.value - (1 / factor - 1)) < 4 * outliers[0].size.u
-    assert outliers[0].explained
-    result = joined({t.name: beta_json(t) for t in tests})
+    assert outliers[0].is_explained
+    result = join_results({t.name: beta_json(t) for t in tests})
     assert result is not None
     message = next(f.sentence for f in result.findings if f.code == "campaign.stranger")
     assert f"{statistics.name} does not agree with the other tests" in message
@@ -341,7 +341,9 @@ def contradictions(departure: float, seeds: range) -> list[Finding]:
     """Findings that the tests contradict the statements about the rig, over drawn campaigns."""
     findings = []
     for seed in seeds:
-        campaign = joined({t.name: beta_json(t) for t in toy(seed, 8, departure=departure).tests})
+        campaign = join_results(
+            {t.name: beta_json(t) for t in toy(seed, 8, departure=departure).tests}
+        )
         assert campaign is not None
         findings += [f for f in campaign.findings if f.code == "campaign.contradicted"]
     return findings
@@ -391,7 +393,7 @@ def test_model_curve_is_compared_with_the_tests(tmp_path: Path) -> None:
 
 def test_campaign_result_is_data_and_tables() -> None:
     campaign = toy(12)
-    result = joined(
+    result = join_results(
         {t.name: beta_json(t) for t in campaign.tests}
         | {"EHL_X": {"status": "withheld", "kept": None}}
     )
@@ -407,6 +409,6 @@ def test_campaign_result_is_data_and_tables() -> None:
     text = paper_latex(result)
     assert text.count(r" \\") == 18
     assert text.count("{") == text.count("}")
-    assert joined({"EHL_X": {"status": "withheld", "kept": None}}) is None
+    assert join_results({"EHL_X": {"status": "withheld", "kept": None}}) is None
     deeper = result.deeper_mm["fast"]["e"]
     assert abs(deeper.value - 0.1 * campaign.shared["depth e fast"]) < 4 * deeper.u

@@ -49,7 +49,7 @@ def test_without_a_terminal_each_stage_is_a_line_unless_quiet(
 def test_a_terminal_shows_the_stage_and_the_elapsed_time(monkeypatch: pytest.MonkeyPatch) -> None:
     written = io.StringIO()
     monkeypatch.setattr(
-        common, "_terminal", lambda: Console(file=written, force_terminal=True, width=80)
+        common, "_terminal_console", lambda: Console(file=written, force_terminal=True, width=80)
     )
     with stage_progress(quiet=False) as progress:
         progress("reading the log")

@@ -11,7 +11,7 @@ import pytest
 from tcdyn.cli.identify import _files_of_outputs
 from tcdyn.cli.simulate import _check_demo_folder
 from tcdyn.core.errors import InputError
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import atomic_path, check_may_replace, removed_on_failure, write_text
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.sensors import read_sensor
@@ -250,7 +250,7 @@ def test_the_demo_replaces_no_result_of_its_user(
 
 def test_the_demo_may_replace_the_results_of_an_earlier_one(tmp_path: Path) -> None:
     log = write_text(tmp_path / "EHL_B3.csv", "a log")
-    write_text(tmp_path / "EHL_B3.beta.json", sha256(log))
+    write_text(tmp_path / "EHL_B3.beta.json", sha256_of_file(log))
     _check_demo_folder(tmp_path, ("B3",), overwrite=False)
     write_text(log, "another log")
     with pytest.raises(InputError, match="exists already"):

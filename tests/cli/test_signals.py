@@ -96,7 +96,7 @@ def test_a_system_without_sighup_stops_by_the_other_signals(
         _stop_as_with_ctrl_c()
         assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
         assert signal.getsignal(signal.SIGABRT) is signal.default_int_handler
-        with follow._stop_request() as is_requested:
+        with follow._watch_stop_signals() as is_requested:
             signal.raise_signal(signal.SIGABRT)
             assert is_requested()
         assert signal.getsignal(signal.SIGABRT) is signal.default_int_handler
@@ -108,13 +108,13 @@ def test_a_system_without_sighup_stops_by_the_other_signals(
 def test_follow_ends_at_every_signal_but_those_that_are_ignored(handlers: object) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
-        with follow._stop_request() as is_requested:
+        with follow._watch_stop_signals() as is_requested:
             assert not is_requested()
             signal.raise_signal(number)
             assert is_requested()
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     _stop_as_with_ctrl_c()
-    with follow._stop_request() as is_requested:
+    with follow._watch_stop_signals() as is_requested:
         signal.raise_signal(signal.SIGHUP)
         assert not is_requested()
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
@@ -125,7 +125,7 @@ def test_follow_in_a_thread_changes_no_handler() -> None:
     within = []
 
     def target() -> None:
-        with follow._stop_request():
+        with follow._watch_stop_signals():
             within.append([signal.getsignal(number) for number in stop_signals.stop_signals()])
 
     thread = threading.Thread(target=target)

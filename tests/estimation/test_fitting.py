@@ -324,7 +324,7 @@ def test_box_of_a_noise_grid_matches_its_nodes_after_any_refinement(width):
     class Peaked(LinearisedProblem):
         """Log-likelihood that falls by 0.5 within ``width`` of one noise model."""
 
-        def marginal(self, noise):
+        def marginal_likelihood(self, noise):
             a = noise.ar[0]
             c = noise.ma[0]
             evaluated.append((a, c))

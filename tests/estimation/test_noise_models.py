@@ -79,7 +79,7 @@ class Flat(LinearisedProblem):
     """Data without information on the noise: one step of x, of variance one, for every noise
     model."""
 
-    def marginal(self, noise: NoiseModel) -> tuple[float, Array, Array]:
+    def marginal_likelihood(self, noise: NoiseModel) -> tuple[float, Array, Array]:
         return 3.0, np.array([0.25]), np.eye(1)
 
 
@@ -167,7 +167,7 @@ def test_slow_variance_factor_of_constant_and_alternating_residuals() -> None:
         40.0
     )
     assert slow_variance_factor(np.tile([1.0, -1.0], 500)[:, None]) == 1.0
-    assert slow_variance_factor(np.ones((1010, 1)), sums=10) == pytest.approx(101.0)
+    assert slow_variance_factor(np.ones((1010, 1)), n_chunks=10) == pytest.approx(101.0)
 
 
 def test_dependent_directions_are_left_out_of_the_basis() -> None:

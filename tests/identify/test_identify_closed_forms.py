@@ -24,7 +24,7 @@ from tcdyn.identification.frequency import levy, longest_delay_s, starts, weight
 from tcdyn.identification.heldout import split_held_out
 from tcdyn.identification.iodata import check_wrap
 from tcdyn.identification.models import Model, as_model
-from tcdyn.identification.responses import slowest_time_constant_s, step_band, step_times
+from tcdyn.identification.responses import slowest_time_constant_s, step_band, step_time_grid
 from tcdyn.identification.search import make_problem
 from tcdyn.identification.segments import clipped_samples, input_noise_sd, split_segments
 
@@ -163,7 +163,7 @@ def test_lag_step_and_bode_bands_follow_from_the_derivatives() -> None:
 def test_default_ranges_cover_eight_slowest_lags_and_two_decades_about_the_corner() -> None:
     g = model_with_uncertainty(process("P2D"), {"Kp": 2.0, "Tp1": 0.5, "Tp2": 4.0, "Td": 0.3})
     assert slowest_time_constant_s(g.rational) == pytest.approx(4.0)
-    assert step_times(g, 10) == pytest.approx(np.linspace(0, 0.3 + 32.0, 11))
+    assert step_time_grid(g, 10) == pytest.approx(np.linspace(0, 0.3 + 32.0, 11))
     corner = 1 / (2 * np.pi * 4.0)
     assert bode_band(g).magnitude_dB.x[[0, -1]] == pytest.approx([corner / 100, 100 * corner])
     sampled = replace(g, dt_s=0.5)
@@ -205,7 +205,7 @@ def test_record_is_sliced_by_time_and_the_held_out_part_is_its_end() -> None:
     two_runs = data.merge(
         IOData.from_arrays(np.arange(50.0), np.r_[np.full(5, np.nan), np.arange(45.0)], 0.1)
     )
-    assert (two_runs.n_samples, two_runs.missing, two_runs.duration_s) == (
+    assert (two_runs.n_samples, two_runs.n_missing, two_runs.duration_s) == (
         150,
         5,
         pytest.approx(10.0),

@@ -57,7 +57,7 @@ def test_missing_rows_become_a_gap_and_the_fit_remains_unbiased():
     frame = table(800).drop(index=range(300, 330))
     data = from_frame(frame, input="u", output="y", hold="zoh")
     assert data.n_samples == 800
-    assert data.missing == 30
+    assert data.n_missing == 30
     result = fit(data, "P2D", initial="estimated", noise="white", baseline="none")
     assert result.estimates["Tp1"].value == pytest.approx(2.0, abs=4 * result.estimates["Tp1"].u)
 

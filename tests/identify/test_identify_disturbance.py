@@ -114,7 +114,7 @@ def test_marginal_likelihood_equals_generalised_least_squares():
     j = j / np.array([1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0])
     likelihoods = []
     for noise in (first_order_noise(np.log(9.0), 2.0), first_order_noise(np.log(300.0), -1.0)):
-        likelihood, step, covariance = linearise(problem, x, 1.0).marginal(noise)
+        likelihood, step, covariance = linearise(problem, x, 1.0).marginal_likelihood(noise)
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
         expected_step = -np.linalg.solve(information, j.T @ white @ r)

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identification import IOData, compare, fit
-from tcdyn.identification.comparison import average_gain_and_lag, overdamped
+from tcdyn.identification.comparison import average_gain_and_lag, overdamped_models
 from tcdyn.identification.ladder import (
     Ladder,
     best_fit,
@@ -294,7 +294,7 @@ def test_real_pair_of_poles_behind_any_input_is_left_out_where_two_lags_fit() ->
         "P2U": fake(1.1),
         "P2": fake(0.0, findings=("undetermined",)),
     }
-    assert overdamped(fits) == ["P1D + P2U"]
+    assert overdamped_models(fits) == ["P1D + P2U"]
 
 
 def test_models_of_a_comparison_share_one_setting_and_the_summary_gives_the_average() -> None:

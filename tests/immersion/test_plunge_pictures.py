@@ -154,7 +154,7 @@ def test_plunges_are_plotted_two_in_a_row(n_plunges: int) -> None:
         return ax
 
     repeated_fit = SimpleNamespace(runs=fit().runs * n_plunges)
-    picture = pictures._panels(repeated_fit, draw, 3.0)  # type: ignore[arg-type]
+    picture = pictures._figure_with_panels(repeated_fit, draw, 3.0)  # type: ignore[arg-type]
     assert plotted_runs == list(range(n_plunges))
     assert len(picture.axes) == n_plunges
     assert picture.get_figheight() == 3.0 * (2 if n_plunges == 3 else 1)

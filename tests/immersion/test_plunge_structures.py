@@ -46,7 +46,7 @@ def test_one_lag_fitted_to_two_lags_is_contradicted_with_figures() -> None:
     structures = after.structures
     assert structures is not None
     assert not before.common_lag_s.contains(TRUE_S)  # the wrong structure alone misses the true lag
-    assert structures.contradicted
+    assert structures.is_contradicted
     assert structures.best.structure == "P2"
     (finding,) = structures.findings
     assert after.findings[0] == finding
@@ -87,7 +87,7 @@ def test_true_structure_gives_no_warning_and_little_widening() -> None:
 def test_one_lag_is_not_contradicted_if_it_is_true() -> None:
     structures = fitted("P1", 0.3, second_lag=False)[1].structures
     assert structures is not None
-    assert not structures.contradicted
+    assert not structures.is_contradicted
     # neither simplicity nor flexibility is rewarded
     assert min(r.probability for r in structures.rows if r.structure in ("P1", "P2")) > 0.05
 
@@ -112,13 +112,13 @@ def test_two_lags_with_dead_time_are_covered_although_not_requested() -> None:
     assert after.common_lag_s.contains(expected_s)
     assert after.structures is not None
     assert after.structures.best.structure == "P2D"
-    assert after.structures.contradicted
+    assert after.structures.is_contradicted
     assert "structure=P2D" in after.structures.sentence
 
 
 def test_three_lags_are_recommended_if_they_fit_best() -> None:
     structures = comparison("P2", row("P2", 1.3, 1e-6, 60.0), row("P3", 0.9, 0.999999))
-    assert structures.contradicted
+    assert structures.is_contradicted
     assert structures.conclusion.numbers["structures"] == ("P2", "P3")
     assert "calibrate with structure=P3" in structures.sentence
 

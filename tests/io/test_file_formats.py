@@ -394,7 +394,9 @@ def test_filled_joins_missing_samples_by_straight_lines(tmp_path):
     log = read_log(write_log(gap, tmp_path / "p.csv"), "immersion")
     assert log.frame["a_degC"].isna().sum() == 3
     expected = np.linspace(frame["a_degC"][999], frame["a_degC"][1003], 5)
-    assert log.interpolated()["a_degC"][999:1004].to_numpy() == pytest.approx(expected, abs=1e-12)
+    assert log.interpolate_missing()["a_degC"][999:1004].to_numpy() == pytest.approx(
+        expected, abs=1e-12
+    )
     assert log.channels == ("a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC")
 
 

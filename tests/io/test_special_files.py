@@ -11,13 +11,13 @@ import pytest
 from tcdyn.campaign.stored_results import read_given_result
 from tcdyn.core.errors import InputError
 from tcdyn.identification import read_identified
-from tcdyn.io.read import open_table, read_all_rows, sha256
+from tcdyn.io.read import open_table, read_all_rows, sha256_of_file
 from tcdyn.rig.record import read_record
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.sensors import read_sensor
 from tests.cli.test_main_job import tcdyn
 
-READERS = [open_table, sha256, read_record, load_rig, read_sensor, read_identified]
+READERS = [open_table, sha256_of_file, read_record, load_rig, read_sensor, read_identified]
 
 
 @pytest.mark.parametrize("read", [*READERS, lambda path: read_given_result(path, "")])

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.io.read import sha256
+from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import OutputStyle, atomic_path, write_text
 from tcdyn.rig.log import write_log
 from tests.rig.log_cases import ehl_frame
@@ -85,11 +85,12 @@ def test_unwritable_places_and_unknown_endings_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.csv, \.parquet or \.tdms"):
         write_log(ehl_frame(), tmp_path / "out.xlsx")
     with pytest.raises(InputError, match="not readable"):
-        sha256(tmp_path / "none")
+        sha256_of_file(tmp_path / "none")
 
 
 def test_a_hash_is_that_of_the_standards_own_example(tmp_path):
-    assert sha256(write_text(tmp_path / "abc.txt", "abc")).startswith("ba7816bf")  # FIPS 180
+    file = write_text(tmp_path / "abc.txt", "abc")
+    assert sha256_of_file(file).startswith("ba7816bf")  # FIPS 180
 
 
 def test_metadata_cannot_break_out_of_its_line(tmp_path):

@@ -15,7 +15,7 @@ from tcdyn.plots.style import figure
 from tcdyn.rig.circumferential import CircumferentialTemperature
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import load_rig
-from tcdyn.simulate.field import _middle, disk_fields
+from tcdyn.simulate.field import _middle_plane, disk_fields
 from tcdyn.simulate.truth import BoreContact, draw_truth
 from tests.partition.study_rigs import QUICK, study_rig
 
@@ -81,4 +81,6 @@ def test_middle_plane_is_interpolated_between_its_neighbouring_rows(rows: int) -
     """The field is linear across the disk, on rows that are not symmetric."""
     z = np.linspace(0.0, 1.0, rows) ** 1.3 * 0.01
     field = np.array([[[20.0 + 500 * x] * 3 for x in z]] * 2)
-    assert _middle(field, z) == pytest.approx(np.full((2, 3), 20.0 + 500 * 0.5 * (z[0] + z[-1])))
+    assert _middle_plane(field, z) == pytest.approx(
+        np.full((2, 3), 20.0 + 500 * 0.5 * (z[0] + z[-1]))
+    )

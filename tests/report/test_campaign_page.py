@@ -14,7 +14,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy import stats
 
-from tcdyn.campaign import JoinedCampaign, joined
+from tcdyn.campaign import JoinedCampaign, join_results
 from tcdyn.campaign.stored_results import merge_findings
 from tcdyn.campaign.summary_table import (
     QUANTITIES,
@@ -117,7 +117,7 @@ def test_tables_use_words_and_units_instead_of_column_names() -> None:
 
 @pytest.fixture(scope="module")
 def campaign_fit() -> JoinedCampaign:
-    joined_campaign = joined({t.name: beta_json(t) for t in toy(1).tests})
+    joined_campaign = join_results({t.name: beta_json(t) for t in toy(1).tests})
     assert joined_campaign is not None
     return joined_campaign
 
@@ -212,7 +212,7 @@ def test_campaign_of_one_test_is_worded_in_the_singular(
             tmp_path,
             (),
             programme_table().head(count),
-            joined({"EHL_A1": beta_json(toy(1).tests[0])}),
+            join_results({"EHL_A1": beta_json(toy(1).tests[0])}),
         )
         page = write_campaign_report(tmp_path / "p.html", run).read_text(encoding="utf-8")
         assert title in page

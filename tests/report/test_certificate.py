@@ -11,7 +11,7 @@ from calibration.decisions import FIT_TO_USE, channel_verdicts, draft_reasons
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import info
 from tcdyn.report.certificate import certificate_sections, certificate_verdict
-from tcdyn.report.formal import DRAFT, formal_sections, lag_budget_table, marks, results
+from tcdyn.report.formal import DRAFT, formal_sections, lag_budget_table, results, title_marks
 from tcdyn.report.page import render_page
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.tables import REQUIRED_ENTRIES
@@ -40,7 +40,7 @@ def with_traceability(**entries: object) -> DiskRecord:
 
 def page(record: DiskRecord) -> str:
     """The formal part as HTML."""
-    return render_page("Calibration", formal_sections(record), marks=marks(record))
+    return render_page("Calibration", formal_sections(record), marks=title_marks(record))
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_certificate_that_lacks_one_entry_is_a_draft(missing: str) -> None:
 def test_a_complete_certificate_is_no_draft_and_has_lines_to_sign() -> None:
     record = with_traceability(**COMPLETE)
     text = page(record)
-    assert marks(record) == ()
+    assert title_marks(record) == ()
     assert "draft" not in text
     assert "Signatures" in text
     for value in COMPLETE.values():
@@ -97,10 +97,10 @@ def test_a_complete_certificate_is_no_draft_and_has_lines_to_sign() -> None:
 def test_a_complete_certificate_of_simulated_logs_or_without_an_oven_is_a_draft() -> None:
     record = with_traceability(**COMPLETE)
     simulated = record.model_copy(update={"findings": [info("log.simulated", subject="P1.csv")]})
-    assert marks(simulated) == (DRAFT, "simulated")
+    assert title_marks(simulated) == (DRAFT, "simulated")
     assert "P1.csv" in draft_reasons(simulated)[0]
     no_oven = record.model_copy(update={"findings": [info("static.stated", u_K=1.0)]})
-    assert marks(no_oven) == (DRAFT,)
+    assert title_marks(no_oven) == (DRAFT,)
 
 
 def test_expanded_uncertainty_of_a_skewed_lag_covers_at_least_95_percent() -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.identification import IOData, compare
-from tcdyn.report.compensate import _followed
+from tcdyn.report.compensate import _followed_channel_section
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import specified_sensor
@@ -49,7 +49,7 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     sensor = specified_sensor("probe", ["e_degC"], [(1.0, 0.1)])
     table = open_log_table(tmp_path / "log.csv", [sensor], None)
     log = raw_log(tmp_path / "log.csv", table, [sensor], None, {})
-    section = _followed(log, tmp_path / "o.csv")
+    section = _followed_channel_section(log, tmp_path / "o.csv")
     assert section.figure is not None
     (ax,) = section.figure.axes
     corners = ax.collections[0].get_paths()[0].vertices

@@ -22,7 +22,7 @@ from tcdyn.report.page import Section, cells_with_u, figure_data_uri, render_pag
 from tcdyn.report.sources import log_row, record_rows
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import read_record
-from tcdyn.workflows.beta_tables import u_of_beta
+from tcdyn.workflows.beta_tables import u_beta_text
 
 
 def with_ordinary_spaces(page: str) -> str:
@@ -110,7 +110,7 @@ def test_table_of_twenty_rows_is_kept_on_one_printed_page() -> None:
 
 
 def test_uncertainty_below_the_last_digit_is_given_as_below_it() -> None:
-    assert (u_of_beta(0.0123), u_of_beta(0.00005), u_of_beta(0.000049)) == (
+    assert (u_beta_text(0.0123), u_beta_text(0.00005), u_beta_text(0.000049)) == (
         "0.0123",
         "0.0001",
         "below 0.0001",

@@ -358,7 +358,7 @@ def test_short_log_is_joined_once_and_a_long_one_on_request(tmp_path, monkeypatc
     assert np.array_equal(
         selection.frame.to_numpy(), log.to_log().frame.to_numpy()[rows], equal_nan=True
     )
-    assert selection.sha256 == log.to_log().sha256 == files.sha256(path)
+    assert selection.sha256 == log.to_log().sha256 == files.sha256_of_file(path)
     monkeypatch.setattr(reading, "MAX_ROWS_IN_MEMORY", 1000)
     monkeypatch.setattr(reading, "MAX_VALUES_IN_MEMORY", 10_000)
     long_log = iter_log(path, "ehl", rows=700)

@@ -16,7 +16,7 @@ from tcdyn.core.findings import Severity
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.current import CORE_HEAT, MODES, current_sensor, cylinder_modes
-from tcdyn.sensors.noise import _lags, noise_sensor, segments
+from tcdyn.sensors.noise import _lags, mean_periodogram, noise_sensor
 from tcdyn.sensors.pair import _lag_findings, pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.layered_study import KINDS
@@ -130,12 +130,12 @@ def test_a_pair_whose_gain_the_record_does_not_determine_names_it_as_the_limit()
 def test_bins_of_negligible_power_are_not_fitted() -> None:
     """Two lags: with 40 of 998 bins the spectrum falls to a four-hundredth."""
     _, y = fluctuating(0, (1.0, 0.5), 0.02, 20_000, 1e-6)
-    bins = segments(y - y.mean(), 2000, 0.02)
+    bins = mean_periodogram(y - y.mean(), 2000, 0.02)
     w = bins.w / 0.02
     power = 1 / ((1 + w**2) * (1 + (0.5 * w) ** 2))
     assert power[-1] / power[0] == pytest.approx(3e-3, rel=0.5)
     _, loud = fluctuating(0, (1.0, 0.5), 0.02, 20_000, 2.0)
-    assert len(segments(loud - loud.mean(), 2000, 0.02).w) == 2000 // 2 - 3
+    assert len(mean_periodogram(loud - loud.mean(), 2000, 0.02).w) == 2000 // 2 - 3
 
 
 @pytest.mark.study

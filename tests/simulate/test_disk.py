@@ -377,7 +377,7 @@ def test_synthetic_rig_uses_the_fit_of_the_rig_file() -> None:
         share * contact_conductance_W_m2K(pressure, 4.66e9, 1e-6, 0.1, 16.0)
     )
     angle = 2 * np.pi * (np.arange(720) + 0.5) / 720
-    relative = with_fit.slow.uneven.relative(angle)
+    relative = with_fit.slow.uneven.relative_conductance(angle)
     assert relative.mean() == pytest.approx(1.0)
     first = 2 * np.mean(relative * np.exp(-1j * angle))  # about its angle of maximum: a cosine
     assert with_fit.slow.uneven.amplitude == pytest.approx(first.real, rel=1e-4)

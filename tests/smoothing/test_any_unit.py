@@ -14,7 +14,7 @@ from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing import Burst, Intensity, deconvolve, invert, smooth
 from tcdyn.smoothing.noise_levels import jumps_at, levels_between
 from tcdyn.smoothing.process_noise import (
-    _pick,
+    _best_ratio,
     channel_spans,
     exact_levels,
     segment,
@@ -137,18 +137,18 @@ def test_of_a_trade_off_the_least_or_the_level_of_the_noise_is_taken_between_the
     freedom = np.linspace(2, 50, 13)
     score = 0.01 * (logs - 3.3) ** 2  # cross-validation's, by its logarithm
     misfit = np.exp(score) * (1 - freedom / 200) ** 2
-    assert _pick("gcv", levels, misfit, misfit, freedom, 200, 1.0) == pytest.approx(
+    assert _best_ratio("gcv", levels, misfit, misfit, freedom, 200, 1.0) == pytest.approx(
         np.exp(3.3), rel=1e-9
     )
     falls = np.exp(-0.5 * logs)
-    assert _pick("discrepancy", levels, falls, falls, freedom, 200, np.exp(-1.1)) == pytest.approx(
-        np.exp(2.2)
-    )
+    assert _best_ratio(
+        "discrepancy", levels, falls, falls, freedom, 200, np.exp(-1.1)
+    ) == pytest.approx(np.exp(2.2))
     bend = np.where(logs < logs[6], 0.9, 0.1) * (logs[6] - logs)  # misfit falls fast, then slowly
     rough = np.where(logs < logs[6], 0.1, 0.9) * (logs - logs[6])
-    corner = _pick("l-curve", levels, np.exp(bend), np.exp(rough), freedom, 200, 1.0)
+    corner = _best_ratio("l-curve", levels, np.exp(bend), np.exp(rough), freedom, 200, 1.0)
     assert corner == pytest.approx(levels[6])
-    assert _pick("gcv", levels, np.exp(logs), falls, np.zeros(13), 200, 1.0) == levels[0]
+    assert _best_ratio("gcv", levels, np.exp(logs), falls, np.zeros(13), 200, 1.0) == levels[0]
 
 
 def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() -> None:

@@ -77,11 +77,11 @@ def test_noise_before_and_after_the_filter_is_told_apart_and_made_white() -> Non
     rng = np.random.default_rng(3)
     y = 80 + np.stack([before_the_filter(rng, 15_000) for _ in range(4)], axis=1)
     noise = estimate_logger_noise([y], DT_S, B, np.full(4, 0.01))
-    assert noise.coloured
+    assert noise.is_coloured
     assert noise.shaping == B
     assert np.median(noise.before_filter_K) == pytest.approx(0.12 * 0.97, rel=0.05)
     assert np.median(noise.after_filter_K) == pytest.approx(0.12 * np.sqrt(1 - 0.97**2), rel=0.05)
-    f, power = welch(noise.whitened(y, DT_S), 75, nperseg=256, axis=0)
+    f, power = welch(noise.whiten(y, DT_S), 75, nperseg=256, axis=0)
     level = np.sqrt(power * 37.5).mean(axis=1)
     assert np.all(np.abs(level[(f > 0.5) & (f < 12)] / np.median(noise.level_K) - 1) < 0.15)
 
@@ -127,7 +127,7 @@ def test_white_noise_stays_as_it_is() -> None:
         rng = np.random.default_rng(seed)
         y = 80 + np.linspace(0, 3, 6000)[:, None] + 0.12 * rng.standard_normal((6000, 6))
         noise = estimate_logger_noise([y], DT_S, B, np.full(6, 0.12))
-        assert not noise.coloured, seed
+        assert not noise.is_coloured, seed
         assert not noise.hum_lines, seed
         assert np.all(noise.level_K == 0.12)
 
@@ -381,7 +381,7 @@ def test_the_noise_of_six_channels_is_told_though_a_seventh_stands_still() -> No
         [before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(6)] + [np.zeros(6000)], axis=1
     )
     noise = estimate_logger_noise([y], DT_S, B, np.maximum(white_noise_sd(y), 1e-6))
-    assert noise.coloured
+    assert noise.is_coloured
     assert noise.before_filter_K[:6] == pytest.approx(0.97 * 0.12, rel=0.25)
     assert noise.level_K[6] == 1e-6
 
@@ -411,7 +411,7 @@ def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None
         traces, dts, B, white_noise_sd(quick), chains, SPIKES["plunge"]
     )
     assert moved.mean() < 0.05
-    own, other = (noise.whitened(traces[1], dt) for dt in reversed(dts))
+    own, other = (noise.whiten(traces[1], dt) for dt in reversed(dts))
     assert np.allclose(slow[~moved], own[~moved])
     assert np.abs(other - own).max() > 1.0
 

@@ -16,8 +16,8 @@ from tcdyn.chain.bursts import (
     LONGEST_S,
     MIN_HEIGHT_SD,
     _burst_mask,
+    _filtered_pulses,
     _pulse_shapes,
-    _pulses,
     _PulseSearch,
     _searched_near_suspects,
     _window_model,
@@ -26,8 +26,8 @@ from tcdyn.chain.bursts import (
 from tcdyn.chain.logger_noise import (
     LoggerNoise,
     _alias_frequency,
-    _levels,
-    _mains,
+    _fit_levels,
+    _mains_at,
     _power_gain,
     estimate_logger_noise,
     noise_power_ratio,
@@ -78,19 +78,21 @@ def test_a_spectral_factor_has_the_spectrum_of_both_noises_as_far_as_samples_sho
 def test_levels_of_a_spectrum_that_fits_are_found_and_none_is_negative() -> None:
     f = np.linspace(0.5, 30, 200)
     shapes = np.stack([np.ones(200), _power_gain(f, TWO), f**-4.0], axis=1)
-    levels, cost = _levels(shapes @ [0.3, 2.0, 0.5], shapes)
+    levels, cost = _fit_levels(shapes @ [0.3, 2.0, 0.5], shapes)
     assert levels == pytest.approx([0.3, 2.0, 0.5], rel=1e-6)
     assert cost == pytest.approx(float(np.sum(np.log(shapes @ [0.3, 2.0, 0.5]) + 1)))
-    assert _levels(shapes @ [0.3, 0.0, 0.5], shapes)[0] == pytest.approx([0.3, 0.0, 0.5], abs=1e-9)
+    assert _fit_levels(shapes @ [0.3, 0.0, 0.5], shapes)[0] == pytest.approx(
+        [0.3, 0.0, 0.5], abs=1e-9
+    )
 
 
 def test_mains_are_seen_where_the_sampling_folds_them() -> None:
     assert _alias_frequency(50.0, 75.0) == pytest.approx(25.0)
     assert _alias_frequency(60.0, 75.0) == pytest.approx(15.0)
     assert _alias_frequency(10.0, 75.0) == pytest.approx(10.0)
-    assert _mains(25.2, 75.0) == [50.0]
-    assert _mains(14.8, 75.0) == [60.0]
-    assert _mains(20.0, 75.0) == []
+    assert _mains_at(25.2, 75.0) == [50.0]
+    assert _mains_at(14.8, 75.0) == [60.0]
+    assert _mains_at(20.0, 75.0) == []
     hum = LoggerNoise(
         np.zeros(1), np.ones(1), np.ones(1), ONE, hum_lines=((25.0, np.array([0.4])),), rate_Hz=75.0
     )
@@ -111,9 +113,9 @@ def test_a_wave_has_its_frequency_and_its_amplitude() -> None:
     assert amplitude == pytest.approx(
         [0.3, 0.6], rel=0.06
     )  # from medians of spectra of 8 s, to a few per cent
-    assert not found.coloured
+    assert not found.is_coloured
     assert found.after_filter_K == pytest.approx([0.05, 0.05], rel=0.1)
-    told = found.expanded(np.array([True, False, True]), np.array([9.0, 0.7, 9.0]))
+    told = found.with_channels(np.array([True, False, True]), np.array([9.0, 0.7, 9.0]))
     assert told.after_filter_K == pytest.approx(
         [found.after_filter_K[0], 0.7, found.after_filter_K[1]]
     )
@@ -139,7 +141,7 @@ def test_a_trace_made_white_is_filtered_by_what_the_chain_is_divided_by() -> Non
     t = np.arange(3000) * DT
     y = np.sin(2 * np.pi * 0.5 * t)[:, None].copy()
     y[1000] = np.nan
-    white = noise.whitened(y, DT)[:, 0]
+    white = noise.whiten(y, DT)[:, 0]
     exact = np.abs(ratio[0]) * np.sin(2 * np.pi * 0.5 * t + np.angle(ratio[0]))
     late = (t > 5) & (np.abs(np.arange(3000) - 1000) > 60)
     assert white[late] == pytest.approx(exact[late], abs=2e-3)  # straight lines between samples
@@ -163,12 +165,12 @@ def test_two_parts_explain_what_a_regression_on_both_does() -> None:
         return float(fitted @ fitted)
 
     pairs = {pair: explained(pair) for pair in combinations(range(7), 2)}
-    most, i, k = parts._best(told, told**2, slice(0, 7))
+    most, i, k = parts._best_pair(told, told**2, slice(0, 7))
     best = max(pairs, key=pairs.__getitem__)
     assert tuple(sorted((i, k))) == best
     assert most == pytest.approx(pairs[best])
     others = {pair: v for pair, v in pairs.items() if min(pair) >= 4}
-    assert parts._best(told, told**2, slice(4, 7), 4)[0] == pytest.approx(max(others.values()))
+    assert parts._best_pair(told, told**2, slice(4, 7), 4)[0] == pytest.approx(max(others.values()))
     share, cross = parts.weights
     assert (share[2, 2], cross[2, 2]) == (0.5, 0.0)  # a part with itself: what it does alone
 
@@ -176,7 +178,7 @@ def test_two_parts_explain_what_a_regression_on_both_does() -> None:
 def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     """Held for n samples behind one pole: 1 - e^(-t/tau), then falling; without a filter a box."""
     tau = 1 / (2 * np.pi * 4.0)
-    pulses = list(_pulses(DT, ONE))
+    pulses = list(_filtered_pulses(DT, ONE))
     assert len(pulses) == sum(n * DT <= LONGEST_S for n in LENGTHS)
     t = np.arange(len(pulses[3])) * DT
     rise = 1 - np.exp(-t / tau)
@@ -184,7 +186,7 @@ def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     assert LENGTHS[3] == 5
     assert pulses[3] == pytest.approx(exact, abs=1e-12)
     assert pulses[3][-1] < 1e-3  # eight of the lag
-    boxes = list(_pulses(DT, Conditioning(4.0, 0)))
+    boxes = list(_filtered_pulses(DT, Conditioning(4.0, 0)))
     assert boxes[0].tolist() == [1.0, 1.0, 0.0][: len(boxes[0])]
     sought, shapes, beside = _pulse_shapes(DT, ONE)
     assert [p.tolist() for p in sought] == [p.tolist() for p in pulses]
@@ -256,7 +258,7 @@ def test_the_screen_does_not_change_what_bursts_are_detected() -> None:
     rng = np.random.default_rng(7)
     y = 0.1 * np.cumsum(rng.standard_normal((6000, 3)), axis=0) * 0.1
     y += rng.standard_normal(y.shape)
-    for k, pulse in enumerate([*_pulses(DT, ONE)] * 2):
+    for k, pulse in enumerate([*_filtered_pulses(DT, ONE)] * 2):
         start = 150 + 190 * k
         y[start : start + len(pulse), k % 3] += rng.uniform(5, 60) * rng.choice([-1, 1]) * pulse
     searches = [_PulseSearch.of(x, DT, 1.0, ONE) for x in y.T]

@@ -15,7 +15,7 @@ from tcdyn.smoothing import Intensity
 from tcdyn.smoothing import intervals as pieces
 from tcdyn.smoothing.intervals import STEPS, corner_rad_s, knots_for
 from tcdyn.smoothing.record import Record, record_of
-from tcdyn.smoothing.state_space import channel_ranges, likelihood, prior
+from tcdyn.smoothing.state_space import channel_ranges, likelihood, ramp_prior
 
 DT, N = 0.1, 60
 
@@ -37,7 +37,7 @@ def dense(of: Record, noise_var: float, q: float) -> tuple[float, float]:
     of it at the first.
     """
     (s,) = of.sensors
-    mean, cov, slope_var = prior(
+    mean, cov, slope_var = ramp_prior(
         s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(channel_ranges(of)[0]), DT, np.array([q])
     )
     a = expm(s.drift * DT)
@@ -125,7 +125,7 @@ def test_before_a_record_level_and_slope_are_as_unknown_as_ten_of_its_ranges() -
     """The slope: ten ranges in the chain's lag and four samples."""
     of = stretch(0)
     (s,) = of.sensors
-    mean, cov, slope_var = prior(s, 20.0, 3.0, DT, np.zeros(1))
+    mean, cov, slope_var = ramp_prior(s, 20.0, 3.0, DT, np.zeros(1))
     assert slope_var == pytest.approx((30.0 / (0.3 + 4 * DT)) ** 2)
     assert float(s.output @ mean) == pytest.approx(20.0)
     assert float(mean[0]) == pytest.approx(20.0)
