@@ -276,7 +276,7 @@ class Model:
         Returns
         -------
         lower, upper
-            Bounds (P,), infinite where there is none; logarithms where :meth:`positive`.
+            Bounds (P,), infinite where there is none; logarithms where :meth:`is_positive`.
 
         Notes
         -----

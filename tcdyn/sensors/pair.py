@@ -68,6 +68,10 @@ SINGULAR_RESIDUAL = 1e3  # whitened residual of parameters that cannot be comput
 # Standard uncertainty of the lags where the data do not require second lags but do not exclude them
 # either, over the change of the lags by second lags (`python -m tests.sensors.layered_study pair`).
 UNSHOWN_REL = 0.5
+# Standard uncertainty of both lags, since the conduction inside sensors of unknown construction is
+# only nearly that of the model, over the longer lag; none for bare wires
+# (`python -m tests.sensors.layered_study pair`).
+CONSTRUCTION_REL = 0.03
 # Standard deviations of the priors of the second sensor's gain, less 1, and offset [K], relative to
 # the first: twice the root of two of the tolerance of class 1 in IEC 60584-1, 0.4 % or 1.5 K.
 GAIN_SD = 0.01
@@ -219,7 +223,8 @@ def pair_sensor(
     biases both lags by more than that time. A column that is repeated or blank between new values
     is used at the rows of its new values.
 
-    The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``, ``MIN_USABLE_SHARE`` and
+    Where the sensors are not bare, both lags have a common error of ``CONSTRUCTION_REL`` of the
+    longer one. The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``, ``MIN_USABLE_SHARE`` and
     ``COMPLETE_SHARE``, which decide what data the likelihood gets.
     ``tests/sensors/test_pair_updates.py`` and ``tests/sensors/test_sensor_in_place.py`` fail where
     the lags are then wrong.
@@ -299,6 +304,12 @@ def pair_sensor(
     if np.any(unshown_s**2 > np.diag(lag_covariance)):
         limited_by = "second lags, which the data do not exclude; bare wires have none (--bare)"
     lag_covariance += np.outer(unshown_s, unshown_s)
+    if not bare:
+        longer_s = np.repeat(taus.reshape(-1, 2).max(axis=1), 2)
+        construction_s = CONSTRUCTION_REL * longer_s
+        if np.any(construction_s**2 > np.diag(lag_covariance)):
+            limited_by = "the construction of the sensors; bare wires have none (--bare)"
+        lag_covariance += np.outer(construction_s, construction_s)
     if np.any(by_gain_s**2 > np.diag(lag_covariance)):
         limited_by = "the gain of one sensor relative to the other, which the record does not show"
     lag_covariance += np.outer(by_gain_s, by_gain_s)
