@@ -224,8 +224,8 @@ def pair_sensor(
     is used at the rows of its new values.
 
     Where the sensors are not bare, both lags have a common error of ``CONSTRUCTION_REL`` of the
-    longer one. The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``, ``MIN_USABLE_SHARE`` and
-    ``COMPLETE_SHARE``, which decide what data the likelihood gets.
+    longer one. The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``,
+    ``MIN_USABLE_SHARE`` and ``COMPLETE_SHARE``, which decide what data the likelihood gets.
     ``tests/sensors/test_pair_updates.py`` and ``tests/sensors/test_sensor_in_place.py`` fail where
     the lags are then wrong.
     """
@@ -508,7 +508,7 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
     data
         The traces.
     theta
-        Parameters as in :func:`whitened`.
+        Parameters as in :func:`whitened_residuals`.
 
     Returns
     -------
@@ -635,7 +635,7 @@ def _side_weights(data: PairData, theta: Array, channel: int) -> Array:
     data
         The traces.
     theta
-        Parameters as in :func:`whitened`.
+        Parameters as in :func:`whitened_residuals`.
     channel
         0 or 1.
 
@@ -670,7 +670,7 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
     data
         The traces.
     theta
-        Parameters as in :func:`whitened`.
+        Parameters as in :func:`whitened_residuals`.
     channel
         0 or 1.
 
@@ -704,7 +704,7 @@ def _grid_starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     Returns
     -------
     list of array
-        Parameters (P,) as in :func:`whitened`; the lags are equal in all segments.
+        Parameters (P,) as in :func:`whitened_residuals`; the lags are equal in all segments.
     """
     duration_s = len(data.first) * data.dt_s
     grid = np.geomspace(2 * data.dt_s, duration_s / 8, 12)
@@ -766,7 +766,7 @@ class _Fit:
     Attributes
     ----------
     theta
-        Parameters (P,) as in :func:`whitened`.
+        Parameters (P,) as in :func:`whitened_residuals`.
     covariance
         Sandwich covariance H^-1 C H^-1 (P, P).
     squares
