@@ -25,7 +25,7 @@ from immersion.plunge_posterior import (
     FAR_SEARCH,
     SEARCH,
     LagScan,
-    ModelForm,
+    PlungeModelForm,
     PlungeOptimum,
     PlungeProblem,
     marginal_deviance,
@@ -395,7 +395,7 @@ def compare_correlations(
     chosen: Correlation,
     others: Sequence[Correlation],
     filter_lag_s: float,
-) -> ModelForm:
+) -> PlungeModelForm:
     """Refit with each of ``others`` and compare the lags.
 
     Parameters
@@ -422,7 +422,7 @@ def compare_correlations(
     posterior is taken. The base correlation is treated in the same way, so that skewness cancels.
     The sample covariance of the lag vectors is what the choice of correlation adds.
 
-    The shift is limited to two standard deviations of the common lag. ``ModelForm.covariance`` is
+    The shift is limited to two standard deviations of the common lag. ``PlungeModelForm.covariance`` is
     added to that of the lags in :class:`immersion.plunge_result.PlungeFit`. Test:
     ``tests/immersion/test_plunge_fit.py``.
     """
@@ -440,7 +440,7 @@ def compare_correlations(
     if len(lags) > 1:
         covariance = np.atleast_2d(np.cov(np.transpose([*lags.values()])))
     common = {name: float(row.mean() + filter_lag_s) for name, row in lags.items()}
-    return ModelForm(common, covariance)
+    return PlungeModelForm(common, covariance)
 
 
 def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:

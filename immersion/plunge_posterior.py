@@ -416,7 +416,7 @@ def marginal_deviance(at: Optimum) -> float:
 
 
 @dataclass(frozen=True)
-class ModelForm:
+class PlungeModelForm:
     """Refits with other correlations: common lags, covariance of the lags (C, C) [s2].
 
     Attributes

@@ -29,7 +29,7 @@ from immersion.plunge_parameters import (
     differential_covariance,
     stages,
 )
-from immersion.plunge_posterior import LagScan, ModelForm, PlungeOptimum
+from immersion.plunge_posterior import LagScan, PlungeModelForm, PlungeOptimum
 from tcdyn.chain import Chain
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
@@ -120,7 +120,7 @@ class PlungeFit(Result):
     setup: DiskSetup
     correlation: str
     priors: PlungePriors
-    model_form: ModelForm
+    model_form: PlungeModelForm
     rival: tuple[Finding, ...]
     runs: tuple[PlungeRun, ...]
     optimum: PlungeOptimum
