@@ -422,9 +422,9 @@ def compare_correlations(
     posterior is taken. The base correlation is treated in the same way, so that skewness cancels.
     The sample covariance of the lag vectors is what the choice of correlation adds.
 
-    The shift is limited to two standard deviations of the common lag. ``PlungeModelForm.covariance`` is
-    added to that of the lags in :class:`immersion.plunge_result.PlungeFit`. Test:
-    ``tests/immersion/test_plunge_fit.py``.
+    The shift is limited to two standard deviations of the common lag.
+    ``PlungeModelForm.covariance`` is added to that of the lags in
+    :class:`immersion.plunge_result.PlungeFit`. Test: ``tests/immersion/test_plunge_fit.py``.
     """
     width = scan.sd_s
     base_shift = _maximum_shift(final, width)
