@@ -110,7 +110,7 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
     ):
         code = (
             f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} "
-            "or 0; a.command()"
+            "or 0; a.main()"
         )
         done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=False

@@ -67,7 +67,7 @@ def refused(
         kinds = list(PROBLEMS) if homes is FILES else ["memory"]
         tried, ended, wrong = whole_truth(Trial(command, world, folder), kinds, homes, most)
     assert wrong == []
-    assert tried >= ended >= max(tried // 2, 1)
+    assert tried >= ended >= max(tried // 3, 1)  # the others it got over
 
 
 @pytest.mark.e2e

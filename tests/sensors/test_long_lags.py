@@ -119,7 +119,8 @@ def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> No
     log = write(
         tmp_path / "gas.csv", time_s=np.round(6000 * t, 3), A_degC=a, B_degC=b
     )  # 900 and 3000 s
-    assert run_cli("sensor", "pair", log, "--column", "A", "--column", "B", "--out", out) == 0
+    columns = ("--column", "A", "--column", "B")
+    assert run_cli("sensor", "pair", log, *columns, "--bare", "--out", out) == 0
     check_file(out, "A_degC", 900.0)
     check_file(out, "B_degC", 3000.0)
     rng = np.random.default_rng(7)
