@@ -35,7 +35,7 @@ class NoiseModel:
         Coefficients c of C = 1 + c_1 q^-1 + .. (moving average).
     starts_at_rest
         The noise starts at zero with the record, as a random walk (D(1) = 0) does whose first level
-        is the offset; otherwise it is stationary.
+        is the offset; otherwise it is stationary, as it is after a gap.
     n_fitted
         Number of coefficients that were estimated from the residuals (all where None).
     averaged
@@ -110,22 +110,22 @@ class NoiseModel:
 
         Notes
         -----
-        The noise before a segment has the uncertainty of stationary noise (exact likelihood). This
-        does not hold for noise that starts at rest; after a gap such noise has an unknown level,
-        whose whitened form, the response of D/C, is projected out of the rows. ``log_determinant``
-        has the matching normalisation; change both together.
+        The noise before a segment has the uncertainty of stationary noise (exact likelihood), but
+        not before the first segment of noise that starts at rest. After a gap a random walk has an
+        unknown level, whose whitened form, the response of D/C, is projected out of the rows.
+        ``log_determinant`` has the matching normalisation; change both together.
         """
         if self.white:
             return table
         out = np.zeros_like(table)
         for k, s in enumerate(segments):
             filtered = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
-            if self.starts_at_rest and k:
+            if self.is_random_walk and k:
                 level = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
                 shape = level[:, None] / (np.linalg.norm(level) or 1.0)
                 factor = np.ones(1)
             else:
-                shape, spread = self._presample(len(filtered))
+                shape, spread = self._presample(len(filtered), is_first=k == 0)
                 factor = 1 - 1 / np.sqrt(1 + spread)
             out[s] = filtered - (shape * factor) @ (shape.T @ filtered)
         return out
@@ -140,17 +140,29 @@ class NoiseModel:
         segments
             Segments without gaps.
         """
-        return float(sum(np.sum(np.log1p(self._presample(s.stop - s.start)[1])) for s in segments))
+        return float(
+            sum(
+                np.sum(np.log1p(self._presample(s.stop - s.start, is_first=k == 0)[1]))
+                for k, s in enumerate(segments)
+            )
+        )
 
-    def _presample(self, n: int) -> tuple[Array, Array]:
-        """Effect of the state before a segment of ``n`` samples; none at rest.
+    def _presample(self, n: int, is_first: bool) -> tuple[Array, Array]:
+        """Effect of the state before a segment of ``n`` samples.
+
+        Parameters
+        ----------
+        n
+            Samples of the segment.
+        is_first
+            Whether it is the first of the record.
 
         Returns
         -------
         shapes, variances
-            As ``presample_effect`` returns them; (n, 0) and (0,) at rest.
+            As ``presample_effect`` returns them; (n, 0) and (0,) at rest, and for a random walk.
         """
-        if self.starts_at_rest or self.white:
+        if self.white or self.is_random_walk or (self.starts_at_rest and is_first):
             return np.zeros((n, 0)), np.zeros(0)
         return presample_effect(self.ar, self.ma, n)
 

@@ -77,35 +77,37 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
 
     Notes
     -----
-    The spectrum is (s_y^2 |D|^2 + s_u^2 |B|^2)/|D|^2, with D from the poles, B from the impulse
-    response and the numerator C from the roots within the unit circle. s_y follows from the
-    variance of the residuals less the input's share.
+    The spectrum is (s_y^2 |D|^2 + s_u^2 |B|^2)/|D|^2, with D from the poles, |B|^2 from the
+    autocovariance of the impulse response and the numerator C from the roots within the unit
+    circle. s_y follows from the variance of the residuals less the input's share. All are at the
+    instants of the measured outputs, which may be rarer than those of the input.
     """
     if not problem.input_sd:
         return NoiseModel()
     g = problem.model.rational(problem.theta(x))
     poles = [f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]
-    below = np.real(polyfromroots(np.exp(np.concatenate(poles) * problem.dt_s)))[::-1]
+    below = np.real(polyfromroots(np.exp(np.concatenate(poles) * problem.residual_dt_s)))[::-1]
+    order = len(below) - 1
     pulse = np.zeros(max(len(s.u) for s in problem.segments))
     pulse[1] = problem.input_sd
     # a dead time does not change the spectrum
     system = realise(replace(g, delay_s=0.0), False)
     response = simulate_rows(system, pulse, problem.dt_s, 0.0, problem.hold, "zero")[0]
-    above = np.convolve(below, response)[: len(below) + 2]
-    if len(below) > 1:
-        above = above[np.abs(above) > 1e-9 * np.max(np.abs(above))]
-    above = np.pad(above, (0, max(len(below) - len(above), 0)))
-    input_variance = float(response @ response)
+    autocovariance = [
+        float(response[: len(response) - lag] @ response[lag:])
+        for lag in problem.residual_spacing * np.arange(2 * order + 1)
+    ]
+    input_variance = autocovariance[0]
     variance = float(e @ e) / max(len(e) - problem.size, 1)
     output_variance = max(variance - input_variance, MIN_OUTPUT_NOISE_SHARE * variance)
-    spectrum = np.convolve(above, above[::-1])
-    centre = len(above) - 1
-    middle = slice(centre - len(below) + 1, centre + len(below))
-    spectrum[middle] += output_variance * np.convolve(below, below[::-1])
+    below_squared = np.convolve(below, below[::-1])
+    both_sides = [*autocovariance[:0:-1], *autocovariance]
+    spectrum = np.convolve(both_sides, below_squared, mode="valid")
+    spectrum += output_variance * below_squared
     roots = np.roots(spectrum)
-    inside = roots[np.argsort(np.abs(roots))][: len(above) - 1]
+    inside = roots[np.argsort(np.abs(roots))][:order]
     is_negligible = input_variance < MIN_INPUT_NOISE_SHARE * variance
-    if len(below) == 1 or np.any(np.abs(inside) >= 1) or is_negligible:
+    if order == 0 or np.any(np.abs(inside) >= 1) or is_negligible:
         return NoiseModel()
     ar = tuple(below[1:].tolist())
     ma = tuple(np.real(np.poly(inside))[1:].tolist())
@@ -311,8 +313,11 @@ def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
     -------
     float
         -2 ln likelihood + k ln N. Samples that whiten to exactly zero do not count for the
-        variance.
+        variance. Infinite for a random walk where most samples are the first after a gap, which
+        only determine its level.
     """
+    if noise.is_random_walk and 2 * len(slices) > len(e):
+        return np.inf
     w = noise.whiten(e, slices)
     n = len(e)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)

@@ -245,7 +245,9 @@ def parameter_covariance(
     root = sqrt_weights(optimum.weights)
     e = -optimum.residual * root
     j = (optimum.jacobian.T * root).T
-    covariance, is_wider = innovation_covariance(e, j, slices, problem.dt_s, precision, kind)
+    covariance, is_wider = innovation_covariance(
+        e, j, slices, problem.residual_dt_s, precision, kind
+    )
     if loss != "linear":
         covariance = robust_covariance(optimum.residual, optimum.jacobian, loss)
     step = problem.rounding_step

@@ -36,6 +36,9 @@ from tcdyn.identification.segments import Segment, row_slices
 Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
 
 MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
+# Share of the measured outputs at one spacing from the next, above which they are evenly spaced
+# (chosen by judgement).
+EVEN_SPACING_SHARE = 0.8
 MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment
 
 
@@ -341,12 +344,32 @@ class IdentificationProblem:
         """
         factors = self.rationals(x)[0].factors
         poles = np.concatenate([f.poles for f in factors if f.free])
-        return np.asarray(np.poly(np.exp(poles * self.dt_s)).real[1:])
+        return np.asarray(np.poly(np.exp(poles * self.residual_dt_s)).real[1:])
+
+    @cached_property
+    def residual_spacing(self) -> int:
+        """Rows from one measured output to the next, of an output that is measured less often.
+
+        1 where the rows between measured outputs are not even.
+        """
+        spacings = np.concatenate([np.diff(np.flatnonzero(s.measured)) for s in self.segments])
+        if not len(spacings):
+            return 1
+        usual = int(np.median(spacings))
+        return usual if np.mean(spacings == usual) > EVEN_SPACING_SHARE else 1
+
+    @property
+    def residual_dt_s(self) -> float:
+        """Time from one measured output to the next [s], without gaps."""
+        return self.residual_spacing * self.dt_s
 
     @cached_property
     def residual_slices(self) -> list[slice]:
         """Slices of the residual vector in which the samples are consecutive, without a gap."""
-        return row_slices(np.concatenate([np.append(s.measured, False) for s in self.segments]))
+        spacing = self.residual_spacing
+        gap = np.zeros(spacing, dtype=bool)
+        flags = np.concatenate([np.append(s.measured, gap) for s in self.segments])
+        return row_slices(flags, spacing)
 
     @cached_property
     def slice_has_free_state(self) -> list[bool]:

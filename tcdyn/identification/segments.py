@@ -133,14 +133,18 @@ def true_intervals(flags: Flags) -> list[slice]:
     return [slice(start, end) for start, end in edges.reshape(-1, 2).tolist()]
 
 
-def row_slices(used: Flags) -> list[slice]:
+def row_slices(used: Flags, spacing: int = 1) -> list[slice]:
     """Return the slices of consecutive samples among the used ones of flags (N,).
+
+    Consecutive samples are ``spacing`` rows apart.
 
     >>> row_slices(np.array([True, True, False, True]))
     [slice(0, 2, None), slice(2, 3, None)]
     """
-    rows = np.cumsum(np.append(0, used)).tolist()
-    return [slice(rows[s.start], rows[s.stop]) for s in true_intervals(used)]
+    rows = np.flatnonzero(used)
+    breaks = np.flatnonzero(np.diff(rows) != spacing) + 1
+    edges = [0, *breaks.tolist(), len(rows)]
+    return [slice(start, end) for start, end in pairwise(edges) if end > start]
 
 
 def split_segments(data: IOData) -> tuple[Segment, ...]:

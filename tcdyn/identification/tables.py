@@ -20,6 +20,7 @@ from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.core.labels import seconds_of_index
 from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold
+from tcdyn.identification.repeats import without_repeats
 from tcdyn.identification.segments import MIN_REPEATED_SHARE
 from tcdyn.io.cells import TextColumn
 from tcdyn.io.read import Table, open_table, read_all_rows
@@ -69,7 +70,8 @@ def from_frame(
     """Input-output data from a table, one row for each sample.
 
     Rows that are missing from an even time grid become NaN outputs (a gap). Overload and drop-out
-    codes become NaN.
+    codes become NaN. So do outputs that only repeat an old value, because their sensor has a new
+    one less often than the table has rows; not with ``resample_s``.
 
     Parameters
     ----------
@@ -183,6 +185,8 @@ def from_frame(
         runs=tuple(replace(each, epoch=epoch) for each in data.runs),
         findings=tuple(codes),
     )
+    if resample_s is None:
+        data = without_repeats(data, hold)
     return with_hold(data, hold)
 
 

@@ -205,7 +205,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     if fit.optimum.weights is not None:
         e = -fit.optimum.weights * fit.optimum.residual
         j = fit.optimum.jacobian
-    white = whiteness(e, j, slices, problem.dt_s, lags)
+    white = whiteness(e, j, slices, problem.residual_dt_s, lags)
     is_coloured = white.p < ALARM_P
     prewhitening = fit_ar(e, slices) if is_coloured else NoiseModel()
     root = 1.0 if is_robust else fit.sqrt_weights[:, None]

@@ -179,6 +179,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """
     try:
         target = Path(path).resolve()
+        if target.is_symlink():  # from Python 3.13 on, a circle of links is left as it is
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
         target.parent.mkdir(parents=True, exist_ok=True)
         check_writable(target)
         temporary = _new_file_beside(target, is_private=target.exists())

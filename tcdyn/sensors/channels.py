@@ -18,13 +18,13 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.estimation.updates import find_updates
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import EvenTimes, TableSegment, check_numbers, even_times, on_grid
 from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
-from tcdyn.sensors.updates import find_updates
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
 # judgement (memory).

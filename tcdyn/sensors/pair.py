@@ -28,11 +28,11 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.updates import Updates, find_updates
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
-from tcdyn.sensors.updates import Updates, find_updates
 
 # Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: mean and standard deviation
 # of its prior. h of a wire in crossflow rises about with the root of the speed; the standard

@@ -292,6 +292,7 @@ def white_noise_K(y: Array) -> float:
     """Return the standard deviation of the white noise of readings [K], above zero.
 
     Differences across a gap contain the signal, and are used only where there are too few others.
+    Without any difference it is the least noise.
 
     Parameters
     ----------
@@ -300,6 +301,8 @@ def white_noise_K(y: Array) -> float:
     """
     if np.count_nonzero(np.isfinite(np.diff(y, NOISE_ORDER))) < MIN_DIFFERENCES:
         y = y[np.isfinite(y)]
+    if len(y) <= NOISE_ORDER:
+        return MIN_NOISE_K
     return max(float(white_noise_sd(y, NOISE_ORDER)), MIN_NOISE_K)
 
 

@@ -55,6 +55,7 @@ MIN_GAP_INTERVALS = 60  # a shorter gap never splits; chosen by judgement
 # judgement.
 LONGEST_GAP_ROWS = 60
 MIN_ROWS = 10  # of a record with an interval; chosen by judgement
+LONGEST_TABLE_S = 1e11  # 3000 years; beyond it the unit of the time is wrong
 # Share of repeated time stamps from which the clock may have few decimals; chosen by judgement.
 FEW_DECIMALS_SHARE = 0.02
 # Share of repeated time stamps above which they are the clock's resolution and not double rows;
@@ -503,6 +504,8 @@ def _interval_s(step: Array) -> float:
 def _check_rising(time_s: Array, where: str) -> None:
     """Check that there are ``MIN_ROWS`` rows, all with a time that never falls and rises in total.
 
+    The times may span ``LONGEST_TABLE_S`` at most.
+
     Raises
     ------
     InputError
@@ -530,6 +533,13 @@ def _check_rising(time_s: Array, where: str) -> None:
         )
     if time_s[-1] <= time_s[0]:
         raise InputError("all rows have one time", where=where, expected="time that rises")
+    if time_s[-1] - time_s[0] > LONGEST_TABLE_S:
+        raise InputError(
+            f"the times span {time_s[-1] - time_s[0]:.3g} s",
+            where=where,
+            expected=f"at most {LONGEST_TABLE_S:.3g} s",
+            remedy="check the unit of the time",
+        )
 
 
 @dataclass(frozen=True)

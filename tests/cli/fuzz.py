@@ -17,6 +17,7 @@ import tempfile
 import traceback
 from collections import Counter
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -382,14 +383,14 @@ def mutated_json(data: bytes, edits: list[tuple[int, int, int]]) -> bytes:
             case 0:
                 del parent[key]
             case 1 if isinstance(parent, dict):
-                parent[str(VALUES[value % len(VALUES)])] = parent[key]
+                parent[str(VALUES[value % len(VALUES)])] = deepcopy(parent[key])
             case 2:
                 other, other_key = places[value % len(places)]
-                parent[key] = json.loads(json.dumps(other[other_key]))
+                parent[key] = deepcopy(other[other_key])
             case 3 | 4 if isinstance(parent[key], int | float):
                 parent[key] = parent[key] * SCALES[value % len(SCALES)]
             case _:
-                parent[key] = VALUES[value % len(VALUES)]
+                parent[key] = deepcopy(VALUES[value % len(VALUES)])
     if edits and edits[0][2] % 2 and isinstance(content, dict) and CHECKSUM_KEY in content:
         with contextlib.suppress(Exception):
             content = with_checksum(content)

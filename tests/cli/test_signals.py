@@ -163,6 +163,7 @@ def command(words):
         time.sleep(0.1)
     print("went on")
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
 app.app = command
 app.main()
 """

@@ -50,7 +50,9 @@ def test_stepwise_inputs_are_held_and_ambiguous_rounding_gives_a_warning():
     assert [d.hold for d in records.values()] == ["zoh", "zoh", "foh", "foh", "foh", "foh", "zoh"]
     severities = {name: [f.severity for f in d.findings] for name, d in records.items()}
     no_findings = {name: [] for name in columns}
-    expected = {**no_findings, "stairs": [WARNING], "ramp": [WARNING], "few": [INFO]}
+    # small steps may also be those of a slow sensor
+    ambiguous = {"small": [WARNING], "stairs": [WARNING], "ramp": [WARNING], "few": [INFO]}
+    expected = {**no_findings, **ambiguous}
     assert severities == expected
     td = fit(records["small"], "P1D", intervals="quadratic", **PLAIN).estimates["Td"]
     assert td.value == pytest.approx(0.13, abs=4 * td.u)

@@ -330,6 +330,8 @@ def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:
         plunge_sensor(t[:105], y[:105], "T1")
     with pytest.raises(InputError, match="samples"):
         plunge_sensor(t[:20], y[:20], "T1")
+    with pytest.raises(InputError, match="only 0 samples"):
+        plunge_sensor(t, np.full(len(t), np.nan), "T1")
 
 
 @pytest.mark.study

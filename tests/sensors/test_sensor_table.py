@@ -127,6 +127,7 @@ def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
             r"backward at row 8 below the header \(0.75 s, then 0.25 s\)",
         ),
         (np.zeros(60), "one time"),
+        (1e12 * T, "the times span 7.38e"),
     ],
 )
 def test_time_that_tells_no_rate_is_refused_with_its_row(stamps: Array, words: str) -> None:

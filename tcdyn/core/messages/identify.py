@@ -417,6 +417,17 @@ def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling,
     )
 
 
+def _slow_input(subject: str, interval_s: float, option: Spelling, **_: Any) -> str:
+    """Message of ``record.slow_input``; ``interval_s`` is that of new values."""
+    return (
+        f"Input {subject} changes every {interval_s:.3g} s, by small steps: either it was set so, "
+        "or it was measured and repeated until the next value; the data look the same in both "
+        f"cases. It is taken as set; if it was measured, the dead time is wrong by half of that "
+        f"interval, {interval_s / 2:.3g} s: give {option('hold', 'foh')}, and "
+        f"{option('hold', 'zoh')} if it was set."
+    )
+
+
 def _other_hold(
     subject: str,
     hold: str,
@@ -531,6 +542,9 @@ IDENTIFY: dict[str, Message] = {
     "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as "
     "missing: check the wiring.",
     "record.hold": _hold,
+    "record.slow_input": _slow_input,
+    "record.repeats": "Column {subject} has a new value in {percent:.3g} % of the rows (every "
+    "{interval_s:.3g} s on average) and is repeated in the others: only its new values are used.",
     "record.other_hold": _other_hold,
     "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the "
     "lag of {lag_s:.3g} s behind {subject}: other structures fit the samples as well and have "

@@ -1,8 +1,8 @@
 """Rows with a new value: a slower source is repeated, or blank, between its values.
 
-``tcdyn.sensors.pair`` and ``tcdyn.sensors.channels`` use it. The limits come from simulated pairs,
-see the comments; ``tests/sensors/test_pair_updates.py`` checks a quantised signal, even spacings
-and slower channels.
+``tcdyn.sensors.pair``, ``tcdyn.sensors.channels`` and ``tcdyn.identification.repeats`` use it. The
+limits come from simulated pairs, see the comments; ``tests/sensors/test_pair_updates.py`` checks a
+quantised signal, even spacings and slower channels.
 """
 
 from __future__ import annotations
