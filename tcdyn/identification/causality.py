@@ -54,8 +54,9 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
     On a record of little noise, a trial lag that is wrong by a factor leaves more unexplained than
     the right lag at a wrong time. A suspicion on the coarse grid of lags is therefore checked with
     refined lags on both sides. What remains may be a lead: a zero slower than the poles, which one
-    lag cannot represent. A lead explains nothing before its input moves. The record is accepted
-    where a lead of two lags explains the output nearly as well as it explains any later output.
+    lag cannot represent, or an integral with a drift. They explain nothing before their input
+    moves. The record is accepted where a lead of two lags, or an integral, explains the output
+    nearly as well as a lead explains any later output.
     An output that was set by a computer and not measured is not that of a sensor: then the columns
     are exchanged, although a lead would fit too.
 
@@ -73,7 +74,7 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
     if shift is None:
         return
     if not output_is_setpoint(problem):
-        unexplained = 1 - lead_correlation(problem)
+        unexplained = 1 - max(lead_correlation(problem), integral_correlation(problem))
         trials = np.unique(np.geomspace(3, max(reach - shift, 3), 6).astype(int))
         limit = MAX_UNEXPLAINED_RATIO * unexplained
         if all(1 - lead_correlation(problem, int(k)) >= limit for k in trials):
@@ -139,6 +140,23 @@ def output_is_setpoint(problem: IdentificationProblem) -> bool:
     output_repeats = np.mean(np.diff(outputs) == 0)
     input_repeats = np.mean(np.diff(inputs) == 0)
     return bool(output_repeats > MIN_REPEATED_SHARE > input_repeats)
+
+
+def integral_correlation(problem: IdentificationProblem) -> float:
+    """Return r^2 of the output with the integral of the input, a constant and a slope.
+
+    The slope is that of a plant whose input at rest is not zero. Each segment has its own.
+    """
+    unexplained = 0.0
+    total = 0.0
+    for s in problem.segments:
+        y = s.filled_y
+        integral = np.cumsum(s.u - s.u.mean())
+        table = np.column_stack([np.ones(len(y)), np.linspace(-1, 1, len(y)), integral])
+        residual = y - table @ np.linalg.lstsq(table, y, rcond=1e-12)[0]
+        unexplained += float(residual @ residual)
+        total += float(np.sum((y - y.mean()) ** 2))
+    return 1 - unexplained / max(total, 1e-300)
 
 
 def lead_correlation(problem: IdentificationProblem, ahead: int = 0) -> float:

@@ -417,6 +417,24 @@ def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling,
     )
 
 
+def _slow_pole(subject: str, slowest_s: float, longest_s: float, option: Spelling, **_: Any) -> str:
+    """Message of ``fit.slow_pole``.
+
+    ``slowest_s`` is the largest time constant, ``longest_s`` the length of the record.
+    """
+    text = (
+        f"the response to {subject} has a time constant of {slowest_s:.3g} s, in a record of "
+        f"{longest_s:.3g} s: gain and lag are extrapolated; record longer constant levels of the "
+        "input"
+    )
+    if slowest_s > longest_s:
+        text += (
+            f"; or, if the plant integrates, fit {option('model', 'P1I')} with "
+            f"{option('baseline', 'trend')}"
+        )
+    return text
+
+
 def _slow_input(subject: str, interval_s: float, option: Spelling, **_: Any) -> str:
     """Message of ``record.slow_input``; ``interval_s`` is that of new values."""
     return (
@@ -518,9 +536,7 @@ IDENTIFY: dict[str, Message] = {
     "{value:.2g})",
     "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the length "
     "of the record ({longest_s:.3g} s): the record does not determine it",
-    "fit.slow_pole": "the response to {subject} has a time constant of {slowest_s:.3g} s, in a "
-    "record of {longest_s:.3g} s: gain and lag are extrapolated; record longer constant levels of "
-    "the input",
+    "fit.slow_pole": _slow_pole,
     "fit.indistinct": "the data cannot separate all parameters of {subject}: some intervals are "
     "meaningless",
     "fit.stalled": "the fit stopped after the allowed number of iterations; check the intervals "
