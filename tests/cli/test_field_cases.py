@@ -350,7 +350,7 @@ CASES = {
     "pair, held values": Case(
         pair_held,
         "sensor pair {log} --columns fine,coarse --bare --out {out}",
-        (0, 1),
+        values={"times.fine.t632_s.value": (0.2, 0.02), "times.coarse.t632_s.value": (0.8, 0.01)},
         message="coarse has a new value in 20 % of the rows",
     ),
     "stamps with slashes": Case(
