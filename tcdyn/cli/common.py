@@ -430,7 +430,7 @@ def stage_progress(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str
 def count_progress(
     total: int | None, quiet: bool = False
 ) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function of (name, number done, total number).
+    """Yield a function of (name, number done, total number); a total of 0 is not known.
 
     A terminal shows a bar with the remaining time, anything else gets a line for each call.
 
@@ -447,7 +447,7 @@ def count_progress(
     console = _terminal_console()
     if console is None:
         yield lambda name, done, count: print(
-            f"... {done} of {count}: {printable(name)}", file=sys.stderr
+            f"... {done}{f' of {count}' if count else ''}: {printable(name)}", file=sys.stderr
         )
         return
     from rich.markup import escape
@@ -471,7 +471,7 @@ def count_progress(
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, done, count: bar.update(
-            task, completed=done, total=count, description=escape(printable(name))
+            task, completed=done, total=count or None, description=escape(printable(name))
         )
 
 

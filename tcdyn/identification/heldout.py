@@ -29,7 +29,7 @@ LONG_MEMORY_SHARE = 0.3
 # Options of fits of which only a score is used.
 SCORING_OPTIONS: dict[str, Any] = {"intervals": "quadratic", "check": False}
 
-Progress = Callable[[str, int, int], None]  # name of the model, its number, the count of models
+Progress = Callable[[str, int, int], None]  # name of a model, its number, their count or 0
 
 
 def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:

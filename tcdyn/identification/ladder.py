@@ -76,8 +76,7 @@ class Ladder:
 
     def announce(self, name: str) -> None:
         """Report a fit, with its number; how many follow is not known."""
-        number = next(self.counter)
-        self.progress(name, number, number)
+        self.progress("no effect" if name == "-" else name, next(self.counter), 0)
 
     def with_white_noise(self) -> Ladder:
         """Return the ladder with white noise and no baseline."""

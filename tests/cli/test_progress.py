@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from tcdyn.cli import common
-from tcdyn.cli.common import Reporter, stage_progress
+from tcdyn.cli.common import Reporter, count_progress, stage_progress
 from tcdyn.core.findings import error, info, warning
 
 
@@ -44,6 +44,13 @@ def test_without_a_terminal_each_stage_is_a_line_unless_quiet(
             progress("reading")
             progress("fit")
         assert capsys.readouterr().err == lines
+
+
+def test_a_count_that_is_not_known_is_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    with count_progress(None) as progress:
+        progress("P1", 1, 0)
+        progress("P2", 2, 5)
+    assert capsys.readouterr().err == "... 1: P1\n... 2 of 5: P2\n"
 
 
 def test_a_terminal_shows_the_stage_and_the_elapsed_time(monkeypatch: pytest.MonkeyPatch) -> None:
