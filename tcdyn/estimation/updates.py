@@ -7,6 +7,7 @@ quantised signal, even spacings and slower channels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,7 @@ REPEAT_EXCESS = 3.0
 # records.
 MIN_REGULAR_CHANGES = 20
 REGULAR_SHARE = 0.95  # share of the new values at rows of one even spacing
+USUAL_SHARE = 0.8  # of the spacings that are equal in rows of a usual spacing; chosen by judgement
 # A change counts from this share of the largest one: smaller ones are rounding errors, for example
 # of a conversion of units.
 ROUNDING_SHARE = 1e-9
@@ -107,6 +109,31 @@ def find_updates(y: Array) -> Updates:
         on_grid[first::period] = True
         new = on_grid & np.isfinite(y)
     return Updates(new, repeats_values, period, first)
+
+
+def usual_spacing(rows: Sequence[NDArray[np.intp]]) -> int:
+    """Return the spacing of nearly all rows of one or several sequences.
+
+    Parameters
+    ----------
+    rows
+        Rising numbers of rows, for example those with a reading.
+
+    Returns
+    -------
+    int
+        Rows from one to the next; 1 where they are not even.
+
+    Examples
+    --------
+    >>> usual_spacing([np.array([0, 5, 10, 15, 25, 30, 35])])
+    5
+    """
+    spacings = np.concatenate([np.diff(each) for each in rows])
+    if not len(spacings):
+        return 1
+    usual = int(np.median(spacings))
+    return usual if np.mean(spacings == usual) > USUAL_SHARE else 1
 
 
 def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:

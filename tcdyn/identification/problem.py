@@ -29,6 +29,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
+from tcdyn.estimation.updates import usual_spacing
 from tcdyn.identification.iodata import Hold
 from tcdyn.identification.models import Model, base_name
 from tcdyn.identification.segments import Segment, row_slices
@@ -36,9 +37,6 @@ from tcdyn.identification.segments import Segment, row_slices
 Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
 
 MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
-# Share of the measured outputs at one spacing from the next, above which they are evenly spaced
-# (chosen by judgement).
-EVEN_SPACING_SHARE = 0.8
 MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment
 
 
@@ -352,11 +350,7 @@ class IdentificationProblem:
 
         1 where the rows between measured outputs are not even.
         """
-        spacings = np.concatenate([np.diff(np.flatnonzero(s.measured)) for s in self.segments])
-        if not len(spacings):
-            return 1
-        usual = int(np.median(spacings))
-        return usual if np.mean(spacings == usual) > EVEN_SPACING_SHARE else 1
+        return usual_spacing([np.flatnonzero(s.measured) for s in self.segments])
 
     @property
     def residual_dt_s(self) -> float:

@@ -34,6 +34,7 @@ from tcdyn.estimation.trace_noise import (
     rounding_sd,
     trace_noise_sd,
 )
+from tcdyn.estimation.updates import usual_spacing
 from tcdyn.io.unit_names import unit_in, without_unit
 from tcdyn.rig.plausible import (
     HIGHEST_DEGC,
@@ -298,7 +299,10 @@ def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
         percent = 100 * float(np.mean(stuck))
         first = int(np.argmax(stuck))
         return [warning("trace.stuck", subject=name, percent=percent, first_sample=first)]
-    bad = float(np.mean(flag != GOOD))
+    good_rows = np.flatnonzero(flag == GOOD)
+    # a channel that is sampled in each n-th row misses none of the others
+    expected = len(flag) / usual_spacing([good_rows])
+    bad = 1 - min(len(good_rows) / expected, 1.0)
     if bad > REPORTED_BAD_SHARE:
         return [info_or_warning(bad, "trace.bad", subject=name, percent=100 * bad)]
     return []
