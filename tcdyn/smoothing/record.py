@@ -170,7 +170,7 @@ def record_of(
     Steps: impossible readings, repeated values, noise and spikes of the channels with one
     conditioning filter, whitening, interpolation. The order matters: impossible and repeated values
     must not enter the noise estimate. A given ``noise_sd`` is taken as white. The spike window
-    follows the shortest lag of the channels.
+    follows the shortest lag of the channels, in samples of the slowest one.
     """
     data = np.array(y, dtype=float)
     data = data.reshape(len(data), -1)
@@ -206,7 +206,8 @@ def record_of(
         index = [c for c in range(m) if listed[c].conditioning == filter_]
         group = [listed[c] for c in index]
         good = flags[:, index] == GOOD
-        rule = SPIKES["compensator"].for_lag(min(c.lag_s for c in group) / dt_s)
+        spacing = max(usual_spacing([np.flatnonzero(column)]) for column in good.T)
+        rule = SPIKES["compensator"].for_lag(min(c.lag_s for c in group) / (spacing * dt_s))
         x = np.where(good, data[:, index], np.nan)
         if noise_sd is None:
             logger_noise, [(white, outliers)] = estimate_and_whiten_noise(

@@ -83,7 +83,6 @@ def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[n
     assert "sensor.repeats" in {f.code for f in made.findings}
 
 
-@pytest.mark.filterwarnings("ignore:T. .*samples are missing")
 @pytest.mark.parametrize("gaps", [held, blank])
 def test_a_column_logged_more_slowly_is_compensated_from_its_new_values(gaps) -> None:  # type: ignore[no-untyped-def]
     """With the repeats taken as readings the rms error is 290 K; without an estimate of the noise,
@@ -99,6 +98,27 @@ def test_a_column_logged_more_slowly_is_compensated_from_its_new_values(gaps) ->
     error = done["T"] - truth
     assert np.sqrt(np.mean(error**2)) < 1.0
     assert np.mean(np.abs(error) < 1.96 * done["T_u_K"]) > 0.9
+
+
+@pytest.mark.parametrize("gaps", [held, blank])
+def test_a_slow_column_is_as_good_as_a_table_of_its_new_values(gaps) -> None:  # type: ignore[no-untyped-def]
+    """Its valid samples were taken for spikes, by a window in rows and not in samples."""
+    rng = np.random.default_rng(2)
+    t = np.arange(4000) * 0.1
+    window = np.exp(-np.arange(300) / 30)
+    fluid = 50 + np.convolve(np.cumsum(rng.normal(0, 1, 4000)), window / window.sum())[:4000]
+    y = np.full(4000, fluid[0])
+    keep = np.exp(-0.1 / 3)
+    for k in range(1, 4000):
+        y[k] = keep * y[k - 1] + (1 - keep) * 0.5 * (fluid[k] + fluid[k - 1])
+    y += rng.normal(0, 0.05, 4000)
+    probe = sensor_file("probe", {"T": Chain((3.0,))}, "stated", np.array([[0.05**2]]), [0.05])
+    rms = []
+    for time_s, readings, truth in ((t, gaps(y, 10), fluid), (t[::10], y[::10], fluid[::10])):
+        done = compensate_frame(pd.Series(readings.round(3), time_s, name="T"), probe)
+        assert not done.attrs["warnings"]
+        rms.append(float(np.sqrt(np.nanmean((done["T"].to_numpy() - truth) ** 2))))
+    assert rms[0] < 1.1 * rms[1]
 
 
 def test_repeats_and_blanks_at_the_same_rows_give_the_same_lags() -> None:
