@@ -293,6 +293,7 @@ class Case:
 
 PLUNGE = "sensor plunge {log} --column T1 --out {out}"
 IDENTIFY = "identify {log} -u heater -y T1 --out {out}"
+P1_MODEL = IDENTIFY + " --model P1"
 COMPENSATE = "compensate {log} --sensor {sensor} --out {csv}"
 LAG = "fit.lag_s.value"
 
@@ -324,19 +325,17 @@ CASES = {
         plant_with_a_gap, IDENTIFY, (0, 1), {"estimates.Tp1.value": (18.0, 0.03)}
     ),
     "start off equilibrium": Case(
-        plant_off_equilibrium, IDENTIFY + " --model P1", (0, 1), {"estimates.Kp.value": (1.5, 0.01)}
+        plant_off_equilibrium, P1_MODEL, (0, 1), {"estimates.Kp.value": (1.5, 0.01)}
     ),
-    "clipped output": Case(
-        clipped_plant, IDENTIFY + " --model P1", (0, 1), message="limit of its range|clipped"
-    ),
+    "clipped output": Case(clipped_plant, P1_MODEL, (0, 1), message="limit of its range|clipped"),
     "repeated output": Case(
         slow_output,
-        IDENTIFY + " --model P1",
+        P1_MODEL,
         values={"estimates.Tp1.value": (6.0, 0.02)},
         message="T1 has a new value in 10 % of the rows",
     ),
     "closed loop": Case(closed_loop, IDENTIFY, (1, 2), message="closed loop"),
-    "integrator": Case(integrator, IDENTIFY, (0, 1), message="if the plant integrates"),
+    "integrator": Case(integrator, P1_MODEL, (0, 1), message="if the plant integrates"),
     "integrator, as the message says": Case(
         integrator,
         IDENTIFY + " --model P1I --baseline trend",
