@@ -392,6 +392,8 @@ def parquet_table(path: Path, where: str) -> Table:
             expected=f"at most {UNPACKED_RATIO} times the file's size where it is more than "
             f"{FREE_BYTES / 1e9:.2g} GB",
         )
+    if rows == 0:
+        raise InputError("no rows", where=where)
     metadata = {}
     for key, value in (schema.metadata or {}).items():
         name = key.decode("utf-8", "replace")

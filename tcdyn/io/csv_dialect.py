@@ -24,6 +24,7 @@ from tcdyn.io.times import is_time_name
 
 LINE_END = re.compile(r"\r\n|\n|\r")  # str.splitlines would also split at form feeds and the like
 HEAD_BYTES = 1 << 17  # read to detect the dialect: header and some rows must fit
+LONG_HEAD_BYTES = 1 << 23  # the same where they do not
 DATA_ROWS = 150  # rows of data that suffice to detect the dialect; chosen by judgement
 # a row is data if at least this share of its filled cells can be read; chosen by judgement
 DATA_SHARE = 0.6
@@ -114,21 +115,15 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
     -----
     Encoding, then separator and decimal mark by ``_find_best_layout``, then names and units. UTF-16
     and columns separated by spaces are rewritten in memory, because pyarrow reads neither; such a
-    file cannot be followed while it grows (``tcdyn.io.growing.open_growing``). ``HEAD_BYTES`` must
-    hold a header and some rows: a longer header is not found.
+    file cannot be followed while it grows (``tcdyn.io.growing.open_growing``). The first
+    ``LONG_HEAD_BYTES`` must hold a header and some rows: a longer header is not found.
     """
-    with open(path, "rb") as stream:
-        head = stream.read(HEAD_BYTES)
-    if not head.strip(b"\x00 \r\n\t"):
-        raise InputError(
-            "the file is empty", where=where, expected="a header row and rows of numbers"
-        )
-    encoding = _detect_encoding(head, where)
-    text = head.decode(encoding, errors="replace")
-    lines = LINE_END.split(text)
-    if len(head) >= HEAD_BYTES and len(lines) > 1:
-        lines = lines[:-1]  # the last one may be incomplete
-    layout = _find_best_layout(tuple(lines), frozenset(name.lower() for name in known_names))
+    for size in (HEAD_BYTES, LONG_HEAD_BYTES):
+        with open(path, "rb") as stream:
+            head = stream.read(size)
+        encoding, lines, layout = _layout_of_head(head, size, where, known_names)
+        if layout is not None or len(head) < size:
+            break
     if layout is None:
         text_lines = (line for line in lines if line.strip() and not line.startswith("#"))
         raise InputError(
@@ -223,6 +218,39 @@ def _tabs_for_spaces(text: bytes) -> bytes:
     """The text with one tab for each run of spaces, none at the ends of lines."""
     text = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", text)
     return re.sub(rb"[ \t]+", b"\t", text)
+
+
+def _layout_of_head(
+    head: bytes, size: int, where: str, known_names: Collection[str]
+) -> tuple[str, list[str], _Layout | None]:
+    """Encoding, lines and layout of the first bytes of a file.
+
+    Parameters
+    ----------
+    head
+        The first ``size`` bytes, or all of a shorter file.
+    size
+        Number of bytes that were asked for.
+    where
+        The file, for messages.
+    known_names
+        Names that a header may contain.
+
+    Raises
+    ------
+    InputError
+        For an empty file, and for bytes that are no text.
+    """
+    if not head.strip(b"\x00 \r\n\t"):
+        raise InputError(
+            "the file is empty", where=where, expected="a header row and rows of numbers"
+        )
+    encoding = _detect_encoding(head, where)
+    lines = LINE_END.split(head.decode(encoding, errors="replace"))
+    if len(head) >= size and len(lines) > 1:
+        lines = lines[:-1]  # the last one may be incomplete
+    layout = _find_best_layout(tuple(lines), frozenset(name.lower() for name in known_names))
+    return encoding, lines, layout
 
 
 @lru_cache(maxsize=4)

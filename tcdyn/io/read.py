@@ -48,6 +48,7 @@ __all__ = [
 PARQUET_ENDINGS = (".parquet", ".pq")
 # endings of files of this program that are no logs
 OTHER_ENDINGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
+GZIP_FIRST_BYTES = b"\x1f\x8b"
 SPREADSHEET_FIRST_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # zip archive, old Excel
 MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
@@ -138,6 +139,8 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         return tdms_table(file, where) if is_tdms else parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(FIRST_BYTES):
         return lvm_table(file, where, text_chunks)
+    if head.startswith(GZIP_FIRST_BYTES):
+        raise InputError("this is a compressed file", where=where, remedy="decompress it first")
     if head.startswith(SPREADSHEET_FIRST_BYTES):
         raise InputError(
             "this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV"

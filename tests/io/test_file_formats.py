@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import threading
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -113,6 +115,27 @@ def test_encodings_are_one_table(tmp_path, encoding):
     units = ",".join(["s", "N", "N", "-", "rpm", "rpm"] + ["°C"] * 14)
     text = csv_text(FRAME, units=units).encode(encoding)
     same(write(tmp_path, "log.csv", text))
+
+
+def test_a_compressed_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(gzip.compress(b"time_s,T_degC\n0,1\n"))
+    with pytest.raises(InputError, match="a compressed file; decompress it first"):
+        read.open_table(path)
+
+
+def test_a_header_of_several_hundred_kilobytes_is_found(tmp_path: Path) -> None:
+    names = ["time_s", *(f"{'channel' * 20}_{k}_degC" for k in range(2000))]
+    row = ",".join(["0.123456789"] * len(names))
+    path = tmp_path / "wide.csv"
+    path.write_text("\n".join([",".join(names), row, row, row]) + "\n", encoding="utf-8")
+    assert read.open_table(path).names == tuple(names)
+
+
+def test_a_parquet_file_without_rows_is_refused(tmp_path: Path) -> None:
+    pd.DataFrame({"time_s": [0.0], "T_degC": [20.0]})[:0].to_parquet(tmp_path / "log.parquet")
+    with pytest.raises(InputError, match="no rows"):
+        read.open_table(tmp_path / "log.parquet")
 
 
 @pytest.mark.parametrize(
