@@ -17,13 +17,19 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.updates import find_updates
+from tcdyn.core.findings import Finding, warning
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import EvenTimes, TableSegment, check_numbers, even_times, on_grid
+from tcdyn.sensors.table import (
+    EvenTimes,
+    TableSegment,
+    check_numbers,
+    even_times,
+    on_grid,
+    without_repeats,
+)
 from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
@@ -148,8 +154,10 @@ class TableChannels:
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
                 columns = [on_grid(degC[i], grid, size) for i in indices]
-                for values, i in zip(columns, indices):
-                    findings += _leave_out_repeats(values, group.channels[i].column, grid.dt_s)
+                for k, i in enumerate(indices):
+                    column = group.channels[i].column
+                    columns[k], repeats = without_repeats(columns[k], column, grid.dt_s)
+                    findings += repeats
                 y = np.stack(columns, axis=1)
                 prepared.append(_readings_of(group, indices, y, float(segment.time_s[0]), grid))
         return prepared, findings
@@ -161,16 +169,6 @@ def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
     cold = segment.data[reference] if isinstance(reference, str) else reference
     degC = channel.unit.in_degC(segment.data[channel.column], cold)
     return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
-
-
-def _leave_out_repeats(values: Array, column: str, dt_s: float) -> list[Finding]:
-    """Replace the repeats of a slower column (N,), every ``dt_s`` [s], by NaN; an info, or none."""
-    updates = find_updates(values)
-    if not updates.repeats_values:
-        return []
-    values[~updates.new] = np.nan
-    share = updates.share
-    return [info("sensor.repeats", subject=column, percent=100 * share, interval_s=dt_s / share)]
 
 
 def _readings_of(

@@ -7,7 +7,7 @@ estimators are in the other modules of the package. Tests: ``tests/sensors/test_
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from tcdyn.sensors.pair import EXPONENT, pair_sensor
 from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import BoundaryLayer
-from tcdyn.sensors.table import open_source, read_columns, unique_by_subject
+from tcdyn.sensors.table import open_source, read_columns, unique_by_subject, without_repeats
 from tcdyn.sensors.units import cold_column, match_columns, units_of
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
@@ -63,6 +63,13 @@ class Readings:
     names: tuple[str, ...]
     findings: tuple[Finding, ...]
     inputs: tuple[InputFile, ...]
+
+    def without_repeats(self) -> Readings:
+        """The readings without those of the first column that are only repeated."""
+        dt_s = float(self.time_s[1] - self.time_s[0])
+        first, repeats = without_repeats(self.values[0], self.names[0], dt_s)
+        values = (first, *self.values[1:])
+        return replace(self, values=values, findings=(*self.findings, *repeats))
 
 
 def read_readings(
@@ -247,7 +254,7 @@ def sensor_from_dip(
         )
     dips = []
     for table, entry in zip(tables, entries):
-        dip = read_readings(table, _as_list(column), **reading)
+        dip = read_readings(table, _as_list(column), **reading).without_repeats()
 
         fit = partial(
             plunge_sensor,
@@ -406,7 +413,7 @@ def sensor_from_current(
     True
     """
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
-    table = read_readings(data, columns, [current], **reading)
+    table = read_readings(data, columns, [current], **reading).without_repeats()
 
     fit = partial(
         current_sensor,
@@ -458,7 +465,7 @@ def sensor_from_noise(
     >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
     True
     """
-    table = read_readings(data, _as_list(column), **reading)
+    table = read_readings(data, _as_list(column), **reading).without_repeats()
 
     fit = partial(
         noise_sensor,

@@ -23,6 +23,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.updates import usual_spacing
 from tcdyn.sensors.conduction import conduction_chain, inner_lags
 from tcdyn.sensors.file import (
     SHARES,
@@ -76,7 +77,8 @@ def noise_sensor(
     Parameters
     ----------
     time_s, y_degC
-        Even times (N,) [s] and readings [degC], NaN where missing.
+        Even times (N,) [s] and readings [degC], NaN where missing. Of a column that has a reading
+        in every n-th row, only those rows are used.
     column
         The sensor's column.
     sensor
@@ -116,12 +118,15 @@ def noise_sensor(
     are fewer.
     ``tests/sensors/test_sensor_in_place.py`` fails where the interval no longer holds the lag.
     """
-    dt = float(time_s[1] - time_s[0])
+    rows = np.flatnonzero(np.isfinite(y_degC))
+    spacing = usual_spacing([rows])
+    y_degC = y_degC[rows[0] if len(rows) else 0 :: spacing]
+    dt = spacing * float(time_s[1] - time_s[0])
     finite = np.isfinite(y_degC)
     n = len(finite)
     if finite.mean() < MIN_FINITE_SHARE or n < MIN_ROWS:
         raise InputError(
-            f"{n} rows, {100 * (1 - finite.mean()):.2g} % of them missing",
+            f"{n} rows, {100 * (1 - finite.mean()):.2g} % of them missing or repeated",
             expected=f"at least {MIN_ROWS}, and 1 % at most",
         )
     y = signal.detrend(np.interp(np.arange(n), np.flatnonzero(finite), y_degC[finite]))

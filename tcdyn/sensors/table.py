@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.estimation.updates import find_updates
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
@@ -387,6 +388,33 @@ def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
         value=float(values[int(np.argmax(wrong))]),
     )
     return np.where(wrong, np.nan, values), [codes]
+
+
+def without_repeats(values: Array, column: str, dt_s: float) -> tuple[Array, list[Finding]]:
+    """Replace the values that a logger repeats, until its sensor has a new one, by NaN.
+
+    Parameters
+    ----------
+    values
+        Readings (N,) on even times.
+    column
+        Name of the column.
+    dt_s
+        Interval of the rows [s].
+
+    Returns
+    -------
+    values
+        Readings (N,).
+    findings
+        Empty, or an info with the interval of the new values.
+    """
+    updates = find_updates(values)
+    if not updates.repeats_values:
+        return values, []
+    share = updates.share
+    repeats = info("sensor.repeats", subject=column, percent=100 * share, interval_s=dt_s / share)
+    return np.where(updates.new, values, np.nan), [repeats]
 
 
 def check_gaps(time_s: Array, dt_s: float, where: str) -> None:

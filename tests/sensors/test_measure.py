@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import signal
 
 import tcdyn
 from tcdyn.core.errors import InputError
@@ -83,3 +84,38 @@ def test_every_form_of_a_dip_gives_the_same_lag_which_is_the_true_one(tmp_path: 
 def test_unusable_data_are_refused_with_a_hint(call: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         call()
+
+
+def repeated(values: np.ndarray, period: int) -> np.ndarray:
+    """A column with a new value every ``period`` rows."""
+    return values[np.arange(len(values)) // period * period]
+
+
+@pytest.mark.parametrize("period", [5, 20])
+@pytest.mark.parametrize("entry_s", [None, (ENTRY_S, 0.02)])
+def test_a_dip_of_a_column_with_repeated_values_has_the_true_lag(
+    period: int, entry_s: tuple[float, float] | None
+) -> None:
+    """With the repeats and a known entry the lag was 0.5 s too long at 20 rows."""
+    t = 0.05 * np.arange(1200)
+    rise = np.where(t > ENTRY_S, 1 - np.exp(-(t - ENTRY_S) / LAG_S), 0.0)
+    y = 20 + 60 * rise + np.random.default_rng(1).normal(0.0, 0.05, len(t))
+    sensor = tcdyn.sensor_from_dip((t, repeated(y, period)), "T1", entry_s=entry_s)
+    lag = sensor.chain.channels["T1"].lag_s
+    assert abs(lag.value - LAG_S) < 3 * lag.u
+    assert lag.u < 0.06
+    assert "sensor.repeats" in {f.code for f in sensor.findings}
+
+
+def test_the_noise_of_a_column_with_repeated_values_is_that_of_its_new_values() -> None:
+    rng = np.random.default_rng(3)
+    keep = np.exp(-0.01)
+    y = signal.lfilter([1 - keep], [1, -keep], rng.normal(0, 8, 120_000))[::5] + 50
+    y += rng.normal(0, 0.005, len(y))
+    t = 0.05 * np.arange(len(y))
+    rare = tcdyn.sensor_from_noise((t[::5], y[::5]), "T1").fit["lag_s"]
+    assert tcdyn.sensor_from_noise((t, repeated(y, 5)), "T1").fit["lag_s"] == rare
+    is_new = rng.random(len(y)) < 0.2
+    rows = np.maximum.accumulate(np.where(is_new, np.arange(len(y)), 0))
+    with pytest.raises(InputError, match="missing or repeated"):
+        tcdyn.sensor_from_noise((t, y[rows]), "T1")
