@@ -124,6 +124,20 @@ def test_autoregressions_recover_the_noise_and_use_no_pair_across_a_gap() -> Non
     assert np.all(np.abs(white.ar) < 0.07)
 
 
+def test_the_order_of_an_autoregression_has_the_least_aicc_of_a_short_record() -> None:
+    """By regressions on the record's autocovariance, which the function does not use."""
+    for seed in range(60):
+        e = lfilter([1.0], [1.0, -0.5], np.random.default_rng(seed).normal(size=40))
+        n = len(e)
+        r = np.array([e[k:] @ e[: n - k] for k in range(5)]) / n
+        scores = [n * np.log(r[0])]
+        for p in range(1, 5):
+            covariance = r[np.abs(np.subtract.outer(np.arange(p), np.arange(p)))]
+            variance = r[0] - r[1 : p + 1] @ np.linalg.solve(covariance, r[1 : p + 1])
+            scores.append(n * np.log(variance) + 2 * p * (1 + (p + 1) / (n - p - 1)))
+        assert len(fit_ar(e, [slice(0, n)]).ar) == np.argmin(scores)
+
+
 def test_sandwich_of_white_residuals_is_the_classical_covariance_with_prior() -> None:
     """s^2 (J'J + K)^-1, with J'J in units of the residual variance and K of the prior in the same
     units."""

@@ -113,6 +113,23 @@ def test_harmonic_of_junctions_at_one_angle_is_a_common_offset() -> None:
     assert np.abs(harmonic_effect(SETUP, 280.0, static)).max() > 0.9
 
 
+def test_amplitude_and_angle_of_a_level_are_those_of_its_vector() -> None:
+    """A level of 3 and 4 K with 0.1 K in each component: 5 K at 53.13 deg, 0.1/5 rad across it."""
+    size = len(FIRST_HARMONIC)
+    harmonic = AngularHarmonic(
+        prior_K=np.ones(4),
+        estimate=np.r_[3.0, 4.0, np.zeros(size - 2)],
+        covariance=0.01 * np.eye(size),
+    )
+    for estimate, value, u in (
+        (harmonic.amplitude_K, 5.0, 0.1),
+        (harmonic.hottest_angle_deg, np.rad2deg(np.arctan2(4, 3)), np.rad2deg(0.1 / 5)),
+    ):
+        interval = [estimate.value, estimate.u, estimate.low95, estimate.high95]
+        assert interval == pytest.approx([value, u, value - 1.96 * u, value + 1.96 * u], rel=1e-4)
+    assert harmonic.significance == pytest.approx(50.0)
+
+
 def test_remaining_harmonic_has_the_covariance_of_the_fit() -> None:
     """A covariance of a hundredth of the prior gives effects of a tenth of those of the prior."""
     change = np.zeros((0, 2, 3))

@@ -322,6 +322,14 @@ def test_a_slow_path_that_has_not_settled_is_a_warning() -> None:
     assert {f.code for f in made.findings} & {"sensor.slow_or_drift", "sensor.cut_off"}
 
 
+def test_a_small_step_at_a_high_temperature_begins_where_it_does() -> None:
+    """Its limit is a share of the change, and not of the temperature."""
+    t = 0.05 * np.arange(1200)
+    noise = np.random.default_rng(0).normal(0, 0.002, len(t))
+    y = 900 + 4 * (1 - np.exp(-np.maximum(t - 10, 0) / 2)) + noise
+    assert abs(find_step(y, 0.05).entry_s - 10) < 0.15
+
+
 def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:
     t, y, _ = plunged((1.5,), 0.05, 500, 0.1, 2)
     with pytest.raises(InputError, match="no step"):
