@@ -10,6 +10,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.estimation.trace_noise import MAX_MISSING_FRACTION
 from tcdyn.rig.check_columns import ColumnCheck, RunStatistics
+from tcdyn.rig.oven_log import oven_frame
 
 NOISY_COLUMN = 60 + np.random.default_rng(0).normal(0, 0.1, 400)  # no two are the same
 
@@ -149,3 +150,13 @@ def test_coarse_steps_of_a_logger_are_not_mistaken_for_a_dead_channel() -> None:
     values[-1] += 0.01
     with pytest.raises(InputError, match="stays at"):
         column_findings(values)
+
+
+def test_an_oven_log_without_repeats_counts_the_visits_of_each_set_point() -> None:
+    """Two rows at each of 20, 40, 20, 60, 40 degC."""
+    level = np.repeat([20.0, 40.0, 20.0, 60.0, 40.0], 2)
+    columns = {"setpoint_degC": level, "prt_degC": level + 0.1}
+    columns |= {f"{letter}_degC": level + 0.3 for letter in "abcdef"}
+    frame, findings = oven_frame(columns, SampleLocation("oven.csv", 2))
+    assert frame["repeat"].tolist() == [1, 1, 1, 1, 2, 2, 1, 1, 2, 2]
+    assert "oven.no_repeat" in {finding.code for finding in findings}
