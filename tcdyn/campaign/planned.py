@@ -283,24 +283,32 @@ def predict_campaign(
 
 
 def expected_widening(posterior: Posterior) -> Posterior:
-    """Widen a posterior by the expected square of Birge's ratio, which is at least one.
+    """Widen a posterior by the expected square of Birge's ratio.
 
-    E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, as many as the
-    data determine of the shared quantities; Y has v + 2.
-
-    Notes
-    -----
-    E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, as many as the
-    data determine of the shared quantities; Y has v + 2. The ratio is
-    ``tcdyn.campaign.posterior.birge_ratio_squared``.
+    The ratio is ``tcdyn.campaign.posterior.birge_ratio_squared``, for as many degrees of freedom as
+    the data determine of the shared quantities.
     """
-    dof = determined_dof(posterior.shared_covariance)
-    widened = float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
+    widened = expected_ratio_squared(determined_dof(posterior.shared_covariance))
     sensitivity = shared_sensitivity(posterior.reduced_tests, posterior.shared)
     added = (
         (widened - posterior.inflation) * sensitivity @ posterior.shared_covariance @ sensitivity.T
     )
     return replace(posterior, covariance=posterior.covariance + added, inflation=widened)
+
+
+def expected_ratio_squared(dof: float) -> float:
+    """Return the expected square of Birge's ratio, which is at least one.
+
+    Notes
+    -----
+    E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, Y has v + 2.
+
+    Examples
+    --------
+    >>> round(expected_ratio_squared(2), 4)
+    1.3679
+    """
+    return float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
 
 
 def planned_statistics(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientStatistics:

@@ -169,6 +169,15 @@ def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() ->
     )  # half a step of height 8 at 3 s, of 1 ms
 
 
+def test_a_jump_of_unknown_instant_is_spread_evenly_over_its_width() -> None:
+    """Of a jump spread over 2 s around 5 s, each knot gets the share of its half intervals."""
+    burst = Burst(5.0, 8.0, 2.0, level_sd=0.5, slope_sd=3.0, width_s=2.0)
+    knots = np.array([3.0, 4.5, 5.0, 5.25, 7.0])  # ends of the shares: 3.75, 4.75, 5.125, 6.125
+    level, slope = jumps_at([Intensity((0.0,), (1.0,), (burst,))], knots)[:, 0].T
+    assert level == pytest.approx(0.25 * np.array([0.0, 0.375, 0.1875, 0.4375, 0.0]))
+    assert slope.tolist() == [0.0, 0.0, 9.0, 0.0, 0.0]
+
+
 def test_what_rests_and_what_is_missing_is_told_with_its_share() -> None:
     y = trace(400, jump=0.0)
     y[300:340, 0] = y[300, 0]  # of 400: stands still for two seconds
