@@ -12,7 +12,13 @@ from tcdyn.cli.identify import _files_of_outputs
 from tcdyn.cli.simulate import _check_demo_folder
 from tcdyn.core.errors import InputError
 from tcdyn.io.read import sha256_of_file
-from tcdyn.io.write import atomic_path, check_may_replace, removed_on_failure, write_text
+from tcdyn.io.write import (
+    atomic_path,
+    check_may_replace,
+    contains_checksum_of,
+    removed_on_failure,
+    write_text,
+)
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.sensors import read_sensor
 from tcdyn.simulate.campaign import simulate_campaign
@@ -256,3 +262,14 @@ def test_the_demo_may_replace_the_results_of_an_earlier_one(tmp_path: Path) -> N
     with pytest.raises(InputError, match="exists already"):
         _check_demo_folder(tmp_path, ("B3",), overwrite=False)
     _check_demo_folder(tmp_path, ("B3",), overwrite=True)
+
+
+def test_the_checksum_of_an_input_is_found_at_the_end_of_a_large_output(tmp_path: Path) -> None:
+    """Parquet has its metadata there."""
+    log = tmp_path / "log.csv"
+    log.write_text("time_s,T_degC\n0,1\n", encoding="utf-8")
+    out = tmp_path / "out.parquet"
+    out.write_bytes(bytes(3_000_000) + sha256_of_file(log).encode() + bytes(1000))
+    assert contains_checksum_of(out, [log])
+    out.write_bytes(bytes(3_000_000))
+    assert not contains_checksum_of(out, [log])

@@ -116,6 +116,21 @@ def test_change_by_the_exponent_is_that_between_two_exponents() -> None:
     np.testing.assert_allclose(by_exponent, expected, atol=0.01 * np.abs(expected).max())
 
 
+def test_the_air_of_a_slow_disk_is_warmer_by_the_heat_that_it_does_not_lose() -> None:
+    """A disk at rest loses nothing: the air has the temperature of its surface."""
+    study = clean_rig("brake 3 s")
+    disk = study.test.disks["fast"]
+    speed = {"fast": np.full(len(study.test.time_s), 0.5)}
+    rows = fit_rows(study.test, 10.0)
+    slow = replace(study.test, relative_speed=speed)
+    quarter, half = (
+        _slowing_air_offset(replace(slow, speed_exponent=n), disk, rows, 0.7, 700.0)[rows, 0]
+        for n in (np.log2(4 / 3), 1.0)
+    )
+    assert half.min() > 1.0
+    np.testing.assert_allclose(half, 2 * quarter, rtol=1e-9)
+
+
 @pytest.mark.long
 @pytest.mark.study
 def test_unit_relative_speed_does_not_change_the_estimates() -> None:
