@@ -11,6 +11,7 @@ import pytest
 from tcdyn.cli.identify import _files_of_outputs
 from tcdyn.cli.simulate import _check_demo_folder
 from tcdyn.core.errors import InputError
+from tcdyn.io import write
 from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import (
     atomic_path,
@@ -264,12 +265,15 @@ def test_the_demo_may_replace_the_results_of_an_earlier_one(tmp_path: Path) -> N
     _check_demo_folder(tmp_path, ("B3",), overwrite=True)
 
 
-def test_the_checksum_of_an_input_is_found_at_the_end_of_a_large_output(tmp_path: Path) -> None:
+def test_the_checksum_of_an_input_is_found_at_the_end_of_a_large_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Parquet has its metadata there."""
+    monkeypatch.setattr(write, "SEARCHED_BYTES", 1000)
     log = tmp_path / "log.csv"
     log.write_text("time_s,T_degC\n0,1\n", encoding="utf-8")
     out = tmp_path / "out.parquet"
-    out.write_bytes(bytes(3_000_000) + sha256_of_file(log).encode() + bytes(1000))
+    out.write_bytes(bytes(300_000) + sha256_of_file(log).encode() + bytes(1000))
     assert contains_checksum_of(out, [log])
-    out.write_bytes(bytes(3_000_000))
+    out.write_bytes(bytes(300_000))
     assert not contains_checksum_of(out, [log])
