@@ -28,7 +28,7 @@ from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
 from tcdyn.cli.stop_signals import stop_signals
-from tcdyn.cli.streams import escape_what_cannot_be_encoded, message_stream
+from tcdyn.cli.streams import message_stream, result_stream
 from tcdyn.cli.verify import verify
 from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
@@ -360,7 +360,7 @@ def main() -> None:
     _stop_as_with_ctrl_c()
     sys.unraisablehook = _repeat_lost_interrupt
     sys.stderr = message_stream(sys.stderr)
-    escape_what_cannot_be_encoded(sys.stdout)
+    sys.stdout = result_stream(sys.stdout)
     code = run(partial(app, with_new_options(sys.argv[1:])))
     try:
         sys.stdout.flush()

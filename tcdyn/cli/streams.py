@@ -53,29 +53,32 @@ def message_stream(stream: TextIO | None) -> TextIO:
     )
 
 
-def escape_what_cannot_be_encoded(stream: TextIO) -> None:
-    """Let a stream write characters that its encoding does not have as escapes.
+def result_stream(stream: TextIO | None) -> TextIO:
+    """A stream for results in the place of standard output.
 
-    Windows redirects to a file in the encoding of its language, in which a name or a unit may be
-    missing; Python would raise an exception.
+    Characters that its encoding does not have are written as escapes. Windows redirects to a file
+    in the encoding of its language, in which a name or a unit may be missing; Python would raise an
+    exception.
 
     Parameters
     ----------
     stream
-        Standard output; one that a caller replaced is not changed.
+        Standard output; one that a caller replaced is not changed. None if it is closed.
 
     Examples
     --------
-    >>> stream = io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
-    >>> escape_what_cannot_be_encoded(stream)
+    >>> stream = result_stream(io.TextIOWrapper(io.BytesIO(), encoding="cp1252"))
     >>> stream.write("β in °C")
     7
     >>> stream.flush()
     >>> stream.buffer.getvalue()
     b'\\\\u03b2 in \\xb0C'
     """
+    if stream is None:
+        return open(os.devnull, "w", encoding="utf-8")
     if isinstance(stream, io.TextIOWrapper):
         stream.reconfigure(errors="backslashreplace")
+    return stream
 
 
 def json_for_stream(text: str, stream: TextIO) -> str:

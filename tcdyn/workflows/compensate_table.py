@@ -14,7 +14,7 @@ from typing import Any, Unpack
 import pandas as pd
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
@@ -193,12 +193,15 @@ def compensate_table(
             findings.append(
                 warning("sensor.brief", subject=channel.column, duration_s=duration_s, lag_s=lag_s)
             )
+    uncertainties = totals.table(list(raw.channels.units))
+    if uncertainties["sd_typical_K"].isna().all():
+        findings.append(error("sensor.nothing", subject=", ".join(raw.channels.units)))
     return CompensatedTable(
         out_path,
         totals.rows,
         raw.channels.channels,
         raw.carried,
-        totals.table(list(raw.channels.units)),
+        uncertainties,
         totals.metadata,
         unique_by_subject(findings),
     )

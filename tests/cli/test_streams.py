@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tcdyn.cli.app import app, run
-from tcdyn.cli.streams import escape_what_cannot_be_encoded, message_stream
+from tcdyn.cli.streams import message_stream, result_stream
 from tests.cli.fault_commands import small_files
 
 COMMAND = [sys.executable, "-m", "tcdyn"]
@@ -53,7 +53,7 @@ def test_names_that_the_encoding_of_the_output_lacks_are_escaped(
     """As on Windows, where a file has the encoding of the language."""
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding="cp1252")
-    escape_what_cannot_be_encoded(stream)
+    assert result_stream(stream) is stream
     monkeypatch.setattr(sys, "stdout", stream)
     name = "\u03b2 \U0001f321 \xb0"
     words = ["sensor", "new", "--tau-s", "1+-0.1", "--column", "T1", "--name", name]
@@ -77,3 +77,14 @@ def test_a_process_with_a_full_or_closed_standard_error_ends_as_without(
     shell = ["bash", "-c", f'"$@" {redirection}', "bash", *words]
     faulty = subprocess.run(shell, stdout=subprocess.PIPE, text=True)
     assert (faulty.returncode, faulty.stdout) == (sound.returncode, sound.stdout)
+
+
+@pytest.mark.e2e
+@pytest.mark.parametrize("redirection", [">&-", "<&-", ">&- 2>&- <&-"])
+def test_a_process_with_closed_streams_ends_as_without(redirection: str, tmp_path: Path) -> None:
+    for words in words_of(tmp_path).values():
+        sound = subprocess.run([*COMMAND, *words], capture_output=True, text=True)
+        shell = ["bash", "-c", f'"$@" {redirection}', "bash", *COMMAND, *words]
+        faulty = subprocess.run(shell, stderr=subprocess.PIPE, text=True)
+        assert faulty.returncode == sound.returncode
+        assert faulty.stderr == ("" if "2>&-" in redirection else sound.stderr)

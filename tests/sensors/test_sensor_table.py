@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain, sensors
@@ -23,6 +24,7 @@ from tcdyn.sensors.table import (
 from tcdyn.smoothing import Intensity
 from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.process_noise import FLOOR
+from tests.cli.test_main_job import tcdyn
 from tests.sensors.sensor_world import Array
 
 T = np.arange(60) / 8  # eighths of a second are exact
@@ -196,3 +198,18 @@ def test_an_error_leaves_no_open_reader_behind() -> None:
         list(source.read_chunks(["T1"]))
     assert closed == [True]
     assert caught.tb is not None
+
+
+def test_a_table_in_which_nothing_can_be_compensated_has_no_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its rows are a million times slower than the sensor, as with a wrong unit of the time."""
+    reading = 20 + 50 * (np.arange(200) > 100) + np.random.default_rng(0).normal(0, 0.05, 200)
+    frame = pd.DataFrame({"time_s": 1e6 * np.arange(200), "T_degC": reading})
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    sensor = ("sensor", "new", "--tau-s", "1+-0.1", "--column", "T*", "--out", tmp_path / "s.json")
+    assert tcdyn(*sensor) == 0
+    words = ("compensate", tmp_path / "log.csv", "--sensor", tmp_path / "s.json")
+    assert tcdyn(*words, "--out", tmp_path / "out.csv") == 1
+    assert "nothing could be compensated in T_degC" in capsys.readouterr().err
+    assert pd.read_csv(tmp_path / "out.csv")["T_degC"].isna().all()

@@ -175,6 +175,7 @@ SENSOR: dict[str, Message] = {
     "quarter of the record as in another: the process is not steady",
     "sensor.noise_misfit": "{subject}: the spectrum is not that of white fluctuations through one "
     "or two lags (p = {p_value:.1g}): do not use the lag",
+    "sensor.nothing": "nothing could be compensated in {subject}: the results are empty",
     "sensor.brief": "column {subject}: the table lasts {duration_s:.3g} s, less than the lag of "
     "{lag_s:.3g} s: is its time in another unit?",
     "sensor.unit_contradicted": "column {subject} is taken in {unit}, as requested, although its "
