@@ -188,10 +188,11 @@ def compare_lengths(log: Path, lengths: list[int], records: list[object]) -> Non
         for name, source, out in (
             ("compensate", long_log, "longer.out.csv"),
             ("compensate, Parquet", parquet, "longer.out.parquet"),
-            ("rig", "beta", long_log, "longer.json"),
+            ("rig beta", long_log, "longer.json"),
         ):
-            words = (name.split(",")[0], source, *records, "--out", folder / out, "-q")
-            jobs[name] = partial(command, *words)
+            words = name.partition(",")[0].split()
+            options = ("--out", folder / out, "--overwrite", "-q")
+            jobs[name] = partial(command, *words, source, *records, *options)
         for name, job in jobs.items():
             took, memory = job()
             measurements.append((name, rows, took))
