@@ -188,7 +188,7 @@ def closed_loop() -> Lines:
 def integrator() -> Lines:
     """A plant that integrates: 0.01 K/s for each unit."""
     rng = np.random.default_rng(4)
-    rows = 1500
+    rows = 800
     heater = np.repeat(rng.choice([0.0, 50.0], rows // 60 + 1), 60)[:rows]
     y = 20 + 0.01 * np.concatenate([[0.0], np.cumsum(heater - 25)[:-1]])
     y = y + rng.normal(0, 0.02, rows)

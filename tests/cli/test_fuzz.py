@@ -21,7 +21,7 @@ from tests.cli.test_main_job import tcdyn
 NUMBER = st.integers(0, 1 << 30)
 # About 20 s each; `python -m tests.cli.fuzz inputs 2000 SEED` runs more.
 BUDGET = settings(
-    max_examples=40,
+    max_examples=30,
     deadline=None,
     derandomize=True,
     database=None,

@@ -80,11 +80,11 @@ def test_a_process_with_a_full_or_closed_standard_error_ends_as_without(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("redirection", [">&-", "<&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize("redirection", [">&-", ">&- 2>&- <&-"])
 def test_a_process_with_closed_streams_ends_as_without(redirection: str, tmp_path: Path) -> None:
-    for words in words_of(tmp_path).values():
-        sound = subprocess.run([*COMMAND, *words], capture_output=True, text=True)
-        shell = ["bash", "-c", f'"$@" {redirection}', "bash", *COMMAND, *words]
-        faulty = subprocess.run(shell, stderr=subprocess.PIPE, text=True)
-        assert faulty.returncode == sound.returncode
-        assert faulty.stderr == ("" if "2>&-" in redirection else sound.stderr)
+    words = [*COMMAND, *words_of(tmp_path)["warns"]]
+    sound = subprocess.run(words, capture_output=True, text=True)
+    shell = ["bash", "-c", f'"$@" {redirection}', "bash", *words]
+    faulty = subprocess.run(shell, stderr=subprocess.PIPE, text=True)
+    assert faulty.returncode == sound.returncode
+    assert faulty.stderr == ("" if "2>&-" in redirection else sound.stderr)
