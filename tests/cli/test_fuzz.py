@@ -19,9 +19,9 @@ from tests.cli.fuzz import COMMANDS, WORDS, World, absurd_options, fuzzed_input
 from tests.cli.test_main_job import tcdyn
 
 NUMBER = st.integers(0, 1 << 30)
-# About 20 s each; `python -m tests.cli.fuzz inputs 2000 SEED` runs more.
+# About 15 s each; `python -m tests.cli.fuzz inputs 2000 SEED` runs more.
 BUDGET = settings(
-    max_examples=30,
+    max_examples=20,
     deadline=None,
     derandomize=True,
     database=None,

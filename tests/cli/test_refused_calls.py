@@ -38,7 +38,7 @@ WITHOUT_RIG = (
 )
 RECORD = ("rig", "record show", "record diff", "record check")
 # Of the long commands, those that run without ``--full``.
-SHORTEST = ("calibrate", "beta of one disk")
+SHORTEST = ("calibrate",)
 REST = tuple(name for name in QUICK if name not in (*WITHOUT_RIG, *RECORD))
 
 

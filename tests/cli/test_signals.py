@@ -35,7 +35,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 @ON_LINUX
 @pytest.mark.e2e
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.long) for s in (1, 2))])
 def test_a_campaign_that_is_stopped_leaves_no_worker_and_no_shared_memory(
     world: World, tmp_path: Path, seed: int
 ) -> None:

@@ -74,6 +74,7 @@ def test_widened_interval_covers_the_lag_missed_by_the_wrong_structure() -> None
     assert {s.source for s in after.budget} >= {"everything", "choice of chain structure"}
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_true_structure_gives_no_warning_and_little_widening() -> None:
     before, after = fitted("P2", 0.75)

@@ -61,6 +61,7 @@ def test_junction_half_a_millimetre_off_is_identified() -> None:
     assert "junction e of the fast disk" in crosscheck.sentence
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_uncompensated_lag_is_identified() -> None:
     study = study_rig(3, "D4", lag_error_s=-0.6)

@@ -70,7 +70,7 @@ def test_beta_of_the_joint_fit_is_correct_without_any_one_channel(
     scope="module",
     params=[
         pytest.param("slow_a", marks=pytest.mark.study),
-        pytest.param("slow_d", marks=pytest.mark.study),
+        pytest.param("slow_d", marks=[pytest.mark.study, pytest.mark.long]),
         pytest.param("slow_b", marks=pytest.mark.study),
     ],
 )

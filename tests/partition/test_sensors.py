@@ -216,7 +216,7 @@ def test_effects_match_finite_differences_of_the_response(b3: EhlTest) -> None:
         ("fast", "cd"),
         ("slow", "be"),
         *(
-            pytest.param(*case, marks=pytest.mark.study)
+            pytest.param(*case, marks=[pytest.mark.study, pytest.mark.long])
             for case in (
                 ("fast", "ae"),
                 ("fast", "ab"),

@@ -172,12 +172,15 @@ def test_braked_disks_with_second_contact_give_correct_lags_and_beta(
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("world", DEFAULT[::2])
+@pytest.mark.parametrize(
+    "world", [DEFAULT[0], *(pytest.param(name, marks=pytest.mark.long) for name in DEFAULT[1:])]
+)
 def test_each_event_after_unloading_gives_correct_lags_and_beta(world: str) -> None:
     study = study_rig(5200, options=replace(QUICK, **WORLDS[world]))
     assert_estimates_within_tolerance(study_errors(study, study.analyse()))
 
 
+@pytest.mark.long
 def test_braking_and_second_contact_are_reported_and_exponent_is_in_the_budget(
     braked_with_second_contact: tuple[StudyRig, Partition],
 ) -> None:

@@ -114,6 +114,7 @@ def level_error_K(study: StudyRig, harmonic: AngularHarmonic) -> np.ndarray:
     return harmonic.level_K - expected["amplitude_K"] * np.array([np.cos(angle), np.sin(angle)])
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_correct_press_fit_serves_as_prior() -> None:
     """First harmonic within its 99 % region; second within two standard uncertainties of what is

@@ -96,7 +96,7 @@ def test_prior_is_half_for_the_assumed_form_and_the_rest_shared(
     ("world", "model_form"),
     [
         ("flux 1 mm", "flux_shift"),
-        pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.study),
+        pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.long),
     ],
 )
 def test_true_model_form_is_identified(world: str, model_form: str) -> None:

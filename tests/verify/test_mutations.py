@@ -27,6 +27,7 @@ def test_text_that_occurs_twice_raises():
         Mutation("x", "f.py", "a", "b", "t.py").changed("a a")
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_verify_detects_24_of_30_mutations_and_unit_tests_all_but_one(draws):
     count = draws(len(MUTATIONS))
