@@ -70,6 +70,8 @@ KINK_ROUGHNESS = 3.0
 COARSE_TIMES = 13
 FINE_TIMES = 7
 FINE_REACH_SD = 2.5
+# knots around a jump that is still in the data within which its time may lie
+JUMP_WINDOW = 5
 # weights below this share are left out of the average
 MIN_WEIGHT = 0.01
 
@@ -204,22 +206,33 @@ def remaining_jump(fit: Smoothed) -> Array:
     Notes
     -----
     The most likely jump at a knot is the adjoint over its variance. It counts where the score test
-    of ``candidate_times`` is significant, and in the intervals beside.
+    of ``candidate_times`` is significant, and in the two intervals on either side. Soon after a
+    hidden event another jump is likely (the second edge of a pulse), so that the threshold is lower
+    there.
     """
-    threshold = 2 * np.log(fit.jump_chi2.size / FALSE_CANDIDATES)
     chi2 = fit.jump_chi2.copy()
     chi2[:3] = 0.0
     chi2[-3:] = 0.0
     out = np.zeros_like(fit.predicted)
     t = np.arange(len(out)) * fit.record.dt_s
     knots = fit.knots_s[:-1]
-    free_s = {b.start_s for q in fit.intensities for b in q.bursts} | set(fit.record.events_s)
-    chi2[np.isin(knots, list(free_s))] = 0.0  # there a jump has its own prior
-    for c in np.flatnonzero((chi2 > threshold).any(axis=0)):
+    listed_s = set(fit.record.events_s)
+    hidden_s = {b.start_s for q in fit.intensities for b in q.bursts} - listed_s
+    chi2[np.isin(knots, [*listed_s, *hidden_s])] = 0.0  # there a jump has its own prior
+    after_s = knots[:, None] - sorted(hidden_s)
+    is_after = ((after_s > 0) & (after_s < smearing_time_s(fit.record))).any(axis=1)
+    count_after = max(int(is_after.sum()) * chi2.shape[1], 1)
+    threshold = np.where(
+        is_after,
+        2 * np.log(count_after / MORE_FALSE_CANDIDATES),
+        2 * np.log(chi2.size / FALSE_CANDIDATES),
+    )[:, None]
+    significant = chi2 > threshold
+    for c in np.flatnonzero(significant.any(axis=0)):
         with np.errstate(over="ignore"):  # no jump is determined where the variance is zero
             jump = 0.5 * np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
-        jump = np.where(chi2[:, c] > threshold, jump, 0.0)
-        out[:, c] = np.interp(t, knots, maximum_filter1d(jump, 3))
+        jump = np.where(significant[:, c], jump, 0.0)
+        out[:, c] = np.interp(t, knots, maximum_filter1d(jump, JUMP_WINDOW))
     return out
 
 

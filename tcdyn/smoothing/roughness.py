@@ -68,6 +68,8 @@ SPECTRUM_START = 0.2
 MIN_FREQUENCIES = 50
 # bands in which the spectrum is averaged, at most
 MAX_BANDS = 200
+# degrees of freedom up to which the uncertainty of an intensity widens the band noticeably
+FEW_DOF_OF_BAND = 30.0
 
 
 def select_channels(record: Record, channels: Flags) -> Record:
@@ -299,6 +301,15 @@ def _divide_blocks(fit: Smoothed, channel: int, intensity: Intensity) -> Intensi
     )
 
 
+def _scaled(intensity: Intensity, factor: float) -> Intensity:
+    """An intensity whose slope noise and level noise, but not its bursts, have another factor."""
+    return replace(
+        intensity,
+        levels=tuple(v * factor for v in intensity.levels),
+        level_noise=tuple(v * factor for v in intensity.level_noise),
+    )
+
+
 def with_least_risk(fit: Smoothed) -> Smoothed:
     """Smooth again with smaller intensities in those blocks where the predicted readings become
     clearly better.
@@ -335,23 +346,13 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
             out.append((np.asarray(risk, dtype=float), np.asarray(effective, dtype=float)))
         return out
 
-    def scaled(scale: float) -> list[Intensity]:
-        """The intensities of the fit, all multiplied by one factor."""
-        return [
-            replace(
-                q,
-                levels=tuple(v * scale for v in q.levels),
-                level_noise=tuple(v * scale for v in q.level_noise),
-            )
-            for q in fit.intensities
-        ]
-
     first = risks(fit)
     best = [risk.copy() for risk, _ in first]
     best_total = [float(risk.sum()) for risk, _ in first]
     totals = np.ones(len(factors))
     for scale in RISK_FACTORS:
-        trial = risks(smooth_record(record, fit.noise_var, scaled(scale)))
+        scaled = [_scaled(q, scale) for q in fit.intensities]
+        trial = risks(smooth_record(record, fit.noise_var, scaled))
         for c, (risk, freedom) in enumerate(trial):
             start_risk, start_freedom = first[c]
             saved = np.maximum(start_freedom - freedom, 0.0)
@@ -390,6 +391,38 @@ def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
     for index, q in zip(np.flatnonzero(channels).tolist(), rougher):
         intensities[index] = q
     return smooth_record(fit.record, fit.noise_var, intensities)
+
+
+def intensity_var(fit: Smoothed) -> Array:
+    """Variance (N, M) [K2] that the band misses because its intensities are estimates.
+
+    Notes
+    -----
+    Of d degrees of freedom of the process noise, the logarithm of an intensity has the standard
+    deviation u = sqrt(2 / d). The result is the rise of the variance for exp(u) times the intensity
+    and the square of the change of the temperature. It is zero where d exceeds
+    ``FEW_DOF_OF_BAND``.
+    """
+    knots = fit.knots_s[:-1]
+    dof = np.zeros(len(fit.intensities))
+    for c, q in enumerate(fit.intensities):
+        weight = np.stack([level_noise_at([q], knots)[0], q.at(knots)], axis=1)
+        _, expected = score_sums(fit, c, knots[:1], weight)
+        dof[c] = expected.sum()
+    few = dof < FEW_DOF_OF_BAND
+    out = np.zeros_like(fit.predicted)
+    if not few.any():
+        return out
+    factors = np.exp(np.sqrt(2 / np.maximum(dof[few], 1.0))).tolist()
+    chosen = [q for q, use in zip(fit.intensities, few) if use]
+    higher = [_scaled(q, factor) for q, factor in zip(chosen, factors)]
+    record = select_channels(fit.record, few)
+    samples = fit.at_samples()
+    rougher = smooth_record(record, fit.noise_var[few], higher).at_samples()
+    rise = np.maximum(rougher.sd**2 - samples.sd[:, few] ** 2, 0.0)
+    change_K = rougher.temperature - samples.temperature[:, few]
+    out[:, few] = rise + change_K**2
+    return out
 
 
 def unresolved_var(fit: Smoothed) -> Array:

@@ -43,7 +43,12 @@ from tcdyn.smoothing.process_noise import (
     tradeoff_curve,
 )
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
-from tcdyn.smoothing.roughness import refine, unresolved_var, with_least_risk
+from tcdyn.smoothing.roughness import (
+    intensity_var,
+    refine,
+    unresolved_var,
+    with_least_risk,
+)
 from tcdyn.smoothing.rts import rts_smooth
 from tcdyn.smoothing.state_space import Smoothed, full_model, likelihood, smooth_record
 
@@ -206,7 +211,7 @@ def smooth(
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     if intensity is None:
         sd = np.hypot(sd, jump_K)
-        sd = np.hypot(sd, np.sqrt(unresolved_var(fit)))
+        sd = np.sqrt(sd**2 + unresolved_var(fit) + intensity_var(fit))
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
         sd = np.hypot(sd, shift_K)
