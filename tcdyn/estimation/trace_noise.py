@@ -51,6 +51,10 @@ MIN_NOISE_SAMPLES = 15
 # share of samples with a fourth difference below which missing samples are skipped; chosen by
 # judgement
 MIN_DIFFERENCES_SHARE = 0.05
+# share of the limit of a spike within which a sample lies on a line, and samples of that line; of
+# triangle waves with spikes, these leave the fewest errors of both kinds
+KINK_SHARE = 0.7
+LINE_SAMPLES = 3
 # share of samples that differ from the one before, where the noise is about one step of the logger;
 # chosen by judgement
 MAX_CHANGING_SHARE = 0.7
@@ -263,7 +267,7 @@ def rounding_sd(x: Array) -> float:
 def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -> Flags:
     """Outlier rejection: samples of ``values`` (N,) that are spikes by ``rule``.
 
-    A ramp or a clean step is no spike: the median follows both. NaN is never a spike.
+    A ramp, a clean step or a sudden change of slope is no spike. NaN is never a spike.
 
     Parameters
     ----------
@@ -328,7 +332,41 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     elif noise_sd is None:
         typical = fast_nanmedian(distance[None])
     spikes = far[distance[far] > rule.sigmas * MAD_TO_SD * typical]
+    if noise_sd is not None:
+        spikes = spikes[~_on_line_of_one_side(x, spikes, KINK_SHARE * limit)]
     out[index[spikes]] = True
+    return out
+
+
+def _on_line_of_one_side(x: Array, suspects: NDArray[np.intp], tolerance: float) -> Flags:
+    """Suspected spikes that continue the line of the three good samples before or after them.
+
+    Such a sample belongs to a sudden change of the slope, as of a lagged reading after a step.
+
+    Parameters
+    ----------
+    x
+        Trace, (N,), without missing samples.
+    suspects
+        Indices of the samples, (K,), increasing.
+    tolerance
+        Largest distance from the line, in the unit of the trace.
+
+    Returns
+    -------
+    Mask of the suspects, (K,).
+    """
+    others = np.setdiff1d(np.arange(len(x)), suspects)
+    out = np.zeros(len(suspects), dtype=bool)
+    before = np.searchsorted(others, suspects)
+    for first in (before - LINE_SAMPLES, before):
+        exists = (first >= 0) & (first + LINE_SAMPLES <= len(others))
+        samples = others[first[exists][:, None] + np.arange(LINE_SAMPLES)]
+        levels = x[samples]
+        slope = (levels[:, -1] - levels[:, 0]) / (samples[:, -1] - samples[:, 0])
+        steps = suspects[exists] - samples.mean(axis=1)
+        line = levels.mean(axis=1) + slope * steps
+        out[exists] |= np.abs(x[suspects[exists]] - line) < tolerance
     return out
 
 

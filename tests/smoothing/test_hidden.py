@@ -93,3 +93,31 @@ def test_what_nobody_announced_stays_inside_the_band(world: str, draws) -> None:
     runs = [judged(WORLDS[world], seed) for seed in range(200, 200 + draws(8))]
     where = [near if near.any() else ~near for _, _, near, _, _ in runs]
     assert np.mean(np.concatenate([held[near] for (_, held, *_), near in zip(runs, where)])) > 0.9
+
+
+def test_second_edge_of_a_short_pulse_widens_the_band() -> None:
+    """A pulse of 20 K for 0.4 lags: the event is its first edge, the result smooth at the second."""
+    dt = 1 / 75
+    t = dt * np.arange(3000)
+    truth = 80.0 + 20.0 * ((t >= 15.36) & (t < 15.56))
+    chain = Chain((0.5,), conditioning=NO_CONDITIONING)
+    noise = 0.05 * np.random.default_rng(3).standard_normal(len(t))
+    ours = smooth(chain.response(truth, dt, "zoh") + noise, dt, chain)
+    error = np.abs(ours.temperature[:, 0] - truth)
+    edge = np.abs(t - 15.56) < 0.03
+    assert error[edge].max() > 2.0
+    assert (error[edge] / ours.sd[edge, 0]).max() < 5.0
+
+
+def test_band_of_a_slow_drift_includes_the_uncertainty_of_its_intensity() -> None:
+    """A random walk by 0.03 K below noise of 0.05 K: few degrees of freedom determine it."""
+    dt = 1 / 75
+    chain = Chain((0.5,), conditioning=NO_CONDITIONING)
+    coverage = []
+    for seed in range(12):
+        rng = np.random.default_rng([17, seed])
+        truth = 80.0 + 0.03 * np.cumsum(rng.standard_normal(3000)) / np.sqrt(3000)
+        y = chain.response(truth, dt) + 0.05 * rng.standard_normal(3000)
+        ours = smooth(y, dt, chain)
+        coverage.append(np.mean(np.abs(ours.temperature[:, 0] - truth) < 1.96 * ours.sd[:, 0]))
+    assert 0.88 < np.mean(coverage) < 0.99
