@@ -101,12 +101,12 @@ def test_second_edge_of_a_short_pulse_widens_the_band() -> None:
     t = dt * np.arange(3000)
     truth = 80.0 + 20.0 * ((t >= 15.36) & (t < 15.56))
     chain = Chain((0.5,), conditioning=NO_CONDITIONING)
-    noise = 0.05 * np.random.default_rng(3).standard_normal(len(t))
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(t))
     ours = smooth(chain.response(truth, dt, "zoh") + noise, dt, chain)
     error = np.abs(ours.temperature[:, 0] - truth)
     edge = np.abs(t - 15.56) < 0.03
     assert error[edge].max() > 2.0
-    assert (error[edge] / ours.sd[edge, 0]).max() < 5.0
+    assert (error[edge] / ours.sd[edge, 0]).max() < 3.0
 
 
 def test_band_of_a_slow_drift_includes_the_uncertainty_of_its_intensity() -> None:
