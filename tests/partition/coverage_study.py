@@ -1,6 +1,6 @@
 """Coverage of the 95 % intervals over rigs drawn from their specified uncertainties.
 
-`python -m tests.partition.coverage_study 100` prints coverage, bias and false alarms of the
+`python -m tests.partition.coverage_study COUNT SEED` prints coverage, bias and false alarms of the
 cross-check. The study test runs fewer rigs.
 """
 
@@ -110,10 +110,8 @@ def report(table: pd.DataFrame) -> pd.DataFrame:
 
 
 if __name__ == "__main__":
-    rows_of_rigs = run_study(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 100,
-        n_jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2,
-    )
+    numbers = [int(word) for word in sys.argv[1:]]
+    rows_of_rigs = run_study(*(numbers or [100]))
     print(report(rows_of_rigs).round(4).to_string(index=False))
     print("failed", int(rows_of_rigs["failed"].sum()), "alarms", rows_of_rigs["alarm"].mean())
     print(
