@@ -1,4 +1,4 @@
-"""Detection of events that the caller did not list, and the average over what they may be.
+"""Detection of events that the caller did not list, and the average over what events may be.
 
 A score test on the RTS smoother gives candidate times. Each candidate is weighed by its likelihood
 as no event, a kink (jump of the slope) or a jump of the temperature, at several times. The smoothed
@@ -27,6 +27,8 @@ from tcdyn.smoothing.process_noise import (
     DECAYS_S,
     REACH_LAGS,
     channel_spans,
+    event_window,
+    jump_ranges,
     likeliest_burst,
     segment,
     segment_levels,
@@ -77,35 +79,31 @@ MIN_WEIGHT = 0.01
 
 
 @dataclass(frozen=True)
-class HiddenEvent:
-    """An event that the caller did not list.
+class PossibleEvent:
+    """An event of uncertain form, such as a listed one.
 
     Parameters
     ----------
-    at_s, u_s
-        Most likely time and its standard uncertainty [s].
-    log_odds
-        Log odds that there is an event.
-    kinds
-        Bursts of the channels (M,) for each form of an event, in the order of ``PRIOR``.
-    likeliest
-        The more likely of these for each channel (M,).
+    at_s
+        Most likely time [s].
     possibilities
         All that the event may be, of some weight: time [s], bursts (M,) and weights (M,).
-    no_event_probability
-        Probability (M,) that a channel has no event.
-    level
-        Intensity (M,) [K2/s3] before and after the time if there is no event.
     """
 
     at_s: float
-    u_s: float
-    log_odds: float
-    kinds: tuple[tuple[Burst, ...], ...]
-    likeliest: tuple[Burst, ...]
     possibilities: tuple[tuple[float, tuple[Burst, ...], Array], ...]
-    no_event_probability: Array
-    level: Array
+
+    @property
+    def most_probable(self) -> list[Burst]:
+        """Burst of greatest weight for each channel (M,)."""
+        weights = np.array([weight for _, _, weight in self.possibilities])
+        return [self.possibilities[k][1][c] for c, k in enumerate(np.argmax(weights, axis=0))]
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether a channel gives other possibilities than the most probable some weight."""
+        weights = np.array([weight for _, _, weight in self.possibilities])
+        return bool((weights.max(axis=0) < 1 - MIN_WEIGHT).any())
 
     def insert(
         self, intensities: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]
@@ -125,6 +123,34 @@ class HiddenEvent:
         bare = _without_bursts(intensities, self.at_s)
         shifted = [q.shifted(self.at_s, at_s) for q in bare]
         return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(shifted, bursts)]
+
+
+@dataclass(frozen=True)
+class HiddenEvent(PossibleEvent):
+    """An event that the caller did not list.
+
+    Parameters
+    ----------
+    u_s
+        Standard uncertainty of its time [s].
+    log_odds
+        Log odds that there is an event.
+    kinds
+        Bursts of the channels (M,) for each form of an event, in the order of ``PRIOR``.
+    likeliest
+        The more likely of these for each channel (M,).
+    no_event_probability
+        Probability (M,) that a channel has no event.
+    level
+        Intensity (M,) [K2/s3] before and after the time if there is no event.
+    """
+
+    u_s: float
+    log_odds: float
+    kinds: tuple[tuple[Burst, ...], ...]
+    likeliest: tuple[Burst, ...]
+    no_event_probability: Array
+    level: Array
 
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
         """Intensities (M,) without this event: no burst, ``level`` before and after it."""
@@ -629,8 +655,83 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
     return np.take_along_axis(levels, best, axis=1)[:, 0], value.max(axis=1)
 
 
+def with_likeliest_forms(fit: Smoothed) -> tuple[Smoothed, list[PossibleEvent]]:
+    """Smooth again with the most likely form of each listed event, once the intensities are known.
+
+    Parameters
+    ----------
+    fit
+        Smoothed record.
+
+    Returns
+    -------
+    fit
+        Smoothed record with the most likely forms; the ``fit`` given if it has them.
+    events
+        Listed events that may have another form, for ``average_over_event``.
+    """
+    intensities = list(fit.intensities)
+    uncertain = []
+    for at in fit.record.events_s:
+        bursts = [b for q in intensities for b in q.bursts if b.start_s == at]
+        if len(bursts) < len(intensities):
+            continue
+        event = _forms_of_listed_event(fit.record, fit.noise_var, intensities, bursts)
+        intensities = event.insert(intensities, at, event.most_probable)
+        if event.is_uncertain:
+            uncertain.append(event)
+    if intensities != list(fit.intensities):
+        fit = smooth_record(fit.record, fit.noise_var, intensities)
+    return fit, uncertain
+
+
+def _forms_of_listed_event(
+    record: Record, noise_var: Array, intensities: Sequence[Intensity], bursts: Sequence[Burst]
+) -> PossibleEvent:
+    """What a listed event may be: a kink or a jump, each with and without its burst.
+
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2].
+    intensities
+        Intensity of each channel (M,).
+    bursts
+        Its burst at the event (M,).
+
+    Notes
+    -----
+    A channel gives each form the weight of its likelihood; ``BURST_FIT_NATS`` subtracts what the
+    fit of a burst gains from noise alone.
+    """
+    at_s = bursts[0].start_s
+    samples, shift = event_window(record, at_s)
+    start_s = at_s - shift
+    base = [q.shifted(shift_s=shift) for q in _without_bursts(intensities, at_s)]
+    window = _Window(samples, noise_var, base, start_s, start_s, start_s)
+    jumps_K = (jump_ranges(samples, start_s) * channel_spans(samples, noise_var)).tolist()
+    no_jump = [replace(b, level_sd=0.0) for b in bursts]
+    jump = [replace(b, level_sd=jump_K) for b, jump_K in zip(bursts, jumps_K)]
+    forms = [no_jump, jump]
+    forms += [[replace(b, height=0.0) for b in form] for form in forms]
+    on_clock = [[replace(b, start_s=start_s) for b in form] for form in forms]
+    log_weight = window.values(np.array([start_s]), on_clock)[:, 0]
+    log_weight[:, :2] -= BURST_FIT_NATS
+    has_burst = np.array([b.height > 0 for b in bursts])
+    log_weight[~has_burst, :2] = -np.inf  # the same as without a burst
+    weights = np.exp(log_weight - logsumexp(log_weight, axis=1, keepdims=True)).T
+    possibilities = [
+        (at_s, tuple(form), weight)
+        for form, weight in zip(forms, weights)
+        if weight.max() > MIN_WEIGHT
+    ]
+    return PossibleEvent(at_s, tuple(possibilities))
+
+
 def average_over_event(
-    fit: Smoothed, samples: SmoothedSamples, event: HiddenEvent
+    fit: Smoothed, samples: SmoothedSamples, event: PossibleEvent
 ) -> SmoothedSamples:
     """Temperature, slope and sd of a record averaged over all that one event may be.
 
@@ -658,7 +759,8 @@ def average_over_event(
     time. ``tests/smoothing/test_hidden.py`` (marker ``study``) checks the coverage.
     """
     record = fit.record
-    first, last = influenced_samples(record, event.at_s)
+    others_s = () if isinstance(event, HiddenEvent) else record.events_s
+    first, last = influenced_samples(record, event.at_s, others_s)
     window = segment(record, first, last, record.events_s)
     shift = first * record.dt_s
 
@@ -671,7 +773,7 @@ def average_over_event(
     start = run(fit.intensities)
     weights = [w for _, _, w in event.possibilities]
     runs = [run(event.insert(fit.intensities, at, bursts)) for at, bursts, _ in event.possibilities]
-    if event.no_event_probability.max() > 2 * MIN_WEIGHT:
+    if isinstance(event, HiddenEvent) and event.no_event_probability.max() > 2 * MIN_WEIGHT:
         runs.append(run(event.remove(fit.intensities)))
         weights.append(event.no_event_probability)
     weight = np.array(weights) / np.sum(weights, axis=0)

@@ -311,13 +311,11 @@ def choose_intensities(
     """
     intensities, noise_var = segment_levels(record, noise_var, noise_known)
     for event in record.events_s:
-        window, shift = _event_window(record, event)
+        window, shift = event_window(record, event)
         base = [replace(q, bursts=()).shifted(shift_s=shift) for q in intensities]
         nothing = [Burst(event - shift, 0.0, 1.0)] * len(base)
-        # the readings show only a part of a change that lasts for less than a lag
-        after_s = max(len(window.y) * record.dt_s - (event - shift), record.dt_s)
-        jump_ranges = 1.0 + smearing_time_s(record) / after_s
-        bursts = likeliest_burst(window, noise_var, base, nothing, jump_ranges=jump_ranges)
+        ranges = jump_ranges(window, event - shift)
+        bursts = likeliest_burst(window, noise_var, base, nothing, jump_ranges=ranges)
         intensities = [
             replace(q, bursts=(*q.bursts, replace(b, start_s=event)))
             for q, b in zip(intensities, bursts)
@@ -516,7 +514,17 @@ def channel_spans(record: Record, noise_var: Array) -> Array:
     return np.asarray(np.maximum(np.ptp(record.y, axis=0), 10 * np.sqrt(noise_var)))
 
 
-def _event_window(record: Record, event: float) -> tuple[Record, float]:
+def jump_ranges(window: Record, at_s: float) -> float:
+    """Prior standard deviation of a jump of the temperature, in ranges of the readings.
+
+    The readings of ``window`` show only a part of a change at ``at_s`` [s] that lasts for less than
+    a lag.
+    """
+    after_s = max(len(window.y) * window.dt_s - at_s, window.dt_s)
+    return 1.0 + smearing_time_s(window) / after_s
+
+
+def event_window(record: Record, event: float) -> tuple[Record, float]:
     """Samples that an event can influence, without any other event.
 
     Parameters

@@ -27,11 +27,13 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import (
     HiddenEvent,
+    PossibleEvent,
     average_over_event,
     candidate_times,
     detect_hidden_events,
     influenced_samples,
     remaining_jump,
+    with_likeliest_forms,
 )
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity
@@ -147,8 +149,8 @@ def smooth(
     Notes
     -----
     Steps: intensity, smoother, spikes that only the prediction shows, hidden events, heavy tails,
-    average over hidden events, shift by uncertain event times. The order matters: spikes go before
-    hidden events, which they would look like.
+    average over what the events may be, shift by uncertain event times. The order matters: spikes
+    go before hidden events, which they would look like.
 
     What may be changed: ``STUDENT_DOF``, ``REWEIGHTINGS`` and ``MARGIN`` (see their comments). The
     variance is the sum of ``tcdyn.smoothing.record.Compensated.from_components``; a new
@@ -167,6 +169,7 @@ def smooth(
     >>> round(float(table["T_degC"].iloc[60]))
     80
     """
+    events_s = [float(event) for event in events_s]
     index = common_index([y], "smooth")
     names = names or labels_of(y) or None
     if index is not None:
@@ -182,17 +185,17 @@ def smooth(
         record = record_of(y, dt_s, chains, events_s, noise_sd, names)
     n_channels = record.y.shape[1]
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
-    u_by_time = dict(zip(map(float, events_s), listed_u_s))
-    detected_events: list[HiddenEvent] = []
+    u_by_time = dict(zip(events_s, listed_u_s))
+    possible_events: list[PossibleEvent] = []
     findings = list(record.findings)
     if intensity is None:
         detect = not events_s if find_events is None else find_events
-        fit, detected_events, jump_K, contradicts = _smooth_by_likelihood(record, detect)
+        fit, possible_events, jump_K, contradicts = _smooth_by_likelihood(record, detect)
         if record.events_s and contradicts:
             without = replace(record, events_s=())
             other, other_events, other_jump_K, _ = _smooth_by_likelihood(without, True)
             if _log_likelihood(other) > _log_likelihood(fit) + EVENTS_NATS:
-                fit, detected_events, jump_K = other, other_events, other_jump_K
+                fit, possible_events, jump_K = other, other_events, other_jump_K
                 findings.append(warning("trace.events", events=len(record.events_s)))
     else:
         fit = _smoothed_without_spikes(
@@ -205,7 +208,7 @@ def smooth(
         for _ in range(REWEIGHTINGS):
             fit = _smooth_with_student_weights(fit, record.y)
     samples = fit.at_samples()
-    for event in detected_events:
+    for event in possible_events:
         samples = average_over_event(fit, samples, event)
     sd = samples.sd
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
@@ -221,7 +224,8 @@ def smooth(
     ]
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
-    detected = [(h.at_s, h.u_s) for h in detected_events if h.log_odds > 0]
+    hidden = [event for event in possible_events if isinstance(event, HiddenEvent)]
+    detected = [(event.at_s, event.u_s) for event in hidden if event.log_odds > 0]
     result = Compensated.from_components(
         samples.temperature,
         sd,
@@ -276,7 +280,7 @@ def _smoothed_without_spikes(
 
 def _smooth_by_likelihood(
     record: Record, detect: bool
-) -> tuple[Smoothed, list[HiddenEvent], Array, bool]:
+) -> tuple[Smoothed, list[PossibleEvent], Array, bool]:
     """Smooth a record with intensities by their likelihood, and detect events in it.
 
     Parameters
@@ -291,7 +295,7 @@ def _smooth_by_likelihood(
     fit
         The smoothed record.
     events
-        The events that were detected.
+        The events that were detected, and the listed ones of uncertain form.
     jump
         Its ``remaining_jump``, (N, M) [K].
     contradicts
@@ -307,8 +311,8 @@ def _smooth_by_likelihood(
     contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
     if detect and _shows_events(fit):
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
-    fit = refine(fit)
-    return with_least_risk(fit), detected_events, remaining_jump(fit), contradicts
+    fit, uncertain_events = with_likeliest_forms(with_least_risk(refine(fit)))
+    return fit, [*uncertain_events, *detected_events], remaining_jump(fit), contradicts
 
 
 def _too_slow(record: Record) -> InputError:

@@ -156,7 +156,9 @@ def test_the_tip_of_a_lagged_reading_is_no_spike_and_spikes_on_it_are() -> None:
     rule = SPIKES["compensator"]
     noise = 0.05 * np.random.default_rng(4).standard_normal(2000)
     triangle = 0.4 * np.abs((np.arange(2000) + 0.3) % 50 - 25)
-    assert find_spikes(triangle + noise, rule, 0.05).sum() <= 15  # more than 200 lie beyond the limit
+    assert (
+        find_spikes(triangle + noise, rule, 0.05).sum() <= 15
+    )  # more than 200 lie beyond the limit
     rows = np.array([37, 512, 513, 1061])
     with_spikes = triangle + noise
     with_spikes[rows] += [2.0, 2.0, 1.5, -2.0]

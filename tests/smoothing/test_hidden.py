@@ -96,7 +96,7 @@ def test_what_nobody_announced_stays_inside_the_band(world: str, draws) -> None:
 
 
 def test_second_edge_of_a_short_pulse_widens_the_band() -> None:
-    """A pulse of 20 K for 0.4 lags: the event is its first edge, the result smooth at the second."""
+    """A pulse of 20 K for 0.4 lags: its first edge is the event, its second edge is smoothed."""
     dt = 1 / 75
     t = dt * np.arange(3000)
     truth = 80.0 + 20.0 * ((t >= 15.36) & (t < 15.56))
@@ -121,3 +121,19 @@ def test_band_of_a_slow_drift_includes_the_uncertainty_of_its_intensity() -> Non
         ours = smooth(y, dt, chain)
         coverage.append(np.mean(np.abs(ours.temperature[:, 0] - truth) < 1.96 * ours.sd[:, 0]))
     assert 0.88 < np.mean(coverage) < 0.99
+
+
+def test_listed_edges_of_a_square_wave_are_jumps_without_noise_about_them() -> None:
+    """Levels 10 K apart for one lag each; the first edge is after the first sample."""
+    dt = 1 / 75
+    t = dt * np.arange(1125)
+    edges = np.arange(0.004, t[-1], 0.5)
+    fine = dt / 16 * np.arange(16 * len(t))
+    truth = 80.0 + 10.0 * (np.searchsorted(edges, fine, side="right") % 2)
+    chain = Chain((0.5,), conditioning=NO_CONDITIONING)
+    noise = 0.05 * np.random.default_rng(8).standard_normal(len(t))
+    ours = smooth(chain.response(truth, dt / 16, "zoh")[::16] + noise, dt, chain, events_s=edges)
+    error = ours.temperature[:, 0] - truth[::16]
+    assert np.sqrt(np.mean(error**2)) < 0.3
+    assert np.abs(error / ours.sd[:, 0]).max() < 6.0
+    assert not ours.flags.any()

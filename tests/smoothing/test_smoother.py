@@ -336,9 +336,11 @@ def test_samples_missing_about_a_known_event_widen_the_band_and_the_band_holds()
         rng = np.random.default_rng(seed)
         y = clean + 0.15 * rng.standard_normal(len(clean))
         y[rng.random(len(y)) < 0.01] = np.nan
-        whole = smooth(y, dt, chain, noise_sd=0.15, events_s=(event,))
+        likeliest = smooth(y, dt, chain, noise_sd=0.15, events_s=(event,)).intensities
+        given = {"noise_sd": 0.15, "events_s": (event,), "intensity": likeliest}
+        whole = smooth(y, dt, chain, **given)
         y[lost] = np.nan
-        ours = smooth(y, dt, chain, noise_sd=0.15, events_s=(event,), intensity=whole.intensities)
+        ours = smooth(y, dt, chain, **given)
         assert ours.sd[lost].max() > whole.sd[lost].max()
         held.append(np.abs(ours.temperature - x[:, None])[lost] < 1.96 * ours.sd[lost])
     assert (
