@@ -234,7 +234,7 @@ def invert(
         method=f"proper inverse, {bandwidth_Hz:g} Hz",
         findings=record.findings,
     )
-    return result.with_undetermined(record.y, names).with_labels(y, names)
+    return result.with_undetermined(record.y, names, record.chains).with_labels(y, names)
 
 
 def lag_sensitivity(inverse: InverseFilter, y: ArrayLike) -> Array:

@@ -60,6 +60,10 @@ EXACT_NOISE_REL = 3e-7
 # a record counts as ranging over at least so many standard deviations of its noise, so that the
 # temperature of a constant trace is determined; chosen by judgement
 MIN_RANGE_SD = 10.0
+# samples near a reading, if its lag is shorter; and such distances in a gap whose middle is not
+# determined. Chosen by judgement
+NEAR_SAMPLES = 5.0
+LONG_GAP = 10.0
 # share of a trace up to which implausible samples are left to the spike rule; chosen by judgement
 FEW_IMPLAUSIBLE = 0.01
 # share of bad samples from which on the user is informed; chosen by judgement
@@ -111,6 +115,39 @@ class Record:
     noise_known: bool
     aliasing_u_K: Array
     findings: tuple[Finding, ...] = ()
+
+
+def _without_reading(good: Flags, lag_samples: float) -> Flags:
+    """Samples that are too far from any good reading to be determined by it.
+
+    Parameters
+    ----------
+    good
+        The good readings of a channel (N,).
+    lag_samples
+        Lag of its chain [samples].
+
+    Returns
+    -------
+    Flags
+        Mask (N,): before the first and after the last reading, and in gaps of more than
+        ``LONG_GAP`` lags, everything farther than one lag (at least ``NEAR_SAMPLES``).
+
+    Notes
+    -----
+    The process noise at those times is unknown: if it is taken from other times, a temperature that
+    is quiet there gets a narrow band where nothing was read.
+    """
+    near = max(lag_samples, NEAR_SAMPLES)
+    rows = np.flatnonzero(good)
+    gap_starts = np.concatenate([[-np.inf], rows])
+    gap_ends = np.concatenate([rows, [np.inf]])
+    index = np.arange(len(good))
+    gap = np.searchsorted(rows, index, side="right")
+    since = index - gap_starts[gap]
+    until = gap_ends[gap] - index
+    is_long = (gap_ends - gap_starts)[gap] > LONG_GAP * near
+    return np.asarray(is_long & (since > near) & (until > near) & ~good)
 
 
 def channel_names(names: Sequence[str] | None, count: int) -> list[str]:
@@ -544,7 +581,9 @@ class Compensated(Result):
             index=common_index([y], "the readings"),
         )
 
-    def with_undetermined(self, y: Array, names: Sequence[str]) -> Compensated:
+    def with_undetermined(
+        self, y: Array, names: Sequence[str], chains: Sequence[Chain]
+    ) -> Compensated:
         """Mark the samples that the record does not determine, with a warning for each channel.
 
         Parameters
@@ -553,20 +592,28 @@ class Compensated(Result):
             Readings (N, M) [degC], NaN or flagged where bad.
         names
             Names of the channels (M,) in messages.
+        chains
+            Their chains (M,).
 
         Notes
         -----
         A sample is undetermined where its standard uncertainty, without that of the static line,
         exceeds the range of the channel's good readings (at least ``MIN_RANGE_SD`` standard
-        deviations of the noise), or where its temperature is physically impossible. With a smaller
-        limit more samples are withheld by ``determined_estimates``.
+        deviations of the noise), where its temperature is physically impossible, or where no
+        reading is near (see ``_without_reading``). With a smaller limit more samples are withheld
+        by ``determined_estimates``.
         """
         readings = np.where(self.flags == GOOD, y, np.nan)
         range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
         variance = np.maximum(self.sd**2 - self.static_u**2, 0.0)
         wide = np.sqrt(variance) > np.maximum(range_K, MIN_RANGE_SD * self.noise_sd)
         unphysical = (self.temperature < LOWEST_DEGC) | (self.temperature > HIGHEST_DEGC)
-        undetermined = wide | unphysical
+        dt_s = float(self.time_s[1] - self.time_s[0])
+        far = [
+            _without_reading(flags == GOOD, chain.lag_s / dt_s)
+            for flags, chain in zip(self.flags.T, chains)
+        ]
+        undetermined = wide | unphysical | np.stack(far, axis=1)
         findings = list(self.findings)
         for c in np.flatnonzero(undetermined.any(axis=0)):
             column = undetermined[:, c]

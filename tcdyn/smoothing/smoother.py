@@ -244,7 +244,7 @@ def smooth(
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=tuple(intensities),
     )
-    result = result.with_undetermined(record.y, channel_names(names, n_channels))
+    result = result.with_undetermined(record.y, channel_names(names, n_channels), record.chains)
     return result.with_labels(y, names)
 
 

@@ -91,8 +91,9 @@ COMPENSATE: dict[str, Message] = {
     "trace.events": "the {events} listed event(s) do not explain the readings; the record was "
     "smoothed as if no event were listed",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
-    "{first_sample}, is not determined by it: the standard uncertainty exceeds the range of the "
-    "readings ({range_K:.3g} K), or the temperature is not possible; not reported there",
+    "{first_sample}, is not determined by it: there is no reading near, the standard uncertainty "
+    "exceeds the range of the readings ({range_K:.3g} K), or the temperature is not possible; not "
+    "reported there",
     "trace.bad": "{subject}: {percent:.2g} % of the samples are missing or spikes and are not used",
     "inverse.noisy": _noisy_inverse,
     "inverse.near_nyquist": "a bandwidth of {bandwidth_Hz:.3g} Hz is near half of the "
