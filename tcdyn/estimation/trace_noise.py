@@ -46,6 +46,9 @@ LARGEST_VALUE = 1e6
 # noise of a trace from which it cannot be estimated, in the unit of the trace; above zero, so that
 # numbers can be divided by it; chosen by judgement
 UNKNOWN_NOISE = 1e-6
+# steps of a logger in the median second difference of readings whose noise is less than a step:
+# rounding itself makes none or one. Chosen by judgement
+COARSE_STEPS = 1.5
 # fewest samples from which the noise is estimated; chosen by judgement
 MIN_NOISE_SAMPLES = 15
 # share of samples with a fourth difference below which missing samples are skipped; chosen by
@@ -408,9 +411,10 @@ def long_runs(trace: Array) -> Flags:
     Notes
     -----
     A run is long if p^length N < 1/``RECORDS_PER_LONG_RUN``, with p the share of repeats elsewhere,
-    and by more than ``RUN_MARGIN`` samples. Where most neighbours are equal (``COARSE_REPEATS``),
-    the step of the logger is coarser than the noise, and a long run means nothing: no run is called
-    long. A constant trace is one long run.
+    and by more than ``RUN_MARGIN`` samples. Where the step of the logger is coarser than the noise,
+    a long run is a constant temperature: no run is called long. That is so where most neighbours
+    are equal (``COARSE_REPEATS``), and where changing readings scatter by hardly more than a step.
+    A constant trace is one long run.
     """
     n = len(trace)
     change = np.flatnonzero(np.diff(trace)) + 1
@@ -419,11 +423,26 @@ def long_runs(trace: Array) -> Flags:
     lengths = np.diff(np.concatenate([[0], change, [n]]))
     usual = lengths <= np.quantile(lengths, USUAL_RUNS)
     repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
-    if repeats > COARSE_REPEATS:
+    if repeats > COARSE_REPEATS or _is_rounded_beyond_noise(trace):
         return np.zeros(n, dtype=bool)
     share = np.clip(repeats, *REPEAT_RANGE)
     longest = RUN_MARGIN + np.log(RECORDS_PER_LONG_RUN * n) / -np.log(share)
     return np.repeat(lengths > longest, lengths)
+
+
+def _is_rounded_beyond_noise(trace: Array) -> bool:
+    """Whether second differences of changing readings (N,) are mostly one step of the logger.
+
+    False where hardly any three neighbours differ.
+    """
+    change = np.diff(trace)
+    size = np.abs(change)
+    is_change = size > 1e-9 * max(float(np.max(size)), 1e-300)
+    second = np.abs(np.diff(change))[is_change[1:] & is_change[:-1]]
+    if len(second) < MIN_NOISE_SAMPLES:
+        return False
+    step = float(np.min(size[is_change]))
+    return float(np.median(second)) < COARSE_STEPS * step
 
 
 def remove_impossible(name: str, values: Array, noise_K: float = np.inf) -> Array:

@@ -262,7 +262,7 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
     Returns
     -------
     dict
-        Time [s] by name.
+        Time [s] by name; without those that the covariance leaves undetermined.
 
     Raises
     ------
@@ -295,8 +295,9 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
         crossing = float(np.interp(q, share[i - 1 : i + 1], t[i - 1 : i + 1]))
         slope_there = max(float(np.interp(crossing, t, slope)), 1e-12)
         gradient = np.array([[np.interp(crossing, t, row)] for row in share_jacobian])
-        u = model.standard_uncertainty(-gradient / slope_there)[0]
-        times[name] = Estimate.normal(crossing, u)
+        u = float(model.standard_uncertainty(-gradient / slope_there)[0])
+        if u < t[-1]:  # also not where it is no number
+            times[name] = Estimate.normal(crossing, u)
     return times
 
 

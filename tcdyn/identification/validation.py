@@ -22,6 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri
 
+from tcdyn.chain.rational import simulate
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.findings import Finding, info, warning
@@ -62,6 +63,13 @@ NUMERICAL_ERROR = 1e-9
 # 30 between 0.6 and 0.75, and 11 of 42 at 0.75 to 1 (case A and four other systems of one to three
 # lags).
 MAX_SAMPLING_SHARE = 0.6
+# p of a departure from a linear model. It is reported where it changes the gain over the range or
+# the lag between rise and fall by so much [%], or where the residuals exceed this share of the
+# range of the output [%].
+NONLINEAR_P = 1e-3
+MIN_GAIN_CHANGE = 5.0
+MIN_LAG_CHANGE = 20.0
+MIN_UNEXPLAINED = 3.0
 # First residuals of a run over the rms residual, above which it does not start in equilibrium.
 MAX_START_RMS = 4.0
 
@@ -153,6 +161,7 @@ class Validation(Result):
             "record.drift",
             "record.clipped",
             "record.slow_sampling",
+            "record.nonlinear",
         ]
         if self.dynamics_missing:
             codes.append("record.coarse")
@@ -210,14 +219,13 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     prewhitening = fit_ar(e, slices) if is_coloured else NoiseModel()
     root = 1.0 if is_robust else fit.sqrt_weights[:, None]
 
-    def whitened_inputs(sample_shifts: NDArray[np.int_]) -> Array:
-        """Return the shifted inputs (N, M), whitened as the innovations are."""
-        inputs = fit.noise.whiten(shifted_inputs(problem, sample_shifts) * root, slices)
-        return prewhitening.whiten(inputs, slices)
+    def whitened(columns: Array) -> Array:
+        """Return columns (N, M) of an output, whitened as the innovations are."""
+        return prewhitening.whiten(fit.noise.whiten(columns * root, slices), slices)
 
     delays = shifts(problem, fit.identified.longest_lag_s, lags)
-    u = whitened_inputs(delays)
-    future = whitened_inputs(-np.arange(lags // 2))
+    u = whitened(shifted_inputs(problem, delays))
+    future = whitened(shifted_inputs(problem, -np.arange(lags // 2)))
     e_white = prewhitening.whiten(e, slices)
     j_white = prewhitening.whiten(j, slices)
     n_inputs = len(problem.branches)
@@ -250,6 +258,8 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         findings.append(warning("record.coarse", step=problem.rounding_step, rms=rms))
     past = np.delete(u, np.arange(n_inputs) * len(delays), axis=1)
     findings += feedback(e_white, j_white, future, past)
+    if cross.p >= ALARM_P and not is_rounding and not problem.model.integrators:
+        findings += nonlinearity(fit, e_white, j_white, whitened(nonlinear_columns(fit)))
     return Validation(
         whiteness=white,
         input=cross,
@@ -750,6 +760,110 @@ def feedback(e: Array, jacobian: Array, future: Array, past: Array) -> tuple[Fin
     if p_past >= ALARM_P > p_future:
         return (warning("record.feedback", p=p_future),)
     return ()
+
+
+def nonlinear_columns(fit: Fit) -> Array:
+    """Changes of the output (N, 2 + inputs) by departures from a linear model.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+
+    Returns
+    -------
+    array
+        At the measured samples: by a gain that changes with the output, by a lag that differs
+        between rise and fall [s], and by a gain that changes with each input. A coefficient of one
+        doubles the gain at the upper end of the range, or adds a lag of 1 s to the rise.
+
+    Notes
+    -----
+    With z from 0 to 1 over the range R of the simulated output x, the columns are R (z^2 - z) and
+    max(dx/dt, 0); for an input v they are the response of its branch to v_range (z^2 - z) with z
+    of the input.
+    """
+    problem = fit.problem
+    outputs = fit.simulate_segments()
+    lowest = min(float(x.min()) for x in outputs)
+    highest = max(float(x.max()) for x in outputs)
+    inputs = np.concatenate([s.inputs for s in problem.segments])
+    input_limits = list(zip(inputs.min(axis=0).tolist(), inputs.max(axis=0).tolist()))
+    rationals = problem.rationals(fit.x)
+    rows = []
+    for segment, x in zip(problem.segments, outputs):
+        columns = [_bend(x, lowest, highest), np.maximum(np.gradient(x, problem.dt_s), 0.0)]
+        for k, (rational, hold) in enumerate(zip(rationals, problem.holds)):
+            bent = _bend(segment.inputs[:, k], *input_limits[k])
+            columns.append(simulate(rational, bent, problem.dt_s, hold))
+        rows.append(np.stack(columns, axis=1)[segment.measured])
+    return np.concatenate(rows)
+
+
+def _bend(x: Array, lowest: float, highest: float) -> Array:
+    """R (z^2 - z), with z from 0 to 1 over the range R from ``lowest`` to ``highest``."""
+    size = max(highest - lowest, 1e-300)
+    z = (x - lowest) / size
+    return size * (z**2 - z)
+
+
+def nonlinearity(fit: Fit, e: Array, jacobian: Array, columns: Array) -> tuple[Finding, ...]:
+    """Return a warning where the output does not follow the input linearly.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    e, jacobian
+        Whitened innovations (N,) and their Jacobian (N, P).
+    columns
+        Whitened ``nonlinear_columns`` (N, M).
+
+    Returns
+    -------
+    tuple of Finding
+        Empty, or one warning.
+
+    Notes
+    -----
+    Each column has an F test beyond what the parameters explain, at ``NONLINEAR_P`` over their
+    number. A departure that is clear but small (``MIN_GAIN_CHANGE`` and the limits after it) is not
+    reported. A disturbance model with a random walk would hide all of them from the other tests.
+    """
+    limit = NONLINEAR_P / columns.shape[1]
+    sizes = []
+    smallest_p = 1.0
+    for column in columns.T:
+        p = input_correlation(e, jacobian, column[:, None], np.zeros(1)).p
+        smallest_p = min(smallest_p, p)
+        if p < limit:
+            both = np.column_stack([jacobian, column])
+            sizes.append(abs(float(np.linalg.lstsq(both, e, rcond=None)[0][-1])))
+        else:
+            sizes.append(0.0)
+    if smallest_p >= limit:
+        return ()
+    by_output, rise_lag_s, *by_input = sizes
+    gain_percent = 200 * max(by_output, *by_input)
+    lag_percent = 100 * rise_lag_s / max(abs(fit.identified.longest_lag_s), 1e-300)
+    range_of_output = float(np.ptp(fit.problem.measured_output))
+    unexplained_percent = 100 * float(np.std(fit.residual)) / max(range_of_output, 1e-300)
+    is_small = (
+        gain_percent < MIN_GAIN_CHANGE
+        and lag_percent < MIN_LAG_CHANGE
+        and unexplained_percent < MIN_UNEXPLAINED
+    )
+    if is_small:
+        return ()
+    return (
+        warning(
+            "record.nonlinear",
+            p=smallest_p,
+            gain_percent=gain_percent if gain_percent >= MIN_GAIN_CHANGE else 0.0,
+            lag_percent=lag_percent if lag_percent >= MIN_LAG_CHANGE else 0.0,
+            unexplained_percent=unexplained_percent,
+        ),
+    )
 
 
 def has_coloured_residuals(fit: Fit) -> bool:

@@ -18,7 +18,15 @@ from scipy.special import chdtri
 
 from tcdyn.identification.identified import Identified
 from tcdyn.identification.iodata import IOData
-from tcdyn.identification.responses import Band, Root, bode_band, percent_times, roots_of, step_band
+from tcdyn.identification.responses import (
+    PERCENT_TIMES,
+    Band,
+    Root,
+    bode_band,
+    percent_times,
+    roots_of,
+    step_band,
+)
 from tcdyn.identification.search import Fit
 from tcdyn.identification.validation import ResidualTest, Validation
 from tcdyn.plots.style import (
@@ -257,8 +265,8 @@ def draw_step(model: Identified, ax: Axes | None = None) -> Axes:
     draw_band(step_band(model), ax)
     if not model.model.integrators:
         offset: dict[str, Any] = {"xytext": (4, -2), "textcoords": "offset points"}
-        for (name, time), share in zip(percent_times(model).items(), (0.5, 1 - np.exp(-1), 0.9)):
-            position = (time.value, share * model.gain)
+        for name, time in percent_times(model).items():
+            position = (time.value, PERCENT_TIMES[name] * model.gain)
             ax.plot(*position, "o", color=FAST, markersize=4)
             text = f" {name} = {time.text('s').replace('+-', '±')}"
             ax.annotate(text, position, fontsize=8, va="top", **offset)

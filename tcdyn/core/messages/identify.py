@@ -209,6 +209,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "output is clipped and these samples were left out",
         "record.slow_sampling": "log faster, because the samples do not show the response between "
         "them, and the lag then depends on the assumed structure",
+        "record.nonlinear": "identify each level on its own, with steps between two neighbouring "
+        "levels, because the output does not follow the input linearly",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
@@ -516,6 +518,35 @@ def _feedback(p: float, **_: Any) -> str:
     )
 
 
+def _nonlinear(
+    p: float, gain_percent: float, lag_percent: float, unexplained_percent: float, **_: Any
+) -> str:
+    """Message of ``record.nonlinear``.
+
+    Parameters
+    ----------
+    p
+        Chance of such residuals from a linear plant.
+    gain_percent, lag_percent
+        Changes of the gain over the range of the output, and of the lag between rise and fall [%];
+        0 where small.
+    unexplained_percent
+        Residuals over the range of the output [%].
+    """
+    changes = []
+    if gain_percent:
+        changes.append(f"the gain changes by about {gain_percent:.2g} % over the range")
+    if lag_percent:
+        changes.append(f"the lags of rise and fall differ by about {lag_percent:.2g} %")
+    if not changes:
+        changes.append("gain or lag change with the level")
+    return (
+        f"The output does not follow the input linearly (p = {p:.1g}): {' and '.join(changes)}, "
+        f"and {unexplained_percent:.2g} % of the range is left unexplained. Gain and lag are "
+        "averages over the levels of this record, and their intervals are those of the averages."
+    )
+
+
 # tcdyn/identification
 IDENTIFY: dict[str, Message] = {
     "models.why": _reason,
@@ -562,6 +593,7 @@ IDENTIFY: dict[str, Message] = {
     "record.repeats": "Column {subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated in the others: only its new values are used.",
     "record.other_hold": _other_hold,
+    "record.nonlinear": _nonlinear,
     "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the "
     "lag of {lag_s:.3g} s behind {subject}: other structures fit the samples as well and have "
     "other lags, which the intervals of lag and dead time do not include; log every "

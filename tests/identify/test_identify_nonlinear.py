@@ -1,0 +1,95 @@
+"""Plants that are not linear: the result says so, and linear plants do not get this message.
+
+``python -m tests.identify.test_identify_nonlinear 40`` prints how often it is found in each plant.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tcdyn.core import Array
+from tcdyn.core.findings import Severity
+from tcdyn.identification import IOData, compare
+
+STEP_S = 0.1  # of Euler's method
+DT_S = 5.0
+STEPS = round(DT_S / STEP_S)
+CODE = "record.nonlinear"
+
+
+def sampled(
+    rng: np.random.Generator,
+    levels: tuple[float, ...],
+    rate: Callable[[Array, float], Array],
+    state: Callable[[float], Array],
+    noise_K: float,
+) -> IOData:
+    """A record of 20 levels of 200 s: the last state of dx/dt = ``rate(x, u)``."""
+    u = np.repeat(rng.choice(levels, 20), 40)
+    x = state(u[0])
+    y = []
+    for level in u.tolist():
+        y.append(x[-1])
+        for _ in range(STEPS):
+            x = x + STEP_S * rate(x, level)
+    return IOData.from_arrays(u, np.array(y) + noise_K * rng.normal(size=len(u)), DT_S, hold="zoh")
+
+
+def asymmetric(seed: int) -> IOData:
+    """A lag of 60 s upward and 180 s downward."""
+
+    def rate(x: Array, u: float) -> Array:
+        return (u - x) / np.where(u > x, 60.0, 180.0)
+
+    return sampled(
+        np.random.default_rng(seed), (0.0, 30.0, 60.0, 100.0), rate, lambda u: np.array([u]), 0.1
+    )
+
+
+def limited(seed: int, limit: float = 100.0) -> IOData:
+    """The plant follows the command up to 100 % only; two lags of 80 and 10 s."""
+
+    def rate(x: Array, u: float) -> Array:
+        return np.array([(0.9 * min(u, limit) - x[0]) / 80, (x[0] - x[1]) / 10])
+
+    def state(u: float) -> Array:
+        return np.full(2, 0.9 * min(u, limit))
+
+    return sampled(np.random.default_rng(seed), (0.0, 50.0, 100.0, 150.0), rate, state, 0.1)
+
+
+def linear(seed: int) -> IOData:
+    """The same plant without the limit."""
+    return limited(seed, np.inf)
+
+
+@pytest.mark.e2e
+@pytest.mark.parametrize("plant", [asymmetric, limited])
+def test_a_plant_that_is_not_linear_is_reported(plant: Callable[[int], IOData]) -> None:
+    result = compare(plant(3))
+    found = {f.code: f for f in result.validation.findings}
+    assert CODE in found
+    assert found[CODE].severity is Severity.WARNING
+    assert result.conclusion.severity is not Severity.INFO
+    assert "two neighbouring levels" in result.conclusion.sentence
+
+
+@pytest.mark.e2e
+def test_a_linear_plant_is_not_called_nonlinear() -> None:
+    for seed in range(2):
+        result = compare(linear(seed))
+        assert CODE not in {f.code for f in result.validation.findings}
+        assert result.conclusion.severity is Severity.INFO
+
+
+if __name__ == "__main__":
+    for plant_ in (linear, asymmetric, limited):
+        seeds = range(int(sys.argv[1]))
+        found_ = [
+            CODE in {f.code for f in compare(plant_(seed)).validation.findings} for seed in seeds
+        ]
+        print(f"{plant_.__name__}: reported in {sum(found_)} of {len(found_)}")
