@@ -19,7 +19,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.core.labels import seconds_of_index
-from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold
+from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold, hold_of_each
 from tcdyn.identification.repeats import without_repeats
 from tcdyn.identification.segments import MIN_REPEATED_SHARE
 from tcdyn.io.cells import TextColumn
@@ -94,7 +94,8 @@ def from_frame(
         constant and jumps as if set by a computer. Where the input alone cannot tell
         (:func:`is_setpoint`), there is a finding.
     resample_s
-        Sampling interval [s] of an even grid to which uneven times are interpolated linearly.
+        Sampling interval [s] of an even grid for uneven times: held inputs are averaged over its
+        intervals, all else is interpolated linearly.
     name
         Name of the record.
 
@@ -155,15 +156,28 @@ def from_frame(
         )
     runs = []
     code_counts: dict[str, int] = {}
-    for (label, group), t in zip(groups, times):
-        location = f"{where}, run {label}" if label else where
-        u = _readings_of_columns(group, inputs, location, overload_codes, code_counts)
+    locations = [f"{where}, run {label}" if label else where for label, _ in groups]
+    read_inputs = [
+        _readings_of_columns(group, inputs, location, overload_codes, code_counts)
+        for (_, group), location in zip(groups, locations)
+    ]
+    # resampled inputs have other values, so their hold is that of the rows
+    findings: list[Finding] = []
+    holds: Holds = "foh"
+    if resample_s is not None:
+        rows = np.concatenate(read_inputs)
+        selected, findings = _holds_of_inputs(hold, inputs, rows, interval)
+        holds = check_hold(selected, len(inputs), where)
+    for (label, group), t, u, location in zip(groups, times, read_inputs, locations):
         y = _readings_of_columns(group, outputs, location, _output_codes, code_counts)
         start_s = 0.0
         if time is not None:
             check_times(t, time, location)
             start_s = float(t[0])
-            u, y = to_even_grid(t, u, y, interval, resample_s is not None, time, location)
+            if resample_s is None:
+                u, y = to_even_grid(t, u, y, interval, time, location)
+            else:
+                u, y = resampled(t, u, y, interval, hold_of_each(holds, len(inputs)), location)
         runs.append(
             IOData.from_arrays(
                 u,
@@ -183,11 +197,11 @@ def from_frame(
     data = replace(
         data,
         runs=tuple(replace(each, epoch=epoch) for each in data.runs),
-        findings=tuple(codes),
+        findings=(*codes, *findings),
     )
     if resample_s is None:
-        data = without_repeats(data, hold)
-    return with_hold(data, hold)
+        return with_hold(without_repeats(data, hold), hold)
+    return with_hold(data, holds)
 
 
 def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
@@ -200,43 +214,49 @@ def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
     hold
         As in :func:`from_frame`.
     """
-    findings: list[Finding] = []
-    selected: Holds | list[Hold]
-    if hold == "auto":
-        selected, findings = _select_holds(data)
-    else:
-        selected = hold
+    inputs = np.concatenate([run.u for run in data.runs])
+    selected, findings = _holds_of_inputs(hold, data.input_names, inputs, data.dt_s)
     checked = check_hold(selected, len(data.input_names), data.name or "table")
     return replace(data, hold=checked, findings=(*data.findings, *findings))
 
 
-def _select_holds(data: IOData) -> tuple[list[Hold], list[Finding]]:
-    """Select the hold of each input from its samples.
+def _holds_of_inputs(
+    hold: Holds | Literal["auto"], names: Sequence[str], inputs: Array, dt_s: float
+) -> tuple[Holds, list[Finding]]:
+    """The hold of each input; where it is to be selected, from the samples.
 
     Parameters
     ----------
-    data
-        The record.
+    hold
+        As in :func:`from_frame`.
+    names
+        Names of the inputs (K,).
+    inputs
+        Their samples (N, K).
+    dt_s
+        Sampling interval [s].
 
     Returns
     -------
     holds
-        "zoh" for each input that was set by a computer, else "foh".
+        ``hold``, or "zoh" for each input that was set by a computer, else "foh".
     findings
         One for each input that does not determine it.
     """
+    if hold != "auto":
+        return hold, []
     holds: list[Hold] = []
     findings = []
-    for k, name in enumerate(data.input_names):
-        is_set, step = is_setpoint(np.concatenate([run.u[:, k] for run in data.runs]))
-        hold: Hold = "zoh" if is_set else "foh"
-        holds.append(hold)
+    for name, values in zip(names, inputs.T):
+        is_set, step = is_setpoint(values)
+        selected: Hold = "zoh" if is_set else "foh"
+        holds.append(selected)
         if step:
             finding = info if is_set else warning
             findings.append(
-                finding("record.hold", subject=name, step=step, hold=hold, half_s=data.dt_s / 2)
+                finding("record.hold", subject=name, step=step, hold=selected, half_s=dt_s / 2)
             )
-    return holds, findings
+    return tuple(holds), findings
 
 
 def _named_columns(names: str | Collection[str], columns: Collection[str]) -> list[str]:
@@ -651,10 +671,78 @@ def check_times(t: Array, column: str, where: str) -> None:
         )
 
 
-def to_even_grid(
-    t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str
+def _grid_positions(t: Array, dt_s: float, where: str) -> Array:
+    """Times (N,) in intervals from the first one; an error for a grid of too many samples."""
+    position = np.asarray((t - t[0]) / dt_s)
+    if position[-1] > MAX_GRID_SAMPLES:
+        raise InputError(
+            f"a grid of {dt_s:g} s over {t[-1] - t[0]:g} s has {position[-1]:.2g} samples",
+            where=where,
+            expected=f"at most {MAX_GRID_SAMPLES:.0e}",
+            remedy="give a longer sampling interval in seconds",
+        )
+    return position
+
+
+def resampled(
+    t: Array, u: Array, y: Array, dt_s: float, holds: Sequence[Hold], where: str
 ) -> tuple[Array, Array]:
-    """Inputs and outputs on an even grid of times.
+    """Inputs and outputs of any times on an even grid.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s], which rise.
+    u, y
+        Inputs (N, K) and outputs (N, L).
+    dt_s
+        Sampling interval of the grid [s].
+    holds
+        Hold of each input (K,).
+    where
+        File that errors name.
+
+    Returns
+    -------
+    u, y
+        Inputs and outputs on the grid. A held input has its mean over each interval, so that its
+        steps keep their times on average; all else is interpolated linearly.
+
+    Raises
+    ------
+    InputError
+        For a grid of too many samples.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 1.5, 4.0])
+    >>> u = np.array([[0.0], [100.0], [100.0]])
+    >>> resampled(t, u, u, 1.0, ["zoh"], "table")[0].ravel()
+    array([  0.,  50., 100., 100., 100.])
+    """
+    last = int(np.floor(_grid_positions(t, dt_s, where)[-1] + 1e-9))
+    grid = t[0] + dt_s * np.arange(last + 2)
+    inputs = []
+    for values, hold in zip(u.T, holds):
+        finite = np.isfinite(values)
+        times = t[finite]
+        known = values[finite]
+        if hold == "zoh":
+            ends = np.append(times, grid[-1] + dt_s)
+            steps = known * np.diff(ends)
+            integral = np.interp(grid, ends, np.concatenate([[0.0], np.cumsum(steps)]))
+            integral -= known[0] * np.maximum(times[0] - grid, 0.0)
+            inputs.append(np.diff(integral) / dt_s)
+        else:
+            inputs.append(np.interp(grid[:-1], times, known))
+    outputs = [np.interp(grid[:-1], t, values) for values in y.T]
+    return np.column_stack(inputs), np.column_stack(outputs)
+
+
+def to_even_grid(
+    t: Array, u: Array, y: Array, dt_s: float, column: str, where: str
+) -> tuple[Array, Array]:
+    """Inputs and outputs on an even grid, on which their times must be; gaps become NaN.
 
     Parameters
     ----------
@@ -664,9 +752,6 @@ def to_even_grid(
         Inputs (N, K) and outputs (N, L).
     dt_s
         Sampling interval [s].
-    resample
-        Whether all is interpolated linearly; else the times must be on the grid, and gaps become
-        NaN.
     column, where
         Column and file that errors name.
 
@@ -685,22 +770,7 @@ def to_even_grid(
     ``MAX_JITTER`` is the largest error of a time that the fit then ignores.
     ``tests/identify/test_identify_data.py`` checks gaps and rounded stamps.
     """
-    position = (t - t[0]) / dt_s
-    if position[-1] > MAX_GRID_SAMPLES:
-        raise InputError(
-            f"a grid of {dt_s:g} s over {t[-1] - t[0]:g} s has {position[-1]:.2g} samples",
-            where=where,
-            expected=f"at most {MAX_GRID_SAMPLES:.0e}",
-            remedy="give a longer sampling interval in seconds",
-        )
-    if resample:
-        grid = t[0] + dt_s * np.arange(int(np.floor(position[-1] + 1e-9)) + 1)
-        inputs = []
-        for values in u.T:
-            finite = np.isfinite(values)
-            inputs.append(np.interp(grid, t[finite], values[finite]))
-        outputs = [np.interp(grid, t, values) for values in y.T]
-        return np.column_stack(inputs), np.column_stack(outputs)
+    position = _grid_positions(t, dt_s, where)
     index = np.round(position).astype(int)
     departure = np.abs(position - index)
     if departure.max() > MAX_JITTER or np.any(np.diff(index) == 0):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from identify_cases import PLAIN, case_a
 from nptdms import ChannelObject, TdmsWriter
+from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.identification import IOData, compare, fit, from_csv, from_frame, process, simulate
@@ -347,3 +348,21 @@ def test_columns_may_be_named_without_their_unit(tmp_path):
         assert data.select(output="T1").n_samples == 60
     with pytest.raises(InputError, match="output column 'T2' is missing"):
         from_frame(frame, input="bath", output="T2")
+
+
+def test_a_held_input_at_uneven_times_keeps_the_instants_of_its_steps() -> None:
+    """The input changes at rows every 1 to 6 s; lag 60 s, dead time 8 s."""
+    rng = np.random.default_rng(3)
+    times = np.round(np.cumsum(rng.uniform(1.0, 6.0, 1100)), 1)
+    levels = rng.choice([0.0, 30.0, 100.0], 40)[(times // 100).astype(int)]
+    fine = 0.1 * np.arange(round(times[-1] / 0.1) + 1)
+    held = levels[np.clip(np.searchsorted(times, fine - 8.0, side="right") - 1, 0, None)]
+    share = 1 - np.exp(-0.1 / 60.0)
+    y = lfilter([0.0, share], [1.0, share - 1], held - held[0]) + held[0]
+    output = np.interp(times, fine, y) + 0.1 * rng.standard_normal(len(times))
+    frame = pd.DataFrame({"time_s": times, "u": levels, "T_degC": output})
+    data = from_frame(frame, input="u", output="T_degC", resample_s=3.5)
+    assert data.hold == "zoh"
+    model = fit(data, "P1D").identified
+    assert abs(model.estimates["Td"].value - 8.0) < 0.3
+    assert abs(model.lag_s.value - 68.0) < 0.3

@@ -374,6 +374,38 @@ def test_sentences_call_a_channel_by_its_name_and_count_from_one_without():
         smooth(y, DT, Chain((1.0,), conditioning=B), names=["fast_d"])
 
 
+def test_a_quiet_soak_in_coarse_steps_is_not_stuck():
+    """A ramp and a soak of 150 rows at 0.1 K, with 0.01 K of noise: the soak is one value."""
+    t = 5.0 * np.arange(600)
+    truth = np.interp(t, [0, 300, 2250, 3000], [4.2, 4.2, 72.3, 72.3])
+    chain = Chain((8.0,), conditioning=NO_CONDITIONING)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(t))
+    y = np.round(chain.response(truth, 5.0) + noise, 1)
+    assert np.ptp(y[-140:]) == 0.0
+    done = smooth(y, 5.0, chain)
+    error = done.temperature[:, 0] - truth
+    assert not done.flags.any()
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert np.mean(np.abs(error) < 1.96 * done.sd[:, 0]) > 0.93
+
+
+@pytest.mark.parametrize("lost", [slice(0, 100), slice(500, 600), slice(250, 350)])
+def test_nothing_is_reported_farther_than_a_lag_from_any_reading(lost):
+    """A ramp whose start, end or middle is missing for 20 lags."""
+    t = 5.0 * np.arange(600)
+    truth = np.interp(t, [0, 300, 1500, 3000], [80.0, 80.0, 600.0, 560.0])
+    chain = Chain((25.0,), conditioning=NO_CONDITIONING)
+    y = chain.response(truth, 5.0) + 0.2 * np.random.default_rng(0).standard_normal(len(t))
+    y[lost] = np.nan
+    temperature, sd = smooth(y, 5.0, chain).determined_estimates()
+    reported = np.isfinite(temperature[:, 0])
+    is_lost = np.isin(np.arange(len(t)), np.arange(len(t))[lost])
+    assert reported[~is_lost].all()
+    assert 5 <= reported[is_lost].sum() <= 12
+    error = np.abs(temperature[:, 0] - truth)[reported]
+    assert np.mean(error < 1.96 * sd[reported, 0]) > 0.93
+
+
 @pytest.mark.e2e
 def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
     """12 bits over 860 degC and 0.02 K of noise on a slow cooling: most samples repeat, and nothing
