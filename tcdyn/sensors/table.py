@@ -557,7 +557,8 @@ def _check_rising(time_s: Array, where: str) -> None:
             f"({time_s[row]:.9g} s, then {time_s[row + 1]:.9g} s)",
             where=where,
             expected="time that rises",
-            remedy="sort the rows, or cut the table",
+            remedy="sort the rows, or cut the table; where a clock without dates goes on after a "
+            "night without rows, log the date too",
         )
     if time_s[-1] <= time_s[0]:
         raise InputError("all rows have one time", where=where, expected="time that rises")

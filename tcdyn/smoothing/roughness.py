@@ -60,9 +60,9 @@ RISK_SD = 3.0
 # noise amplified
 RISK_CORNER_LAGS = 3.0
 # exponents of the spectrum of a rough temperature that are tried, the last is that of level noise;
-# nats by which another must be better
+# those of smaller weight are left out
 EXPONENTS = np.linspace(0.5, 2.0, 16)
-EXPONENT_NATS = 4.0
+MIN_EXPONENT_WEIGHT = 1e-3
 # the spectrum is used from this share of the corner frequency on; fewest frequencies
 SPECTRUM_START = 0.2
 MIN_FREQUENCIES = 50
@@ -434,8 +434,8 @@ def unresolved_var(fit: Smoothed) -> Array:
     Notes
     -----
     S(w) = A w^-b is fitted to the periodogram around and above the corner by Whittle's likelihood.
-    Where an exponent below 2 is clearly better, the result is the mean square error of the Wiener
-    filter, the integral of S R dt / (|G|^2 S + R dt) dw / pi, for this spectrum less that for
+    The result is the mean square error of the Wiener filter, the integral of S R dt / (|G|^2 S +
+    R dt) dw / pi, averaged over the exponents with their likelihoods as weights, less that for
     b = 2.
     """
     record = fit.record
@@ -469,13 +469,12 @@ def unresolved_var(fit: Smoothed) -> Array:
         cost = (count * (np.log(expected) + mean_power / expected)).sum(axis=-1)
         best = np.argmin(cost, axis=0)
         costs = np.min(cost, axis=0)
-        flattest = int(np.argmin(costs))
-        if costs[-1] - costs[flattest] < EXPONENT_NATS:
-            continue
-        missed = []
-        for index in (flattest, len(EXPONENTS) - 1):
+        weights = np.exp(costs.min() - costs)
+        weights /= weights.sum()
+        missed = np.zeros(len(EXPONENTS))
+        for index in np.unique([*np.flatnonzero(weights > MIN_EXPONENT_WEIGHT), len(weights) - 1]):
             spectrum = scales[best[index], index] * w ** -EXPONENTS[index]
             error = spectrum * var / (gain * spectrum + var)
-            missed.append(float(error.sum() * (w[1] - w[0]) / np.pi))
-        out[c] = max(missed[0] - missed[1], 0.0)
+            missed[index] = float(error.sum() * (w[1] - w[0]) / np.pi)
+        out[c] = max(float(weights @ missed) - missed[-1], 0.0)
     return out
