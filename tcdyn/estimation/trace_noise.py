@@ -359,8 +359,12 @@ def _on_line_of_one_side(x: Array, suspects: NDArray[np.intp], tolerance: float)
     -------
     Mask of the suspects, (K,).
     """
-    others = np.setdiff1d(np.arange(len(x)), suspects)
     out = np.zeros(len(suspects), dtype=bool)
+    if not len(suspects):
+        return out
+    is_good = np.ones(len(x), dtype=bool)
+    is_good[suspects] = False
+    others = np.flatnonzero(is_good)
     before = np.searchsorted(others, suspects)
     for first in (before - LINE_SAMPLES, before):
         exists = (first >= 0) & (first + LINE_SAMPLES <= len(others))

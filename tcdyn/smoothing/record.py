@@ -139,15 +139,14 @@ def _without_reading(good: Flags, lag_samples: float) -> Flags:
     is quiet there gets a narrow band where nothing was read.
     """
     near = max(lag_samples, NEAR_SAMPLES)
+    out = np.zeros(len(good), dtype=bool)
     rows = np.flatnonzero(good)
-    gap_starts = np.concatenate([[-np.inf], rows])
-    gap_ends = np.concatenate([rows, [np.inf]])
-    index = np.arange(len(good))
-    gap = np.searchsorted(rows, index, side="right")
-    since = index - gap_starts[gap]
-    until = gap_ends[gap] - index
-    is_long = (gap_ends - gap_starts)[gap] > LONG_GAP * near
-    return np.asarray(is_long & (since > near) & (until > near) & ~good)
+    bad = np.flatnonzero(~good)
+    gap = np.searchsorted(rows, bad)
+    since = bad - np.concatenate([[-np.inf], rows])[gap]
+    until = np.concatenate([rows, [np.inf]])[gap] - bad
+    out[bad] = (since + until > LONG_GAP * near) & (since > near) & (until > near)
+    return out
 
 
 def channel_names(names: Sequence[str] | None, count: int) -> list[str]:
