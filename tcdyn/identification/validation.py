@@ -792,15 +792,15 @@ def nonlinear_columns(fit: Fit) -> Array:
     rationals = problem.rationals(fit.x)
     rows = []
     for segment, x in zip(problem.segments, outputs):
-        columns = [_bend(x, lowest, highest), np.maximum(np.gradient(x, problem.dt_s), 0.0)]
+        columns = [_curved(x, lowest, highest), np.maximum(np.gradient(x, problem.dt_s), 0.0)]
         for k, (rational, hold) in enumerate(zip(rationals, problem.holds)):
-            bent = _bend(segment.inputs[:, k], *input_limits[k])
-            columns.append(simulate(rational, bent, problem.dt_s, hold))
+            curved_input = _curved(segment.inputs[:, k], *input_limits[k])
+            columns.append(simulate(rational, curved_input, problem.dt_s, hold))
         rows.append(np.stack(columns, axis=1)[segment.measured])
     return np.concatenate(rows)
 
 
-def _bend(x: Array, lowest: float, highest: float) -> Array:
+def _curved(x: Array, lowest: float, highest: float) -> Array:
     """R (z^2 - z), with z from 0 to 1 over the range R from ``lowest`` to ``highest``."""
     size = max(highest - lowest, 1e-300)
     z = (x - lowest) / size

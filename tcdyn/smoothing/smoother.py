@@ -224,8 +224,11 @@ def smooth(
     ]
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
-    hidden = [event for event in possible_events if isinstance(event, HiddenEvent)]
-    detected = [(event.at_s, event.u_s) for event in hidden if event.log_odds > 0]
+    detected = [
+        (event.at_s, event.u_s)
+        for event in possible_events
+        if isinstance(event, HiddenEvent) and event.log_odds > 0
+    ]
     result = Compensated.from_components(
         samples.temperature,
         sd,

@@ -3,7 +3,7 @@ nothing beside."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +42,9 @@ SHORTEST = ("calibrate",)
 REST = tuple(name for name in QUICK if name not in (*WITHOUT_RIG, *RECORD))
 
 
-def with_long_marks(names: Iterable[str]) -> list[Any]:
-    """The names as parameters; all but the shortest commands are long tests."""
-    return [
-        pytest.param(name, marks=[] if name in SHORTEST else pytest.mark.long) for name in names
-    ]
+def with_long_marks(names: Iterable[str], without: Collection[str] = SHORTEST) -> list[Any]:
+    """The names as parameters; all but those ``without`` a mark are long tests."""
+    return [pytest.param(name, marks=[] if name in without else pytest.mark.long) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +69,9 @@ def refused(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", [*WITHOUT_RIG, *RECORD])
+@pytest.mark.parametrize(
+    "name", with_long_marks([*WITHOUT_RIG, *RECORD], [*WITHOUT_RIG[::2], RECORD[0]])
+)
 def test_a_quick_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -79,7 +79,7 @@ def test_a_quick_command_whose_calls_fail(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", REST)
+@pytest.mark.parametrize("name", with_long_marks(REST, REST[::2]))
 def test_a_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path, draws: Callable[[int], int]
 ) -> None:

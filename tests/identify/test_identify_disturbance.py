@@ -74,7 +74,9 @@ def test_sensitivities_with_past_input_and_drift_equal_central_differences():
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("name", [pytest.param("ar0.9", marks=pytest.mark.long), "walk", "drift"])
+@pytest.mark.parametrize(
+    "name", ["walk", *(pytest.param(name, marks=pytest.mark.long) for name in ("ar0.9", "drift"))]
+)
 def test_selected_noise_model_covers_the_lag(name):
     """With white noise assumed, the sandwich covers 47 % under a random walk and 5 % under a
     drift."""

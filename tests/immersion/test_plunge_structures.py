@@ -124,6 +124,7 @@ def test_three_lags_are_recommended_if_they_fit_best() -> None:
     assert "calibrate with structure=P3" in structures.sentence
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_integrated_evidence_equals_laplace_approximation_for_a_normal_posterior() -> None:
     # at the noise of the rig it is not normal: the marginal is narrower by a quarter than its

@@ -255,7 +255,7 @@ def test_a_lag_as_short_as_the_medium_s_is_a_warning() -> None:
 
 @pytest.mark.study
 @pytest.mark.parametrize("medium", list(MEDIA))
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("known", [False, pytest.param(True, marks=pytest.mark.long)])
 @pytest.mark.parametrize("junction", JUNCTIONS)
 def test_the_times_of_layered_sensors_lie_in_their_intervals(
     medium: str, known: bool, junction: Junction
