@@ -296,7 +296,7 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
         slope_there = max(float(np.interp(crossing, t, slope)), 1e-12)
         gradient = np.array([[np.interp(crossing, t, row)] for row in share_jacobian])
         u = float(model.standard_uncertainty(-gradient / slope_there)[0])
-        if u < t[-1]:  # also not where it is no number
+        if u < t[-1]:  # false where u is not a number
             times[name] = Estimate.normal(crossing, u)
     return times
 

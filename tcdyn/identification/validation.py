@@ -774,8 +774,9 @@ def nonlinear_columns(fit: Fit) -> Array:
     -------
     array
         At the measured samples: by a gain that changes with the output, by a lag that differs
-        between rise and fall [s], and by a gain that changes with each input. A coefficient of one
-        doubles the gain at the upper end of the range, or adds a lag of 1 s to the rise.
+        between rise and fall [s], and by a gain that changes with each input. With a coefficient a
+        of the first or the last, the gain is 1 - a times its mean at the lower end of the range and
+        1 + a times at the upper end; with one of the second, the lag of the rise is a shorter.
 
     Notes
     -----
@@ -844,7 +845,7 @@ def nonlinearity(fit: Fit, e: Array, jacobian: Array, columns: Array) -> tuple[F
     if smallest_p >= limit:
         return ()
     by_output, rise_lag_s, *by_input = sizes
-    gain_percent = 200 * max(by_output, *by_input)
+    gain_percent = 100 * 2 * max(by_output, *by_input)  # from 1 - a to 1 + a
     lag_percent = 100 * rise_lag_s / max(abs(fit.identified.longest_lag_s), 1e-300)
     range_of_output = float(np.ptp(fit.problem.measured_output))
     unexplained_percent = 100 * float(np.std(fit.residual)) / max(range_of_output, 1e-300)

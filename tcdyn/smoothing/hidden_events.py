@@ -231,10 +231,11 @@ def remaining_jump(fit: Smoothed) -> Array:
 
     Notes
     -----
-    The most likely jump at a knot is the adjoint over its variance. It counts where the score test
-    of ``candidate_times`` is significant, and in the two intervals on either side. Soon after a
-    hidden event another jump is likely (the second edge of a pulse), so that the threshold is lower
-    there.
+    The most likely jump at a knot is the adjoint over its variance plus the inverse variance of its
+    prior, whose standard deviation is the range of the trace as in ``weigh_event``. It counts where
+    the score test of ``candidate_times`` is significant, and in the two intervals on either side.
+    Soon after a hidden event another jump is likely (the second edge of a pulse), so that the
+    threshold is lower there.
     """
     chi2 = fit.jump_chi2.copy()
     chi2[:3] = 0.0
@@ -246,18 +247,22 @@ def remaining_jump(fit: Smoothed) -> Array:
     hidden_s = {b.start_s for q in fit.intensities for b in q.bursts} - listed_s
     chi2[np.isin(knots, [*listed_s, *hidden_s])] = 0.0  # there a jump has its own prior
     after_s = knots[:, None] - sorted(hidden_s)
-    is_after = ((after_s > 0) & (after_s < smearing_time_s(fit.record))).any(axis=1)
-    count_after = max(int(is_after.sum()) * chi2.shape[1], 1)
+    reach_s = smearing_time_s(fit.record)
+    is_after = ((after_s > 0) & (after_s < reach_s)).any(axis=1)
+    # a record may end soon after an event; that makes no jump there more likely
+    fewest = reach_s / fit.record.dt_s
+    count_after = max(float(is_after.sum()), fewest) * chi2.shape[1]
     threshold = np.where(
         is_after,
         2 * np.log(count_after / MORE_FALSE_CANDIDATES),
         2 * np.log(chi2.size / FALSE_CANDIDATES),
     )[:, None]
     significant = chi2 > threshold
+    spans_K = channel_spans(fit.record, fit.noise_var)
     for c in np.flatnonzero(significant.any(axis=0)):
-        with np.errstate(over="ignore"):  # no jump is determined where the variance is zero
-            jump = 0.5 * np.abs(fit.score[:, c, 0]) / np.maximum(fit.score_var[:, c, 0], 1e-300)
-        jump = np.where(significant[:, c], jump, 0.0)
+        information = fit.score_var[:, c, 0] + 1 / spans_K[c] ** 2
+        half_jump = 0.5 * np.abs(fit.score[:, c, 0]) / information
+        jump = np.where(significant[:, c], half_jump, 0.0)
         out[:, c] = np.interp(t, knots, maximum_filter1d(jump, JUMP_WINDOW))
     return out
 
@@ -712,15 +717,16 @@ def _forms_of_listed_event(
     base = [q.shifted(shift_s=shift) for q in _without_bursts(intensities, at_s)]
     window = _Window(samples, noise_var, base, start_s, start_s, start_s)
     jumps_K = (jump_ranges(samples, start_s) * channel_spans(samples, noise_var)).tolist()
-    no_jump = [replace(b, level_sd=0.0) for b in bursts]
+    kink = [replace(b, level_sd=0.0) for b in bursts]
     jump = [replace(b, level_sd=jump_K) for b, jump_K in zip(bursts, jumps_K)]
-    forms = [no_jump, jump]
-    forms += [[replace(b, height=0.0) for b in form] for form in forms]
+    with_burst = [kink, jump]
+    without_burst = [[replace(b, height=0.0) for b in form] for form in with_burst]
+    forms = [*with_burst, *without_burst]
     on_clock = [[replace(b, start_s=start_s) for b in form] for form in forms]
     log_weight = window.values(np.array([start_s]), on_clock)[:, 0]
-    log_weight[:, :2] -= BURST_FIT_NATS
+    log_weight[:, : len(with_burst)] -= BURST_FIT_NATS
     has_burst = np.array([b.height > 0 for b in bursts])
-    log_weight[~has_burst, :2] = -np.inf  # the same as without a burst
+    log_weight[~has_burst, : len(with_burst)] = -np.inf  # the same forms as without a burst
     weights = np.exp(log_weight - logsumexp(log_weight, axis=1, keepdims=True)).T
     possibilities = [
         (at_s, tuple(form), weight)

@@ -13,7 +13,7 @@ import pytest
 
 from tcdyn.core import Array
 from tcdyn.core.findings import Severity
-from tcdyn.identification import IOData, compare
+from tcdyn.identification import IOData, compare, fit, process, simulate, validate
 
 STEP_S = 0.1  # of Euler's method
 DT_S = 5.0
@@ -76,6 +76,20 @@ def test_a_plant_that_is_not_linear_is_reported(plant: Callable[[int], IOData]) 
     assert found[CODE].severity is Severity.WARNING
     assert result.conclusion.severity is not Severity.INFO
     assert "two neighbouring levels" in result.conclusion.sentence
+
+
+@pytest.mark.parametrize("bend", [0.1, 0.3])
+def test_a_gain_that_changes_with_the_output_has_the_stated_size(bend: float) -> None:
+    """Gain from 1 - bend to 1 + bend times its mean over the range of the output."""
+    u = np.repeat(np.random.default_rng(2).choice([0.0, 30.0, 60.0, 100.0], 20), 40)
+    x = simulate(process("P1").rational({"Kp": 1.0, "Tp1": 60.0}), u, DT_S, "zoh")
+    z = (x - x.min()) / np.ptp(x)
+    y = x + bend * np.ptp(x) * (z**2 - z) + 0.1 * np.random.default_rng(3).normal(size=len(u))
+    findings = validate(
+        fit(IOData.from_arrays(u, y, DT_S, hold="zoh"), "P1", noise="white")
+    ).findings
+    (found,) = (f for f in findings if f.code == CODE)
+    assert found.numbers["gain_percent"] == pytest.approx(200 * bend, rel=0.2)
 
 
 @pytest.mark.e2e

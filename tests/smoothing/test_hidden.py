@@ -137,3 +137,17 @@ def test_listed_edges_of_a_square_wave_are_jumps_without_noise_about_them() -> N
     assert np.sqrt(np.mean(error**2)) < 0.3
     assert np.abs(error / ours.sd[:, 0]).max() < 6.0
     assert not ours.flags.any()
+
+
+def test_a_record_that_ends_soon_after_an_event_is_determined() -> None:
+    """A rise from 5 s on; the record ends 0.35 lags later, as a block of live compensation does."""
+    dt = 0.05
+    t = dt * np.arange(107)
+    truth = 25.0 - 155.0 * np.expm1(-np.maximum(t - 5.0, 0.0) / 3.0)
+    chain = Chain((1.0,), conditioning=NO_CONDITIONING)
+    clean = chain.response(truth, dt)
+    for seed in (8, 24):  # five and six samples were withheld
+        y = clean + 0.2 * np.random.default_rng(seed).standard_normal(len(t))
+        undetermined = smooth(y, dt, chain).undetermined
+        assert undetermined is not None
+        assert not undetermined[:-1].any()
