@@ -208,11 +208,28 @@ def conclude(
         return error("models.none", against=against, untried=list(untried[:3]), **numbers)
     if not row["determined"]:
         return warning("models.undetermined", remark=row["remark"], **numbers)
+    settling = _as_likely_settling(table, recommended)
+    if settling:
+        return warning("models.integrator", other=settling, **numbers)
     is_worse = is_coloured and worse_than_mean
     numbers |= {"coloured": is_coloured, "worse_than_mean": is_worse, "small": is_small}
     if troubles or is_worse:
         return warning("models.provisional", **numbers)
     return info("models.recommended", **numbers)
+
+
+def _as_likely_settling(table: pd.DataFrame, recommended: str) -> str:
+    """Name of a model without integrator that is as likely as the recommended one with integrator.
+
+    Empty where there is none, or where the recommended model has no integrator.
+    """
+    integrates = table["model"].str.contains("I", regex=False)
+    if not integrates[table["model"] == recommended].any():
+        return ""
+    bic = table["BIC"]
+    is_tie = bic < float(bic[table["model"] == recommended].iloc[0]) + TIE_BIC
+    settling = table[is_tie & ~integrates & (table["model"] != NO_MODEL)]
+    return str(settling["model"].iloc[0]) if len(settling) else ""
 
 
 def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:

@@ -7,7 +7,7 @@ sheathed sensors and ``tests/sensors/test_long_lags.py`` long records.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -172,7 +172,7 @@ def plunge_sensor(
         if fit_values["tail_u_s"] ** 2 > 0.5 * lag.u**2:
             fit_values["limited_by"] = TAIL_LIMIT
     if best.structure.slow:
-        fit_values |= {"slow_share": theta["slow_share"], "slow_s": theta["slow_s"]}
+        fit_values |= {"slow_share": _slow_share_of_step(theta), "slow_s": theta["slow_s"]}
     if film is not None:
         fit_values |= film.to_fit(lag)
     limit_K = MISFIT_SHARE * abs(step.size_K)
@@ -281,8 +281,7 @@ def _structure_findings(
     if probability > UNDECIDED[0]:
         theta = fitted[max(slow, key=lambda k: weights[k])].fit.theta
         slow_s = theta["slow_s"]
-        # share of the slow exponential in the step response
-        percent = 100 * theta["slow_share"] * slow_s / (slow_s - theta["tau1_s"])
+        percent = 100 * _slow_share_of_step(theta)
         if probability > UNDECIDED[1]:
             finding = info("sensor.slow_path", subject=column, percent=percent, slow_s=slow_s)
         else:
@@ -296,6 +295,15 @@ def _structure_findings(
     if after_s < 4 * longest_s:
         findings.append(warning("sensor.cut_off", subject=column, after_s=after_s, lag_s=longest_s))
     return findings
+
+
+def _slow_share_of_step(theta: Mapping[str, float]) -> float:
+    """Share of the slow exponential in the step response [1].
+
+    The parameter ``slow_share`` is that of a heat path that ends at the sensor, behind its lag.
+    """
+    slow_s = theta["slow_s"]
+    return theta["slow_share"] * slow_s / (slow_s - theta["tau1_s"])
 
 
 def _entry_findings(

@@ -64,6 +64,15 @@ def test_known_response_with_undetermined_parameters_beats_a_model_that_misses_d
     assert advice_text(*table.to_dict("records")).startswith("Use P2 with care.")
 
 
+def test_an_integrator_is_doubtful_where_a_long_lag_describes_the_record_as_well() -> None:
+    long_lag = row("P1D", 1.5, remark="Tp1 is hardly determined")
+    advice = advice_text(row("P1I", 0.0), long_lag)
+    assert advice.startswith("Use P1I with care.")
+    assert "P1D, whose output settles, describes the record as well" in advice
+    assert advice_text(row("P1I", 0.0), row("P1D", 6.0)).startswith("Recommended: P1I")
+    assert advice_text(row("P1DI", 0.0), row("P1I", 1.0)).startswith("Recommended: P1DI")
+
+
 def test_no_model_is_recommended_if_all_miss_dynamics() -> None:
     advice = advice_text(
         row("P1", 0.0, p_input=1e-6), row("P2", 5.0, p_input=1e-3), untried=("P3", "P3D")

@@ -286,6 +286,21 @@ def _undetermined(
     )
 
 
+def _integrator_or_lag(
+    subject: str, why: str, other: str, troubles: list[str], option: Spelling, **_: Any
+) -> str:
+    """Message of ``models.integrator``.
+
+    ``why`` is the sentence of the selection, ``other`` a model without integrator that is as
+    likely, ``troubles`` the codes of the record's problems.
+    """
+    return (
+        f"Use {subject} with care. {why} But {other}, whose output settles, describes the record "
+        "as well: it does not show whether the output would settle. Record until it does, with "
+        f"longer constant levels of the input.{_but_first(troubles, option)}"
+    )
+
+
 def _recommendation(
     subject: str,
     why: str,
@@ -556,6 +571,7 @@ IDENTIFY: dict[str, Message] = {
     "constant output. Check that the right columns were taken, and that the input moves enough to "
     "be seen above the noise of the output.",
     "models.undetermined": _undetermined,
+    "models.integrator": _integrator_or_lag,
     "models.provisional": _recommendation,
     "models.recommended": _recommendation,
     "record.clipped": "{count} samples of the output are clipped (equal to its largest or smallest "
