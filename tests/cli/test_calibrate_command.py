@@ -75,6 +75,7 @@ def said(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Said:
     )
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_bouncing_switch_is_told_once_and_in_one_wording(said: Said) -> None:
     told = [w for w in said.record["warnings"] if "bounc" in w]
@@ -310,6 +311,7 @@ def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_pat
         )
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: Path) -> None:
     """The log's finding spoke of column e_degC; whoever looked for "channel e:" called all six fit

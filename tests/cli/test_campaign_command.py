@@ -172,6 +172,7 @@ def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     assert "EHL_B3.beta.json: was analysed with another rig.toml" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_map_has_the_error_of_a_channel_as_it_is_in_the_log(
     campaign: Campaign, tmp_path: Path

@@ -133,7 +133,7 @@ def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Pat
 
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform != "linux", reason="a device that is always full")
-@pytest.mark.parametrize("words", ["verify", "rig check"])
+@pytest.mark.parametrize("words", [pytest.param("verify", marks=pytest.mark.long), "rig check"])
 def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
     """``verify`` writes at once, ``rig`` when it ends."""
     command = [sys.executable, "-m", "tcdyn", *words.split()]
@@ -144,7 +144,7 @@ def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
 
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="a closed pipe of POSIX")
-@pytest.mark.parametrize("words", ["verify", "rig check", "--help"])
+@pytest.mark.parametrize("words", ["rig check", "--help"])
 def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)

@@ -47,7 +47,7 @@ def test_a_campaign_that_is_stopped_leaves_no_worker_and_no_shared_memory(
 
 @ON_LINUX
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", COMMANDS[:4])
+@pytest.mark.parametrize("name", COMMANDS[:3])
 def test_a_command_that_is_stopped_leaves_no_part_of_an_output(world: World, name: str) -> None:
     """100 trials: `python -m tests.cli.signal_study commands 100 1`."""
     command = StoppedCommand(world, name)

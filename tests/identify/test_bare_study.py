@@ -128,7 +128,9 @@ def test_severities_of_a_case_sum_to_one() -> None:
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("name", ["white", "P1", "P2", "feedthrough"])
+@pytest.mark.parametrize(
+    "name", ["white", "P1", "P2", pytest.param("feedthrough", marks=pytest.mark.long)]
+)
 def test_bare_call_covers_gain_and_lag(name: str, draws: Callable[[int], int]) -> None:
     row = study(name, range(1000, 1000 + draws(20)))
     # loose limits: five to twenty draws

@@ -200,7 +200,7 @@ def test_dynamics_that_a_model_lacks_are_not_taken_for_a_disturbance() -> None:
 @pytest.mark.study
 def test_drift_is_not_taken_for_a_lag() -> None:
     """The drift of 1.5 is three quarters of the gain."""
-    for seed in range(6):
+    for seed in range(3):
         comparison = compare(record(seed, DISTURBANCES["drift"][0]))
         assert comparison.best.problem.trend
         gain = comparison.averaged["u"]["gain"]

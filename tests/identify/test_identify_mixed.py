@@ -184,7 +184,7 @@ def test_missing_dynamics_warning_names_the_input():
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("baseline", ["walk", "auto"])
+@pytest.mark.parametrize("baseline", [pytest.param("walk", marks=pytest.mark.long), "auto"])
 def test_spikes_on_a_random_walk_are_distinguished_from_its_peaks(baseline):
     """With weights by the size of the residuals, peaks count as spikes, and 40 % of the intervals
     cover the lag."""

@@ -68,7 +68,7 @@ def linear(seed: int) -> IOData:
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("plant", [asymmetric, limited])
+@pytest.mark.parametrize("plant", [asymmetric, pytest.param(limited, marks=pytest.mark.long)])
 def test_a_plant_that_is_not_linear_is_reported(plant: Callable[[int], IOData]) -> None:
     result = compare(plant(3))
     found = {f.code: f for f in result.validation.findings}

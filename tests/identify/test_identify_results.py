@@ -280,6 +280,7 @@ def test_narx_rejects_gaps_and_names_the_alternative():
         temperature_dependence(IOData.from_arrays(data.runs[0].u, y, 0.05))
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.filterwarnings("ignore")
 def test_narx_reports_whether_the_lag_depends_on_temperature():

@@ -84,6 +84,7 @@ def test_true_structure_gives_no_warning_and_little_widening() -> None:
     assert after.common_lag_s.u < 1.2 * before.common_lag_s.u
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_one_lag_is_not_contradicted_if_it_is_true() -> None:
     structures = fitted("P1", 0.3, second_lag=False)[1].structures

@@ -32,7 +32,7 @@ def analysis_and_true_fields() -> tuple[Partition, dict[str, CircumferentialTemp
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("disk", DISKS)
+@pytest.mark.parametrize("disk", [pytest.param("fast", marks=pytest.mark.long), "slow"])
 def test_surface_temperature_matches_the_truth_within_its_band(disk: str) -> None:
     analysis, true_fields = analysis_and_true_fields()
     estimate = circumferential_temperature(analysis, disk)

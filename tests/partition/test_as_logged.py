@@ -47,7 +47,7 @@ def full_analysis(study: StudyRig) -> Partition:
 
 @pytest.mark.study
 @pytest.mark.parametrize(
-    "form", [pytest.param("ambient_channels", marks=pytest.mark.study), "minimal"]
+    "form", [pytest.param("ambient_channels", marks=pytest.mark.long), "minimal"]
 )
 def test_beta_is_within_1_5_u_of_the_full_log_without_warnings(
     form: str, study: StudyRig, full_analysis: Partition

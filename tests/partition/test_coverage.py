@@ -14,12 +14,12 @@ from tests.partition.coverage_study import report, run_study
 from tests.partition.junction_study import with_shifted_junction
 from tests.partition.study_rigs import study_rig
 
-RIGS = 28
+RIGS = 20
 
 
 @pytest.mark.study
 def test_intervals_have_the_stated_coverage(draws: Callable[[int], int]) -> None:
-    """95 % intervals over 28 rigs: each count is at least the 0.1 % point of the binomial law for
+    """95 % intervals over 20 rigs: each count is at least the 0.1 % point of the binomial law for
     93 %."""
     rigs = draws(RIGS)
     rows = run_study(rigs)

@@ -155,6 +155,7 @@ def test_contradiction_is_an_error_and_the_largest_tension_a_note() -> None:
     assert without_tension.largest_tension is None
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_every_nominal_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> None:
     """Depths by the sensor check if it exists, otherwise by the joint fit; never by both."""

@@ -262,6 +262,7 @@ def test_unusable_channel_is_excluded_with_a_warning(
     assert [prepared.disks[d].excluded for d in DISKS] == [(), (name[-1],)]
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_channel_reported_dead_by_the_sensor_check_is_excluded(
     study: StudyRig, monkeypatch: pytest.MonkeyPatch

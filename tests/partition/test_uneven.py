@@ -178,6 +178,7 @@ def vector_z(study: StudyRig, p: Partition, disk: str) -> float:
     return harmonic.level_z(vectors[1] - vectors[0])
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_amplitude_and_angle_are_recovered_within_their_interval(
     uneven_disks: tuple[StudyRig, Partition],

@@ -183,7 +183,7 @@ def test_a_live_run_of_a_day_writes_what_the_batch_run_writes(
 def test_a_run_that_is_killed_and_started_again_writes_the_same_bytes(tmp_path: Path) -> None:
     """Killed while it computes, three times, the log growing in between; the last run ends by
     itself."""
-    content = furnace(900, 13)
+    content = furnace(600, 13)
     sensor = tmp_path / "s.json"
     write_sensor(specified_sensor("probe", ["T"], [(LAG_S, 1.0)]), sensor)
     log = tmp_path / "log.csv"
