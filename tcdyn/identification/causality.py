@@ -15,6 +15,7 @@ import numpy as np
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.core.errors import InputError
+from tcdyn.identification.excitation import is_periodic
 from tcdyn.identification.models import process
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.segments import MIN_REPEATED_SHARE
@@ -56,7 +57,8 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
     refined lags on both sides. What remains may be a lead: a zero slower than the poles, which one
     lag cannot represent, or an integral with a drift. They explain nothing before their input
     moves. The record is accepted where a lead of two lags, or an integral, explains the output
-    nearly as well as a lead explains any later output.
+    nearly as well as a lead explains any later output. So is one whose input and output are
+    periodic from the first sample on: a lead cannot be told from a delay of a period less.
     An output that was set by a computer and not measured is not that of a sensor: then the columns
     are exchanged, although a lead would fit too.
 
@@ -72,6 +74,8 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
     reach = n // 4
     shift = _best_negative_shift(problem, n, reach)
     if shift is None:
+        return
+    if is_periodic(problem.segments):
         return
     if not output_is_setpoint(problem):
         unexplained = 1 - max(lead_correlation(problem), integral_correlation(problem))

@@ -25,6 +25,7 @@ from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
+from tcdyn.identification.excitation import excitation
 from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, split_held_out
 from tcdyn.identification.identified import Identified, from_control
@@ -71,7 +72,12 @@ ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
 N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
 # Findings of the final fit about the record that count against the recommended model.
-RECORD_TROUBLES = ("record.closed_loop", "record.other_hold")
+RECORD_TROUBLES = (
+    "record.closed_loop",
+    "record.other_hold",
+    "record.one_frequency",
+    "record.inseparable",
+)
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
@@ -292,6 +298,7 @@ def compare(
         check_closed_loop(data, data.name or "identify")
     else:
         data = replace(data, findings=(*data.findings, *closed_loop(data)))
+    data = replace(data, findings=(*data.findings, *excitation(data)))
     template = like or process("P1")
     given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
     ladder = Ladder(replace(data, findings=()), template, given, progress, held_out)

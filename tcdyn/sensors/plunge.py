@@ -180,6 +180,13 @@ def plunge_sensor(
     if spikes.any():
         count = int(np.count_nonzero(spikes))
         findings.append(info("sensor.spikes", subject=column, count=count))
+    if step.earlier_K:
+        starts_s = float(time_s[step.first])
+        findings.append(
+            warning(
+                "sensor.earlier_event", subject=column, change_K=step.earlier_K, time_s=starts_s
+            )
+        )
     if step.has_next_event:
         ends_s = float(time_s[step.last])
         findings.append(info("sensor.next_event", subject=column, time_s=ends_s))

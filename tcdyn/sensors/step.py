@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.stats import median_abs_deviation
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -36,6 +37,9 @@ NEXT_EVENT_SHARE = 0.15
 NEXT_EVENT_NOISES = 8.0
 RETURN_WINDOW = 5  # rows of the running median in which a return is searched; by judgement
 MIN_RETURN_PEAK = 30.0  # least change, in standard deviations of that median, that can be reversed
+# A change that goes back, and is smaller than this share of the largest later one, is not the step
+# but an earlier event, such as a splash; by judgement.
+MAIN_STEP_SHARE = 0.5
 # Of several changes the first one that has this share of the steepest slope is the step, so that a
 # sensor that is taken out as fast as it was put in gives the entry; by judgement.
 STEEP_SHARE = 0.5
@@ -64,6 +68,8 @@ class Step:
         Reading before the step.
     has_next_event
         Whether the reading changes again at ``last``.
+    earlier_K
+        Change of the reading in an event before ``first``, such as a splash; 0 without one.
     """
 
     first: int
@@ -73,6 +79,7 @@ class Step:
     rise_s: float
     before_degC: float
     has_next_event: bool = False
+    earlier_K: float = 0.0
 
 
 def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
@@ -108,12 +115,24 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
     filled = np.interp(np.arange(len(y)), np.flatnonzero(finite), y[finite])
     noise = white_noise_K(y)
     edge = max(len(y) // LEVEL_PARTS, MIN_LEVEL_ROWS)
-    if entry_s is None:
-        start = _step_start(filled, noise, edge)
-    else:
-        start = int(np.clip(round(entry_s / dt_s), 0, len(y) - 2))
-    before = float(np.median(filled[max(start - 5 * edge, 0) : max(start, 1)]))
-    end = start + _rows_to_return(filled[start:] - before, noise)
+    begin = 0
+    earlier_K = 0.0
+    while True:
+        if entry_s is None:
+            start = begin + _step_start(filled[begin:], noise, edge)
+        else:
+            start = int(np.clip(round(entry_s / dt_s), 0, len(y) - 2))
+        before_rows = slice(max(start - 5 * edge, begin), max(start, begin + 1))
+        before = float(np.median(filled[before_rows]))
+        change = filled[start:] - before
+        rows_to_return = _rows_to_return(change, _noise_of_median(filled[before_rows], noise))
+        end = start + rows_to_return
+        largest = float(np.abs(change[:rows_to_return]).max())
+        later = float(np.abs(change[rows_to_return:]).max(initial=0.0))
+        if entry_s is not None or largest >= MAIN_STEP_SHARE * later:
+            break
+        begin = end
+        earlier_K = largest
     level_rows = slice(max(end - 3 * edge, start + 1), end)
     after = float(np.median(filled[level_rows]))
     size = after - before
@@ -132,10 +151,10 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
             expected="five time constants after the step",
         )
     rows_before = max(int(BEFORE_SHARE * RISES_AFTER * rise), MIN_ROWS_AROUND[0])
-    first = max(start - rows_before, 0)
+    first = max(start - rows_before, begin)
     rows, has_event = _rows_to_fit(filled[start:end], rise, abs(size))
     has_event |= start + rows == end < len(y)
-    return Step(first, start + rows, start * dt_s, size, rise * dt_s, before, has_event)
+    return Step(first, start + rows, start * dt_s, size, rise * dt_s, before, has_event, earlier_K)
 
 
 def _rows_to_return(change: Array, noise: float) -> int:
@@ -146,7 +165,7 @@ def _rows_to_return(change: Array, noise: float) -> int:
     change
         Readings from the entry on less the level before (N,) [K].
     noise
-        White noise [K].
+        Noise of the median of ``RETURN_WINDOW`` rows [K].
 
     Returns
     -------
@@ -154,7 +173,6 @@ def _rows_to_return(change: Array, noise: float) -> int:
         The rows before the return begins; all where the reading does not go back.
     """
     smooth = median_filter(change, RETURN_WINDOW)
-    noise *= float(np.sqrt(0.5 * np.pi / RETURN_WINDOW))  # of the median of a window
     size = np.abs(smooth)
     sign = np.sign(smooth[np.argmax(size >= 0.5 * size.max())])
     peak = np.maximum.accumulate(sign * smooth)
@@ -166,6 +184,23 @@ def _rows_to_return(change: Array, noise: float) -> int:
     first = int(np.argmax(returns))
     at_level = fall[:first] <= LEVEL_SHARE * peak[:first] + LEVEL_NOISES * noise
     return int(np.flatnonzero(at_level)[-1]) + 1 if at_level.any() else first
+
+
+def _noise_of_median(level: Array, noise: float) -> float:
+    """Return the noise of the median of ``RETURN_WINDOW`` rows [K].
+
+    Parameters
+    ----------
+    level
+        Readings before the step (N,) [degC]; they have hum and other noise that is not white.
+    noise
+        White noise [K].
+    """
+    white = noise * float(np.sqrt(0.5 * np.pi / RETURN_WINDOW))
+    if len(level) < 2 * RETURN_WINDOW:
+        return white
+    medians = median_filter(level, RETURN_WINDOW)
+    return max(white, float(median_abs_deviation(medians, scale="normal")))
 
 
 def _rows_to_fit(after: Array, rise: int, size: float) -> tuple[int, bool]:

@@ -104,6 +104,31 @@ def test_a_sensor_that_is_taken_out_again_and_outliers_do_not_hide_the_step() ->
     assert made.chain.channels["T1"].lag_s.value == pytest.approx(1.8, rel=0.12)
 
 
+@pytest.mark.parametrize("splash_s", [0.1, 0.3])
+def test_a_splash_before_the_step_is_not_taken_for_it(splash_s: float) -> None:
+    """The slope of the splash is that of the step; the sensor settles again in 8 s."""
+    t, y = baths(((2.02, 90.0), (2.02 + splash_s, 20.0), (10.02, 90.0)), 0.05)
+    step = find_step(y, 0.05)
+    assert step.entry_s == pytest.approx(10.02, abs=0.2)
+    assert step.size_K == pytest.approx(70.0, abs=1.0)
+    made = plunge_sensor(t, y, "T1")
+    alone = plunge_sensor(*baths(((10.02, 90.0),), 0.05), "T1").chain.channels["T1"].lag_s
+    lag = made.chain.channels["T1"].lag_s
+    assert abs(lag.value - alone.value) < 1.2 * lag.u
+    codes = {f.code for f in made.findings}
+    assert codes & {"sensor.earlier_event", "sensor.misfit"}
+
+
+@pytest.mark.parametrize("hum_K", [0.5, 2.0])
+def test_hum_of_the_mains_does_not_end_the_step(hum_K: float) -> None:
+    """At 1 kHz the hum is much larger than the differences between rows."""
+    t, y, _ = plunged((1.0,), 0.001, 12_000, 0.05, 3)
+    made = plunge_sensor(t, y + hum_K * np.sin(2 * np.pi * 50 * t + 1), "T1")
+    lag = made.chain.channels["T1"].lag_s
+    assert abs(lag.value - 1.0) < 2.5 * lag.u
+    assert lag.u < 0.05
+
+
 def test_noise_is_not_estimated_across_gaps() -> None:
     """Blocks of six rows every 90 rows, on an oscillation; or each tenth row of noise alone."""
     t = np.arange(9000)

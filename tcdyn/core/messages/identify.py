@@ -213,6 +213,10 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "levels, because the output does not follow the input linearly",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
+        "record.one_frequency": "use an input of several frequencies, such as steps, or record its "
+        "start from rest, because one sine determines neither gain nor lag without the structure",
+        "record.inseparable": "move each input alone, because the record does not separate their "
+        "effects",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
         "this model responds to its input without delay, and with the opposite sign or without a "
         "static gain, like minus the inverse of a controller",
@@ -574,6 +578,10 @@ IDENTIFY: dict[str, Message] = {
     "models.integrator": _integrator_or_lag,
     "models.provisional": _recommendation,
     "models.recommended": _recommendation,
+    "record.one_frequency": "The input {subject} is a sine of {period_s:.3g} s in the steady "
+    "state: the record determines amplitude and phase at this period only.",
+    "record.inseparable": "The input {subject} is a combination of the other inputs ({percent:.2g} "
+    "% of its variance is its own): the record does not separate their effects.",
     "record.clipped": "{count} samples of the output are clipped (equal to its largest or smallest "
     "value) and were left out.",
     "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not determine it",

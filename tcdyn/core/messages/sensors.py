@@ -120,8 +120,8 @@ SENSOR: dict[str, Message] = {
     "includes their correlation",
     "sensor.misfit": "{subject}: the residuals of the fit are {rms_K:.2g} K rms, but the noise is "
     "{noise_K:.2g} K: the temperature around the sensor did not change in one clean step; or "
-    "readings are clipped, repeated or drop-outs; or the junction is welded to the sheath, which "
-    "must be stated; or the sensor is not a chain of lags. Plot the record",
+    "readings contain hum, or are clipped, repeated or drop-outs; or the junction is welded to the "
+    "sheath, which must be stated; or the sensor is not a chain of lags. Plot the record",
     "sensor.entry_conflict": "{subject}: the entry was specified as {specified_s:.5g} +- "
     "{specified_u_s:.2g} s, but the response fits an entry at {fitted_s:.5g} s ({ratio:.2g} "
     "standard uncertainties): the specified instant is wrong, or there is a dead time, which the "
@@ -145,6 +145,9 @@ SENSOR: dict[str, Message] = {
     "measure how fast the medium steps and specify it with --medium-s",
     "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more "
     "than the noise: taken as missing",
+    "sensor.earlier_event": "{subject}: the reading changes by {change_K:.3g} K and goes back "
+    "before the step, as after a splash: rows before {time_s:.6g} s are not used. If the sensor "
+    "had not settled again at the step, repeat it",
     "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from "
     "there on are not used",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
