@@ -45,6 +45,7 @@ MAX_REPEATED_STAMPS = 0.02
 # Changes that are one step, and ranges that are at most two steps, over the least step; halfway.
 ONE_STEP = 1.5
 TWO_STEPS = 2.5
+FIRST_TIMES = 8  # from which the sampling interval is refined (chosen by judgement)
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
 # Change of an input that a computer has set, over its range; rounding makes smaller steps.
 MIN_JUMP_SHARE = 0.05
@@ -613,7 +614,8 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
 def sampling_interval_s(times: Sequence[Array], where: str) -> float:
     """Return the sampling interval [s] of several runs, the mean of all steps.
 
-    The mean is not biased by rounded time stamps. A step over missing rows counts as several.
+    The mean is not biased by rounded or irregular time stamps. A step over missing rows counts as
+    several.
 
     Parameters
     ----------
@@ -637,8 +639,28 @@ def sampling_interval_s(times: Sequence[Array], where: str) -> float:
     if len(steps) == 0:
         raise InputError("has fewer than two samples", where=where, expected="a record")
     median = float(np.median(steps))
-    n_intervals = np.round(steps / median).sum()
+    rising = [t[np.isfinite(t)] for t in times]
+    rising = [t[np.append(True, np.diff(np.maximum.accumulate(t)) > 0)] for t in rising if len(t)]
+    n_intervals = sum(_count_intervals(t, median) for t in rising)
     return float(steps.sum() / n_intervals) if n_intervals > 0 else median
+
+
+def _count_intervals(t: Array, dt_s: float) -> int:
+    """Number of sampling intervals from the first to the last of the times ``t`` (N,) [s].
+
+    ``dt_s`` is about the interval. A first part of the times, doubled until it is all of them,
+    gives a better one each time, so that errors of single times do not add up.
+    """
+    end = FIRST_TIMES
+    while True:
+        part = t[:end]
+        position = np.round((part - t[0]) / dt_s)
+        if end >= len(t):
+            return int(position[-1])
+        if position[-1] > 0:
+            centred = position - position.mean()
+            dt_s = float(centred @ part / (centred @ centred))
+        end *= 2
 
 
 def check_times(t: Array, column: str, where: str) -> None:
