@@ -58,6 +58,8 @@ def excitation(data: IOData) -> tuple[Finding, ...]:
     ['record.one_frequency']
     """
     segments = split_segments(data)
+    if not segments:
+        return ()
     if len(data.input_names) == 1:
         period_s = _period_of_sine(segments, data.dt_s)
         if period_s is None or not is_periodic(segments):

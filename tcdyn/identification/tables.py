@@ -19,6 +19,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.core.labels import seconds_of_index
+from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold, hold_of_each
 from tcdyn.identification.repeats import without_repeats
 from tcdyn.identification.segments import MIN_REPEATED_SHARE
@@ -51,6 +52,11 @@ MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects 
 MIN_JUMP_SHARE = 0.05
 # Share of the changes of a staircase before and after which it stays constant.
 MIN_ISOLATED_SHARE = 0.95
+# Changes of an input with noise that are jumps, in standard deviations of the noise; the largest
+# share of rows with one; scatter of a level over that of white noise (chosen by judgement).
+JUMP_NOISES = 8.0
+MAX_JUMP_SHARE = 0.25
+MAX_SCATTER_RATIO = 1.3
 # Largest departure from an even time grid, in sampling intervals.
 MAX_JITTER = 0.05
 
@@ -250,8 +256,12 @@ def _holds_of_inputs(
     findings = []
     for name, values in zip(names, inputs.T):
         is_set, step = is_setpoint(values)
-        selected: Hold = "zoh" if is_set else "foh"
+        has_noisy_levels = not is_set and has_levels(values)
+        selected: Hold = "zoh" if is_set or has_noisy_levels else "foh"
         holds.append(selected)
+        if has_noisy_levels:
+            findings.append(warning("record.noisy_levels", subject=name, dt_s=dt_s))
+            continue
         if step:
             finding = info if is_set else warning
             findings.append(
@@ -472,6 +482,34 @@ def is_setpoint(u: Array) -> tuple[bool, float]:
         return is_large or isolated > 0.5, 0.0
     is_isolated = isolated > MIN_ISOLATED_SHARE
     return is_large and is_isolated, step if is_large or is_isolated else 0.0
+
+
+def has_levels(u: Array) -> bool:
+    """Whether ``u`` (N,) has constant levels with white noise, and jumps from row to row.
+
+    So does the measured power of a heater that a computer sets. NaN is left out.
+
+    Notes
+    -----
+    Jumps exceed the noise by ``JUMP_NOISES`` and a twentieth of the range. Nearly all must be
+    isolated, and between them the scatter must be that of white noise with such changes.
+    """
+    u = u[np.isfinite(u)]
+    if len(u) < 2:
+        return False
+    change = np.diff(u)
+    noise = MAD_TO_SD * float(np.median(np.abs(change))) / np.sqrt(2)
+    limit = max(JUMP_NOISES * noise, MIN_JUMP_SHARE * float(np.ptp(u)))
+    is_jump = np.abs(change) > limit
+    count = int(np.count_nonzero(is_jump))
+    if noise == 0.0 or not 0 < count < MAX_JUMP_SHARE * len(change):
+        return False
+    jumps = np.flatnonzero(is_jump)
+    isolated = np.mean(np.diff(jumps) > 1) if count > 1 else 1.0
+    levels = np.split(u, jumps + 1)
+    squares = sum(float(np.sum((level - level.mean()) ** 2)) for level in levels)
+    scatter = np.sqrt(squares / max(len(u) - len(levels), 1))
+    return bool(isolated > MIN_ISOLATED_SHARE and scatter < MAX_SCATTER_RATIO * noise)
 
 
 def from_csv(path: str | Path, **options: Any) -> IOData:

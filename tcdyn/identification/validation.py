@@ -14,7 +14,7 @@ the rate of false alarms.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri
 
 from tcdyn.chain.rational import simulate
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
@@ -70,6 +70,10 @@ NONLINEAR_P = 1e-3
 MIN_GAIN_CHANGE = 5.0
 MIN_LAG_CHANGE = 20.0
 MIN_UNEXPLAINED = 3.0
+# One jump or spike of the output is left out there: the samples on either side of the largest
+# innovation, where it is so many times as large as all others (chosen by judgement).
+ROWS_OF_ONE_EVENT = 5
+SINGLE_EVENT_RATIO = 4.0
 # First residuals of a run over the rms residual, above which it does not start in equilibrium.
 MAX_START_RMS = 4.0
 
@@ -162,6 +166,7 @@ class Validation(Result):
             "record.clipped",
             "record.slow_sampling",
             "record.nonlinear",
+            "record.changing",
         ]
         if self.dynamics_missing:
             codes.append("record.coarse")
@@ -259,7 +264,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     past = np.delete(u, np.arange(n_inputs) * len(delays), axis=1)
     findings += feedback(e_white, j_white, future, past)
     if cross.p >= ALARM_P and not is_rounding and not problem.model.integrators:
-        findings += nonlinearity(fit, e_white, j_white, whitened(nonlinear_columns(fit)))
+        findings += departures(fit, e_white, j_white, whitened)
     return Validation(
         whiteness=white,
         input=cross,
@@ -762,8 +767,8 @@ def feedback(e: Array, jacobian: Array, future: Array, past: Array) -> tuple[Fin
     return ()
 
 
-def nonlinear_columns(fit: Fit) -> Array:
-    """Changes of the output (N, 2 + inputs) by departures from a linear model.
+def level_columns(fit: Fit) -> Array:
+    """Changes of the output (N, 3 + inputs) by departures from a linear model.
 
     Parameters
     ----------
@@ -774,30 +779,61 @@ def nonlinear_columns(fit: Fit) -> Array:
     -------
     array
         At the measured samples: by a gain that changes with the output, by a lag that differs
-        between rise and fall [s], and by a gain that changes with each input. With a coefficient a
-        of the first or the last, the gain is 1 - a times its mean at the lower end of the range and
-        1 + a times at the upper end; with one of the second, the lag of the rise is a shorter.
+        between rise and fall [s], by a lag that changes with the output [s], and by a gain that
+        changes with each input. With a coefficient a of the first or the last, the gain is 1 - a
+        times its mean at the lower end of the range and 1 + a times at the upper end; with one of
+        the others, the lag of the rise, or of the lower end, is a shorter than the other.
 
     Notes
     -----
-    With z from 0 to 1 over the range R of the simulated output x, the columns are R (z^2 - z) and
-    max(dx/dt, 0); for an input v they are the response of its branch to v_range (z^2 - z) with z
-    of the input.
+    With z from 0 to 1 over the range R of the simulated output x, the columns are R (z^2 - z),
+    max(dx/dt, 0) and -(z - 1/2) dx/dt; for an input v they are the response of its branch to
+    v_range (z^2 - z) with z of the input.
     """
     problem = fit.problem
     outputs = fit.simulate_segments()
     lowest = min(float(x.min()) for x in outputs)
     highest = max(float(x.max()) for x in outputs)
+    size = max(highest - lowest, 1e-300)
     inputs = np.concatenate([s.inputs for s in problem.segments])
     input_limits = list(zip(inputs.min(axis=0).tolist(), inputs.max(axis=0).tolist()))
     rationals = problem.rationals(fit.x)
     rows = []
     for segment, x in zip(problem.segments, outputs):
-        columns = [_curved(x, lowest, highest), np.maximum(np.gradient(x, problem.dt_s), 0.0)]
+        slope = np.gradient(x, problem.dt_s)
+        z = (x - lowest) / size
+        columns = [_curved(x, lowest, highest), np.maximum(slope, 0.0), (0.5 - z) * slope]
         for k, (rational, hold) in enumerate(zip(rationals, problem.holds)):
             curved_input = _curved(segment.inputs[:, k], *input_limits[k])
             columns.append(simulate(rational, curved_input, problem.dt_s, hold))
         rows.append(np.stack(columns, axis=1)[segment.measured])
+    return np.concatenate(rows)
+
+
+def time_columns(fit: Fit) -> Array:
+    """Changes of the output (N, 2) by a gain and by a lag that change in the course of the record.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+
+    Returns
+    -------
+    array
+        At the measured samples. With a coefficient a of the first, the gain rises from its start to
+        its end by a times its mean; with one of the second, the lag rises by a [s].
+    """
+    outputs = fit.simulate_segments()
+    mean = float(np.mean(np.concatenate(outputs)))
+    length = sum(len(x) for x in outputs)
+    rows = []
+    first = 0
+    for segment, x in zip(fit.problem.segments, outputs):
+        share = (first + np.arange(len(x))) / length - 0.5
+        first += len(x)
+        slope = np.gradient(x, fit.problem.dt_s)
+        rows.append(np.stack([share * (x - mean), -share * slope], axis=1)[segment.measured])
     return np.concatenate(rows)
 
 
@@ -808,8 +844,18 @@ def _curved(x: Array, lowest: float, highest: float) -> Array:
     return size * (z**2 - z)
 
 
-def nonlinearity(fit: Fit, e: Array, jacobian: Array, columns: Array) -> tuple[Finding, ...]:
-    """Return a warning where the output does not follow the input linearly.
+def _without_one_event(e: Array) -> Flags:
+    """Samples (N,) other than those about the largest innovation, where it dwarfs all others."""
+    size = np.abs(e)
+    others = np.abs(np.arange(len(e)) - np.argmax(size)) > ROWS_OF_ONE_EVENT
+    is_single = size.max() > SINGLE_EVENT_RATIO * size.max(initial=0.0, where=others)
+    return others if is_single else np.ones(len(e), dtype=bool)
+
+
+def departures(
+    fit: Fit, e: Array, jacobian: Array, whitened: Callable[[Array], Array]
+) -> tuple[Finding, ...]:
+    """Return a warning where the output does not follow the input by one linear model.
 
     Parameters
     ----------
@@ -817,38 +863,61 @@ def nonlinearity(fit: Fit, e: Array, jacobian: Array, columns: Array) -> tuple[F
         The fit.
     e, jacobian
         Whitened innovations (N,) and their Jacobian (N, P).
-    columns
-        Whitened ``nonlinear_columns`` (N, M).
+    whitened
+        Function that whitens columns (N, M) of an output.
 
     Returns
     -------
     tuple of Finding
-        Empty, or one warning.
+        Empty, or one warning: "record.nonlinear", or "record.changing" where a change with time is
+        more likely.
 
     Notes
     -----
-    Each column has an F test beyond what the parameters explain, at ``NONLINEAR_P`` over their
-    number. A departure that is clear but small (``MIN_GAIN_CHANGE`` and the limits after it) is not
-    reported. A disturbance model with a random walk would hide all of them from the other tests.
+    Each of ``level_columns`` and ``time_columns`` has an F test beyond what the parameters explain,
+    at ``NONLINEAR_P`` over their number, without one jump or spike of the output. A disturbance
+    model with a random walk would hide departures from the other tests. It also takes up most of
+    them, so that their sizes come from the residuals and not from the innovations. A departure that
+    is clear but small
+    (``MIN_GAIN_CHANGE`` and the limits after it) is not reported.
     """
-    limit = NONLINEAR_P / columns.shape[1]
-    sizes = []
-    smallest_p = 1.0
-    for column in columns.T:
-        p = input_correlation(e, jacobian, column[:, None], np.zeros(1)).p
-        smallest_p = min(smallest_p, p)
-        if p < limit:
-            both = np.column_stack([jacobian, column])
-            sizes.append(abs(float(np.linalg.lstsq(both, e, rcond=None)[0][-1])))
-        else:
-            sizes.append(0.0)
-    if smallest_p >= limit:
+    by_level = level_columns(fit)
+    by_time = time_columns(fit)
+    n_level = by_level.shape[1]
+    kept = _without_one_event(e)
+    columns = whitened(np.column_stack([by_level, by_time]))[kept]
+    p_values = [
+        input_correlation(e[kept], jacobian[kept], column[:, None], np.zeros(1)).p
+        for column in columns.T
+    ]
+    limit = NONLINEAR_P / len(p_values)
+    p_level = min(p_values[:n_level])
+    p_time = min(p_values[n_level:])
+    evaluated = fit.problem.evaluate(fit.x)
+    if min(p_level, p_time) >= limit or evaluated is None:
         return ()
-    by_output, rise_lag_s, *by_input = sizes
-    gain_percent = 100 * 2 * max(by_output, *by_input)  # from 1 - a to 1 + a
-    lag_percent = 100 * rise_lag_s / max(abs(fit.identified.longest_lag_s), 1e-300)
-    range_of_output = float(np.ptp(fit.problem.measured_output))
-    unexplained_percent = 100 * float(np.std(fit.residual)) / max(range_of_output, 1e-300)
+    residual, residual_jacobian = evaluated
+
+    def sizes_of(table: Array) -> Array:
+        """Return the sizes of departures (M,) in the residuals, from their columns (N, M)."""
+        both = np.column_stack([residual_jacobian, table])
+        return np.abs(np.linalg.lstsq(both, residual, rcond=None)[0][-table.shape[1] :])
+
+    if p_time < p_level:
+        gain_change, lag_change_s = sizes_of(by_time)
+        code = "record.changing"
+    else:
+        alone = [float(sizes_of(column[:, None])[0]) for column in by_level.T]
+        # a random walk takes up what is slow, so that the tests show only a part of it
+        is_clear = (np.array(p_values[:n_level]) < limit) | (not fit.noise.white)
+        by_output, rise_lag_s, level_lag_s, *by_input = np.where(is_clear, alone, 0.0)
+        gain_change = 2 * max(by_output, *by_input)  # from 1 - a to 1 + a
+        lag_change_s = max(rise_lag_s, level_lag_s)
+        code = "record.nonlinear"
+    gain_percent = 100 * float(gain_change)
+    lag_percent = 100 * float(lag_change_s) / max(abs(fit.identified.longest_lag_s), 1e-300)
+    range_of_output = max(float(np.ptp(fit.problem.measured_output)), 1e-300)
+    unexplained_percent = 100 * float(np.std(fit.residual)) / range_of_output
     is_small = (
         gain_percent < MIN_GAIN_CHANGE
         and lag_percent < MIN_LAG_CHANGE
@@ -858,8 +927,8 @@ def nonlinearity(fit: Fit, e: Array, jacobian: Array, columns: Array) -> tuple[F
         return ()
     return (
         warning(
-            "record.nonlinear",
-            p=smallest_p,
+            code,
+            p=min(p_level, p_time),
             gain_percent=gain_percent if gain_percent >= MIN_GAIN_CHANGE else 0.0,
             lag_percent=lag_percent if lag_percent >= MIN_LAG_CHANGE else 0.0,
             unexplained_percent=unexplained_percent,

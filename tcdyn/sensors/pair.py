@@ -23,11 +23,14 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky_banded, solve_banded
 from scipy.optimize import least_squares
 
+from tcdyn.chain import NO_CONDITIONING
+from tcdyn.chain.logger_noise import estimate_logger_noise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.estimation.updates import Updates, find_updates
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
@@ -42,6 +45,7 @@ MAX_EXPONENT = 5.0  # largest mean and standard deviation of that prior; chosen 
 MIN_EXPONENT_SD = 1e-3  # least standard deviation of that prior; chosen by judgement
 # Rows in the shorter lag that the likelihood gets: more rows add only noise; chosen by judgement.
 ROWS_IN_SHORTER_LAG = 6.0
+LINE_CYCLES = 500  # periods of hum in a block in which its amplitude and phase are fitted
 SCORE_BLOCKS = 40  # blocks of the record for the covariance of the scores; chosen by judgement
 MIN_ROWS = 60  # usable rows in each segment of constant flow; chosen by judgement
 LOG_STEP = 2e-3  # step of the logarithm of a lag in differences; chosen by judgement
@@ -251,6 +255,9 @@ def pair_sensor(
         exponent=exponent,
     )
     data, findings = _with_new_values(data, columns)
+    if data.intervals is None:
+        data, cleaning_findings = _cleaned(data, columns)
+        findings += cleaning_findings
     noise_K = data.noise_K if data.intervals is None else [min(data.noise_K)] * 2
     if np.nanstd(data.first - data.second) < 1.05 * np.hypot(noise_K[0], noise_K[1]):
         raise InputError(
@@ -931,6 +938,60 @@ def _with_gain(data: PairData, fit: _Fit) -> tuple[_Fit, Estimate, Array]:
     smaller, known, larger = (with_gain(gain) for gain in (-GAIN_SD, 0.0, GAIN_SD))
     shift_s = 0.5 * (_total_lags(larger, n_lags)[0] - _total_lags(smaller, n_lags)[0])
     return known, Estimate.normal(1.0, GAIN_SD), shift_s
+
+
+def _cleaned(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
+    """Take single outliers of both traces as missing, and subtract hum of the mains.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    columns
+        Their names.
+
+    Returns
+    -------
+    data
+        The traces without outliers and hum, and their noise.
+    findings
+        An info for each trace that has outliers, and for each line of hum.
+    """
+    traces = []
+    findings = []
+    for column, y, noise_K in zip(columns, (data.first, data.second), data.noise_K):
+        spikes = find_spikes(y, SPIKES["plunge"], noise_K)
+        if spikes.any():
+            count = int(np.count_nonzero(spikes))
+            findings.append(info("sensor.spikes", subject=column, count=count))
+        traces.append(np.where(spikes, np.nan, y))
+    noises_K = np.array([white_noise_K(y) for y in traces])
+    noise = estimate_logger_noise([np.column_stack(traces)], data.dt_s, NO_CONDITIONING, noises_K)
+    for f_Hz, amplitudes_K in noise.hum_lines:
+        if noise.is_mains(f_Hz):
+            traces = [_without_line(y, f_Hz * data.dt_s) for y in traces]
+            amplitude_K = float(np.max(amplitudes_K))
+            both = ", ".join(columns)
+            findings.append(info("noise.hum", subject=both, f_Hz=f_Hz, amplitude_K=amplitude_K))
+    first, second = traces
+    noise_of_both_K = (white_noise_K(first), white_noise_K(second))
+    return replace(data, first=first, second=second, noise_K=noise_of_both_K), findings
+
+
+def _without_line(y: Array, cycles: float) -> Array:
+    """Subtract a sine of ``cycles`` in each row from readings (N,), fitted in each block of rows.
+
+    Blocks allow for a frequency that changes a little.
+    """
+    out = y.copy()
+    count = max(round(len(y) * cycles / LINE_CYCLES), 1)
+    for rows in np.array_split(np.arange(len(y)), count):
+        known = rows[np.isfinite(y[rows])]
+        phase = 2 * np.pi * cycles * known
+        table = np.column_stack([np.ones(len(known)), np.cos(phase), np.sin(phase)])
+        weights = np.linalg.lstsq(table, y[known], rcond=None)[0]
+        out[known] -= table[:, 1:] @ weights[1:]
+    return out
 
 
 def _lag_findings(

@@ -62,6 +62,31 @@ def limited(seed: int, limit: float = 100.0) -> IOData:
     return sampled(np.random.default_rng(seed), (0.0, 50.0, 100.0, 150.0), rate, state, 0.1)
 
 
+def convecting(seed: int) -> IOData:
+    """Natural convection: the loss is proportional to the power 1.25 of the excess temperature."""
+
+    def rate(x: Array, u: float) -> Array:
+        return (u - 0.4 * np.maximum(x, 0.0) ** 1.25) / 60
+
+    def state(u: float) -> Array:
+        return np.array([(u / 0.4) ** 0.8])
+
+    return sampled(np.random.default_rng(seed), (10.0, 40.0, 70.0, 100.0), rate, state, 0.1)
+
+
+def changing(seed: int) -> IOData:
+    """A lag that doubles in the course of the record, from 60 to 120 s, as the flow slows down."""
+    elapsed_s = np.zeros(1)
+
+    def rate(x: Array, u: float) -> Array:
+        elapsed_s[0] += STEP_S
+        return (u - x) / (60.0 + 60.0 * elapsed_s[0] / (800 * DT_S))
+
+    return sampled(
+        np.random.default_rng(seed), (0.0, 30.0, 60.0, 100.0), rate, lambda u: np.array([u]), 0.1
+    )
+
+
 def linear(seed: int) -> IOData:
     """The same plant without the limit."""
     return limited(seed, np.inf)
@@ -76,6 +101,15 @@ def test_a_plant_that_is_not_linear_is_reported(plant: Callable[[int], IOData]) 
     assert found[CODE].severity is Severity.WARNING
     assert result.conclusion.severity is not Severity.INFO
     assert "two neighbouring levels" in result.conclusion.sentence
+
+
+@pytest.mark.e2e
+def test_natural_convection_and_a_changing_flow_are_named() -> None:
+    for plant, code in ((convecting, CODE), (changing, "record.changing")):
+        result = compare(plant(3))
+        found = {f.code: f for f in result.validation.findings}
+        assert code in found, plant
+        assert result.conclusion.severity is Severity.WARNING
 
 
 @pytest.mark.parametrize("bend", [0.1, 0.3])
@@ -101,9 +135,12 @@ def test_a_linear_plant_is_not_called_nonlinear() -> None:
 
 
 if __name__ == "__main__":
-    for plant_ in (linear, asymmetric, limited):
-        seeds = range(int(sys.argv[1]))
-        found_ = [
-            CODE in {f.code for f in compare(plant_(seed)).validation.findings} for seed in seeds
+    for plant_ in (linear, asymmetric, limited, convecting, changing):
+        count_ = int(sys.argv[1])
+        codes_ = [
+            f.code for seed in range(count_) for f in compare(plant_(seed)).validation.findings
         ]
-        print(f"{plant_.__name__}: reported in {sum(found_)} of {len(found_)}")
+        print(
+            f"{plant_.__name__}: not linear in {codes_.count(CODE)}, changing with time in "
+            f"{codes_.count('record.changing')} of {count_}"
+        )

@@ -211,6 +211,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "them, and the lag then depends on the assumed structure",
         "record.nonlinear": "identify each level on its own, with steps between two neighbouring "
         "levels, because the output does not follow the input linearly",
+        "record.changing": "identify each part of the record on its own, because the response "
+        "changes with time, as that of a sensor in a flow that changes",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "record.one_frequency": "use an input of several frequencies, such as steps, or record its "
@@ -438,6 +440,17 @@ def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling,
     )
 
 
+def _noisy_levels(subject: str, dt_s: float, option: Spelling, **_: Any) -> str:
+    """Message of ``record.noisy_levels``."""
+    return (
+        f"Input {subject} has constant levels with noise, and changes from row to row, like the "
+        "measured power of a heater that was set. It is taken as held (zoh), and its changes as "
+        "made at the rows that show them first. If they were made between the rows, the dead time "
+        f"is too short by up to a sampling interval, {dt_s:.3g} s; give {option('hold', 'foh')} if "
+        "the input changed gradually."
+    )
+
+
 def _slow_pole(subject: str, slowest_s: float, longest_s: float, option: Spelling, **_: Any) -> str:
     """Message of ``fit.slow_pole``.
 
@@ -547,8 +560,8 @@ def _nonlinear(
     p
         Chance of such residuals from a linear plant.
     gain_percent, lag_percent
-        Changes of the gain over the range of the output, and of the lag between rise and fall [%];
-        0 where small.
+        Changes of the gain over the range of the output, and of the lag over it or between rise and
+        fall [%]; 0 where small.
     unexplained_percent
         Residuals over the range of the output [%].
     """
@@ -556,13 +569,37 @@ def _nonlinear(
     if gain_percent:
         changes.append(f"the gain changes by about {gain_percent:.2g} % over the range")
     if lag_percent:
-        changes.append(f"the lags of rise and fall differ by about {lag_percent:.2g} %")
+        changes.append(f"the lags of rise and fall, or of both ends, differ by {lag_percent:.2g} %")
     if not changes:
         changes.append("gain or lag change with the level")
     return (
         f"The output does not follow the input linearly (p = {p:.1g}): {' and '.join(changes)}, "
         f"and {unexplained_percent:.2g} % of the range is left unexplained. Gain and lag are "
         "averages over the levels of this record, and their intervals are those of the averages."
+    )
+
+
+def _changing(
+    p: float, gain_percent: float, lag_percent: float, unexplained_percent: float, **_: Any
+) -> str:
+    """Message of ``record.changing``.
+
+    Parameters
+    ----------
+    p
+        Chance of such residuals from a plant that stays the same.
+    gain_percent, lag_percent
+        Changes of gain and lag in the course of the record [%]; 0 where small.
+    unexplained_percent
+        Residuals over the range of the output [%].
+    """
+    names = (("gain", gain_percent), ("lag", lag_percent))
+    changes = [f"the {name} by about {percent:.2g} %" for name, percent in names if percent]
+    text = f": {' and '.join(changes)}" if changes else ""
+    return (
+        f"The response changes in the course of the record (p = {p:.1g}){text}, and "
+        f"{unexplained_percent:.2g} % of the range is left unexplained. Gain and lag are averages "
+        "over this record, and their intervals are those of the averages."
     )
 
 
@@ -613,11 +650,13 @@ IDENTIFY: dict[str, Message] = {
     "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as "
     "missing: check the wiring.",
     "record.hold": _hold,
+    "record.noisy_levels": _noisy_levels,
     "record.slow_input": _slow_input,
     "record.repeats": "Column {subject} has a new value in {percent:.3g} % of the rows (every "
     "{interval_s:.3g} s on average) and is repeated in the others: only its new values are used.",
     "record.other_hold": _other_hold,
     "record.nonlinear": _nonlinear,
+    "record.changing": _changing,
     "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the "
     "lag of {lag_s:.3g} s behind {subject}: other structures fit the samples as well and have "
     "other lags, which the intervals of lag and dead time do not include; log every "
