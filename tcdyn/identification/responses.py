@@ -23,6 +23,7 @@ from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.result import Result
 from tcdyn.identification.models import KnownDynamics, Model
 
+SMALLEST_REL_U = 1e-12  # relative uncertainty below which it is a rounding error
 # Slowest time constants after which a step response is complete: 0.03 % of one lag remain.
 STEP_TIME_CONSTANTS = 8.0
 # Shares of the final value whose times are reported (VDI/VDE 3522).
@@ -296,7 +297,8 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
         slope_there = max(float(np.interp(crossing, t, slope)), 1e-12)
         gradient = np.array([[np.interp(crossing, t, row)] for row in share_jacobian])
         u = float(model.standard_uncertainty(-gradient / slope_there)[0])
-        if u < t[-1]:  # false where u is not a number
+        is_rounding = 0 < u < SMALLEST_REL_U * crossing  # a pole that is almost cancelled
+        if u < t[-1] and not is_rounding:  # false where u is not a number
             times[name] = Estimate.normal(crossing, u)
     return times
 

@@ -15,13 +15,14 @@ import numpy as np
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
 from tcdyn.sensors.step import MAX_ROWS_IN_RISE, block_means, find_step
-from tcdyn.sensors.step_fits import model_average, white_noise_K
+from tcdyn.sensors.step_fits import CurveFit, model_average, white_noise_K
 from tcdyn.sensors.step_structures import (
     MAX_SLOW_SHARE,
     FittedStructure,
@@ -36,6 +37,12 @@ from tcdyn.sensors.surface_h import BoundaryLayer
 # Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at
 # 0.5 m/s in this time.
 MEDIUM_S = (0.02, 0.02)
+# Half-width of the part of the reading that is compared with the fitted curve, over the time since
+# the entry; noises by which they must differ; share of the standard uncertainty of the time, which
+# includes the difference, from which there is a warning (chosen by judgement).
+CROSSING_WINDOW = 0.1
+CROSSING_NOISES = 3.0
+CROSSING_LIMIT = 0.7
 # Largest standard uncertainty of the medium's lag over the lag: beyond it the response may be that
 # of the medium; chosen by judgement.
 MEDIUM_SHARE = 0.1
@@ -156,8 +163,10 @@ def plunge_sensor(
     values = np.transpose([value for value, _ in estimates])
     variances = np.transpose([np.maximum(np.diag(covariance), 0.0) for _, covariance in estimates])
     us = np.hypot(np.sqrt(variances), MODEL_U[junction] * values[1])
-    shorter_lags, lag, *times = (model_average(v, u, weights) for v, u in zip(values, us))
     best = fitted[int(np.argmax(weights))]
+    crossing_errors_s = _crossing_errors_s(record, best.fit)
+    us[-len(SHARES) :] = np.hypot(us[-len(SHARES) :], crossing_errors_s[:, None])
+    shorter_lags, lag, *times = (model_average(v, u, weights) for v, u in zip(values, us))
     theta = best.fit.theta
     chain = best.structure.chain(theta)
     fit_values: dict[str, Any] = {
@@ -191,6 +200,7 @@ def plunge_sensor(
         ends_s = float(time_s[step.last])
         findings.append(info("sensor.next_event", subject=column, time_s=ends_s))
     findings += _structure_findings(column, record, fitted, weights)
+    findings += _crossing_findings(column, times, crossing_errors_s)
     if entry_s is not None:
         findings += _entry_findings(column, record, best, entry_s)
     elif step.first == 0 and theta["entry_s"] < 2 * max(record.dt_s, best.fit.u("entry_s")):
@@ -302,6 +312,57 @@ def _structure_findings(
     if after_s < 4 * longest_s:
         findings.append(warning("sensor.cut_off", subject=column, after_s=after_s, lag_s=longest_s))
     return findings
+
+
+def _crossing_errors_s(record: StepRecord, fit: CurveFit) -> Array:
+    """Return how much later than the fitted curve the reading passes each of ``SHARES`` (3,) [s].
+
+    Zero where the noise explains it. A chain of lags cannot describe a lag that changes with the
+    temperature, but its residuals show where it does not.
+    """
+    theta = fit.theta
+    finite = np.isfinite(record.y)
+    t = record.t[finite]
+    curve = record.y[finite] + fit.residual
+    reached = (curve - theta["level"]) / theta["size"]
+    slopes = np.gradient(curve, t)
+    errors_s = []
+    for share in SHARES.values():
+        row = int(np.argmax((reached >= share) & (t >= theta["entry_s"])))
+        half_s = max(CROSSING_WINDOW * (t[row] - theta["entry_s"]), 2 * record.dt_s)
+        near = np.abs(t - t[row]) <= half_s
+        slope = float(slopes[row])
+        if slope == 0.0:
+            errors_s.append(0.0)
+            continue
+        later_s = float(np.mean(fit.residual[near])) / slope
+        noise_s = fit.noise_K / np.sqrt(np.count_nonzero(near)) / abs(slope)
+        errors_s.append(later_s if abs(later_s) > CROSSING_NOISES * noise_s else 0.0)
+    return np.array(errors_s)
+
+
+def _crossing_findings(column: str, times: Sequence[Estimate], errors_s: Array) -> list[Finding]:
+    """Return a warning if the reading passes one of ``SHARES`` clearly off the fitted curve.
+
+    Parameters
+    ----------
+    column
+        The sensor's column.
+    times
+        Times at which the step response passes them, which include the errors (3,) [s].
+    errors_s
+        The errors (3,) [s].
+    """
+    ratios = [abs(error_s) / time.u for error_s, time in zip(errors_s.tolist(), times)]
+    worst = int(np.argmax(ratios))
+    if ratios[worst] < CROSSING_LIMIT:
+        return []
+    percent = 100 * list(SHARES.values())[worst]
+    time_s = times[worst].value
+    later_s = float(errors_s[worst])
+    return [
+        warning("sensor.crossing", subject=column, percent=percent, time_s=time_s, later_s=later_s)
+    ]
 
 
 def _slow_share_of_step(theta: Mapping[str, float]) -> float:

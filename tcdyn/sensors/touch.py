@@ -8,7 +8,7 @@ guards it with touches of a half space, from separate code.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,8 @@ SAME_TOUCH_DURATIONS = 3.0
 # (tests/sensors/test_touch.py, study).
 AMBIGUOUS_SHARE = 0.5
 ONSET_SHARE = 0.1  # of the rise, at which a touch begins; chosen by judgement
+# Fall of a column before its rise, as a share of it, from which the rise is a return; by judgement.
+RETURN_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Touch:
         That rise as a share of the largest.
     expected
         Column that the stated order names; empty if none is stated or the counts differ.
+    fall_K
+        Its fall in the touch before that rise, where it is a large share of it [K]; else 0.
     """
 
     time_s: float
@@ -65,6 +69,7 @@ class Touch:
     second: str
     second_share: float
     expected: str = ""
+    fall_K: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -179,10 +184,7 @@ def find_touches(
         for row in _touch_rows(rise_K, n_touch)
     ]
     if len(touches) == len(order):
-        touches = [
-            Touch(t.time_s, t.column, t.rise_K, t.second, t.second_share, expected)
-            for t, expected in zip(touches, order)
-        ]
+        touches = [replace(touch, expected=expected) for touch, expected in zip(touches, order)]
     return TouchLog(tuple(touches), tuple(_touch_findings(touches, columns, order)))
 
 
@@ -250,7 +252,16 @@ def _touch_at(time_s: Array, rise_K: Array, columns: Sequence[str], row: int, n_
     is_before = rise_K[: row + 1, first] < ONSET_SHARE * size_K
     onset = int(np.flatnonzero(is_before)[-1]) if is_before.any() else 0
     second_share = max(float(rises_K[second]) / size_K, 0.0)
-    return Touch(float(time_s[onset]), columns[first], size_K, columns[second], second_share)
+    before = rise_K[max(row - n_same, 0) : row + 1, first]
+    fall_K = -float(before.min())
+    return Touch(
+        float(time_s[onset]),
+        columns[first],
+        size_K,
+        columns[second],
+        second_share,
+        fall_K=fall_K if fall_K > RETURN_SHARE * size_K else 0.0,
+    )
 
 
 def _touch_findings(
@@ -278,6 +289,10 @@ def _touch_findings(
             is_exchange = stated_of.get(touch.expected) == touch.column
             findings.append(
                 warning("touch.other", **about, stated=touch.expected, exchanged=is_exchange)
+            )
+        if touch.fall_K:
+            findings.append(
+                warning("touch.fall", **about, fall_K=touch.fall_K, rise_K=touch.rise_K)
             )
         if touch.second_share > AMBIGUOUS_SHARE:
             share = 100 * touch.second_share

@@ -119,6 +119,23 @@ def test_a_splash_before_the_step_is_not_taken_for_it(splash_s: float) -> None:
     assert codes & {"sensor.earlier_event", "sensor.misfit"}
 
 
+def test_a_lag_that_changes_within_the_dip_widens_its_times() -> None:
+    """A bead whose surface h rises by 30 % with its temperature passes 90 % earlier."""
+    dt_s, step_s = 0.02, 0.002
+    t = dt_s * np.arange(1500)
+    z, reached = 0.0, []
+    for fine_s in step_s * np.arange(1500 * 10):
+        if fine_s > 5.03:
+            z += step_s * (1 - z) * (1 + 0.3 * z) / 1.1
+        reached.append(z)
+    share = np.array(reached)[::10]
+    y = 22 + 63 * share + 0.03 * np.random.default_rng(1).standard_normal(len(t))
+    made = plunge_sensor(t, y, "T1")
+    t90_s = float(np.interp(0.9, share, t)) - 5.03
+    assert made.times["T1"]["t90_s"].contains(t90_s)
+    assert "sensor.crossing" in {f.code for f in made.findings}
+
+
 @pytest.mark.parametrize("hum_K", [0.5, 2.0])
 def test_hum_of_the_mains_does_not_end_the_step(hum_K: float) -> None:
     """At 1 kHz the hum is much larger than the differences between rows."""

@@ -119,6 +119,18 @@ def test_column_that_does_not_respond_is_named(reading: float) -> None:
     assert "slow_e" not in [t.column for t in result.touches]
 
 
+def test_a_column_that_falls_when_it_is_touched_is_reported() -> None:
+    """A thermocouple of reversed polarity falls as much as it should rise."""
+    log = touch_log("abc", np.random.default_rng(4), 0.0)
+    sound = found(log, "abc")
+    assert not {f.code for f in sound.findings} & {"touch.fall"}
+    start = log["slow_b"][0]
+    reversed_b = {**log, "slow_b": 2 * start - log["slow_b"]}
+    falls = [f for f in found(reversed_b, "abc").findings if f.code == "touch.fall"]
+    assert [f.numbers["column"] for f in falls] == ["slow_b"]
+    assert "polarity is reversed" in falls[0].sentence
+
+
 def test_touch_between_two_sensors_is_unclear() -> None:
     log = touch_log("ab", np.random.default_rng(5), 0.5)
     rng = np.random.default_rng(6)

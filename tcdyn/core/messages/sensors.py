@@ -92,6 +92,9 @@ SENSOR: dict[str, Message] = {
     "touch.other": _touch_other,
     "touch.unclear": "touch {touch} ({time_s:.1f} s): {column} responded most, but {second} "
     "rose by {percent:.0f} % of it: touch this place again, nearer to one sensor",
+    "touch.fall": "touch {touch} ({time_s:.1f} s): {column} falls by {fall_K:.2g} K before it "
+    "rises by {rise_K:.2g} K: its polarity is reversed, or it was touched with something cold, and "
+    "the time is that of the return",
     "touch.silent": _touch_silent,
     "sensor.exact": "the lag of {lag_s:.4g} s was given without an uncertainty: it is taken as "
     "exact, and the intervals of temperatures compensated with it include noise only; give an "
@@ -129,6 +132,10 @@ SENSOR: dict[str, Message] = {
     "sensor.dead_time": "{subject}: the response begins {dead_s:.3g} s after the specified entry, "
     "at {specified_s:.5g} s. It is taken as a dead time, which the times from the entry include. "
     "If the specified instant is wrong, the lag and these times are too long by {dead_s:.3g} s",
+    "sensor.crossing": "{subject}: the reading passes {percent:.3g} % of the step {later_s:+.2g} s "
+    "from the time of the fitted curve, {time_s:.4g} s, which the interval includes: the response "
+    "is not that of a chain of lags, as where the lag changes with the temperature (radiation, "
+    "natural convection, boiling); the lag holds for this step only",
     "sensor.slow_path": "{subject}: {percent:.2g} % of the step arrives with a time constant of "
     "{slow_s:.3g} s, through a second heat path such as stem, sheath or fitting: lag and t90 "
     "include it",
