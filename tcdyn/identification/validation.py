@@ -907,10 +907,10 @@ def departures(
         gain_change, lag_change_s = sizes_of(by_time)
         code = "record.changing"
     else:
-        alone = [float(sizes_of(column[:, None])[0]) for column in by_level.T]
+        separate = [float(sizes_of(column[:, None])[0]) for column in by_level.T]
         # a random walk takes up what is slow, so that the tests show only a part of it
         is_clear = (np.array(p_values[:n_level]) < limit) | (not fit.noise.white)
-        by_output, rise_lag_s, level_lag_s, *by_input = np.where(is_clear, alone, 0.0)
+        by_output, rise_lag_s, level_lag_s, *by_input = np.where(is_clear, separate, 0.0)
         gain_change = 2 * max(by_output, *by_input)  # from 1 - a to 1 + a
         lag_change_s = max(rise_lag_s, level_lag_s)
         code = "record.nonlinear"

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
 from tcdyn.identification import IOData, compare, fit
 from tcdyn.identification.excitation import excitation
@@ -28,7 +29,7 @@ def sine_record(rest_s: float, noise: float = 0.05) -> IOData:
 
 def test_a_sine_in_the_steady_state_is_accepted_with_a_warning() -> None:
     """It was refused as an output that moves before its input."""
-    result = compare(sine_record(-1.0))
+    result = compare(sine_record(-1.0), "P1", "P1D")
     assert result.conclusion.severity is Severity.WARNING
     assert "one sine determines neither gain nor lag" in result.conclusion.sentence
     (found,) = (f for f in result.best.findings if f.code == "record.one_frequency")
@@ -49,8 +50,6 @@ def test_square_waves_and_single_steps_are_not_one_frequency() -> None:
 
 
 def test_a_shifted_output_is_still_refused_where_the_input_is_not_periodic() -> None:
-    from tcdyn.core.errors import InputError
-
     u = np.repeat(np.random.default_rng(2).choice([0.0, 1.0, 3.0], 40), 20)
     y = np.roll(response(u), -60)
     with pytest.raises(InputError, match="before the input"):
@@ -67,6 +66,6 @@ def test_inputs_that_move_together_are_reported(other: float, is_reported: bool)
     codes = [f.code for f in excitation(data)]
     assert codes == (["record.inseparable"] * 2 if is_reported else [])
     if is_reported:
-        result = compare(data)
+        result = compare(data, "P1")
         assert result.conclusion.severity is Severity.WARNING
         assert "move each input alone" in result.conclusion.sentence
