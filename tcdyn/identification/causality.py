@@ -16,9 +16,9 @@ import numpy as np
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.core.errors import InputError
 from tcdyn.identification.excitation import is_periodic
+from tcdyn.identification.holds import MIN_REPEATED_SHARE
 from tcdyn.identification.models import process
 from tcdyn.identification.problem import IdentificationProblem
-from tcdyn.identification.segments import MIN_REPEATED_SHARE
 from tcdyn.identification.starting_values import lag_correlation
 
 N_LEAD_LAGS = 12  # lags of the grid, of which two make a lead; chosen by judgement

@@ -28,8 +28,9 @@ from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identification.excitation import excitation
 from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, split_held_out
+from tcdyn.identification.holds import Holds
 from tcdyn.identification.identified import Identified, from_control
-from tcdyn.identification.iodata import Holds, IOData, as_iodata
+from tcdyn.identification.iodata import IOData, as_iodata
 from tcdyn.identification.ladder import Ladder, select_structures
 from tcdyn.identification.large_records import (
     SearchRecord,
@@ -410,11 +411,10 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
 
     fits, setting = fit_models(ladder)
     result = score(ladder, fits, setting)
-    is_doubtful = not is_adequate(result.best) or explains_little(result.best)
-    if setting.has_disturbance and is_doubtful:
+    if setting.has_disturbance and is_doubtful(result.best):
         fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(ladder, fits, setting))
-    if not given_models and not is_adequate(result.best):
+    if not given_models and is_doubtful(result.best):
         result = add_common_pole_model(ladder, result)
     return replace(result, are_given=bool(given_models))
 
@@ -658,6 +658,11 @@ def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
             if two_lags is not None and (result.findings or not two_lags.findings):
                 names.append(name)
     return names
+
+
+def is_doubtful(result: Fit) -> bool:
+    """Whether other kinds of model are to be tried: clear residual dynamics, or a poor fit."""
+    return not is_adequate(result) or explains_little(result)
 
 
 def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:

@@ -24,10 +24,15 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique
 from tcdyn.core.labels import common_index, even_interval_s, labels_of, seconds_of_index
 from tcdyn.core.result import Result
+from tcdyn.identification.holds import (
+    Hold,
+    Holds,
+    check_hold,
+    hold_of_each,
+    hold_text,
+    select_holds,
+)
 from tcdyn.io.unit_names import column_named
-
-Hold = Literal["zoh", "foh"]  # the input between samples: held, or a straight line
-Holds = Hold | tuple[Hold, ...]  # one hold for all inputs, or one for each
 
 # Jump over the range of the integer type, above which it is an overflow (chosen by judgement).
 MIN_WRAP_SHARE = 0.8
@@ -122,7 +127,7 @@ class IOData(Result):
         y: ArrayLike | pd.Series | pd.DataFrame,
         dt_s: float | None = None,
         *,
-        hold: Holds = "foh",
+        hold: Holds | Literal["auto"] = "auto",
         start_s: float = 0.0,
         input_names: Sequence[str] = (),
         output_names: Sequence[str] = (),
@@ -140,7 +145,8 @@ class IOData(Result):
         dt_s
             Sampling interval [s]; None: from the index.
         hold
-            The input between samples: "zoh" or "foh", or one of them for each input.
+            The input between samples: "zoh", "foh", one of them for each input, or "auto": "zoh"
+            for each input that stays constant and jumps as if set by a computer.
         start_s
             Time of the first sample [s], if there is no index with times.
         input_names, output_names, input_units, output_units
@@ -199,15 +205,18 @@ class IOData(Result):
             )
         n_inputs = inputs.shape[1]
         n_outputs = outputs.shape[1]
+        input_names = tuple(input_names) or default_names("u", n_inputs)
+        holds, findings = select_holds(hold, input_names, inputs, float(dt_s))
         return cls(
             runs=(Run(inputs, outputs, float(start_s), name, epoch),),
             dt_s=float(dt_s),
-            hold=check_hold(hold, n_inputs, where),
-            input_names=tuple(input_names) or default_names("u", n_inputs),
+            hold=check_hold(holds, n_inputs, where),
+            input_names=input_names,
             output_names=tuple(output_names) or default_names("y", n_outputs),
             input_units=tuple(input_units) or ("",) * n_inputs,
             output_units=tuple(output_units) or ("",) * n_outputs,
             name=name,
+            findings=tuple(findings),
         )
 
     def summary(self) -> str:
@@ -525,7 +534,7 @@ def as_iodata(data: Any) -> IOData:
     ----------
     data
         IOData; or a tuple of inputs, outputs and sampling interval [s], where Series with times in
-        their index need no interval. The hold is then "foh".
+        their index need no interval. The hold is selected from the samples.
 
     Returns
     -------
@@ -606,41 +615,6 @@ def default_names(letter: str, count: int) -> tuple[str, ...]:
     if count == 1:
         return (letter,)
     return tuple(f"{letter}{k}" for k in range(1, count + 1))
-
-
-def check_hold(hold: Hold | Sequence[Hold], n_inputs: int, where: str) -> Holds:
-    """Return the hold after a check: one where all inputs have the same, else one for each.
-
-    Raises
-    ------
-    InputError
-        Where one is neither "zoh" nor "foh", or there is another number of them than of inputs.
-    """
-    holds = (hold,) * n_inputs if isinstance(hold, str) else tuple(hold)
-    if not set(holds) <= {"zoh", "foh"}:
-        expected = "'zoh' (input held between samples) or 'foh' (straight line)"
-        raise InputError(f"hold is {hold!r}", where=where, expected=expected)
-    if len(holds) != n_inputs:
-        raise InputError(
-            f"hold has {len(holds)} values",
-            where=where,
-            expected=f"one for all inputs, or one for each of {n_inputs}",
-        )
-    return holds[0] if len(set(holds)) == 1 else holds
-
-
-def hold_of_each(hold: Holds, n_inputs: int) -> tuple[Hold, ...]:
-    """Return the hold of each input."""
-    return hold if isinstance(hold, tuple) else (hold,) * n_inputs
-
-
-def hold_text(hold: Holds) -> str:
-    """Return the hold in capitals, or those of the inputs.
-
-    >>> hold_text("zoh"), hold_text(("zoh", "foh"))
-    ('ZOH', 'ZOH, FOH')
-    """
-    return ", ".join(hold_of_each(hold, 1)).upper()
 
 
 def indices_of(

@@ -14,7 +14,8 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.identification.fitting import fit
 from tcdyn.identification.heldout import SCORING_OPTIONS
-from tcdyn.identification.iodata import IOData, Run, check_hold
+from tcdyn.identification.holds import check_hold
+from tcdyn.identification.iodata import IOData, Run
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import setting_of

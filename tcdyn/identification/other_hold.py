@@ -11,12 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from tcdyn.core.findings import Finding, warning
-from tcdyn.identification.iodata import Hold, check_hold
+from tcdyn.identification.holds import Hold, check_hold, is_setpoint
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.recommendation import DECISIVE_BIC
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import bic, setting_of
-from tcdyn.identification.tables import is_setpoint
 from tcdyn.identification.validation import is_undriven
 
 # Half a sample over the standard uncertainty of the dead time, below which a wrong hold does not
@@ -42,7 +41,7 @@ def check_holds(ladder: Ladder, result: Fit) -> list[Finding]:
 
     Notes
     -----
-    An input that was set by a computer (:func:`tcdyn.identification.tables.is_setpoint`) is held.
+    An input that was set by a computer (:func:`tcdyn.identification.holds.is_setpoint`) is held.
     Where the samples do not decide, the same model is fitted under the other hold. It is reported
     where its BIC is lower by more than ``DECISIVE_BIC`` and its residuals do not follow the input:
     a hold can also replace dynamics that the model lacks. A free dead time takes up the shift, so

@@ -30,7 +30,7 @@ from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.estimation.updates import usual_spacing
-from tcdyn.identification.iodata import Hold
+from tcdyn.identification.holds import Hold
 from tcdyn.identification.models import Model, base_name
 from tcdyn.identification.segments import Segment, row_slices
 

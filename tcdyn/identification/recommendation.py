@@ -212,8 +212,14 @@ def conclude(
     if settling:
         return warning("models.integrator", other=settling, **numbers)
     is_worse = is_coloured and worse_than_mean
-    numbers |= {"coloured": is_coloured, "worse_than_mean": is_worse, "small": is_small}
-    if troubles or is_worse:
+    is_all_disturbance = fit_percent < 0
+    numbers |= {
+        "coloured": is_coloured,
+        "worse_than_mean": is_worse,
+        "small": is_small,
+        "all_disturbance": is_all_disturbance,
+    }
+    if troubles or is_worse or is_all_disturbance:
         return warning("models.provisional", **numbers)
     return info("models.recommended", **numbers)
 

@@ -16,7 +16,8 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.updates import ONE_STEP_LIMIT, Updates, find_updates
-from tcdyn.identification.iodata import Holds, IOData, Run
+from tcdyn.identification.holds import Holds
+from tcdyn.identification.iodata import IOData, Run
 
 # An output with fewer distinct values than this share of its changes was set in levels, not
 # measured (chosen by judgement).

@@ -17,11 +17,9 @@ import numpy as np
 
 from tcdyn.core import Array, Flags
 from tcdyn.estimation.trace_noise import MAD_TO_SD, interpolate_gaps
+from tcdyn.identification.holds import MIN_REPEATED_SHARE
 from tcdyn.identification.iodata import IOData
 
-# Share of samples that equal the one before, above which the input was set by a computer and not
-# measured (chosen by judgement).
-MIN_REPEATED_SHARE = 0.4
 # Noise of the input over its standard deviation, above which the fast part is signal and not noise
 # (chosen by judgement).
 MAX_INPUT_NOISE_SHARE = 0.1

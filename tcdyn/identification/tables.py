@@ -17,12 +17,11 @@ import pandas as pd
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, utf8
-from tcdyn.core.findings import Finding, SampleLocation, info, warning
+from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.core.labels import seconds_of_index
-from tcdyn.estimation.trace_noise import MAD_TO_SD
-from tcdyn.identification.iodata import Hold, Holds, IOData, check_hold, hold_of_each
+from tcdyn.identification.holds import Hold, Holds, check_hold, hold_of_each, select_holds
+from tcdyn.identification.iodata import IOData
 from tcdyn.identification.repeats import without_repeats
-from tcdyn.identification.segments import MIN_REPEATED_SHARE
 from tcdyn.io.cells import TextColumn
 from tcdyn.io.read import Table, open_table, read_all_rows
 from tcdyn.io.stamps import is_stamp
@@ -43,20 +42,8 @@ LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
 # Thresholds, chosen by judgement.
 # Share of repeated time stamps, above which the clock has too few decimals.
 MAX_REPEATED_STAMPS = 0.02
-# Changes that are one step, and ranges that are at most two steps, over the least step; halfway.
-ONE_STEP = 1.5
-TWO_STEPS = 2.5
 FIRST_TIMES = 8  # from which the sampling interval is refined (chosen by judgement)
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
-# Change of an input that a computer has set, over its range; rounding makes smaller steps.
-MIN_JUMP_SHARE = 0.05
-# Share of the changes of a staircase before and after which it stays constant.
-MIN_ISOLATED_SHARE = 0.95
-# Changes of an input with noise that are jumps, in standard deviations of the noise; the largest
-# share of rows with one; scatter of a level over that of white noise (chosen by judgement).
-JUMP_NOISES = 8.0
-MAX_JUMP_SHARE = 0.25
-MAX_SCATTER_RATIO = 1.3
 # Largest departure from an even time grid, in sampling intervals.
 MAX_JITTER = 0.05
 
@@ -99,7 +86,7 @@ def from_frame(
     hold
         "zoh", "foh", one of them for each input, or "auto": "zoh" for each input that stays
         constant and jumps as if set by a computer. Where the input alone cannot tell
-        (:func:`is_setpoint`), there is a finding.
+        (:func:`tcdyn.identification.holds.is_setpoint`), there is a finding.
     resample_s
         Sampling interval [s] of an even grid for uneven times: held inputs are averaged over its
         intervals, all else is interpolated linearly.
@@ -173,7 +160,7 @@ def from_frame(
     holds: Holds = "foh"
     if resample_s is not None:
         rows = np.concatenate(read_inputs)
-        selected, findings = _holds_of_inputs(hold, inputs, rows, interval)
+        selected, findings = select_holds(hold, inputs, rows, interval)
         holds = check_hold(selected, len(inputs), where)
     for (label, group), t, u, location in zip(groups, times, read_inputs, locations):
         y = _readings_of_columns(group, outputs, location, _output_codes, code_counts)
@@ -222,52 +209,9 @@ def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
         As in :func:`from_frame`.
     """
     inputs = np.concatenate([run.u for run in data.runs])
-    selected, findings = _holds_of_inputs(hold, data.input_names, inputs, data.dt_s)
+    selected, findings = select_holds(hold, data.input_names, inputs, data.dt_s)
     checked = check_hold(selected, len(data.input_names), data.name or "table")
     return replace(data, hold=checked, findings=(*data.findings, *findings))
-
-
-def _holds_of_inputs(
-    hold: Holds | Literal["auto"], names: Sequence[str], inputs: Array, dt_s: float
-) -> tuple[Holds, list[Finding]]:
-    """The hold of each input; where it is to be selected, from the samples.
-
-    Parameters
-    ----------
-    hold
-        As in :func:`from_frame`.
-    names
-        Names of the inputs (K,).
-    inputs
-        Their samples (N, K).
-    dt_s
-        Sampling interval [s].
-
-    Returns
-    -------
-    holds
-        ``hold``, or "zoh" for each input that was set by a computer, else "foh".
-    findings
-        One for each input that does not determine it.
-    """
-    if hold != "auto":
-        return hold, []
-    holds: list[Hold] = []
-    findings = []
-    for name, values in zip(names, inputs.T):
-        is_set, step = is_setpoint(values)
-        has_noisy_levels = not is_set and has_levels(values)
-        selected: Hold = "zoh" if is_set or has_noisy_levels else "foh"
-        holds.append(selected)
-        if has_noisy_levels:
-            findings.append(warning("record.noisy_levels", subject=name, dt_s=dt_s))
-            continue
-        if step:
-            finding = info if is_set else warning
-            findings.append(
-                finding("record.hold", subject=name, step=step, hold=selected, half_s=dt_s / 2)
-            )
-    return tuple(holds), findings
 
 
 def _named_columns(names: str | Collection[str], columns: Collection[str]) -> list[str]:
@@ -440,76 +384,6 @@ def _readings_of_columns(
             code_counts[column] = code_counts.get(column, 0) + int(is_code.sum())
         readings.append(np.where(is_code, np.nan, values))
     return np.column_stack(readings)
-
-
-def is_setpoint(u: Array) -> tuple[bool, float]:
-    """Whether a computer has set the input ``u`` (N,).
-
-    Parameters
-    ----------
-    u
-        The input (N,), NaN is left out.
-
-    Returns
-    -------
-    tuple
-        Whether it was set, and its least step where this cannot be distinguished from a measured
-        input that is rounded to that step, else 0.
-
-    Notes
-    -----
-    An input that was set mostly stays constant, and changes by a twentieth of its range or more,
-    or between two samples that stay. An input that is measured in steps changes, when it is slow,
-    by one step at a time. So does a staircase of equal steps, which counts as set where a step is a
-    twentieth of the range or more.
-
-    ``MIN_JUMP_SHARE`` and ``MIN_ISOLATED_SHARE`` separate coarse readings from set points; a wrong
-    hold shifts the dead time by half a sample. ``tests/identify/test_identify_choose.py`` checks
-    small steps and rounding.
-    """
-    u = u[np.isfinite(u)]
-    change = np.abs(np.diff(u))
-    index = np.flatnonzero(change)
-    if not 0 < len(index) < (1 - MIN_REPEATED_SHARE) * len(change):
-        return False, 0.0
-    changes = change[index]
-    stays = np.concatenate([[True], change == 0, [True]])
-    step = float(changes.min())
-    isolated = float(np.mean(stays[index] & stays[index + 2]))
-    is_large = bool(np.median(changes) > MIN_JUMP_SHARE * np.ptp(u))
-    mostly_one_step = np.mean(changes < ONE_STEP * step) > 0.5
-    if np.ptp(u) < TWO_STEPS * step or not mostly_one_step:
-        return is_large or isolated > 0.5, 0.0
-    is_isolated = isolated > MIN_ISOLATED_SHARE
-    return is_large and is_isolated, step if is_large or is_isolated else 0.0
-
-
-def has_levels(u: Array) -> bool:
-    """Whether ``u`` (N,) has constant levels with white noise, and jumps from row to row.
-
-    So does the measured power of a heater that a computer sets. NaN is left out.
-
-    Notes
-    -----
-    Jumps exceed the noise by ``JUMP_NOISES`` and a twentieth of the range. Nearly all must be
-    isolated, and between them the scatter must be that of white noise with such changes.
-    """
-    u = u[np.isfinite(u)]
-    if len(u) < 2:
-        return False
-    change = np.diff(u)
-    noise = MAD_TO_SD * float(np.median(np.abs(change))) / np.sqrt(2)
-    limit = max(JUMP_NOISES * noise, MIN_JUMP_SHARE * float(np.ptp(u)))
-    is_jump = np.abs(change) > limit
-    count = int(np.count_nonzero(is_jump))
-    if noise == 0.0 or not 0 < count < MAX_JUMP_SHARE * len(change):
-        return False
-    jumps = np.flatnonzero(is_jump)
-    isolated = np.mean(np.diff(jumps) > 1) if count > 1 else 1.0
-    levels = np.split(u, jumps + 1)
-    squares = sum(float(np.sum((level - level.mean()) ** 2)) for level in levels)
-    scatter = np.sqrt(squares / max(len(u) - len(levels), 1))
-    return bool(isolated > MIN_ISOLATED_SHARE and scatter < MAX_SCATTER_RATIO * noise)
 
 
 def from_csv(path: str | Path, **options: Any) -> IOData:

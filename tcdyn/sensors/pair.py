@@ -27,7 +27,7 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.chain.logger_noise import estimate_logger_noise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
@@ -87,6 +87,11 @@ KNOWN_GAIN_SD = 1e-6  # standard deviation of the prior of a gain that is not fr
 MIN_SCALE_K = 1e-3  # least standard deviation of a trace [K]; chosen by judgement
 GAIN_U = 3.0  # standard uncertainties by which a gain that is reported differs from 1
 N_STARTS = 3  # starts of the fit; chosen by judgement
+# What limits the lags: the contributions to their uncertainty by name.
+SECOND_LAGS_LIMIT = "second lags, which the data do not exclude; bare wires have none (--bare)"
+CONSTRUCTION_LIMIT = "the construction of the sensors; bare wires have none (--bare)"
+GAIN_LIMIT = "the gain of one sensor relative to the other, which the record does not show"
+FLUID_LIMIT = "noise and fluctuations of the fluid"
 SECOND_STARTS = (0.05, 0.2)  # second lag over the first at the start of the fit; by judgement
 MISFIT_RATIO = 1.5  # mean square of the residuals beyond which a warning is given; by judgement
 
@@ -291,6 +296,7 @@ def pair_sensor(
             remedy="log both columns faster, at one rate",
         )
     best = _fit(averaged, theta)
+    one_lag_covariance = _total_lags(best, n_lags)[1]
     fitted = averaged
     unshown_s = np.zeros(n_lags)
     if averaged.intervals is None and not bare:
@@ -307,19 +313,21 @@ def pair_sensor(
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined_lag_error(", ".join(columns))
     taus, lag_covariance = _total_lags(best, n_lags)
-    limited_by = "noise and fluctuations of the fluid"
-    if np.any(unshown_s**2 > np.diag(lag_covariance)):
-        limited_by = "second lags, which the data do not exclude; bare wires have none (--bare)"
-    lag_covariance += np.outer(unshown_s, unshown_s)
-    if not bare:
-        longer_s = np.repeat(taus.reshape(-1, 2).max(axis=1), 2)
-        construction_s = CONSTRUCTION_REL * longer_s
-        if np.any(construction_s**2 > np.diag(lag_covariance)):
-            limited_by = "the construction of the sensors; bare wires have none (--bare)"
-        lag_covariance += np.outer(construction_s, construction_s)
-    if np.any(by_gain_s**2 > np.diag(lag_covariance)):
-        limited_by = "the gain of one sensor relative to the other, which the record does not show"
-    lag_covariance += np.outer(by_gain_s, by_gain_s)
+    # what the fluid would determine if the construction were known
+    fluid_covariance = one_lag_covariance + np.outer(by_gain_s, by_gain_s)
+    by_second_lags = np.maximum(np.diag(lag_covariance - one_lag_covariance), 0.0)
+    longer_s = np.repeat(taus.reshape(-1, 2).max(axis=1), 2)
+    common_s = (0.0 if bare else CONSTRUCTION_REL) * longer_s
+    for error_s in (by_gain_s, unshown_s, common_s):
+        lag_covariance += np.outer(error_s, error_s)
+    contributions_s = {
+        FLUID_LIMIT: np.sqrt(np.diag(one_lag_covariance)),
+        GAIN_LIMIT: np.abs(by_gain_s),
+        SECOND_LAGS_LIMIT: np.abs(unshown_s),
+        CONSTRUCTION_LIMIT: np.sqrt(by_second_lags + common_s**2),
+    }
+    largest_rel = {name: float(np.max(u / taus)) for name, u in contributions_s.items()}
+    limited_by = max(largest_rel, key=lambda name: largest_rel[name])
     if abs(gain.value - 1) > GAIN_U * gain.u:
         finding = info(
             "sensor.pair_gain",
@@ -329,7 +337,8 @@ def pair_sensor(
             u=100 * gain.u,
         )
         findings.append(finding)
-    findings += _lag_findings(averaged, taus, lag_covariance, best.mean_square, columns)
+    covariances = (fluid_covariance, lag_covariance)
+    findings += _lag_findings(averaged, taus, covariances, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
     log_covariance = (lag_covariance / np.outer(taus, taus))[last, last]
     ratio = float(taus[n_lags - 2] / taus[n_lags - 1])
@@ -997,7 +1006,7 @@ def _without_line(y: Array, cycles: float) -> Array:
 def _lag_findings(
     data: PairData,
     taus: Array,
-    lag_covariance: Array,
+    covariances: tuple[Array, Array],
     mean_square: float,
     columns: tuple[str, str],
 ) -> list[Finding]:
@@ -1009,8 +1018,8 @@ def _lag_findings(
         The traces.
     taus
         Lags of each segment (2 segments,) [s].
-    lag_covariance
-        Their covariance [s2].
+    covariances
+        Their covariance without and with that of the construction of the sensors [s2].
     mean_square
         Mean square of the residuals.
     columns
@@ -1025,17 +1034,26 @@ def _lag_findings(
     findings: list[Finding] = []
     for k in range(0, len(taus), 2):
         pair = slice(k, k + 2)
-        covariance = lag_covariance[pair, pair]
-        largest_rel = max(np.sqrt(np.diag(covariance)) / taus[pair])
-        if largest_rel > UNDETERMINED_REL:
-            severity = error if largest_rel > 1 else warning  # such a lag could as well be zero
-            only_difference = severity(
+        by_fluid, by_all = (
+            np.sqrt(np.diag(covariance[pair, pair])) / taus[pair] for covariance in covariances
+        )
+        if max(by_all) <= UNDETERMINED_REL:
+            continue
+        severity = error if max(by_all) > 1 else warning  # such a lag could as well be zero
+        if max(by_fluid) > UNDETERMINED_REL:
+            undetermined = severity(
                 "sensor.pair_difference",
                 subject=subject,
                 difference_s=taus[k] - taus[k + 1],
-                u_s=_difference_u(covariance),
+                u_s=_difference_u(covariances[1][pair, pair]),
             )
-            findings.append(only_difference)
+        else:
+            undetermined = severity(
+                "sensor.pair_construction",
+                subject=columns[int(np.argmax(by_all))],
+                percent=100 * Z95 * max(by_all),
+            )
+        findings.append(undetermined)
     shortest_s = min(taus)
     if data.dt_s > shortest_s / ROWS_PER_LAG:
         column = columns[np.argmin(taus[:2])]

@@ -73,6 +73,13 @@ def test_an_integrator_is_doubtful_where_a_long_lag_describes_the_record_as_well
     assert advice_text(row("P1DI", 0.0), row("P1I", 1.0)).startswith("Recommended: P1DI")
 
 
+def test_a_model_that_is_farther_from_the_record_than_a_constant_is_provisional() -> None:
+    advice = advice_text(row("P2D", 0.0, fit_percent=-32.0))
+    assert advice.startswith("Provisionally P2D")
+    assert "a constant is (-32 %): the disturbance may replace dynamics" in advice
+    assert advice_text(row("P2D", 0.0, fit_percent=2.0)).startswith("Recommended: P2D")
+
+
 def test_no_model_is_recommended_if_all_miss_dynamics() -> None:
     advice = advice_text(
         row("P1", 0.0, p_input=1e-6), row("P2", 5.0, p_input=1e-3), untried=("P3", "P3D")

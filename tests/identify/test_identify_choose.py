@@ -59,6 +59,11 @@ def test_stepwise_inputs_are_held_and_ambiguous_rounding_gives_a_warning():
     summary = compare(records["stairs"], "P1", **PLAIN).summary()
     assert "Input stairs moves by its least step of 1 only" in summary
     assert not from_frame(frame, input="stairs", output="y", hold="zoh").findings
+    # arrays and tables have the same hold
+    assert IOData.from_arrays(u, y, 0.1).hold == "zoh"
+    assert IOData.from_arrays(u, y, 0.1, hold="foh").hold == "foh"
+    as_array = IOData.from_arrays(columns["stairs"], y, 0.1, input_names=["stairs"])
+    assert (as_array.hold, as_array.findings) == ("foh", records["stairs"].findings)
     two_inputs = from_frame(frame, input=["stairs", "ramp"], output="y")
     assert [f.subject for f in two_inputs.select("ramp").findings] == ["ramp"]
 

@@ -76,10 +76,23 @@ def test_a_lag_below_its_uncertainty_is_no_result(u_s: float, severity: Severity
     """Lags of 0.15 and 0.5 s with one error in common: their difference is known to 1 ms."""
     data = SimpleNamespace(dt_s=0.01)
     covariance = np.full((2, 2), u_s**2) + 1e-6 * np.eye(2)
-    (found,) = _lag_findings(data, np.array([0.15, 0.5]), covariance, 1.0, ("A", "B"))  # type: ignore[arg-type]
+    lags = np.array([0.15, 0.5])
+    (found,) = _lag_findings(data, lags, (covariance, covariance), 1.0, ("A", "B"))  # type: ignore[arg-type]
     assert found.code == "sensor.pair_difference"
     assert found.severity is severity
     assert found.numbers["u_s"] == pytest.approx(2e-6**0.5)
+
+
+def test_an_unknown_construction_is_not_called_a_slow_fluid() -> None:
+    """Lags of 0.15 and 0.5 s that the fluid determines to 1 ms, and the construction to 0.06 s."""
+    data = SimpleNamespace(dt_s=0.01)
+    by_fluid = 1e-6 * np.eye(2)
+    with_construction = by_fluid + np.full((2, 2), 0.06**2)
+    lags = np.array([0.15, 0.5])
+    (found,) = _lag_findings(data, lags, (by_fluid, with_construction), 1.0, ("A", "B"))  # type: ignore[arg-type]
+    assert found.code == "sensor.pair_construction"
+    assert found.subject == "A"
+    assert found.numbers["percent"] == pytest.approx(78, abs=1)
 
 
 def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:

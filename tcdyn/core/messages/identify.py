@@ -313,6 +313,7 @@ def _recommendation(
     coloured: bool,
     small: bool,
     worse_than_mean: bool,
+    all_disturbance: bool,
     fit_percent: float,
     troubles: list[str],
     option: Spelling,
@@ -322,15 +323,23 @@ def _recommendation(
 
     ``why`` is the sentence of the selection. ``coloured``: the residuals are not white; ``small``:
     the model explains little of the output; ``worse_than_mean``: on the held-out data it is worse
-    than a constant. ``troubles`` are the codes of the record's problems.
+    than a constant; ``all_disturbance``: so it is on all data, without the disturbance.
+    ``troubles`` are the codes of the record's problems.
     """
     if coloured:
         text = (
             "Its residuals are coloured, by disturbances or by dynamics; below their level the "
             "test cannot detect a response to the input. The intervals are the robust, wider ones."
         )
+    elif all_disturbance:
+        text = (
+            "The residual tests do not contradict it, but without the disturbance its output is "
+            f"farther from the record than a constant is ({fit_percent:.0f} %): the disturbance "
+            "may replace dynamics. Record with larger changes of the inputs, or measure what "
+            "disturbs the output as a further input."
+        )
     elif small:
-        text = f"It explains {fit_percent:.0f} % of the output, the rest is white noise."
+        text = f"It explains {fit_percent:.0f} % of the output, the rest is noise or disturbance."
     else:
         text = "The residual tests do not contradict it."
     if worse_than_mean:
@@ -339,7 +348,7 @@ def _recommendation(
             f"({more['held_out_percent']:.1f} %)."
         )
     name = f"Recommended: {subject}"
-    if troubles or worse_than_mean:
+    if troubles or worse_than_mean or all_disturbance:
         name = f"Provisionally {subject}"
     return f"{name}. {why} {text}{_but_first(troubles, option)}"
 

@@ -165,6 +165,9 @@ SENSOR: dict[str, Message] = {
     "sensor.pair_difference": "{subject}: the traces determine the difference of the lags, "
     "{difference_s:.3g} +- {u_s:.2g} s, but hardly the lags themselves: the fluid changed too "
     "slowly for their ratio",
+    "sensor.pair_construction": "{subject}: its lag is known to {percent:.2g} % only (95 %), "
+    "because the construction of the sensors is unknown and may add short lags: a faster fluid "
+    "does not help. Bare wires have none (option bare); otherwise use a plunge",
     "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
     "larger than that of {other}: the lags are those of two sensors of different gain",
     "sensor.repeats": "{subject} has a new value in {percent:.3g} % of the rows (every "
