@@ -72,6 +72,7 @@ CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
 N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+NOT_SCORED = (np.nan, np.nan, np.nan)  # held-out statistics of the others
 # Findings of the final fit about the record that count against the recommended model.
 RECORD_TROUBLES = (
     "record.closed_loop",
@@ -578,25 +579,29 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     """
     fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
     ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
-    scored = {*ranked[:N_HELD_OUT], *ALWAYS_HELD_OUT}
+    overdamped = overdamped_models(fitted)
+    unscored = pd.DataFrame([_table_row(name, fitted[name]) for name in ranked])
+    best_by_bic = recommend(unscored, overdamped)[0]
     rows: list[dict[str, Any]] = []
     for name, result in fits.items():
         if isinstance(result, InputError):
             rows.append({"model": name, "remark": str(result), "determined": False})
             continue
-        held_out = (np.nan, np.nan, np.nan)
-        if name in scored:
+        held_out = NOT_SCORED
+        if name in {*ranked[:N_HELD_OUT], *ALWAYS_HELD_OUT, best_by_bic}:
             start = result.identified.theta
             held_out = ladder.held_out_error(result, **setting.options, start=start)
         rows.append(_table_row(name, result, held_out))
     table = pd.DataFrame(rows).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    recommended, reason = recommend(table, overdamped_models(fitted))
+    recommended, reason = recommend(table, overdamped)
     return Comparison(table, fitted, recommended, reason)
 
 
-def _table_row(name: str, full: Fit, held_out: tuple[float, float, float]) -> dict[str, Any]:
+def _table_row(
+    name: str, full: Fit, held_out: tuple[float, float, float] = NOT_SCORED
+) -> dict[str, Any]:
     """Return the row of a model: statistics of the fit and of the held-out simulation.
 
     Parameters

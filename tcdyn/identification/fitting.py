@@ -46,6 +46,7 @@ from tcdyn.identification.knowledge import (
     check_knowledge,
     checked_weights,
     measured_rows,
+    prior_conflicts,
 )
 from tcdyn.identification.models import Model, as_model, base_name, input_suffix, same_input
 from tcdyn.identification.problem import IdentificationProblem, Initial
@@ -223,7 +224,8 @@ def fit(
     is_weighted = result.optimum.weights is not None
     if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
         result = replace_poor_intervals(result, intervals == "profile")
-    return add_findings(result, data.findings)
+    conflicts = prior_conflicts(result.estimates, options["prior"])
+    return add_findings(result, (*conflicts, *data.findings))
 
 
 def fit_setting(

@@ -14,9 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, warning
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import Model
 from tcdyn.identification.problem import IdentificationProblem
+
+# Difference of prior and data, in its standard uncertainties, beyond which there is a warning: by
+# chance in 0.3 % of fits. Least standard uncertainty of what the data add, over that of the prior;
+# chosen by judgement.
+CONFLICT_U = 3.0
+MIN_LEARNED_U = 0.3
 
 
 def check_knowledge(
@@ -56,6 +64,48 @@ def check_knowledge(
                 f"prior of {name} is {mean} +- {u}",
                 expected="an uncertainty above zero, and a mean above zero of a time constant",
             )
+
+
+def prior_conflicts(
+    estimates: Mapping[str, Estimate], prior: Mapping[str, tuple[float, float]]
+) -> list[Finding]:
+    """Return a warning for each parameter whose prior the data contradict.
+
+    Parameters
+    ----------
+    estimates
+        The estimates by parameter, which include the priors.
+    prior
+        Mean and standard uncertainty by parameter.
+
+    Returns
+    -------
+    list of Finding
+        Empty where prior and data agree.
+
+    Notes
+    -----
+    For a normal prior and a normal likelihood (estimate - mean) / sqrt(u_prior^2 - u_estimate^2) is
+    the difference of prior and data over the standard uncertainty of that difference (Box 1980, J.
+    R. Stat. Soc. A 143, 383: prior predictive check). ``MIN_LEARNED_U`` limits the root, which
+    rounding and robust uncertainties make too small where the prior is narrow.
+    """
+    findings = []
+    for name, (mean, u) in prior.items():
+        estimate = estimates[name]
+        learned_u = np.sqrt(max(u**2 - estimate.u**2, (MIN_LEARNED_U * u) ** 2))
+        ratio = abs(estimate.value - mean) / float(learned_u)
+        if ratio > CONFLICT_U:
+            conflict = warning(
+                "fit.prior_conflict",
+                subject=name,
+                mean=mean,
+                u=u,
+                value=estimate.value,
+                ratio=ratio,
+            )
+            findings.append(conflict)
+    return findings
 
 
 def checked_weights(data: IOData, weights: ArrayLike) -> Array:

@@ -127,18 +127,26 @@ class Fit(Result):
         return self.identified.to_frame()
 
 
-def unusable_columns(data: IOData) -> str:
-    """Message: which column has the fault where no segment of the data can be used."""
+def no_segment_error(data: IOData) -> InputError:
+    """Return the error for data of which no segment can be used: the column, and what to do."""
+    where = data.name or "identify"
     columns = [(n, [r.u[:, k] for r in data.runs]) for k, n in enumerate(data.input_names)]
     columns.append((data.output_names[0], [r.y[:, 0] for r in data.runs]))
     for name, values in columns:
         if not any(np.isfinite(v).any() for v in values):
-            return f"column {name} holds no number at all (NaN everywhere)"
+            return InputError(
+                f"column {name} holds no number at all (NaN everywhere)",
+                where=where,
+                remedy="check that the right column was taken",
+            )
     names = ", ".join(data.input_names)
     have = "has" if len(data.input_names) == 1 else "have"
-    return (
+    return InputError(
         f"column {names} {have} no {MIN_SEGMENT_SAMPLES} samples in a row, with the output "
-        "measured, without a gap"
+        "measured, without a gap",
+        where=where,
+        remedy="check that the right column was taken; if an input is logged only when it changes, "
+        "fill its blank cells with the value before (in pandas: ffill)",
     )
 
 
@@ -186,9 +194,7 @@ def make_problem(
         )
     segments = split_segments(data)
     if not segments:
-        raise InputError(
-            unusable_columns(data), where=where, remedy="check that the right column was taken"
-        )
+        raise no_segment_error(data)
     for k, name in enumerate(data.input_names):
         if np.ptp(np.concatenate([s.inputs[:, k] for s in segments])) == 0:
             raise InputError(

@@ -140,7 +140,7 @@ BAD = {
                 np.where(np.arange(50) % 2, np.arange(50.0), np.nan), np.arange(50.0), 0.1
             )
         ),
-        "column u has no 8 samples in a row",
+        "column u has no 8 samples in a row.*logged only when it changes",
     ),
     "uneven time": (uneven_time, "not evenly spaced"),
     "backward time": (backward_time, "runs backwards"),

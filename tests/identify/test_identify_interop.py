@@ -311,6 +311,16 @@ def test_prior_of_a_gain_gives_the_conjugate_posterior() -> None:
     assert estimate.u == pytest.approx((precision + 1 / 0.01) ** -0.5, rel=0.02)
 
 
+def test_a_prior_that_the_data_contradict_is_reported() -> None:
+    """A lag of 0.8 s with priors that are right, or wrong and narrow or wide."""
+    data = record()
+    options: Any = {"noise": "white", "baseline": "none"}
+    for mean, u in ((0.8, 0.1), (0.8, 0.002), (0.6, 0.2), (0.6, 0.02), (0.6, 0.01)):
+        codes = [f.code for f in fit(data, "P1D", prior={"Tp1": (mean, u)}, **options).findings]
+        is_wrong = mean == 0.6 and u < 0.1
+        assert ("fit.prior_conflict" in codes) == is_wrong, (mean, u)
+
+
 def test_exact_prior_of_a_lag_is_as_good_as_fixing_it() -> None:
     data = record(n=150, noise_sd=0.5, seed=8)
     options: Any = {"noise": "white", "baseline": "none"}

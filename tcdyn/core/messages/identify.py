@@ -637,6 +637,9 @@ IDENTIFY: dict[str, Message] = {
     "{value:.2g})",
     "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the length "
     "of the record ({longest_s:.3g} s): the record does not determine it",
+    "fit.prior_conflict": "the prior of {subject}, {mean:.4g} +- {u:.2g}, contradicts the data (by "
+    "{ratio:.2g} standard uncertainties): the estimate, {value:.4g}, lies between them, and its "
+    "interval is too short. Check the prior, and fit without it",
     "fit.slow_pole": _slow_pole,
     "fit.indistinct": "the data cannot separate all parameters of {subject}: some intervals are "
     "meaningless",
