@@ -107,8 +107,9 @@ def identify(
     no_offset
         The output has no offset.
     initial
-        Initial state of each run: equilibrium, zero or estimated (default: equilibrium, or
-        estimated if a run starts off it).
+        Initial state of each run: equilibrium, level (in equilibrium with another level of the
+        input, which is estimated), zero or estimated (default: equilibrium, or what explains the
+        start better).
     noise
         Noise of the output: white, slow (first-order, averaged over), ar, arma; auto: chosen from
         the data.
@@ -133,6 +134,7 @@ def identify(
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identification import compare, from_csv, joint_table, read_identified
     from tcdyn.identification.disturbance import Baseline, NoiseName
+    from tcdyn.identification.problem import Initial
     from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
@@ -154,7 +156,7 @@ def identify(
     if (noise, baseline) != ("auto", "auto"):
         fit_settings |= {"noise": noise, "baseline": baseline}
     if initial is not None:
-        check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
+        check_choice("--initial", initial, get_args(Initial))
     inputs = _columns("--input", input)
     outputs = _columns("--output", output)
     if len(inputs) > 1 and (narx or gain is not None):

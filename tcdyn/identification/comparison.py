@@ -762,8 +762,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         statistics = final.identified.statistics
         table.loc[table["model"] == result.recommended, tests] = [statistics[t] for t in tests]
         result = replace(result, table=table)
-    if initial == "estimated" and "initial" not in ladder.options:
-        numbers["freed"] = True
+    if "initial" not in ladder.options:
+        numbers["initial"] = initial
     noise = final.noise
     setting = setting_of(final)
     if noise.averaged:

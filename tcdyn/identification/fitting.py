@@ -105,13 +105,14 @@ def fit(
     Parameters
     ----------
     data
-        One output, and as many inputs as the model has; or a tuple (u, y, dt_s), whose input is a
-        straight line between samples.
+        One output, and as many inputs as the model has; or a tuple (u, y, dt_s).
     model
         Model or its name.
     initial
-        The record starts in "equilibrium" with its first input, from "zero", or from a state that
-        is "estimated"; "auto" selects it (:func:`tcdyn.identification.setting.select_setting`).
+        The record starts in "equilibrium" with its first input, or with another "level" of the
+        input, which is estimated (as where it begins when a heater is switched); from "zero"; or
+        from any state, which is "estimated". "auto" selects it
+        (:func:`tcdyn.identification.setting.select_setting`).
     noise
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
         minimised); "ar" or "arma", with the order from the data; "slow", an average over slow

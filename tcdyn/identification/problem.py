@@ -31,10 +31,12 @@ from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.estimation.updates import usual_spacing
 from tcdyn.identification.holds import Hold
-from tcdyn.identification.models import Model, base_name
+from tcdyn.identification.models import NO_MODEL, Model, base_name
 from tcdyn.identification.segments import Segment, row_slices
 
-Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
+# State in which the runs start: in equilibrium with the first input, or with another level of it,
+# which is estimated; from zero; or from any state, which is estimated.
+Initial = Literal["equilibrium", "level", "zero", "estimated"]
 
 MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
 MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment
@@ -118,8 +120,8 @@ class IdentificationProblem:
     2. the offset, or one for each run;
     3. the initial states of the segments whose state is free: those after a gap, or all where
        ``initial`` is "estimated";
-    4. for each segment that starts in equilibrium, the level of each noisy input before it, over
-       the input's first sample;
+    4. for each segment that starts in equilibrium, the level before it, over the first sample, of
+       each noisy input, or of all inputs where ``initial`` is "level";
     5. with ``trend`` the drift of each run, over the length of the longest segment.
 
     The order of x is computed in ``offset_and_state_slices``, ``past_level_index`` and
@@ -188,8 +190,13 @@ class IdentificationProblem:
 
     @cached_property
     def has_free_state(self) -> tuple[bool, ...]:
-        """Whether the initial state of each segment is free."""
-        return tuple(s.after_gap or self.initial == "estimated" for s in self.segments)
+        """Whether the initial state of each segment is free.
+
+        An integrator has no equilibrium with a level of the input.
+        """
+        is_free = self.initial == "estimated"
+        is_free |= self.initial == "level" and self.model.integrators > 0
+        return tuple(s.after_gap or is_free for s in self.segments)
 
     @cached_property
     def offset_and_state_slices(self) -> tuple[tuple[slice, slice], ...]:
@@ -224,14 +231,16 @@ class IdentificationProblem:
         The level is relative to the first sample. For an integrator, the effect of the past is
         the offset.
         """
-        fits_levels = self.initial == "equilibrium" and not self.model.integrators
+        may_differ = [sd > 0 and self.initial == "equilibrium" for sd in self.input_sds]
+        if self.initial == "level":
+            may_differ = [branch.model.name != NO_MODEL for branch in self.branches]
         position = count(self.offset_and_state_slices[-1][1].stop)
         return tuple(
             tuple(
-                next(position) if sd > 0 and fits_levels and not free_state else None
-                for sd in self.input_sds
+                next(position) if differs and not free and not self.model.integrators else None
+                for differs in may_differ
             )
-            for free_state in self.has_free_state
+            for free in self.has_free_state
         )
 
     @property
@@ -250,13 +259,13 @@ class IdentificationProblem:
     def prior_precision(self) -> Array:
         """Prior precision of x (size,), in units of the output's noise.
 
-        It is above zero for parameters with a prior, and for the input levels before a segment, by
-        their first sample.
+        It is above zero for parameters with a prior, and for the levels of noisy inputs before a
+        segment that starts in equilibrium, by their first sample.
         """
         precision = np.zeros(self.size)
         for levels in self.past_level_index:
             for k, sd in zip(levels, self.input_sds):
-                if k is not None:
+                if k is not None and self.initial == "equilibrium":
                     precision[k] = (self.noise_sd / sd) ** 2
         for name, (mean, u) in self.priors.items():
             if name in self.model.free:

@@ -118,7 +118,7 @@ def select_setting(
 
     Notes
     -----
-    Each step changes one element: a free initial state, a linear drift, ARMA noise, a random walk.
+    Each step changes one element: the initial state, a linear drift, ARMA noise, a random walk.
     It is taken where the least BIC over the models falls by more than ``MIN_SETTING_GAIN``. A
     disturbance under which the residuals still follow the input is not accepted: it would replace
     dynamics that the models lack. Structure and disturbance are judged together, because a drift of
@@ -171,8 +171,13 @@ def changed_settings(setting: Setting, given: Mapping[str, Any], best: Fit) -> l
     settings = []
     noise = setting.noise
     has_given_noise = "noise" in given
-    if setting.initial == "equilibrium" and "initial" not in given:
-        settings.append(replace(setting, initial="estimated"))
+    if "initial" not in given:
+        later_states: dict[Any, tuple[Initial, ...]] = {
+            "equilibrium": ("level", "estimated"),
+            "level": ("estimated",),
+        }
+        for initial in later_states.get(setting.initial, ()):
+            settings.append(replace(setting, initial=initial))
     is_given_colour = has_given_noise and noise != "white"
     is_coloured = is_given_colour or has_coloured_residuals(best)
     if noise == "slow" or not is_coloured or given.get("loss", "linear") != "linear":

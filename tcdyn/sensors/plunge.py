@@ -20,6 +20,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.rig.disk import Conditioning
+from tcdyn.rig.plausible import LOWEST_DEGC
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
 from tcdyn.sensors.step import MAX_ROWS_IN_RISE, block_means, find_step
 from tcdyn.sensors.step_fits import CurveFit, model_average, white_noise_K
@@ -43,6 +44,11 @@ MEDIUM_S = (0.02, 0.02)
 CROSSING_WINDOW = 0.1
 CROSSING_NOISES = 3.0
 CROSSING_LIMIT = 0.7
+# Hotter end of a step [degC], and ratio of the radiative heat transfer coefficients at the final
+# and at the first temperature or its inverse, from which radiation in a gas changes the lag clearly
+# within the step (chosen by judgement).
+RADIATION_DEGC = 300.0
+RADIATION_RATIO = 1.5
 # Largest standard uncertainty of the medium's lag over the lag: beyond it the response may be that
 # of the medium; chosen by judgement.
 MEDIUM_SHARE = 0.1
@@ -200,6 +206,7 @@ def plunge_sensor(
         ends_s = float(time_s[step.last])
         findings.append(info("sensor.next_event", subject=column, time_s=ends_s))
     findings += _structure_findings(column, record, fitted, weights)
+    findings += _radiation_findings(column, theta["level"], theta["level"] + theta["size"])
     findings += _crossing_findings(column, times, crossing_errors_s)
     if entry_s is not None:
         findings += _entry_findings(column, record, best, entry_s)
@@ -362,6 +369,40 @@ def _crossing_findings(column: str, times: Sequence[Estimate], errors_s: Array) 
     later_s = float(errors_s[worst])
     return [
         warning("sensor.crossing", subject=column, percent=percent, time_s=time_s, later_s=later_s)
+    ]
+
+
+def _radiation_findings(column: str, first_degC: float, last_degC: float) -> list[Finding]:
+    """Return a warning for a step between temperatures at which radiation differs clearly.
+
+    Parameters
+    ----------
+    column
+        The sensor's column.
+    first_degC, last_degC
+        Temperatures before and after the step.
+
+    Notes
+    -----
+    A small body at T in black surroundings at T_s has the radiative heat transfer coefficient
+    emissivity sigma (T_s^2 + T^2) (T_s + T) (Incropera and DeWitt, Fundamentals of Heat and Mass
+    Transfer, section 1.2). From T to T_s it changes by the factor
+    4 T_s^3 / ((T_s^2 + T^2) (T_s + T)), and the lag, where radiation dominates, inversely.
+    """
+    first_K = first_degC - LOWEST_DEGC
+    last_K = last_degC - LOWEST_DEGC
+    ratio = 4 * last_K**3 / ((last_K**2 + first_K**2) * (last_K + first_K))
+    is_hot = max(first_degC, last_degC) > RADIATION_DEGC
+    if not is_hot or max(ratio, 1 / ratio) < RADIATION_RATIO:
+        return []
+    return [
+        warning(
+            "sensor.radiation",
+            subject=column,
+            first_degC=first_degC,
+            last_degC=last_degC,
+            ratio=ratio,
+        )
     ]
 
 

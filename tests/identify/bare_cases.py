@@ -247,6 +247,14 @@ def off_equilibrium(seed: int) -> IOData:
     return as_record(u[WARM_UP:], y[WARM_UP:])
 
 
+def from_rest(seed: int) -> IOData:
+    """The record starts when the heater is switched, in equilibrium with its other level."""
+    rng = np.random.default_rng(seed)
+    u = levels(rng)
+    y = response(u, NUM_A, DEN_A, DEAD_A_S, start=100 - u[0])
+    return as_record(u, y + NOISE_K * rng.normal(size=N_SAMPLES))
+
+
 def conduction(system: StateSpace, output: int) -> Callable[[int], IOData]:
     """Records of a diffusion system."""
 
@@ -363,6 +371,7 @@ CASES: dict[str, Case] = {
     "irregular": Case(irregular),
     "missing rows": Case(missing_rows),
     "off equilibrium": Case(off_equilibrium),
+    "from rest": Case(from_rest),
     "30 samples": other_system(NUM_A, DEN_A, DEAD_A_S, dt_s=0.5, n=30, hold=5),
     "half-sample delay": other_system(NUM_A, DEN_A, 0.375),
     "feedthrough": other_system([0.6, 1.0], [2.0, 1.0], 0.0),

@@ -280,7 +280,7 @@ def test_progress_callback_is_called_before_each_fit() -> None:
 
 def test_prediction_finding_states_the_error_ratio() -> None:
     sentence = info(
-        "models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False
+        "models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True
     ).sentence
     assert sentence == (
         "TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves "

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_cases import CASE_A, PLAIN, RAO_GARNIER, case_a, case_a_input, rao_garnier
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from tcdyn.estimation import NoiseModel, Optimum, Status
 from tcdyn.identification import (
     Identified,
     IOData,
     chain_model,
+    compare,
     fit,
     process,
     profile,
@@ -94,6 +95,33 @@ def test_known_conditioning_filter_is_part_of_the_chain_and_not_estimated():
     chain = result.identified.chain(conditioning)
     assert chain.lag_s == pytest.approx(result.identified.lag_s.value, rel=1e-12)
     assert np.allclose(chain.response(u, 0.05), result.simulate_segments()[0], atol=1e-9)
+
+
+def from_rest(seed: int, n: int = 400) -> IOData:
+    """Two lags and a dead time at rest with the heater off; the record begins when it is switched.
+
+    The gain is 2, the lags are 3 and 1 s, the dead time is 1.5 s: three samples.
+    """
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.permutation([1.0, 0.0] * (n // 40)), 20)
+    u[:20] = 1.0
+    b, a, _ = cont2discrete(([2.0], [3.0, 4.0, 1.0]), 0.5, "zoh")
+    y = lfilter(b.ravel(), a, np.append(np.zeros(3), u[:-3]))
+    return IOData.from_arrays(u, 20 + y + 0.05 * rng.normal(size=n), 0.5, hold="zoh")
+
+
+def test_a_record_that_begins_when_the_heater_is_switched_has_its_dead_time():
+    covered = []
+    for seed in range(20):
+        result = fit(from_rest(seed), "P2D", noise="white", baseline="none")
+        assert result.problem.initial == "level"
+        true_values = {"Kp": 2.0, "Tp1": 3.0, "Tp2": 1.0, "Td": 1.5}
+        estimates = result.estimates
+        covered += [estimates[n].low95 < v < estimates[n].high95 for n, v in true_values.items()]
+    assert np.mean(covered) > 0.88
+    comparison = compare(from_rest(0))
+    assert comparison.recommended == "P2D"
+    assert "another level of the input than its first" in comparison.advice
 
 
 def test_estimated_initial_state_removes_the_bias_of_a_record_that_begins_in_a_transient():

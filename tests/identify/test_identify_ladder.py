@@ -94,10 +94,12 @@ def test_setting_changes_one_element_and_nothing_that_the_caller_gave() -> None:
     disturbed = [Setting(baseline="trend"), Setting(noise=(1, 1)), Setting(baseline="walk")]
     white = fake_residuals(p_white=0.5, p_input=0.5)
     coloured = fake_residuals(p_white=1e-9, p_input=0.5)
-    assert changed_settings(first, {}, white) == [freed]
-    assert changed_settings(first, {}, coloured) == [freed, *disturbed]
+    level = Setting(initial="level")
+    assert changed_settings(first, {}, white) == [level, freed]
+    assert changed_settings(level, {}, white) == [freed]
+    assert changed_settings(first, {}, coloured) == [level, freed, *disturbed]
     assert changed_settings(first, {"initial": "equilibrium"}, coloured) == disturbed
-    assert changed_settings(first, {"loss": "huber"}, coloured) == [freed]
+    assert changed_settings(first, {"loss": "huber"}, coloured) == [level, freed]
     given = {"initial": "equilibrium", "noise": "white"}
     assert changed_settings(first, given, coloured) == [disturbed[0], disturbed[2]]
     given = {"initial": "equilibrium", "baseline": "none"}

@@ -89,7 +89,7 @@ def test_two_inputs_with_dead_times_are_recovered_within_their_intervals():
 
 
 @pytest.mark.parametrize("common", [False, True])
-@pytest.mark.parametrize("initial", ["equilibrium", "estimated"])
+@pytest.mark.parametrize("initial", ["equilibrium", "level", "estimated"])
 def test_sensitivities_equal_central_differences_of_the_residuals(common, initial):
     model = several(["P2D", "P2Z"], ["heat", "fan"], common=common)
     problem = replace(make_problem(plant(1, 120), model, initial, 0.03), time_scale_s=5.0)

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.sensors import read_sensor
-from tcdyn.sensors.plunge import plunge_sensor
+from tcdyn.sensors.plunge import _radiation_findings, plunge_sensor
 from tcdyn.sensors.step import find_step
 from tcdyn.sensors.step_fits import residual_noise, white_noise_K
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
@@ -144,6 +144,16 @@ def test_hum_of_the_mains_does_not_end_the_step(hum_K: float) -> None:
     lag = made.chain.channels["T1"].lag_s
     assert abs(lag.value - 1.0) < 2.5 * lag.u
     assert lag.u < 0.05
+
+
+def test_a_step_into_a_furnace_is_a_warning_and_one_into_water_is_not() -> None:
+    for last_degC, warns in ((900.0, True), (350.0, True), (100.0, False)):
+        codes = [f.code for f in _radiation_findings("T", 20.0, last_degC)]
+        assert codes == ["sensor.radiation"] * warns, last_degC
+    assert _radiation_findings("T", 900.0, 20.0)  # taken out
+    assert not _radiation_findings("T", 880.0, 900.0)  # a small step
+    (found,) = _radiation_findings("T", 20.0, 900.0)
+    assert found.numbers["ratio"] == pytest.approx(3.01, abs=0.01)
 
 
 def test_noise_is_not_estimated_across_gaps() -> None:

@@ -15,9 +15,12 @@ from typing import Any
 from tcdyn.core.errors import Spelling
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
-INITIAL_STATE_ESTIMATED = (
-    " As a run starts off the equilibrium, the state at each start was estimated."
-)
+# What was estimated of the initial state, after the sentence of the selection.
+INITIAL_STATE = {
+    "estimated": " As a run starts off the equilibrium, the state at each start was estimated.",
+    "level": " As a run starts in equilibrium with another level of the input than its first, this "
+    "level was estimated.",
+}
 
 
 def _p_value(p: float) -> str:
@@ -72,7 +75,7 @@ def _reason(
     out"; by the last two it replaces ``other``, which has a lower BIC. ``rms`` and ``other_rms``
     are the errors on the held-out data; ``least``: no model has a smaller one; ``only``: it is the
     only model. ``ties`` are models within 2 of its BIC. The keys of ``REJECTED`` list rejected
-    models. ``freed``: the state at each start was estimated.
+    models. ``initial`` is the selected initial state.
     """
     if by == "parameters":
         text = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
@@ -95,18 +98,17 @@ def _reason(
             predicate = plural if len(names) > 1 else singular
             text += f"; {', '.join(names)} {predicate}"
     text += "."
-    if more.get("freed"):
-        text += INITIAL_STATE_ESTIMATED
+    text += INITIAL_STATE.get(more.get("initial", ""), "")
     return text + _disturbance(**more) + _part_of_record(**more)
 
 
 def _better_prediction(
-    subject: str, other: str, ratio: float, white: bool, freed: bool = False, **more: Any
+    subject: str, other: str, ratio: float, white: bool, initial: str = "", **more: Any
 ) -> str:
     """Message of ``models.foresees``.
 
     ``ratio`` is the held-out error of ``subject`` over that of ``other``, which BIC recommends.
-    ``freed``: the state at each start was estimated.
+    ``initial`` is the selected initial state.
     """
     text = (
         f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
@@ -114,8 +116,7 @@ def _better_prediction(
     if white:
         text += ", and leaves white residuals"
     text += "."
-    if freed:
-        text += INITIAL_STATE_ESTIMATED
+    text += INITIAL_STATE.get(initial, "")
     return text + _disturbance(**more) + _part_of_record(**more)
 
 
