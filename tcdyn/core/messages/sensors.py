@@ -138,8 +138,8 @@ SENSOR: dict[str, Message] = {
     "natural convection, boiling); the lag holds for this step only",
     "sensor.radiation": "{subject}: in a gas, radiation changes by a factor of {ratio:.2g} within "
     "this step ({first_degC:.4g} to {last_degC:.4g} °C), and the lag with it: the lag is a mean "
-    "over the step, and may be wrong by several tens of per cent for small changes. Step by less than "
-    "100 K at the temperature of use; in a liquid this does not matter",
+    "over the step, and may be wrong by several tens of per cent for small changes. Step by less "
+    "than 100 K at the temperature of use; in a liquid this does not matter",
     "sensor.slow_path": "{subject}: {percent:.2g} % of the step arrives with a time constant of "
     "{slow_s:.3g} s, through a second heat path such as stem, sheath or fitting: lag and t90 "
     "include it",
