@@ -9,7 +9,7 @@ that folder compare the derivatives with differences;
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import count
@@ -259,13 +259,17 @@ class IdentificationProblem:
     def prior_precision(self) -> Array:
         """Prior precision of x (size,), in units of the output's noise.
 
-        It is above zero for parameters with a prior, and for the levels of noisy inputs before a
-        segment that starts in equilibrium, by their first sample.
+        It is above zero for parameters with a prior, and for the levels of the inputs before a
+        segment, over its first sample: by the noise of the input, or by its range where ``initial``
+        is "level". A level far outside of the range would be a slow drift of the output.
         """
         precision = np.zeros(self.size)
+        sds: Sequence[float] = self.input_sds
+        if self.initial == "level":
+            sds = np.ptp(np.concatenate([s.inputs for s in self.segments]), axis=0).tolist()
         for levels in self.past_level_index:
-            for k, sd in zip(levels, self.input_sds):
-                if k is not None and self.initial == "equilibrium":
+            for k, sd in zip(levels, sds):
+                if k is not None:
                     precision[k] = (self.noise_sd / sd) ** 2
         for name, (mean, u) in self.priors.items():
             if name in self.model.free:

@@ -30,7 +30,7 @@ def sine_record(rest_s: float, noise: float = 0.05) -> IOData:
 @pytest.mark.e2e
 def test_a_sine_in_the_steady_state_is_accepted_with_a_warning() -> None:
     """It was refused as an output that moves before its input."""
-    result = compare(sine_record(-1.0), "P1", "P1D")
+    result = compare(sine_record(-1.0))
     assert result.conclusion.severity is Severity.WARNING
     assert "one sine determines neither gain nor lag" in result.conclusion.sentence
     (found,) = (f for f in result.best.findings if f.code == "record.one_frequency")
