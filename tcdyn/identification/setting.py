@@ -122,8 +122,9 @@ def select_setting(
     It is taken where the least BIC over the models falls by more than ``MIN_SETTING_GAIN``. A
     disturbance under which the residuals still follow the input is not accepted: it would replace
     dynamics that the models lack. Structure and disturbance are judged together, because a drift of
-    the output looks like a slow lag to a model without one. A drift is searched from the starting
-    values of the model: from the optimum without it, a drift larger than the response is not found.
+    the output looks like a slow lag to a model without one. With a drift or another initial state
+    the search begins with the starting values of the model: the optimum without them may have the
+    wrong sign of the gain where they are as large as the response.
     """
     references = sorted(fits, key=bic)[:N_REFERENCES]
     best = references[0]
@@ -136,7 +137,8 @@ def select_setting(
             adds_drift = changed.baseline == "trend" and setting.baseline != "trend"
             is_same_disturbance = changed == replace(setting, initial=changed.initial)
             for reference in references:
-                start = [] if adds_drift else [reference.identified.theta]
+                is_far = adds_drift or changed.initial != setting.initial
+                start = [] if is_far else [reference.identified.theta]
                 result = fit_model(reference.problem.model, changed, start)
                 if result is not None and (is_same_disturbance or is_undriven(result)):
                     candidates.append((segment_bic(result), changed, result))

@@ -224,6 +224,59 @@ def lag_correlation(
     return explained / total
 
 
+def free_start_correlation(problem: IdentificationProblem, taus_s: Array, delay: int) -> Array:
+    """r^2 of the output with the input behind each lag and a decay from any initial state.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    taus_s
+        Lags (T,) [s].
+    delay
+        Largest shift behind the input, in samples.
+
+    Returns
+    -------
+    array
+        r^2 (T, 1 + delay) over all segments, shifts from 0 to delay; negative where the gain would
+        be.
+
+    Notes
+    -----
+    Regression on the lagged input, a constant and exp(-t/tau) for each segment. The last two are
+    projected out of both records. :func:`lag_correlation` has no decay: with it the response to the
+    input may be hidden by that of an initial state.
+    """
+    known = problem.model.known
+    explained = np.zeros((len(taus_s), delay + 1))
+    total = 1e-300
+    for s in problem.segments:
+        n = len(s.y)
+        y = s.filled_y - s.filled_y.mean()
+        total += float(y @ y)
+        for row, tau in zip(explained, taus_s):
+            decay = np.exp(-problem.dt_s * np.arange(n) / tau)
+            basis = np.linalg.qr(np.column_stack([np.ones(n), decay]))[0]
+            y_left = y - basis @ (basis.T @ y)
+            factors = (Factor((1.0, tau)), *known.factors)
+            lag = Rational(np.array(known.num), factors, 0.0, problem.model.integrators)
+            x = simulate_rows(
+                realise(lag, False), s.u, problem.dt_s, 0.0, problem.hold, problem.start
+            )[0]
+            x = np.concatenate([np.zeros(delay), x - x[0]])
+            covariance = signal.correlate(x, y_left, "valid", "fft")[::-1]
+            squares = np.cumsum(np.append(0.0, x**2))
+            sum_xx = (squares[n:] - squares[:-n])[::-1]
+            variance = sum_xx.copy()
+            for column in basis.T:
+                variance -= signal.correlate(x, column, "valid", "fft")[::-1] ** 2
+            variance = np.maximum(variance, 1e-9 * sum_xx + 1e-300)
+            by_decay = float(y @ y - y_left @ y_left)
+            row += np.sign(covariance) * (covariance**2 / variance + by_decay)
+    return explained / total
+
+
 def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
     """Return time constant and dead time [s] of one-lag models, best first.
 
@@ -241,7 +294,10 @@ def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
     taus = np.geomspace(problem.dt_s, 0.5 * problem.longest_segment_s, N_LAGS)
     max_delay_s = model.fixed.get("Td", problem.delay_max_s)
     n_delays = int(max_delay_s / problem.dt_s) if model.has_delay else 0
-    score = lag_correlation(problem, taus, n_delays)
+    if problem.initial in ("level", "estimated"):
+        score = free_start_correlation(problem, taus, n_delays)
+    else:
+        score = lag_correlation(problem, taus, n_delays)
     if not model.fixed.get("Kp", -1.0) > 0:
         score = np.abs(score)  # the gain may have either sign
     best = np.argsort(-score.max(axis=1), kind="stable")
@@ -319,27 +375,37 @@ def solve_linear_parameters(
 
     Notes
     -----
-    One step of linear least squares, which is exact here. Singular values below 1e-10 of the
-    largest count as zero (``rcond``): in a combination of parameters that the data do not
-    determine, the step is zero.
+    One step of linear least squares is exact, but for an input level that is estimated: it is
+    multiplied by the gain. There the gain starts at one, because a level has no effect on the
+    output at a gain of zero, and a second step is taken.
+
+    Singular values below 1e-10 of the largest count as zero (``rcond``): in a combination of
+    parameters that the data do not determine, the step is zero.
     """
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})
+    gains = [i for i, n in enumerate(model.free) if base_name(n) in ("Kp", "b0")]
     linear = [i for i, n in enumerate(model.free) if base_name(n) == "Kp" or n.startswith("b")]
     linear += list(range(problem.n_model, problem.size))
-    rows = problem.evaluate(x)
-    if rows is None:
-        return np.inf, x
-    if not linear:
-        return float(rows[0] @ rows[0]), x
+    has_level = problem.initial == "level"
+    if has_level:
+        x[gains] = np.where(x[gains] == 0, 1.0, x[gains])
     has_prior = np.flatnonzero(problem.prior_precision)  # each prior is one more row
     prior_rows = np.diag(np.sqrt(problem.prior_precision))[has_prior]
-    residual = np.append(rows[0], prior_rows @ (x - problem.prior_mean))
-    jacobian = np.vstack([rows[1], prior_rows])[:, linear]
-    step = np.linalg.lstsq(jacobian, -residual, rcond=1e-10)[0]
-    x[linear] += step
-    residual = residual + jacobian @ step
-    return float(residual @ residual), x
+    cost = np.inf
+    for _ in range(2 if has_level else 1):
+        rows = problem.evaluate(x)
+        if rows is None:
+            return np.inf, x
+        if not linear:
+            return float(rows[0] @ rows[0]), x
+        residual = np.append(rows[0], prior_rows @ (x - problem.prior_mean))
+        jacobian = np.vstack([rows[1], prior_rows])[:, linear]
+        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-10)[0]
+        x[linear] += step
+        residual = residual + jacobian @ step
+        cost = float(residual @ residual)
+    return cost, x
 
 
 def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str, float]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identification import IOData, process, several, simulate
@@ -14,6 +15,7 @@ from tcdyn.identification.causality import lead_correlation
 from tcdyn.identification.models import as_model, base_name
 from tcdyn.identification.search import distinct_starts, first_moment, make_problem, time_parameters
 from tcdyn.identification.starting_values import (
+    free_start_correlation,
     from_poles,
     lag_correlation,
     regression,
@@ -264,3 +266,20 @@ def test_starts_with_several_inputs_remove_the_effect_of_the_other_inputs() -> N
     # the grid of lags has a ratio of 1.5
     assert (theta["Kp.a"], theta["Kp.b"]) == pytest.approx((2.0, -1.0), rel=0.15)
     assert theta["Td.a"] == pytest.approx(0.6, abs=0.3)  # tolerance: a fifth of the lag of 1.5 s
+
+
+def test_correlation_with_a_free_start_equals_the_regression_with_a_decay() -> None:
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.choice([0.0, 1.0], 15), 8)
+    t = 0.5 * np.arange(len(u))
+    y = rng.normal(size=len(u)) + 5 * np.exp(-t / 4.0)
+    data = IOData.from_arrays(u, y, 0.5, hold="zoh")
+    problem = make_problem(data, process("P1D"), "estimated")
+    lag_s, shift = 3.0, 4
+    score = free_start_correlation(problem, np.array([lag_s]), 6)[0, shift]
+    a = np.exp(-0.5 / lag_s)
+    x = lfilter([0.0, 1 - a], [1.0, -a], np.append(np.zeros(shift), u - u[0])[: len(u)])
+    table = np.column_stack([x, np.ones(len(u)), np.exp(-t / lag_s)])
+    left = y - table @ np.linalg.lstsq(table, y, rcond=None)[0]
+    centred = y - y.mean()
+    assert abs(score) == pytest.approx(1 - left @ left / (centred @ centred), rel=1e-9)
