@@ -172,6 +172,15 @@ def srivc(
     return num, den
 
 
+def lagged_input(problem: IdentificationProblem, u: Array, tau_s: float) -> Array:
+    """Return the input (N,) behind a lag, the integrators and the known factor, less its start."""
+    known = problem.model.known
+    factors = (Factor((1.0, tau_s)), *known.factors)
+    lag = Rational(np.array(known.num), factors, 0.0, problem.model.integrators)
+    x = simulate_rows(realise(lag, False), u, problem.dt_s, 0.0, problem.hold, problem.start)[0]
+    return x - x[0]
+
+
 def lag_correlation(
     problem: IdentificationProblem, taus_s: Array, delay: int, lead: int = 0
 ) -> Array:
@@ -197,7 +206,6 @@ def lag_correlation(
     Integrators and the known factor are included. Before its first sample a segment's lagged input
     is constant; samples after its last are left out.
     """
-    known = problem.model.known
     n_shifts = lead + 1 + delay
     explained = np.zeros((len(taus_s), n_shifts))
     total = np.full(n_shifts, 1e-300)
@@ -209,12 +217,8 @@ def lag_correlation(
         sum_y, sum_yy = cumulative[:, count]
         total += sum_yy - sum_y**2 / count
         for row, tau in zip(explained, taus_s):
-            factors = (Factor((1.0, tau)), *known.factors)
-            lag = Rational(np.array(known.num), factors, 0.0, problem.model.integrators)
-            x = simulate_rows(
-                realise(lag, False), s.u, problem.dt_s, 0.0, problem.hold, problem.start
-            )[0]
-            x = np.concatenate([np.zeros(delay + 1), x - x[0], np.zeros(lead)])
+            x = lagged_input(problem, s.u, float(tau))
+            x = np.concatenate([np.zeros(delay + 1), x, np.zeros(lead)])
             sums = np.cumsum([x, x**2], axis=1)
             sum_x, sum_xx = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
             products = signal.correlate(x[1:], y, "valid", "fft")[::-1]
@@ -248,7 +252,6 @@ def free_start_correlation(problem: IdentificationProblem, taus_s: Array, delay:
     projected out of both records. :func:`lag_correlation` has no decay: with it the response to the
     input may be hidden by that of an initial state.
     """
-    known = problem.model.known
     explained = np.zeros((len(taus_s), delay + 1))
     total = 1e-300
     for s in problem.segments:
@@ -259,12 +262,7 @@ def free_start_correlation(problem: IdentificationProblem, taus_s: Array, delay:
             decay = np.exp(-problem.dt_s * np.arange(n) / tau)
             basis = np.linalg.qr(np.column_stack([np.ones(n), decay]))[0]
             y_left = y - basis @ (basis.T @ y)
-            factors = (Factor((1.0, tau)), *known.factors)
-            lag = Rational(np.array(known.num), factors, 0.0, problem.model.integrators)
-            x = simulate_rows(
-                realise(lag, False), s.u, problem.dt_s, 0.0, problem.hold, problem.start
-            )[0]
-            x = np.concatenate([np.zeros(delay), x - x[0]])
+            x = np.concatenate([np.zeros(delay), lagged_input(problem, s.u, float(tau))])
             covariance = signal.correlate(x, y_left, "valid", "fft")[::-1]
             squares = np.cumsum(np.append(0.0, x**2))
             sum_xx = (squares[n:] - squares[:-n])[::-1]
