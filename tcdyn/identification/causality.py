@@ -31,7 +31,9 @@ MAX_UNEXPLAINED_RATIO = 0.7
 MIN_R2 = 0.3  # of a lag ahead of the input (from the same trials)
 
 
-def check_causality(problem: IdentificationProblem, where: str) -> None:
+def check_causality(
+    problem: IdentificationProblem, where: str, has_other_inputs: bool = False
+) -> None:
     """Raise InputError where a lag with a *negative* dead time explains the output far better.
 
     Parameters
@@ -40,6 +42,9 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
         The identification problem of one input.
     where
         The file or function that the error names.
+    has_other_inputs
+        Whether other inputs move the output too. Then a shift at the end of the search does not
+        count: a slow input may resemble what another one causes.
 
     Raises
     ------
@@ -73,9 +78,9 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
     n = max(len(s.u) for s in problem.segments)
     reach = n // 4
     shift = _best_negative_shift(problem, n, reach)
-    if shift is None:
+    if shift is None or is_periodic(problem.segments):
         return
-    if is_periodic(problem.segments):
+    if has_other_inputs and shift == 0:
         return
     if not output_is_setpoint(problem):
         unexplained = 1 - max(lead_correlation(problem), integral_correlation(problem))

@@ -27,7 +27,7 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identification.excitation import excitation
 from tcdyn.identification.fitting import add_findings, fit
-from tcdyn.identification.heldout import Progress, split_held_out
+from tcdyn.identification.heldout import Progress, block_held_out_rms, split_held_out
 from tcdyn.identification.holds import Holds
 from tcdyn.identification.identified import Identified, from_control
 from tcdyn.identification.iodata import IOData, as_iodata
@@ -48,6 +48,7 @@ from tcdyn.identification.recommendation import (
     conclude,
     recommend,
     responds_at_once,
+    unseen_error,
 )
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, average_noise, bic, setting_of
@@ -56,6 +57,7 @@ from tcdyn.identification.tables import from_csv, from_frame, with_hold
 from tcdyn.identification.validation import (
     Validation,
     explains_little,
+    has_clean_residuals,
     has_coloured_residuals,
     is_adequate,
     nrmse_percent,
@@ -71,7 +73,9 @@ CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D
 # Models that the advice names where none of the models compared is good enough.
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
 N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen by judgement)
-ALWAYS_HELD_OUT = ("P1D", "P2D")  # models that are scored in any case
+# Models of least error on blocks that are scored too, where BIC does not decide (by judgement).
+N_BLOCKS = 4
+ALWAYS_HELD_OUT = ("P1D", "P2D")  # models, behind each input, that are scored in any case
 NOT_SCORED = (np.nan, np.nan, np.nan)  # held-out statistics of the others
 # Findings of the final fit about the record that count against the recommended model.
 RECORD_TROUBLES = (
@@ -582,13 +586,18 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     overdamped = overdamped_models(fitted)
     unscored = pd.DataFrame([_table_row(name, fitted[name]) for name in ranked])
     best_by_bic = recommend(unscored, overdamped)[0]
+    n_inputs = len(ladder.data.input_names)
+    simple = [" + ".join([name] * n_inputs) for name in ALWAYS_HELD_OUT]
+    scored = {*ranked[:N_HELD_OUT], *simple, best_by_bic}
+    if not has_clean_residuals(fitted[best_by_bic]):
+        scored |= set(unscored.sort_values("block_rms")["model"][:N_BLOCKS])
     rows: list[dict[str, Any]] = []
     for name, result in fits.items():
         if isinstance(result, InputError):
             rows.append({"model": name, "remark": str(result), "determined": False})
             continue
         held_out = NOT_SCORED
-        if name in {*ranked[:N_HELD_OUT], *ALWAYS_HELD_OUT, best_by_bic}:
+        if name in scored:
             start = result.identified.theta
             held_out = ladder.held_out_error(result, **setting.options, start=start)
         rows.append(_table_row(name, result, held_out))
@@ -628,6 +637,7 @@ def _table_row(
         "AICc": statistics["aicc"],
         "BIC": statistics["bic"],
         "held_out_rms": held_out_rms,
+        "block_rms": block_held_out_rms(full),
         "held_out_percent": held_out_percent,
         "p_held_out": p_held_out,
         "p_white": statistics["p_white"],
@@ -671,9 +681,10 @@ def is_doubtful(result: Fit) -> bool:
 
 
 def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
-    """Return the other comparison where its model simulates the held-out data better."""
-    error = result.best_row["held_out_rms"]
-    other_error = other.best_row["held_out_rms"]
+    """Return the other comparison where its model simulates unseen data better."""
+    error, other_error = (
+        float(unseen_error(pd.DataFrame([c.best_row])).iloc[0]) for c in (result, other)
+    )
     return other if other_error < HELD_OUT_GAIN_RATIO * error else result
 
 

@@ -283,8 +283,9 @@ def fit_setting(
     problem = replace(problem, trend=setting.baseline == "trend", limits=bounds, priors=prior)
     if check:
         check_closed_loop(data, where)
-        for single in single_input_problems(problem):
-            check_causality(single, where)
+        singles = single_input_problems(problem)
+        for single in singles:
+            check_causality(single, where, has_other_inputs=len(singles) > 1)
     problem, optimum = _fit_white(problem, start_sets)
     if weights is not None:
         optimum = _fit_weighted(problem, optimum, measured_rows(problem, data, weights))

@@ -311,9 +311,9 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
 
     Notes
     -----
-    The search starts with one lag and a dead time behind each input. For each input in turn the
-    neighbours of its structure, and no effect at all, are fitted with the others unchanged, until
-    a round over the inputs changes nothing.
+    The search starts with one or two lags and a dead time behind each input; both are kept. For
+    each input in turn the neighbours of its structure, and no effect at all, are fitted with the
+    others unchanged, until a round over the inputs changes nothing.
     """
     n_inputs = len(ladder.data.input_names)
     names = ["P1D"] * n_inputs
@@ -325,6 +325,10 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     if len(best.problem.model.names) > len(first.problem.model.names):
         names = ["P2D"] * n_inputs
     fits = {best.problem.model.name: best}
+    for reference in references:
+        simple = ladder.fit_model(reference.problem.model, setting, [reference.identified.theta])
+        if simple is not None:
+            fits[simple.problem.model.name] = simple
     for _ in range(MAX_SWEEPS):
         before = list(names)
         for k in range(n_inputs):

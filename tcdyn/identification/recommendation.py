@@ -79,6 +79,16 @@ def responds_at_once(fit: Fit) -> bool:
     return False
 
 
+def unseen_error(table: pd.DataFrame) -> pd.Series[float]:
+    """Return the error of each model on data that it has not used; NaN where it is not scored.
+
+    It is the geometric mean of the errors on the held-out part and on blocks of the record that
+    are left out in turn (:func:`tcdyn.identification.heldout.block_held_out_rms`). One part alone
+    may resemble the rest of the record by chance.
+    """
+    return (table["held_out_rms"] * table["block_rms"]) ** 0.5
+
+
 def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, Finding]:
     """The model to use, and why.
 
@@ -99,7 +109,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     The lowest BIC; a smaller model within ``TIE_BIC`` of it is preferred. Models that the data do
     not determine, or whose residuals follow the input, are considered only where no other is within
     ``DECISIVE_BIC``. BIC holds where the residuals are white and do not follow the input. Where
-    they are not, a model whose held-out error is smaller by more than ``HELD_OUT_GAIN_RATIO``
+    they are not, a model whose :func:`unseen_error` is smaller by more than ``HELD_OUT_GAIN_RATIO``
     replaces it.
 
     ``tests/identify/test_identify_advice.py`` has a table for each rule.
@@ -121,10 +131,10 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     by = "BIC" if best["model"] == lowest["model"] else "parameters"
     other = lowest
     is_clean = best["p_white"] >= ALARM_P and best["p_input"] >= ALARM_P
-    scored = fitted[fitted["held_out_rms"].notna()]
-    if not is_clean and len(scored):
-        rival = scored.sort_values("held_out_rms", kind="stable").iloc[0]
-        if rival["held_out_rms"] < HELD_OUT_GAIN_RATIO * best["held_out_rms"]:
+    errors = unseen_error(fitted)
+    if not is_clean and errors.notna().any():
+        rival = fitted.loc[errors.index[int(errors.argmin())]]
+        if errors.min() < HELD_OUT_GAIN_RATIO * errors[best.name]:
             other = best
             best = rival
             by = "held out"
@@ -139,7 +149,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         other=str(other["model"]),
         by=by,
         rms=best["held_out_rms"],
-        other_rms=other["held_out_rms"],
+        unseen_rms=float(errors[best.name]),
+        other_rms=float(errors[other.name]),
         only=len(fitted) == 1,
         least=not best["held_out_rms"] > pool["held_out_rms"].min(),
         ties=list(ties["model"]) if by == "BIC" else [],

@@ -23,7 +23,14 @@ from tcdyn.rig.disk import Conditioning
 
 def row(model: str, bic: float, **overrides: Any) -> dict[str, Any]:
     """A row of the comparison table; keywords override the defaults."""
-    scores = {"parameters": 3, "fit_percent": 90.0, "rms": 0.1, "BIC": bic, "held_out_rms": 0.1}
+    scores = {
+        "parameters": 3,
+        "fit_percent": 90.0,
+        "rms": 0.1,
+        "BIC": bic,
+        "held_out_rms": 0.1,
+        "block_rms": 0.1,
+    }
     checks = {
         "p_white": 0.5,
         "p_input": 0.5,
@@ -178,6 +185,8 @@ def test_held_out_error_decides_only_where_the_residuals_contradict_the_lowest_b
     assert why.numbers["by"] == "held out"
     # an error that is smaller by less than 3 % does not decide
     assert recommend(table.assign(held_out_rms=[0.1, 0.098]))[0] == "P1D"
+    # the blocks of the record count as much as the held-out part
+    assert recommend(table.assign(block_rms=[0.1, 0.3]))[0] == "P1D"
 
 
 def test_input_test_passed_for_lack_of_power_does_not_overrule_a_decisive_bic() -> None:

@@ -85,6 +85,7 @@ def test_smaller_model_with_nearly_the_same_bic_is_preferred():
             "parameters": [5, 4],
             "BIC": [100.0, 101.0],
             "held_out_rms": [1.0, 1.0],
+            "block_rms": [1.0, 1.0],
             "determined": [True, True],
             "p_input": [0.5, 0.5],
             "p_white": [0.5, 0.5],
@@ -92,7 +93,7 @@ def test_smaller_model_with_nearly_the_same_bic_is_preferred():
     )
     assert recommend(table)[0] == "P1D"
     # held-out errors decide only where the residuals show that no model is complete
-    smaller_error = table.assign(held_out_rms=[0.8, 1.0])
+    smaller_error = table.assign(held_out_rms=[0.8, 1.0], block_rms=[0.8, 1.0])
     assert recommend(smaller_error)[0] == "P1D"
     assert recommend(smaller_error.assign(p_white=0.001))[0] == "P2D"
 

@@ -59,11 +59,15 @@ REJECTED = (
 )
 
 
+MAX_LISTED = 3  # names of rejected models in a message
+
+
 def _reason(
     subject: str,
     other: str,
     by: str,
     rms: float,
+    unseen_rms: float,
     other_rms: float,
     only: bool,
     least: bool,
@@ -72,17 +76,18 @@ def _reason(
     """Message of ``models.why``.
 
     ``subject`` is the recommended model. ``by`` is the criterion: "BIC", "parameters" or "held
-    out"; by the last two it replaces ``other``, which has a lower BIC. ``rms`` and ``other_rms``
-    are the errors on the held-out data; ``least``: no model has a smaller one; ``only``: it is the
-    only model. ``ties`` are models within 2 of its BIC. The keys of ``REJECTED`` list rejected
-    models. ``initial`` is the selected initial state.
+    out"; by the last two it replaces ``other``, which has a lower BIC. ``rms`` is the error on the
+    held-out data; ``least``: no model has a smaller one; ``unseen_rms`` and ``other_rms`` are the
+    errors of both on all data that were left out of a fit; ``only``: it is the only model.
+    ``ties`` are models within 2 of its BIC. The keys of ``REJECTED`` list rejected models.
+    ``initial`` is the selected initial state.
     """
     if by == "parameters":
         text = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
     elif by == "held out":
         text = (
-            f"{subject} simulates the held-out part better ({rms:.4g} against {other_rms:.4g} rms) "
-            f"than {other}, which has the lower BIC"
+            f"{subject} simulates data left out of the fit better ({unseen_rms:.4g} against "
+            f"{other_rms:.4g} rms) than {other}, which has the lower BIC"
         )
     else:
         text = f"{subject} has the lowest {by}"
@@ -96,7 +101,10 @@ def _reason(
         names = more.get(group)
         if names:
             predicate = plural if len(names) > 1 else singular
-            text += f"; {', '.join(names)} {predicate}"
+            listed = ", ".join(names[:MAX_LISTED])
+            if len(names) > MAX_LISTED:
+                listed += f" and {len(names) - MAX_LISTED} more"
+            text += f"; {listed} {predicate}"
     text += "."
     text += INITIAL_STATE.get(more.get("initial", ""), "")
     return text + _disturbance(**more) + _part_of_record(**more)
