@@ -30,6 +30,9 @@ TIE_BIC = 2.0  # difference of BIC that is a tie
 HELD_OUT_GAIN_RATIO = 0.97  # held-out error over that of the best BIC, below which it decides
 # Fit percent below which coloured residuals are more than a disturbance.
 MIN_FIT_PERCENT = 50.0
+# Fit percent, of the record and of its held-out part, from which a model is provisional, and not
+# rejected, although its residuals follow the input.
+CLOSE_FIT_PERCENT = 90.0
 MAX_HELD_OUT_RATIO = 2.0  # held-out error over the rms of the fit, above which the model is wrong
 
 # From fits to simulated closed loops (tests/identify/closed_loop_cases.py): the instant response
@@ -201,7 +204,10 @@ def conclude(
     worse_than_mean = held_out_percent < 0 and row["p_held_out"] < ALARM_P
     is_small = fit_percent < MIN_FIT_PERCENT
     against = None
-    if row["p_input"] < ALARM_P:
+    follows_input = bool(row["p_input"] < ALARM_P)
+    # in a long record with little noise, small departures from any model are significant
+    is_close = min(fit_percent, held_out_percent) >= CLOSE_FIT_PERCENT
+    if follows_input and not is_close:
         against = "dynamics"
     elif worse_than_mean and row["held_out_rms"] > MAX_HELD_OUT_RATIO * row["rms"]:
         against = "held out"
@@ -229,8 +235,9 @@ def conclude(
         "worse_than_mean": is_worse,
         "small": is_small,
         "all_disturbance": is_all_disturbance,
+        "follows_input": follows_input,
     }
-    if troubles or is_worse or is_all_disturbance:
+    if troubles or is_worse or is_all_disturbance or follows_input:
         return warning("models.provisional", **numbers)
     return info("models.recommended", **numbers)
 

@@ -80,6 +80,15 @@ def test_an_integrator_is_doubtful_where_a_long_lag_describes_the_record_as_well
     assert advice_text(row("P1DI", 0.0), row("P1I", 1.0)).startswith("Recommended: P1DI")
 
 
+def test_small_residuals_that_follow_the_input_are_a_warning_and_large_ones_an_error() -> None:
+    close = row("P2D", 0.0, p_input=1e-6, fit_percent=97.0, held_out_percent=96.0)
+    advice = advice_text(close)
+    assert advice.startswith("Provisionally P2D")
+    assert "97.0 % of the output, but the residuals still follow the input" in advice
+    for name in ("fit_percent", "held_out_percent"):
+        assert advice_text(close | {name: 80.0}).startswith("None of these models")
+
+
 def test_a_model_that_is_farther_from_the_record_than_a_constant_is_provisional() -> None:
     advice = advice_text(row("P2D", 0.0, fit_percent=-32.0))
     assert advice.startswith("Provisionally P2D")

@@ -323,6 +323,7 @@ def _recommendation(
     small: bool,
     worse_than_mean: bool,
     all_disturbance: bool,
+    follows_input: bool,
     fit_percent: float,
     troubles: list[str],
     option: Spelling,
@@ -332,10 +333,16 @@ def _recommendation(
 
     ``why`` is the sentence of the selection. ``coloured``: the residuals are not white; ``small``:
     the model explains little of the output; ``worse_than_mean``: on the held-out data it is worse
-    than a constant; ``all_disturbance``: so it is on all data, without the disturbance.
+    than a constant; ``all_disturbance``: so it is on all data, without the disturbance;
+    ``follows_input``: the residuals still follow the input, although they are small.
     ``troubles`` are the codes of the record's problems.
     """
-    if coloured:
+    if follows_input:
+        text = (
+            f"It explains {fit_percent:.1f} % of the output, but the residuals still follow the "
+            "input: small dynamics or nonlinearity are missing, which the intervals do not include."
+        )
+    elif coloured:
         text = (
             "Its residuals are coloured, by disturbances or by dynamics; below their level the "
             "test cannot detect a response to the input. The intervals are the robust, wider ones."
@@ -357,7 +364,7 @@ def _recommendation(
             f"({more['held_out_percent']:.1f} %)."
         )
     name = f"Recommended: {subject}"
-    if troubles or worse_than_mean or all_disturbance:
+    if troubles or worse_than_mean or all_disturbance or follows_input:
         name = f"Provisionally {subject}"
     return f"{name}. {why} {text}{_but_first(troubles, option)}"
 
