@@ -48,7 +48,6 @@ from tcdyn.identification.recommendation import (
     conclude,
     recommend,
     responds_at_once,
-    unseen_error,
 )
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, average_noise, bic, setting_of
@@ -56,6 +55,7 @@ from tcdyn.identification.shared_poles import best_common_pole_fit
 from tcdyn.identification.tables import from_csv, from_frame, with_hold
 from tcdyn.identification.validation import (
     Validation,
+    centred_fit_percent,
     explains_little,
     has_clean_residuals,
     has_coloured_residuals,
@@ -77,12 +77,14 @@ N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen b
 N_BLOCKS = 4
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models, behind each input, that are scored in any case
 NOT_SCORED = (np.nan, np.nan, np.nan)  # held-out statistics of the others
+HELD_OUT_COLUMNS = ("held_out_rms", "held_out_percent", "p_held_out")
 # Findings of the final fit about the record that count against the recommended model.
 RECORD_TROUBLES = (
     "record.closed_loop",
     "record.other_hold",
     "record.one_frequency",
     "record.inseparable",
+    "fit.prior_conflict",
 )
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
@@ -187,7 +189,8 @@ class Comparison(Result):
                 troubles.append(code)
         if self.reason.code == "models.foresees":
             troubles.append("model.general")
-        return conclude(self.table, self.recommended, self.reason, untried, troubles)
+        percent = centred_fit_percent(self.best)
+        return conclude(self.table, self.recommended, self.reason, untried, troubles, percent)
 
     def lag_removal_advice(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
         """How to remove the lag from other traces; empty where no model can be used.
@@ -269,10 +272,11 @@ def compare(
     -----
     All models of the table share one setting: the initial state, the noise and the baseline, which
     :func:`tcdyn.identification.setting.select_setting` selects, as far as ``options`` do not give
-    them. Where the residuals of the recommended model are clearly coloured or follow the input, the
-    models with white noise, and transfer functions with common poles, replace them if they simulate
-    the held-out data better. The recommended model is fitted once more, with the average over slow
-    noise where the setting has a disturbance. For the recommendation see
+    them. Where the residuals of the recommended model are clearly coloured or follow the input, or
+    it reproduces little, the models with white noise replace them if they simulate the held-out
+    data better, and transfer functions with common poles if they simulate unseen data better. The
+    latter are always tried with several inputs. The recommended model is fitted once more, with the
+    average over slow noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
@@ -419,7 +423,8 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
     if setting.has_disturbance and is_doubtful(result.best):
         fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(ladder, fits, setting))
-    if not given_models and is_doubtful(result.best):
+    has_several_inputs = len(ladder.data.input_names) > 1
+    if not given_models and (is_doubtful(result.best) or has_several_inputs):
         result = add_common_pole_model(ladder, result)
     return replace(result, are_given=bool(given_models))
 
@@ -584,24 +589,22 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
     ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
     overdamped = overdamped_models(fitted)
-    unscored = pd.DataFrame([_table_row(name, fitted[name]) for name in ranked])
+    rows = {name: _table_row(name, fitted[name]) for name in ranked}
+    unscored = pd.DataFrame(list(rows.values()))
     best_by_bic = recommend(unscored, overdamped)[0]
     n_inputs = len(ladder.data.input_names)
     simple = [" + ".join([name] * n_inputs) for name in ALWAYS_HELD_OUT]
     scored = {*ranked[:N_HELD_OUT], *simple, best_by_bic}
     if not has_clean_residuals(fitted[best_by_bic]):
         scored |= set(unscored.sort_values("block_rms")["model"][:N_BLOCKS])
-    rows: list[dict[str, Any]] = []
     for name, result in fits.items():
         if isinstance(result, InputError):
-            rows.append({"model": name, "remark": str(result), "determined": False})
-            continue
-        held_out = NOT_SCORED
-        if name in scored:
+            rows[name] = {"model": name, "remark": str(result), "determined": False}
+        elif name in scored:
             start = result.identified.theta
             held_out = ladder.held_out_error(result, **setting.options, start=start)
-        rows.append(_table_row(name, result, held_out))
-    table = pd.DataFrame(rows).sort_values(
+            rows[name] |= dict(zip(HELD_OUT_COLUMNS, held_out))
+    table = pd.DataFrame([rows[name] for name in fits]).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
     recommended, reason = recommend(table, overdamped)
@@ -628,7 +631,7 @@ def _table_row(
         Values by column. ``tcdyn.identification.recommendation`` reads these names.
     """
     statistics = full.identified.statistics
-    held_out_rms, held_out_percent, p_held_out = held_out
+    findings = [f for f in full.findings if f.code != "fit.prior_conflict"]
     return {
         "model": name,
         "parameters": int(statistics["parameters"]),
@@ -636,14 +639,12 @@ def _table_row(
         "rms": statistics["rms"],
         "AICc": statistics["aicc"],
         "BIC": statistics["bic"],
-        "held_out_rms": held_out_rms,
+        **dict(zip(HELD_OUT_COLUMNS, held_out)),
         "block_rms": block_held_out_rms(full),
-        "held_out_percent": held_out_percent,
-        "p_held_out": p_held_out,
         "p_white": statistics["p_white"],
         "p_input": statistics["p_input"],
         "remark": "; ".join(full.warnings),
-        "determined": not full.findings,
+        "determined": not findings,
     }
 
 
@@ -681,10 +682,13 @@ def is_doubtful(result: Fit) -> bool:
 
 
 def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
-    """Return the other comparison where its model simulates unseen data better."""
-    error, other_error = (
-        float(unseen_error(pd.DataFrame([c.best_row])).iloc[0]) for c in (result, other)
-    )
+    """Return the other comparison where its model simulates the held-out data better.
+
+    Their disturbances differ, so the errors on left-out blocks cannot be compared: that of a random
+    walk contains the walk.
+    """
+    error = result.best_row["held_out_rms"]
+    other_error = other.best_row["held_out_rms"]
     return other if other_error < HELD_OUT_GAIN_RATIO * error else result
 
 
@@ -774,7 +778,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         table.loc[table["model"] == result.recommended, tests] = [statistics[t] for t in tests]
         result = replace(result, table=table)
     if "initial" not in ladder.options:
-        numbers["initial"] = initial
+        has_free_state = initial == "level" and model.integrators > 0
+        numbers["initial"] = "estimated" if has_free_state else initial
     noise = final.noise
     setting = setting_of(final)
     if noise.averaged:

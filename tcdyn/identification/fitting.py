@@ -192,12 +192,12 @@ def fit(
     selectable = {"initial": initial, "noise": noise, "baseline": baseline}
     given = {name: value for name, value in selectable.items() if value != "auto"}
     setting = Setting.first(given)
-    start_sets = [start] if isinstance(start, Mapping) else start or []
+    given_starts = [start] if isinstance(start, Mapping) else start or []
     is_walk = setting.baseline in ("walk", "auto")
     first = setting
     if loss != "linear":
         first = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
-    result = fit_setting(data, structure, first, start_sets, check=check, **options)
+    result = fit_setting(data, structure, first, given_starts, check=check, **options)
     fitted = data
     if loss != "linear":
         is_slow = is_walk or setting.noise == "slow"
@@ -207,14 +207,14 @@ def fit(
             fitted = without_spikes(data, result)
             options["loss"] = "linear"
     if fitted is not data or first != setting:
-        result = fit_setting(fitted, structure, setting, start_sets, **options)
+        result = fit_setting(fitted, structure, setting, given_starts, **options)
 
     def fit_model(
         model: Model, changed: Setting, start_sets: Sequence[Mapping[str, float]]
     ) -> Fit | None:
         """Return the fit under another setting, or None where there is none."""
         try:
-            return fit_setting(fitted, model, changed, start_sets, **options)
+            return fit_setting(fitted, model, changed, start_sets or given_starts, **options)
         except InputError:
             return None
 
@@ -225,7 +225,7 @@ def fit(
     is_weighted = result.optimum.weights is not None
     if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
         result = replace_poor_intervals(result, intervals == "profile")
-    conflicts = prior_conflicts(result.estimates, options["prior"])
+    conflicts = prior_conflicts(structure, result.estimates, options["prior"])
     return add_findings(result, (*conflicts, *data.findings))
 
 

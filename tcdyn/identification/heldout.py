@@ -128,11 +128,12 @@ def held_out_statistics(
 
     Notes
     -----
-    Only free states are estimated (after a gap, or all with "estimated"). A drift continues from
-    its value at the end of the fit's data, with a slope of its own. A record that is scored from
-    some time on continues from the state that fits the samples before; any other starts from the
-    state that fits it. The probability is that of an F test of the variance of the innovations
-    over that of the fit; coloured innovations count as fewer samples.
+    Only free states (after a gap, or all with "estimated") and levels before the record are
+    estimated. A drift continues from its value at the end of the fit's data, with a slope of its
+    own. A record that is scored from some time on continues from the state that fits the samples
+    before; any other starts from the state that fits it. The probability is that of an F test of
+    the variance of the innovations over that of the fit; coloured innovations count as fewer
+    samples.
 
     What is fitted to the test data must not be scored on them: keep the samples of state and level
     apart from the scored ones. ``LONG_MEMORY_SHARE`` decides when a slow disturbance gives the

@@ -19,6 +19,9 @@ from tcdyn.estimation.trace_noise import MAD_TO_SD
 Hold = Literal["zoh", "foh"]  # the input between samples: held, or a straight line
 Holds = Hold | tuple[Hold, ...]  # one hold for all inputs, or one for each
 
+# Findings of the selection.
+HOLD_CODES = ("record.hold", "record.noisy_levels")
+
 # Thresholds, chosen by judgement.
 # Share of samples that equal the one before, above which the input was set by a computer and not
 # measured (chosen by judgement).
@@ -60,7 +63,7 @@ def select_holds(
     findings
         One for each input that does not determine it.
     """
-    if hold != "auto":
+    if not (isinstance(hold, str) and hold == "auto"):
         return hold, []
     holds: list[Hold] = []
     findings = []

@@ -206,6 +206,10 @@ class IOData(Result):
         n_inputs = inputs.shape[1]
         n_outputs = outputs.shape[1]
         input_names = tuple(input_names) or default_names("u", n_inputs)
+        if len(input_names) != n_inputs:
+            raise InputError(
+                f"{len(input_names)} names of inputs", where=where, expected=f"{n_inputs}"
+            )
         holds, findings = select_holds(hold, input_names, inputs, float(dt_s))
         return cls(
             runs=(Run(inputs, outputs, float(start_s), name, epoch),),

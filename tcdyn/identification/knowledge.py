@@ -67,12 +67,14 @@ def check_knowledge(
 
 
 def prior_conflicts(
-    estimates: Mapping[str, Estimate], prior: Mapping[str, tuple[float, float]]
+    model: Model, estimates: Mapping[str, Estimate], prior: Mapping[str, tuple[float, float]]
 ) -> list[Finding]:
     """Return a warning for each parameter whose prior the data contradict.
 
     Parameters
     ----------
+    model
+        The model.
     estimates
         The estimates by parameter, which include the priors.
     prior
@@ -87,14 +89,22 @@ def prior_conflicts(
     -----
     For a normal prior and a normal likelihood (estimate - mean) / sqrt(u_prior^2 - u_estimate^2) is
     the difference of prior and data over the standard uncertainty of that difference (Box 1980, J.
-    R. Stat. Soc. A 143, 383: prior predictive check). ``MIN_LEARNED_U`` limits the root, which
+    R. Stat. Soc. A 143, 383: prior predictive check). It is that of the logarithms where the prior
+    is of the logarithm, that is, of a positive parameter. ``MIN_LEARNED_U`` limits the root, which
     rounding and robust uncertainties make too small where the prior is narrow.
     """
     findings = []
     for name, (mean, u) in prior.items():
         estimate = estimates[name]
-        learned_u = np.sqrt(max(u**2 - estimate.u**2, (MIN_LEARNED_U * u) ** 2))
-        ratio = abs(estimate.value - mean) / float(learned_u)
+        difference = estimate.value - mean
+        prior_u = u
+        estimate_u = estimate.u
+        if model.is_positive(name):
+            difference = float(np.log(estimate.value / mean))
+            prior_u = u / mean
+            estimate_u = estimate.u / estimate.value
+        learned_u = np.sqrt(max(prior_u**2 - estimate_u**2, (MIN_LEARNED_U * prior_u) ** 2))
+        ratio = abs(difference) / float(learned_u)
         if ratio > CONFLICT_U:
             conflict = warning(
                 "fit.prior_conflict",

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Any
 
+import numpy as np
+
 from tcdyn.core.errors import InputError
 from tcdyn.identification.fitting import fit
 from tcdyn.identification.heldout import (
@@ -133,17 +135,16 @@ class Ladder:
         Returns
         -------
         rms, percent, p
-            As :func:`tcdyn.identification.heldout.held_out_statistics` returns them.
-
-        Raises
-        ------
-        InputError
-            Where the training data are too short.
+            As :func:`tcdyn.identification.heldout.held_out_statistics` returns them; NaN where the
+            training data are too short.
         """
         train, test, from_s = split_held_out(self.data, self.held_out)
         if train is not None:
             all_options = {**options, **self.options, **SCORING_OPTIONS}
-            result = fit(train, result.problem.model, **all_options)
+            try:
+                result = fit(train, result.problem.model, **all_options)
+            except InputError:
+                return np.nan, np.nan, np.nan
         return held_out_statistics(result, test, from_s)
 
     def select_setting(self, fits: Sequence[Fit], setting: Setting) -> tuple[Setting, Fit]:
@@ -321,14 +322,19 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     first = ladder.checked_fit(ladder.model(names), setting)
     second = ladder.fit_model(ladder.model(["P2D"] * n_inputs), setting)
     references = [first] if second is None else [first, second]
+    first_setting = setting
     setting, best = ladder.select_setting(references, setting)
     if len(best.problem.model.names) > len(first.problem.model.names):
         names = ["P2D"] * n_inputs
     fits = {best.problem.model.name: best}
     for reference in references:
-        simple = ladder.fit_model(reference.problem.model, setting, [reference.identified.theta])
+        model = reference.problem.model
+        if model.name in fits:
+            continue
+        same = setting == first_setting
+        simple = reference if same else ladder.fit_model(model, setting)
         if simple is not None:
-            fits[simple.problem.model.name] = simple
+            fits[model.name] = simple
     for _ in range(MAX_SWEEPS):
         before = list(names)
         for k in range(n_inputs):

@@ -269,7 +269,7 @@ class IdentificationProblem:
             sds = np.ptp(np.concatenate([s.inputs for s in self.segments]), axis=0).tolist()
         for levels in self.past_level_index:
             for k, sd in zip(levels, sds):
-                if k is not None:
+                if k is not None and sd > 0:
                     precision[k] = (self.noise_sd / sd) ** 2
         for name, (mean, u) in self.priors.items():
             if name in self.model.free:

@@ -170,6 +170,7 @@ def conclude(
     why: Finding,
     untried: Sequence[str] = (),
     troubles: Sequence[str] = (),
+    centred_percent: float | None = None,
 ) -> Finding:
     """The conclusion: which model to use and why, or that none is good enough and what to try.
 
@@ -185,6 +186,9 @@ def conclude(
         Models that were not compared.
     troubles
         Codes of the problems of the record (``Validation.record_problems``).
+    centred_percent
+        Fit percent without the mean of the residuals, which a random walk leaves free; by default
+        that of the table.
 
     Returns
     -------
@@ -206,7 +210,7 @@ def conclude(
     against = None
     follows_input = bool(row["p_input"] < ALARM_P)
     # in a long record with little noise, small departures from any model are significant
-    is_close = min(fit_percent, held_out_percent) >= CLOSE_FIT_PERCENT
+    is_close = fit_percent >= CLOSE_FIT_PERCENT and held_out_percent >= CLOSE_FIT_PERCENT
     if follows_input and not is_close:
         against = "dynamics"
     elif worse_than_mean and row["held_out_rms"] > MAX_HELD_OUT_RATIO * row["rms"]:
@@ -229,12 +233,15 @@ def conclude(
     if settling:
         return warning("models.integrator", other=settling, **numbers)
     is_worse = is_coloured and worse_than_mean
-    is_all_disturbance = fit_percent < 0
+    if centred_percent is None:
+        centred_percent = fit_percent
+    is_all_disturbance = centred_percent < 0
     numbers |= {
         "coloured": is_coloured,
         "worse_than_mean": is_worse,
         "small": is_small,
         "all_disturbance": is_all_disturbance,
+        "centred_percent": centred_percent,
         "follows_input": follows_input,
     }
     if troubles or is_worse or is_all_disturbance or follows_input:

@@ -73,16 +73,11 @@ def best_common_pole_fit(
             block_ratio = block_held_out_rms(candidate) / current_blocks
             if block_ratio > MAX_ERROR_RATIO:
                 continue
-            try:
-                error = ladder.held_out_error(
-                    candidate,
-                    initial=candidate.problem.initial,
-                    start=candidate.identified.theta,
-                )
-            except InputError:  # the training data are too short
-                continue
+            start = candidate.identified.theta
+            initial = candidate.problem.initial
+            error = ladder.held_out_error(candidate, initial=initial, start=start)
             ratio = error[0] / held_out_rms
-            if ratio > MAX_ERROR_RATIO:
+            if not ratio <= MAX_ERROR_RATIO:  # NaN: the training data are too short
                 continue
             whitens = has_coloured_residuals(current) and not has_coloured_residuals(candidate)
             allowed = MAX_ERROR_RATIO if whitens else ERROR_GAIN_RATIO

@@ -266,10 +266,10 @@ def free_start_correlation(problem: IdentificationProblem, taus_s: Array, delay:
             covariance = signal.correlate(x, y_left, "valid", "fft")[::-1]
             squares = np.cumsum(np.append(0.0, x**2))
             sum_xx = (squares[n:] - squares[:-n])[::-1]
-            variance = sum_xx.copy()
+            variance = sum_xx
             for column in basis.T:
-                variance -= signal.correlate(x, column, "valid", "fft")[::-1] ** 2
-            variance = np.maximum(variance, 1e-9 * sum_xx + 1e-300)
+                variance = variance - signal.correlate(x, column, "valid", "fft")[::-1] ** 2
+            variance = np.maximum(variance, 1e-9 * squares[-1] + 1e-300)
             by_decay = float(y @ y - y_left @ y_left)
             row += np.sign(covariance) * (covariance**2 / variance + by_decay)
     return explained / total

@@ -19,7 +19,14 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.core.labels import seconds_of_index
-from tcdyn.identification.holds import Hold, Holds, check_hold, hold_of_each, select_holds
+from tcdyn.identification.holds import (
+    HOLD_CODES,
+    Hold,
+    Holds,
+    check_hold,
+    hold_of_each,
+    select_holds,
+)
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.repeats import without_repeats
 from tcdyn.io.cells import TextColumn
@@ -177,6 +184,7 @@ def from_frame(
                 u,
                 y,
                 interval,
+                hold="foh",  # that of all runs together is set below
                 start_s=start_s,
                 input_names=inputs,
                 output_names=outputs,
@@ -208,10 +216,11 @@ def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
     hold
         As in :func:`from_frame`.
     """
+    earlier = [f for f in data.findings if f.code not in HOLD_CODES]
     inputs = np.concatenate([run.u for run in data.runs])
     selected, findings = select_holds(hold, data.input_names, inputs, data.dt_s)
     checked = check_hold(selected, len(data.input_names), data.name or "table")
-    return replace(data, hold=checked, findings=(*data.findings, *findings))
+    return replace(data, hold=checked, findings=(*earlier, *findings))
 
 
 def _named_columns(names: str | Collection[str], columns: Collection[str]) -> list[str]:

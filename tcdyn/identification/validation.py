@@ -952,6 +952,13 @@ def is_adequate(fit: Fit) -> bool:
     return min(statistics["p_white"], statistics["p_input"]) >= DRIVEN_P
 
 
+def centred_fit_percent(fit: Fit) -> float:
+    """Return the fit percent without the mean of the residuals of each segment."""
+    residuals = fit.problem.by_segment(fit.residual)
+    outputs = fit.problem.by_segment(fit.problem.measured_output)
+    return nrmse_percent([e - e.mean() for e in residuals], outputs)
+
+
 def explains_little(fit: Fit) -> bool:
     """Whether the output without the disturbance is hardly reproduced.
 

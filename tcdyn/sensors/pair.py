@@ -296,7 +296,7 @@ def pair_sensor(
             remedy="log both columns faster, at one rate",
         )
     best = _fit(averaged, theta)
-    one_lag_covariance = _total_lags(best, n_lags)[1]
+    one_lag = best
     fitted = averaged
     unshown_s = np.zeros(n_lags)
     if averaged.intervals is None and not bare:
@@ -308,12 +308,16 @@ def pair_sensor(
         else:
             difference_s = _total_lags(two_lags, n_lags)[0] - np.exp(theta[:n_lags])
             unshown_s = UNSHOWN_REL * difference_s
+    has_second_lags = best is not one_lag
     best, gain, by_gain_s = _with_gain(fitted, best)
     covariance = best.covariance
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined_lag_error(", ".join(columns))
     taus, lag_covariance = _total_lags(best, n_lags)
     # what the fluid would determine if the construction were known
+    one_lag_covariance = lag_covariance.copy()
+    if has_second_lags:
+        one_lag_covariance = _total_lags(_with_gain(averaged, one_lag)[0], n_lags)[1]
     fluid_covariance = one_lag_covariance + np.outer(by_gain_s, by_gain_s)
     by_second_lags = np.maximum(np.diag(lag_covariance - one_lag_covariance), 0.0)
     longer_s = np.repeat(taus.reshape(-1, 2).max(axis=1), 2)

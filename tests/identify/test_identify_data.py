@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +14,8 @@ from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.identification import IOData, compare, fit, from_csv, from_frame, process, simulate
+from tcdyn.identification.causality import check_causality
+from tcdyn.identification.search import make_problem
 from tcdyn.identification.tables import sampling_interval_s
 
 
@@ -375,3 +380,40 @@ def test_a_held_input_at_uneven_times_keeps_the_instants_of_its_steps() -> None:
     model = fit(data, "P1D").identified
     assert abs(model.estimates["Td"].value - 8.0) < 0.3
     assert abs(model.lag_s.value - 68.0) < 0.3
+
+
+def test_runs_of_a_switched_and_of_a_constant_input_share_one_hold() -> None:
+    rng = np.random.default_rng(3)
+    switched = np.repeat(rng.choice([0.0, 1.0], 10), 10)
+    moving = np.cumsum(rng.normal(size=100))
+    frames = [
+        pd.DataFrame({"time_s": 0.5 * np.arange(100), "u": u, "y": u, "run": name})
+        for name, u in (("a", switched), ("b", moving), ("c", np.zeros(100)))
+    ]
+    options: Any = {"input": "u", "output": "y", "run": "run"}
+    assert len(from_frame(pd.concat(frames), **options).runs) == 3
+    assert from_frame(pd.concat(frames), **options, hold="zoh").hold == "zoh"
+
+
+def test_a_held_out_run_of_constant_input_is_scored_from_another_level() -> None:
+    data = record_with_gaps()
+    held_out = IOData.from_arrays(np.zeros(60), 20 + np.exp(-0.1 * np.arange(60)), data.dt_s)
+    named = replace(held_out, input_names=data.input_names, output_names=data.output_names)
+    options: Any = {"initial": "level", "noise": "white", "baseline": "none"}
+    comparison = compare(data, "P1", held_out=replace(named, hold=data.hold), **options)
+    assert np.isfinite(comparison.best_row["held_out_rms"])
+
+
+def test_a_shift_at_the_end_of_the_search_does_not_count_beside_other_inputs() -> None:
+    """The best shift of the exchanged columns is the largest that is tried for a lag of 6 s."""
+    for tau_s, is_at_end in ((6.0, True), (1.0, False)):
+        run = single_step(tau_s).runs[0]
+        exchanged = IOData.from_arrays(run.y, run.u, 1 / 75)
+        problem = make_problem(exchanged, process("P1D"), "equilibrium")
+        with pytest.raises(InputError, match="before the input"):
+            check_causality(problem, "record")
+        if is_at_end:
+            check_causality(problem, "record", has_other_inputs=True)
+        else:
+            with pytest.raises(InputError, match="before the input"):
+                check_causality(problem, "record", has_other_inputs=True)

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
-from tcdyn.identification import IOData, process, several, simulate
+from tcdyn.identification import IOData, fit, process, several, simulate
 from tcdyn.identification.causality import lead_correlation
 from tcdyn.identification.models import as_model, base_name
 from tcdyn.identification.search import distinct_starts, first_moment, make_problem, time_parameters
@@ -283,3 +283,17 @@ def test_correlation_with_a_free_start_equals_the_regression_with_a_decay() -> N
     left = y - table @ np.linalg.lstsq(table, y, rcond=None)[0]
     centred = y - y.mean()
     assert abs(score) == pytest.approx(1 - left @ left / (centred @ centred), rel=1e-9)
+
+
+@pytest.mark.parametrize("step_at", [90, 130])
+def test_a_late_step_off_equilibrium_has_its_lag(step_at: int) -> None:
+    """An input that is constant at first has no correlation with the output at long shifts."""
+    n = 200
+    u = np.where(np.arange(n) >= step_at, 1.0, 0.0)
+    a = np.exp(-0.5 / 4.0)
+    y = lfilter([0.0, 1 - a], [1.0, -a], u) + 3 * a ** np.arange(n)
+    y = y + 0.02 * np.random.default_rng(step_at).normal(size=n)
+    result = fit(IOData.from_arrays(u, y, 0.5, hold="zoh"), "P1D", noise="white", baseline="none")
+    assert result.problem.initial in ("level", "estimated")  # the same for one lag
+    assert result.estimates["Tp1"].contains(4.0)
+    assert result.estimates["Td"].value < 0.3

@@ -213,6 +213,7 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "record.off_equilibrium": "let the runs start off equilibrium "
         f"({option('initial', 'estimated')})",
         "record.drift": f"fit with {option('baseline', 'trend')}",
+        "fit.prior_conflict": "check the prior, and fit without it",
         "record.coarse": "log the output in finer steps",
         "record.clipped": "record again with the output below the limit of its range, for the "
         "output is clipped and these samples were left out",
@@ -350,9 +351,9 @@ def _recommendation(
     elif all_disturbance:
         text = (
             "The residual tests do not contradict it, but without the disturbance its output is "
-            f"farther from the record than a constant is ({fit_percent:.0f} %): the disturbance "
-            "may replace dynamics. Record with larger changes of the inputs, or measure what "
-            "disturbs the output as a further input."
+            f"farther from the record than a constant is ({more['centred_percent']:.0f} %): the "
+            "disturbance may replace dynamics. Record with larger changes of the inputs, or "
+            "measure what disturbs the output as a further input."
         )
     elif small:
         text = f"It explains {fit_percent:.0f} % of the output, the rest is noise or disturbance."
@@ -655,7 +656,7 @@ IDENTIFY: dict[str, Message] = {
     "of the record ({longest_s:.3g} s): the record does not determine it",
     "fit.prior_conflict": "the prior of {subject}, {mean:.4g} +- {u:.2g}, contradicts the data (by "
     "{ratio:.2g} standard uncertainties): the estimate, {value:.4g}, lies between them, and its "
-    "interval is too short. Check the prior, and fit without it",
+    "interval is too short",
     "fit.slow_pole": _slow_pole,
     "fit.indistinct": "the data cannot separate all parameters of {subject}: some intervals are "
     "meaningless",
