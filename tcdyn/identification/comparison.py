@@ -76,6 +76,9 @@ N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen b
 # Models of least error on blocks that are scored too, where BIC does not decide (by judgement).
 N_BLOCKS = 4
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models, behind each input, that are scored in any case
+# Error of a model with common poles over that of a model that the residual tests accept, from which
+# it is preferred; chosen by judgement.
+SETTLED_RATIO = 0.8
 NOT_SCORED = (np.nan, np.nan, np.nan)  # held-out statistics of the others
 HELD_OUT_COLUMNS = ("held_out_rms", "held_out_percent", "p_held_out")
 # Findings of the final fit about the record that count against the recommended model.
@@ -275,7 +278,7 @@ def compare(
     them. Where the residuals of the recommended model are clearly coloured or follow the input, or
     it reproduces little, the models with white noise replace them if they simulate the held-out
     data better, and transfer functions with common poles if they simulate unseen data better. The
-    latter are always tried with several inputs. The recommended model is fitted once more, with the
+    latter are tried with several inputs in any case but that of a random walk. The recommended model is fitted once more, with the
     average over slow noise where the setting has a disturbance. For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
@@ -423,10 +426,15 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
     if setting.has_disturbance and is_doubtful(result.best):
         fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(ladder, fits, setting))
+    if given_models:
+        return replace(result, are_given=True)
     has_several_inputs = len(ladder.data.input_names) > 1
-    if not given_models and (is_doubtful(result.best) or has_several_inputs):
+    if is_doubtful(result.best):
         result = add_common_pole_model(ladder, result)
-    return replace(result, are_given=bool(given_models))
+    elif has_several_inputs and not result.best.noise.is_random_walk:
+        # the errors on left-out blocks of a random walk contain the walk
+        result = add_common_pole_model(ladder, result, SETTLED_RATIO)
+    return result
 
 
 def simulator_row(model: Any, name: str, data: IOData, held_out: IOData | float) -> dict[str, Any]:
@@ -692,7 +700,7 @@ def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
     return other if other_error < HELD_OUT_GAIN_RATIO * error else result
 
 
-def add_common_pole_model(ladder: Ladder, result: Comparison) -> Comparison:
+def add_common_pole_model(ladder: Ladder, result: Comparison, limit: float = 1.0) -> Comparison:
     """Add a transfer function whose inputs share their poles, if it is better.
 
     See :func:`tcdyn.identification.shared_poles.best_common_pole_fit`.
@@ -703,6 +711,8 @@ def add_common_pole_model(ladder: Ladder, result: Comparison) -> Comparison:
         The record and the options.
     result
         The comparison so far.
+    limit
+        Largest error of that model over that of the recommended one.
 
     Returns
     -------
@@ -712,7 +722,7 @@ def add_common_pole_model(ladder: Ladder, result: Comparison) -> Comparison:
     if ladder.options.get("loss", "linear") != "linear":
         return result
     ladder.progress("common poles", 1, 1)
-    better = best_common_pole_fit(ladder, result.best, result.best_row["held_out_rms"])
+    better = best_common_pole_fit(ladder, result.best, result.best_row["held_out_rms"], limit)
     if better is None:
         return result
     fit_of_poles, ratio, error = better

@@ -35,7 +35,7 @@ MAX_DELAY_SAMPLES = 4  # dead times of the regressions are shorter
 
 
 def best_common_pole_fit(
-    ladder: Ladder, current: Fit, held_out_rms: float
+    ladder: Ladder, current: Fit, held_out_rms: float, limit: float = 1.0
 ) -> tuple[Fit, float, tuple[float, float, float]] | None:
     """The best transfer function with one to five poles that all inputs share.
 
@@ -47,6 +47,8 @@ def best_common_pole_fit(
         The recommended fit.
     held_out_rms
         Its held-out error.
+    limit
+        Largest mean error of the fit over that of ``current``.
 
     Returns
     -------
@@ -63,7 +65,6 @@ def best_common_pole_fit(
     held-out error and of :func:`block_held_out_rms`, neither more than 5 % worse.
     """
     best = None
-    limit = 1.0
     current_blocks = block_held_out_rms(current)
     equation_error = [False] if {"noise", "baseline"} & set(ladder.options) else [False, True]
     ladder = ladder.with_white_noise()
