@@ -278,8 +278,9 @@ def compare(
     them. Where the residuals of the recommended model are clearly coloured or follow the input, or
     it reproduces little, the models with white noise replace them if they simulate the held-out
     data better, and transfer functions with common poles if they simulate unseen data better. The
-    latter are tried with several inputs in any case but that of a random walk. The recommended model is fitted once more, with the
-    average over slow noise where the setting has a disturbance. For the recommendation see
+    latter are tried with several inputs in any case but that of a random walk. The recommended
+    model is fitted once more, with the average over slow noise where the setting has a disturbance.
+    For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
