@@ -209,6 +209,43 @@ def mixture(components: Sequence[Estimate], weights: Sequence[float]) -> Estimat
     return Estimate(value=mean, u=variance**0.5, low95=low95, high95=high95)
 
 
+def prior_departure(shift: float, u: float, prior_u: float, least_share: float) -> float:
+    """Difference of prior and data over its standard uncertainty, from an estimate with a prior.
+
+    Parameters
+    ----------
+    shift
+        Estimate less mean of the prior.
+    u
+        Standard uncertainty of the estimate, which includes the prior.
+    prior_u
+        Standard uncertainty of the prior.
+    least_share
+        Least value of the root below, over ``prior_u``: rounding and robust uncertainties make it
+        too small where the prior is narrow.
+
+    Returns
+    -------
+    float
+        The ratio, not negative.
+
+    Notes
+    -----
+    For a normal prior and a normal likelihood shift / sqrt(prior_u^2 - u^2) is the difference of
+    what the data alone give and the prior, over the standard uncertainty of that difference (Box
+    1980, J. R. Stat. Soc. A 143, 383: prior predictive check).
+
+    Examples
+    --------
+    Prior 0 +- 3, data 10 +- 4, both together 3.6 +- 2.4; the difference is 10 +- 5.
+
+    >>> round(prior_departure(3.6, 2.4, 3.0, 0.1), 6)
+    2.0
+    """
+    learned_u = math.sqrt(max(prior_u**2 - u**2, 0.0))
+    return abs(shift) / max(learned_u, least_share * prior_u)
+
+
 def mixture_interval95(
     components: Sequence[Estimate], weights: Sequence[float]
 ) -> tuple[float, float]:

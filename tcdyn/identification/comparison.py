@@ -78,7 +78,7 @@ N_BLOCKS = 4
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models, behind each input, that are scored in any case
 # Error of a model with common poles over that of a model that the residual tests accept, from which
 # it is preferred; chosen by judgement.
-SETTLED_RATIO = 0.8
+MAX_RATIO_TO_ACCEPTED = 0.8
 NOT_SCORED = (np.nan, np.nan, np.nan)  # held-out statistics of the others
 HELD_OUT_COLUMNS = ("held_out_rms", "held_out_percent", "p_held_out")
 # Findings of the final fit about the record that count against the recommended model.
@@ -277,10 +277,10 @@ def compare(
     :func:`tcdyn.identification.setting.select_setting` selects, as far as ``options`` do not give
     them. Where the residuals of the recommended model are clearly coloured or follow the input, or
     it reproduces little, the models with white noise replace them if they simulate the held-out
-    data better, and transfer functions with common poles if they simulate unseen data better. The
-    latter are tried with several inputs in any case but that of a random walk. The recommended
-    model is fitted once more, with the average over slow noise where the setting has a disturbance.
-    For the recommendation see
+    data better, and transfer functions with common poles if they simulate data left out of the fit
+    better. The latter are tried with several inputs in any case but that of a random walk. The
+    recommended model is fitted once more, with the average over slow noise where the setting has a
+    disturbance. For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
@@ -434,7 +434,7 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
         result = add_common_pole_model(ladder, result)
     elif has_several_inputs and not result.best.noise.is_random_walk:
         # the errors on left-out blocks of a random walk contain the walk
-        result = add_common_pole_model(ladder, result, SETTLED_RATIO)
+        result = add_common_pole_model(ladder, result, MAX_RATIO_TO_ACCEPTED)
     return result
 
 

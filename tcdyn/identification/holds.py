@@ -24,7 +24,7 @@ HOLD_CODES = ("record.hold", "record.noisy_levels")
 
 # Thresholds, chosen by judgement.
 # Share of samples that equal the one before, above which the input was set by a computer and not
-# measured (chosen by judgement).
+# measured.
 MIN_REPEATED_SHARE = 0.4
 # Changes that are one step, and ranges that are at most two steps, over the least step; halfway.
 ONE_STEP = 1.5
@@ -34,7 +34,7 @@ MIN_JUMP_SHARE = 0.05
 # Share of the changes of a staircase before and after which it stays constant.
 MIN_ISOLATED_SHARE = 0.95
 # Changes of an input with noise that are jumps, in standard deviations of the noise; the largest
-# share of rows with one; scatter of a level over that of white noise (chosen by judgement).
+# share of rows with one; scatter of a level over that of white noise.
 JUMP_NOISES = 8.0
 MAX_JUMP_SHARE = 0.25
 MAX_SCATTER_RATIO = 1.3

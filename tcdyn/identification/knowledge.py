@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, prior_departure
 from tcdyn.core.findings import Finding, warning
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import Model
@@ -87,24 +87,18 @@ def prior_conflicts(
 
     Notes
     -----
-    For a normal prior and a normal likelihood (estimate - mean) / sqrt(u_prior^2 - u_estimate^2) is
-    the difference of prior and data over the standard uncertainty of that difference (Box 1980, J.
-    R. Stat. Soc. A 143, 383: prior predictive check). It is that of the logarithms where the prior
-    is of the logarithm, that is, of a positive parameter. ``MIN_LEARNED_U`` limits the root, which
-    rounding and robust uncertainties make too small where the prior is narrow.
+    See :func:`tcdyn.core.estimate.prior_departure`. It is that of the logarithms where the prior is
+    of the logarithm, that is, of a positive parameter.
     """
     findings = []
     for name, (mean, u) in prior.items():
         estimate = estimates[name]
-        difference = estimate.value - mean
-        prior_u = u
-        estimate_u = estimate.u
         if model.is_positive(name):
-            difference = float(np.log(estimate.value / mean))
-            prior_u = u / mean
-            estimate_u = estimate.u / estimate.value
-        learned_u = np.sqrt(max(prior_u**2 - estimate_u**2, (MIN_LEARNED_U * prior_u) ** 2))
-        ratio = abs(difference) / float(learned_u)
+            shift = float(np.log(estimate.value / mean))
+            relative_u = estimate.u / estimate.value
+            ratio = prior_departure(shift, relative_u, u / mean, MIN_LEARNED_U)
+        else:
+            ratio = prior_departure(estimate.value - mean, estimate.u, u, MIN_LEARNED_U)
         if ratio > CONFLICT_U:
             conflict = warning(
                 "fit.prior_conflict",

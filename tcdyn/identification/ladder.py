@@ -331,8 +331,8 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
         model = reference.problem.model
         if model.name in fits:
             continue
-        same = setting == first_setting
-        simple = reference if same else ladder.fit_model(model, setting)
+        is_same_setting = setting == first_setting
+        simple = reference if is_same_setting else ladder.fit_model(model, setting)
         if simple is not None:
             fits[model.name] = simple
     for _ in range(MAX_SWEEPS):

@@ -82,7 +82,7 @@ def responds_at_once(fit: Fit) -> bool:
     return False
 
 
-def unseen_error(table: pd.DataFrame) -> pd.Series[float]:
+def validation_error(table: pd.DataFrame) -> pd.Series[float]:
     """Return the error of each model on data that it has not used; NaN where it is not scored.
 
     It is the geometric mean of the errors on the held-out part and on blocks of the record that
@@ -112,8 +112,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     The lowest BIC; a smaller model within ``TIE_BIC`` of it is preferred. Models that the data do
     not determine, or whose residuals follow the input, are considered only where no other is within
     ``DECISIVE_BIC``. BIC holds where the residuals are white and do not follow the input. Where
-    they are not, a model whose :func:`unseen_error` is smaller by more than ``HELD_OUT_GAIN_RATIO``
-    replaces it.
+    they are not, a model whose :func:`validation_error` is smaller by more than
+    ``HELD_OUT_GAIN_RATIO`` replaces it.
 
     ``tests/identify/test_identify_advice.py`` has a table for each rule.
     """
@@ -134,7 +134,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     by = "BIC" if best["model"] == lowest["model"] else "parameters"
     other = lowest
     is_clean = best["p_white"] >= ALARM_P and best["p_input"] >= ALARM_P
-    errors = unseen_error(fitted)
+    errors = validation_error(fitted)
     if not is_clean and errors.notna().any():
         rival = fitted.loc[errors.index[int(errors.argmin())]]
         if errors.min() < HELD_OUT_GAIN_RATIO * errors[best.name]:
@@ -152,7 +152,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         other=str(other["model"]),
         by=by,
         rms=best["held_out_rms"],
-        unseen_rms=float(errors[best.name]),
+        validation_rms=float(errors[best.name]),
         other_rms=float(errors[other.name]),
         only=len(fitted) == 1,
         least=not best["held_out_rms"] > pool["held_out_rms"].min(),

@@ -1038,9 +1038,8 @@ def _lag_findings(
     findings: list[Finding] = []
     for k in range(0, len(taus), 2):
         pair = slice(k, k + 2)
-        by_fluid, by_all = (
-            np.sqrt(np.diag(covariance[pair, pair])) / taus[pair] for covariance in covariances
-        )
+        by_fluid = np.sqrt(np.diag(covariances[0][pair, pair])) / taus[pair]
+        by_all = np.sqrt(np.diag(covariances[1][pair, pair])) / taus[pair]
         if max(by_all) <= UNDETERMINED_REL:
             continue
         severity = error if max(by_all) > 1 else warning  # such a lag could as well be zero

@@ -15,7 +15,7 @@ import numpy as np
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, prior_departure
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
@@ -438,10 +438,8 @@ def _entry_findings(
 
     Notes
     -----
-    For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 -
-    u_fitted^2) equals the difference of what the data alone give and the prior, over the standard
-    uncertainty of that difference (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive check).
-    An exact instant cannot move in the fit: there the shift is what a linear step asks for, and the
+    The specified instant is the prior of :func:`tcdyn.core.estimate.prior_departure`. An exact
+    instant cannot move in the fit: there the shift is what a linear step asks for, and the
     root of its gain its ratio to the standard uncertainty.
 
     ``tests/sensors/test_sensor_plunge.py`` checks an entry that is right and one that is
@@ -457,9 +455,7 @@ def _entry_findings(
         ratio = float(np.sqrt(gain))
     else:
         shift_s = fitted.fit.theta["entry_s"] - (record.entry_prior_s or specified_s)[0]
-        least_u_s = MIN_SHIFT_U * specified_s[1]
-        learned = specified_s[1] ** 2 - fitted.fit.u("entry_s") ** 2
-        ratio = abs(shift_s) / float(np.sqrt(max(learned, least_u_s**2)))
+        ratio = prior_departure(shift_s, fitted.fit.u("entry_s"), specified_s[1], MIN_SHIFT_U)
     if ratio <= CONFLICT_U:
         return []
     conflict = warning(

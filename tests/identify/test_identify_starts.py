@@ -280,9 +280,11 @@ def test_correlation_with_a_free_start_equals_the_regression_with_a_decay() -> N
     a = np.exp(-0.5 / lag_s)
     x = lfilter([0.0, 1 - a], [1.0, -a], np.append(np.zeros(shift), u - u[0])[: len(u)])
     table = np.column_stack([x, np.ones(len(u)), np.exp(-t / lag_s)])
-    left = y - table @ np.linalg.lstsq(table, y, rcond=None)[0]
+    weights = np.linalg.lstsq(table, y, rcond=None)[0]
+    left = y - table @ weights
     centred = y - y.mean()
-    assert abs(score) == pytest.approx(1 - left @ left / (centred @ centred), rel=1e-9)
+    r2 = 1 - left @ left / (centred @ centred)
+    assert score == pytest.approx(np.sign(weights[0]) * r2, rel=1e-9)  # the sign of the gain
 
 
 @pytest.mark.parametrize("step_at", [90, 130])
@@ -296,4 +298,4 @@ def test_a_late_step_off_equilibrium_has_its_lag(step_at: int) -> None:
     result = fit(IOData.from_arrays(u, y, 0.5, hold="zoh"), "P1D", noise="white", baseline="none")
     assert result.problem.initial in ("level", "estimated")  # the same for one lag
     assert result.estimates["Tp1"].contains(4.0)
-    assert result.estimates["Td"].value < 0.3
+    assert result.estimates["Td"].contains(0.0)

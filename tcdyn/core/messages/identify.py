@@ -67,7 +67,7 @@ def _reason(
     other: str,
     by: str,
     rms: float,
-    unseen_rms: float,
+    validation_rms: float,
     other_rms: float,
     only: bool,
     least: bool,
@@ -77,8 +77,8 @@ def _reason(
 
     ``subject`` is the recommended model. ``by`` is the criterion: "BIC", "parameters" or "held
     out"; by the last two it replaces ``other``, which has a lower BIC. ``rms`` is the error on the
-    held-out data; ``least``: no model has a smaller one; ``unseen_rms`` and ``other_rms`` are the
-    errors of both on all data that were left out of a fit; ``only``: it is the only model.
+    held-out data; ``least``: no model has a smaller one; ``validation_rms`` and ``other_rms`` are
+    the errors of both on all data that were left out of a fit; ``only``: it is the only model.
     ``ties`` are models within 2 of its BIC. The keys of ``REJECTED`` list rejected models.
     ``initial`` is the selected initial state.
     """
@@ -86,7 +86,7 @@ def _reason(
         text = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
     elif by == "held out":
         text = (
-            f"{subject} simulates data left out of the fit better ({unseen_rms:.4g} against "
+            f"{subject} simulates data left out of the fit better ({validation_rms:.4g} against "
             f"{other_rms:.4g} rms) than {other}, which has the lower BIC"
         )
     else:
