@@ -1,0 +1,221 @@
+"""The samples of rows that are finer than their clock, so that stamps repeat.
+
+:func:`tcdyn.series.clock.fit_clock` uses it. Tests: ``tests/series/test_clock.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+from scipy.special import log_ndtr
+
+from tcdyn.core import Array
+from tcdyn.series.descriptions import (
+    MAX_DECIMALS,
+    SAME_INTERVAL,
+    SEARCH_QUANTILES,
+    SEARCH_SPANS,
+    choice_code_length,
+    line,
+    step_code_length,
+)
+
+# Stamps in which the interval is searched first, steps of the search as a shift of the last row,
+# number of candidates, and stamps from which one of them is certain. Finer and more cost time only.
+SEARCH_TICKS = 64
+COARSE_STEP_ROWS = 0.25
+COARSE_CANDIDATES = 16
+SURE_TICKS = 1024
+# Phases that are tried, in intervals: rows are misplaced in half a step of them.
+PHASES = tuple(np.arange(8) / 8)
+# Scatters of the rows that are tried, in intervals.
+STRAYS = (0.02, 0.05, 0.1, 0.18, 0.3, 0.5, 1.0)
+
+
+def fit_coarse(
+    t: Array, is_new: NDArray[np.bool_], interval_s: float | None, resolution_s: float
+) -> tuple[NDArray[np.intp], float] | None:
+    """Samples of rows that are finer than their clock, and the length of their description.
+
+    Parameters
+    ----------
+    t
+        Stamps (N,) [s], of which some repeat.
+    is_new
+        Whether a row has another stamp than the row before (N,).
+    interval_s
+        Interval where it is known [s].
+    resolution_s
+        Step of the clock [s].
+
+    Returns
+    -------
+    samples, length
+        As for :func:`fit_fine`; None where there are fewer than four stamps.
+
+    Notes
+    -----
+    The first row of a stamp was taken less than one interval after it. Its residual, in intervals,
+    is therefore a phase, plus the samples lost so far, plus a number between -1 and 0. Fractional
+    parts that cover a whole interval do not tell the phase; it is searched together with the
+    interval, first over ``SEARCH_TICKS`` stamps, then over more and more of them.
+    """
+    first_rows = np.flatnonzero(is_new)[1:]
+    if len(first_rows) < 3:
+        return None
+    ticks = _Ticks(first_rows, t[first_rows], resolution_s)
+    best_s = interval_s or _search_coarse_interval_s(ticks)
+    lost, length = ticks.place(best_s)
+    length += ticks.choice_length(best_s)
+    lost_of_row = np.concatenate([[lost[0]], lost])[np.cumsum(is_new) - 1]
+    return np.arange(len(t)) + lost_of_row - lost[0], length
+
+
+def _search_coarse_interval_s(ticks: _Ticks) -> float:
+    """The interval of the rows of a coarse clock with the shortest description [s].
+
+    Each candidate, and the slope of the straight line through its samples, is described over more
+    and more stamps. From ``SURE_TICKS`` on there is only one.
+    """
+    size = min(SEARCH_TICKS, len(ticks.rows))
+    candidates = _coarse_intervals_s(ticks.first(size))
+    while True:
+        part = ticks.first(size)
+        lengths = {}
+        for dt in candidates:
+            lost, length = part.place(dt)
+            lengths[dt] = length + part.choice_length(dt)
+            refined_s, _ = line(part.rows + lost, part.stamps_s)
+            lengths[refined_s] = part.place(refined_s)[1] + part.choice_length(refined_s)
+        candidates = sorted(lengths, key=lambda dt: lengths[dt])[:COARSE_CANDIDATES]
+        if size >= SURE_TICKS:
+            candidates = candidates[:1]
+        if size == len(ticks.rows):
+            return candidates[0]
+        size = min(2 * size, len(ticks.rows))
+
+
+@dataclass(frozen=True)
+class _Ticks:
+    """The first row of each stamp of a coarse clock, and the stamps.
+
+    Attributes
+    ----------
+    rows
+        First row of each stamp (J,).
+    stamps_s
+        The stamps (J,) [s].
+    resolution_s
+        Step of the clock [s].
+    """
+
+    rows: NDArray[np.intp]
+    stamps_s: Array
+    resolution_s: float
+
+    def first(self, size: int) -> _Ticks:
+        """The first ``size`` of them."""
+        return _Ticks(self.rows[:size], self.stamps_s[:size], self.resolution_s)
+
+    def choice_length(self, interval_s: float) -> float:
+        """Length of a description of the interval, the phase, and the places of the stamps.
+
+        Notes
+        -----
+        The logarithm of the number of phases and of intervals that the rows distinguish. A whole
+        fraction of the step of the clock, such as 0.1 s of 1 s, needs no choice of the interval:
+        loggers have such rates. Where the step is finer than the rows, as for rows that are stamped
+        when a batch of them arrives, each stamp adds the logarithm of its place in an interval.
+        """
+        n_rows = float(self.rows[-1] - self.rows[0])
+        length = float(np.log(len(PHASES)))
+        fraction = self.resolution_s / interval_s
+        is_whole_fraction = abs(fraction - np.rint(fraction)) * n_rows < fraction
+        if not (is_whole_fraction and fraction > 0.5):
+            length += float(np.log(n_rows / COARSE_STEP_ROWS))
+        places = interval_s / max(self.resolution_s, 10.0**-MAX_DECIMALS)
+        return length + len(self.rows) * float(np.log(max(places, 1.0)))
+
+    def place(self, interval_s: float) -> tuple[NDArray[np.intp], float]:
+        """Samples lost before each of the rows (J,), and the length of the description.
+
+        Parameters
+        ----------
+        interval_s
+            Interval of the rows [s].
+
+        Notes
+        -----
+        A residual within the box of one interval needs no description. Beyond it the row strays:
+        the box is convolved with a Gaussian, whose scatter is the best of ``STRAYS``.
+        """
+        residual = (self.stamps_s - self.stamps_s[0]) / interval_s - (self.rows - self.rows[0])
+        best_length = np.inf
+        best_lost = np.zeros(len(residual), dtype=np.intp)
+        for phase in PHASES:
+            centred = residual - phase
+            lost = np.rint(isotonic_regression(centred).x).astype(np.intp)
+            deviation = np.abs(centred - lost)
+            inside = [-_log_box(deviation, stray) for stray in STRAYS]
+            length = min(inside) + self._lost_code_length(lost)
+            if length < best_length:
+                best_length = length
+                best_lost = lost
+        return best_lost, best_length
+
+    def _lost_code_length(self, lost: NDArray[np.intp]) -> float:
+        """Length of a description of the samples that are lost before each of the rows (J,).
+
+        The choice of the rows before which samples are lost, and the code of Elias of their number.
+        Lost samples are dearer here than in :func:`step_code_length`: with any rate, some lost
+        samples bring the residuals of a coarse clock into their box.
+        """
+        steps = np.diff(lost)
+        n_rows = int(self.rows[-1] - self.rows[0]) + 1
+        n_lost = int(np.count_nonzero(steps))
+        return choice_code_length(min(n_lost, n_rows), n_rows) + step_code_length(
+            np.cumsum(steps[steps > 0])
+        )
+
+
+def _log_box(deviation: Array, stray: float) -> float:
+    """Sum of the logarithms of a box from -0.5 to 0.5 convolved with a Gaussian.
+
+    Parameters
+    ----------
+    deviation
+        Absolute deviations (J,), in intervals.
+    stray
+        Standard deviation of the Gaussian, in intervals.
+    """
+    # the far side of the box adds nothing for strays below half of it
+    return float(log_ndtr((0.5 - deviation) / stray).sum())
+
+
+def _coarse_intervals_s(ticks: _Ticks) -> list[float]:
+    """The most probable intervals of the rows of a coarse clock, from its first stamps [s].
+
+    Notes
+    -----
+    All intervals between the shortest and the longest quantile of spans are tried, in steps over
+    which the last row moves by ``COARSE_STEP_ROWS``, and the quantiles themselves: the median of
+    spans is exact where the stamps are whole numbers of rows apart.
+    """
+    ratios = []
+    for span in SEARCH_SPANS:
+        if span == 1 or 2 * span < len(ticks.rows):
+            span_s = ticks.stamps_s[span:] - ticks.stamps_s[:-span]
+            rows = ticks.rows[span:] - ticks.rows[:-span]
+            ratios += [float(np.quantile(span_s / rows, q)) for q in SEARCH_QUANTILES]
+    lowest = np.log(min(ratios)) - SAME_INTERVAL
+    highest = np.log(max(ratios)) + SAME_INTERVAL
+    step = COARSE_STEP_ROWS / float(ticks.rows[-1] - ticks.rows[0])
+    tried = np.exp(np.arange(lowest, highest, step))
+    lengths = np.array([ticks.place(dt)[1] for dt in tried])
+    beside = np.concatenate([[np.inf], lengths, [np.inf]])
+    minima = np.flatnonzero((lengths <= beside[:-2]) & (lengths <= beside[2:]))
+    best = minima[np.argsort(lengths[minima])][:COARSE_CANDIDATES]
+    return [*np.unique(ratios).tolist(), *tried[best].tolist()]

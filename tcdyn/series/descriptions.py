@@ -1,0 +1,83 @@
+"""Parts of the search for a clock: straight lines, pieces of rows, lengths of descriptions.
+
+:mod:`tcdyn.series.fine_clock` and :mod:`tcdyn.series.coarse_clock` use them. The length of a
+description is the negative logarithm of a probability; the shorter of two descriptions is the more
+probable one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from tcdyn.core import Array
+
+# Rows over which the phase of the clock may wander by a quarter of an interval; the phase of each
+# piece is estimated from so many rows. At a scatter of 25 % of an interval it is known to 0.06
+# intervals; ``python -m tests.series.clock_study`` counts rows that are misplaced.
+PIECE_ROWS = 64
+# Rows in which interval and resolution are searched first. More cost time only.
+SEARCH_ROWS = 4096
+# Spans [rows] and quantiles of their lengths that give first values of the interval. Longer spans
+# average rounded steps; the lower quantile holds where most spans contain lost rows.
+SEARCH_SPANS = (1, 2, 4, 8, 16)
+SEARCH_QUANTILES = (0.2, 0.5)
+# First values that are closer than this lead to one interval.
+SAME_INTERVAL = 0.02
+# Most decimals of a second that stamps are tested for: 1 ns.
+MAX_DECIMALS = 9
+
+
+def line(samples: NDArray[np.intp], t: Array) -> tuple[float, float]:
+    """Slope and intercept of the straight line through stamps ``t`` (N,) at their samples."""
+    mean_sample = samples.mean()
+    centred = samples - mean_sample
+    slope = float(centred @ (t - t.mean()) / (centred @ centred))
+    return slope, float(t.mean() - slope * mean_sample)
+
+
+def piece_edges(n: int) -> NDArray[np.intp]:
+    """Rows between which pieces of about ``PIECE_ROWS`` of ``n`` rows lie."""
+    return np.linspace(0, n, max(n // PIECE_ROWS, 1) + 1).astype(np.intp)
+
+
+def step_code_length(samples: NDArray[np.intp]) -> float:
+    """Length of a description of the steps between samples (N,) [natural units of information].
+
+    The code of Elias (gamma code) has 2 floor(log2 m) + 1 bits for a step of m samples. It is short
+    where most rows follow each other and needs no parameter. The one bit of each row, which all
+    placings have, is left out.
+    """
+    steps = np.maximum(np.diff(samples), 1)
+    bits = 2 * np.floor(np.log2(steps))
+    return float(np.log(2) * bits.sum())
+
+
+def choice_code_length(n_chosen: int, n: int) -> float:
+    """ln C(n, m): length of a description of which ``n_chosen`` of ``n`` rows differ."""
+    return float(gammaln(n + 1) - gammaln(n_chosen + 1) - gammaln(n - n_chosen + 1))
+
+
+def smallest_scatter_s(resolution_s: float) -> float:
+    """Standard deviation of stamps that are rounded to a resolution [s], at least to 1 ns."""
+    return max(resolution_s, 10.0**-MAX_DECIMALS) / np.sqrt(12)
+
+
+def find_resolution_s(t: Array) -> float:
+    """The largest step of which all stamps (N,) are multiples [s]; 0 where there is none.
+
+    The decimals of the first ``SEARCH_ROWS`` stamps are counted; whole numbers of the last decimal
+    then have a greatest common divisor.
+    """
+    since_start = t[:SEARCH_ROWS] - t[0]
+    rounding_s = 4 * float(np.spacing(np.abs(t).max()))
+    for decimals in range(MAX_DECIMALS + 1):
+        unit_s = 10.0**-decimals
+        if rounding_s > 0.1 * unit_s:
+            return 0.0
+        units = since_start / unit_s
+        whole = np.rint(units)
+        if np.abs(units - whole).max() <= 1e-6 + rounding_s / unit_s:
+            return float(np.gcd.reduce(whole.astype(np.int64))) * unit_s
+    return 0.0

@@ -1,0 +1,155 @@
+"""How much of the deviations of time stamps is real, and readings at the times of the grid.
+
+A stamp that strays from the grid is either wrong, or its row was really taken at another time. Only
+readings that change tell: a row that was taken late reads what the temperature is then.
+
+Tests: ``tests/series/test_real_share.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tcdyn.core import Array, Flags
+from tcdyn.estimation.trace_noise import MAD_TO_SD
+from tcdyn.series.clock import Clock
+
+# Information of the prior that the stamps are right, as 1 / variance of the share: readings
+# outweigh it when they determine the share to better than 0.5 (1 sd).
+STAMP_PRIOR = 4.0
+# Slope over its standard uncertainty, above which a reading tells the share: the error of a slope
+# known to a quarter biases the share by less than its uncertainty (1/16).
+MIN_SLOPE_U = 4.0
+# Rows on each side of a window whose slope the estimate uses.
+SHARE_HALF_WINDOW = 8
+# Neighbours on each side whose slope shifts a reading to its grid time: more average the noise,
+# less follow the curvature. White noise grows by 1 % (``tests/series/test_real_share.py``).
+SLOPE_NEIGHBOURS = 3
+# Sum of the squares of the coefficients 1, -4, 6, -4, 1 of a fourth difference.
+FOURTH_DIFFERENCE = 70.0
+
+
+@dataclass(frozen=True)
+class RealShare:
+    """Share of the deviations of the stamps that is real.
+
+    Attributes
+    ----------
+    value
+        0 (errors of the stamps) to 1 (rows taken at their own stamps).
+    u
+        Its standard uncertainty; 0.5 where no reading tells.
+    """
+
+    value: float
+    u: float
+
+
+def real_share(clock: Clock, columns: Sequence[Array]) -> RealShare:
+    """Estimate the share of the deviations of the stamps that is real.
+
+    Parameters
+    ----------
+    clock
+        The clock of the rows.
+    columns
+        Readings of the rows, (N,) each in any unit, NaN where there is none.
+
+    Returns
+    -------
+    RealShare
+        The share, and its standard uncertainty.
+
+    Notes
+    -----
+    Least squares with the prior 1 +- 0.5: the fourth difference of readings is that of slope times
+    deviation, times the share, plus noise. It removes the signal up to its third derivative. The
+    slope is that of a straight line through 17 rows, where it is significant; the noise is known
+    from the median of the absolute fourth differences.
+
+    Examples
+    --------
+    >>> from tcdyn.series.clock import fit_clock
+    >>> rng = np.random.default_rng(1)
+    >>> time_s = np.arange(400) + rng.normal(0, 0.1, 400)
+    >>> clock = fit_clock(time_s)
+    >>> at_stamps = 0.5 * time_s + rng.normal(0, 0.01, 400)
+    >>> at_grid = 0.5 * np.arange(400) + rng.normal(0, 0.01, 400)
+    >>> round(real_share(clock, [at_stamps]).value, 1), round(real_share(clock, [at_grid]).value, 1)
+    (1.0, 0.0)
+    """
+    half = SHARE_HALF_WINDOW
+    n = len(clock.index)
+    numerator = STAMP_PRIOR
+    information = STAMP_PRIOR
+    if n > 4 * half:
+        is_contiguous = clock.index[2 * half :] - clock.index[: -2 * half] == 2 * half
+        inside = slice(half - 2, n - half - 2)
+        deviation = np.diff(clock.deviation_s / clock.interval_s, 4)[inside]
+        weights = np.arange(half, -half - 1, -1.0)
+        lever = float(np.sum(weights**2))
+        for y in columns:
+            slope = np.convolve(y, weights, "valid") / lever
+            difference = np.diff(y, 4)[inside]
+            finite = np.abs(difference[np.isfinite(difference)])
+            if not len(finite):
+                continue
+            sd = MAD_TO_SD * float(np.median(finite))
+            with np.errstate(invalid="ignore"):
+                is_significant = np.abs(slope) > MIN_SLOPE_U * sd / np.sqrt(
+                    FOURTH_DIFFERENCE * lever
+                )
+            used = is_contiguous & is_significant & np.isfinite(difference)
+            predicted = slope[used] * deviation[used]
+            variance = max(sd, float(np.finfo(float).tiny) ** 0.25) ** 2
+            numerator += float(predicted @ difference[used]) / variance
+            information += float(predicted @ predicted) / variance
+    value = min(max(numerator / information, 0.0), 1.0)
+    return RealShare(value, float(1 / np.sqrt(information)))
+
+
+def at_grid_times(clock: Clock, share: RealShare, values: Array) -> Array:
+    """Shift readings from their own times to the times of the grid.
+
+    Parameters
+    ----------
+    clock
+        The clock of the rows.
+    share
+        Share of the deviations that is real.
+    values
+        Readings of the rows (N,), NaN where there is none.
+
+    Returns
+    -------
+    values
+        (N,), at the times of the grid.
+
+    Notes
+    -----
+    Each reading is shifted along the slope of a straight line through its neighbours on both sides,
+    missing ones left out, by the real part of its deviation.
+    """
+    late_s = share.value * clock.deviation_s
+    time_s = clock.even_s
+    width = 2 * SLOPE_NEIGHBOURS + 1
+    t = sliding_window_view(np.pad(time_s + late_s, SLOPE_NEIGHBOURS, mode="edge"), width)
+    y = sliding_window_view(np.pad(values, SLOPE_NEIGHBOURS, constant_values=np.nan), width)
+    used = np.isfinite(y)
+    count = np.maximum(used.sum(axis=1), 1)
+    centred_t = _about_mean(np.where(used, t - time_s[:, None], 0.0), used, count)
+    centred_y = _about_mean(np.where(used, y, 0.0), used, count)
+    lever = (centred_t**2).sum(axis=1)
+    product = (centred_t * centred_y).sum(axis=1)
+    slope = np.divide(product, lever, out=np.zeros_like(product), where=lever > 0)
+    return values - late_s * slope
+
+
+def _about_mean(windows: Array, used: Flags, count: Array) -> Array:
+    """Windows (N, W) about the mean of their used values; zero where a value is not used."""
+    means = windows.sum(axis=1) / count
+    return np.where(used, windows - means[:, None], 0.0)
