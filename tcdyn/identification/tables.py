@@ -19,6 +19,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.core.labels import seconds_of_index
+from tcdyn.estimation.time_grid import sampling_interval_s
 from tcdyn.identification.holds import (
     HOLD_CODES,
     Hold,
@@ -49,7 +50,6 @@ LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
 # Thresholds, chosen by judgement.
 # Share of repeated time stamps, above which the clock has too few decimals.
 MAX_REPEATED_STAMPS = 0.02
-FIRST_TIMES = 8  # from which the sampling interval is refined (chosen by judgement)
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
 # Largest departure from an even time grid, in sampling intervals.
 MAX_JITTER = 0.05
@@ -530,58 +530,6 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
             expected="a number or empty",
         )
     return converted.to_numpy(dtype=float)
-
-
-def sampling_interval_s(times: Sequence[Array], where: str) -> float:
-    """Return the sampling interval [s] of several runs, the mean of all steps.
-
-    The mean is not biased by rounded or irregular time stamps. A step over missing rows counts as
-    several.
-
-    Parameters
-    ----------
-    times
-        Times of each run [s].
-    where
-        Table that errors name.
-
-    Returns
-    -------
-    float
-        Sampling interval [s].
-
-    Raises
-    ------
-    InputError
-        For fewer than two samples.
-    """
-    steps = np.concatenate([np.diff(t) for t in times])
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    if len(steps) == 0:
-        raise InputError("has fewer than two samples", where=where, expected="a record")
-    median = float(np.median(steps))
-    rising = [t[np.isfinite(t)] for t in times]
-    rising = [t[np.append(True, np.diff(np.maximum.accumulate(t)) > 0)] for t in rising if len(t)]
-    n_intervals = sum(_count_intervals(t, median) for t in rising)
-    return float(steps.sum() / n_intervals) if n_intervals > 0 else median
-
-
-def _count_intervals(t: Array, dt_s: float) -> int:
-    """Number of sampling intervals from the first to the last of the times ``t`` (N,) [s].
-
-    ``dt_s`` is about the interval. A first part of the times, doubled until it is all of them,
-    gives a better one each time, so that errors of single times do not add up.
-    """
-    end = FIRST_TIMES
-    while True:
-        part = t[:end]
-        position = np.round((part - t[0]) / dt_s)
-        if end >= len(t):
-            return int(position[-1])
-        if position[-1] > 0:
-            centred = position - position.mean()
-            dt_s = float(centred @ part / (centred @ centred))
-        end *= 2
 
 
 def check_times(t: Array, column: str, where: str) -> None:

@@ -16,9 +16,21 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from immersion.plunge_data import without_spikes
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
+from tcdyn.estimation.time_grid import (
+    MIN_JITTER,
+    fit_grid,
+    grid_indices,
+    has_few_decimals,
+    real_jitter_share,
+    sampling_interval_s,
+    shift_to_grid,
+    step_scatter,
+    times_of_grid,
+)
 from tcdyn.estimation.updates import find_updates
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
@@ -84,10 +96,14 @@ class EvenTimes:
         Position of each row (N,), in samples.
     dt_s
         Interval [s].
+    jitter_s
+        How much later than its even time each row is stamped (N,) [s]; None where the stamps do not
+        stray.
     """
 
     index: NDArray[np.intp]
     dt_s: float
+    jitter_s: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -312,7 +328,7 @@ def read_columns(
     grid, grid_findings = even_times(t, where)
     check_gaps(t, grid.dt_s, where)
     size = int(grid.index[-1]) + 1
-    out = {}
+    rows = {}
     for name in columns:
         values = raw[name]
         if name in units:
@@ -325,8 +341,16 @@ def read_columns(
             findings += unit_findings(name, unit, values)
             values, codes = _without_codes(name, unit.in_degC(values, reference))
             findings += codes
-        out[name] = on_grid(values, grid, size)
-    return t[0] + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
+        rows[name] = values
+    start_s = float(t[0])
+    if grid.jitter_s is not None:
+        start_s -= float(grid.jitter_s[0])
+        temperatures = {name: rows[name] for name in columns if name in units}
+        shifted, found = _without_jitter(temperatures, t, grid, source.time)
+        rows |= shifted
+        grid_findings += found
+    out = {name: on_grid(rows[name], grid, size) for name in columns}
+    return start_s + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
 
 
 def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
@@ -500,15 +524,25 @@ def even_times(
             )
         row = int(np.argmax(repeated))
         findings.append(info("sensor.repeated", count=int(repeated.sum()), row=row + 2))
-    dt = dt_s or _interval_s(step)
+    dt = dt_s or sampling_interval_s([time_s], where)
     position = (time_s - time_s[0]) / dt
-    place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(step / dt), 1.0))])
+    place = grid_indices(step, dt)
+    strays = step_scatter(step, np.diff(place), dt) > MIN_JITTER
     deviation = position - place
     deviation -= np.median(deviation)
     rounded = np.minimum(np.abs(deviation - np.rint(deviation)), 0.5)
     if np.abs(deviation).max() > 0.6:  # the steps do not add up: each row to its nearest position
-        place = np.maximum.accumulate(np.rint(position))
+        if strays:
+            dt, place = fit_grid(time_s)
+            position = (time_s - times_of_grid(time_s, place, dt)[0]) / dt + place
+        else:
+            place = np.maximum.accumulate(np.rint(position))
         rounded = position - place
+    jitter_s = None
+    if strays:
+        even_s, max_offset_s = times_of_grid(time_s, place, dt)
+        if not has_few_decimals(step[~repeated], max_offset_s):
+            jitter_s = time_s - even_s
     if place[-1] > max(MAX_GRID_ROWS, MAX_GRID_SHARE * len(time_s)):
         raise InputError(
             f"{len(time_s)} rows at an interval of {dt:.3g} s in {time_s[-1] - time_s[0]:.3g} "
@@ -520,13 +554,57 @@ def even_times(
     stray = float(np.sqrt(np.mean(rounded**2)))
     if stray > UNEVEN:
         findings.append(warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt))
-    return EvenTimes(place.astype(np.intp), dt), findings
+    return EvenTimes(place.astype(np.intp), dt, jitter_s), findings
 
 
-def _interval_s(step: Array) -> float:
-    """Return the mean interval [s] of steps (N - 1,), of which some span missing rows."""
-    usual = float(np.median(step[step > 0]))
-    return float(step.sum() / np.rint(step / usual).sum())
+def _without_jitter(
+    columns: Mapping[str, Array], time_s: Array, grid: EvenTimes, time: str
+) -> tuple[dict[str, Array], list[Finding]]:
+    """Readings at the even times, where they were taken at other ones.
+
+    Parameters
+    ----------
+    columns
+        Temperatures of the rows (N,), by column.
+    time_s
+        Time stamps (N,) [s].
+    grid
+        Positions of the rows, with their jitter.
+    time
+        Name of the time column, for the finding.
+
+    Returns
+    -------
+    columns
+        The temperatures, shifted by that share of the jitter that they confirm; values that only
+        repeat the last one, and spikes, are left as they are.
+    findings
+        Empty, or one with the share.
+
+    Notes
+    -----
+    As for logs of the rig (``tcdyn.rig.check_clock``): whether the samples or only the stamps stray
+    is decided by the readings. ``tests/sensors/test_uneven_stamps.py`` has both.
+    """
+    jitter_s = grid.jitter_s
+    names = [name for name, values in columns.items() if not find_updates(values).repeats_values]
+    if jitter_s is None or not names:
+        return dict(columns), []
+    readings, _ = without_spikes(np.column_stack([columns[name] for name in names]))
+    rows = np.arange(len(time_s))
+    share = real_jitter_share(readings, rows, grid.index, grid.dt_s, jitter_s)
+    out = dict(columns)
+    for name, values in zip(names, readings.T):
+        shifted = shift_to_grid(values, time_s - jitter_s, share * jitter_s)
+        out[name] = np.where(np.isfinite(shifted), shifted, columns[name])
+    found = info(
+        "time.strays",
+        subject=time,
+        stray_s=float(np.std(jitter_s)),
+        percent=100 * share,
+        rate_Hz=1 / grid.dt_s,
+    )
+    return out, [found]
 
 
 def _check_rising(time_s: Array, where: str) -> None:

@@ -13,10 +13,10 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
+from tcdyn.estimation.time_grid import sampling_interval_s
 from tcdyn.identification import IOData, compare, fit, from_csv, from_frame, process, simulate
 from tcdyn.identification.causality import check_causality
 from tcdyn.identification.search import make_problem
-from tcdyn.identification.tables import sampling_interval_s
 
 
 def table(n: int = 200) -> pd.DataFrame:
