@@ -17,8 +17,18 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.series.coarse_clock import fit_coarse
-from tcdyn.series.descriptions import choice_code_length, find_resolution_s, line, piece_edges
+from tcdyn.series.descriptions import (
+    choice_code_length,
+    find_resolution_s,
+    line,
+    piece_edges,
+    slow_part,
+)
 from tcdyn.series.fine_clock import fit_fine
+
+# Scatter of the stamps, in intervals, that is too small to matter: readings are wrong by as much of
+# their change from row to row, and lags by as much of a row.
+MIN_STRAY = 0.01
 
 
 @dataclass(frozen=True)
@@ -32,17 +42,22 @@ class Clock:
     u_interval_s
         Its standard uncertainty [s].
     index
-        Sample of each row (N,): 0 for the first row, larger by one or more from row to row; equal
-        for rows that stand twice.
+        Sample of each row (N,): 0 for the first row, rising from row to row; equal for rows that
+        stand twice.
     start_s
         Time of sample 0 on the grid [s].
     deviation_s
         Stamp minus time on the grid (N,) [s].
     resolution_s
         Step of the clock [s] of which all stamps are multiples; 0 where there is none.
+    n_repeated
+        Rows that are the same sample as the row before, with its stamp.
     is_coarse
         Whether the rows are finer than the clock: rows with one stamp are samples one after the
         other, and each was taken up to ``resolution_s`` after its stamp.
+    is_wandering
+        Whether the steps between rows scatter, and not the stamps about a grid, as for a loop that
+        waits and then reads. Each row is then the sample that is nearest to its stamp.
     """
 
     interval_s: float
@@ -51,7 +66,9 @@ class Clock:
     start_s: float
     deviation_s: Array
     resolution_s: float
-    is_coarse: bool
+    n_repeated: int
+    is_coarse: bool = False
+    is_wandering: bool = False
 
     @property
     def size(self) -> int:
@@ -64,14 +81,20 @@ class Clock:
         return self.size - len(np.unique(self.index))
 
     @property
-    def n_repeated(self) -> int:
-        """Rows that are the same sample as the row before."""
-        return int(np.count_nonzero(np.diff(self.index) == 0))
-
-    @property
     def stray_s(self) -> float:
         """Root mean square of the deviations [s]."""
         return float(np.sqrt(np.mean(self.deviation_s**2)))
+
+    @property
+    def jitter_s(self) -> Array:
+        """Deviations without their slow part (N,) [s], which a wandering clock has."""
+        return self.deviation_s - slow_part(self.deviation_s)
+
+    @property
+    def strays(self) -> bool:
+        """Whether stamps deviate from the grid by more than rounding and ``MIN_STRAY`` explain."""
+        explained_s = max(self.resolution_s, MIN_STRAY * self.interval_s)
+        return not self.is_coarse and float(np.std(self.jitter_s)) > explained_s
 
     @property
     def even_s(self) -> Array:
@@ -114,8 +137,9 @@ def fit_clock(stamps_s: Array, interval_s: float | None = None) -> Clock:
     one with the shortest description is taken. The last value is the slope of a straight line
     through stamps and samples (``_slope_uncertainty_s`` for its uncertainty).
 
-    Where stamps repeat, either rows stand twice, or the clock is coarser than the rows. Both are
-    fitted, and the shorter description is taken.
+    Where the steps between rows scatter, not the stamps about a grid, deviations add up; this is
+    the other description that is tried. Where stamps repeat, either rows stand twice, or the clock
+    is coarser than the rows: of these two, too, the shorter description is taken.
 
     Examples
     --------
@@ -130,28 +154,37 @@ def fit_clock(stamps_s: Array, interval_s: float | None = None) -> Clock:
     is_new = np.append(True, steps > 0)
     resolution_s = find_resolution_s(t)
     once = t[is_new]
-    fine_samples, fine_length = fit_fine(once, interval_s, resolution_s)
-    samples = fine_samples[np.cumsum(is_new) - 1]
-    is_coarse = False
     n_repeated = len(t) - len(once)
+    fine = fit_fine(once, interval_s, resolution_s)
     if n_repeated:
         coarse = fit_coarse(t, is_new, interval_s, resolution_s)
-        fine_length += choice_code_length(n_repeated, len(t))
+        fine_length = fine.length + choice_code_length(n_repeated, len(t))
         if coarse is not None and coarse[1] < fine_length:
-            samples = coarse[0]
-            is_coarse = True
-    return _clock(t, samples, interval_s, resolution_s, is_coarse, is_new)
+            return _coarse_clock(t, coarse[0], interval_s, resolution_s, is_new)
+    samples = fine.samples[np.cumsum(is_new) - 1]
+    if fine.is_wandering:
+        return _wandering_clock(t, samples, interval_s, resolution_s, n_repeated)
+    slope_s, start_s = _line_of(samples, t, interval_s)
+    deviation_s = t - (start_s + slope_s * samples)
+    u_s = _slope_uncertainty_s(samples, deviation_s, resolution_s)
+    return Clock(slope_s, u_s, samples, start_s, deviation_s, resolution_s, n_repeated)
 
 
-def _clock(
+def _line_of(samples: NDArray[np.intp], t: Array, interval_s: float | None) -> tuple[float, float]:
+    """Slope and intercept of stamps ``t`` (N,) at their samples; the slope may be known."""
+    if interval_s is None:
+        return line(samples, t)
+    return interval_s, float(np.mean(t - interval_s * samples))
+
+
+def _coarse_clock(
     t: Array,
     samples: NDArray[np.intp],
     interval_s: float | None,
     resolution_s: float,
-    is_coarse: bool,
     is_new: NDArray[np.bool_],
 ) -> Clock:
-    """The clock of stamps whose samples are known.
+    """The clock of rows that are finer than it, whose samples are known.
 
     Parameters
     ----------
@@ -163,29 +196,49 @@ def _clock(
         Interval that is known [s]; None: the slope of a straight line through the stamps.
     resolution_s
         Step of the clock [s].
-    is_coarse
-        Whether the rows are finer than the clock.
     is_new
         Whether a row has another stamp than the row before (N,).
 
     Notes
     -----
-    The first row of each stamp of a coarse clock was taken less than one interval after it, the
-    others later: a line through all rows would have the interval as its slope only where each stamp
-    has the same number of rows. So the line goes through the first rows; the first stamp of the log
-    is left out, since its first row may have been lost.
+    The first row of each stamp was taken less than one interval after it, the others later: a line
+    through all rows would have the interval as its slope only where each stamp has the same number
+    of rows. So the line goes through the first rows; the first stamp of the log is left out, since
+    its first row may have been lost.
     """
-    used = is_new.copy() if is_coarse else np.ones(len(t), dtype=bool)
-    if is_coarse and np.count_nonzero(used) > 2:
-        used[0] = False
-    slope_s, start_s = line(samples[used], t[used])
-    if interval_s is not None:
-        slope_s = interval_s
-        start_s = float(np.mean(t[used] - slope_s * samples[used]))
+    used = is_new.copy()
+    used[0] = False
+    slope_s, start_s = _line_of(samples[used], t[used], interval_s)
     deviation_s = t - (start_s + slope_s * samples)
-    rounding_s = slope_s if is_coarse else resolution_s
-    u_s = _slope_uncertainty_s(samples[used], deviation_s[used], rounding_s)
-    return Clock(slope_s, u_s, samples, start_s, deviation_s, resolution_s, is_coarse)
+    u_s = _slope_uncertainty_s(samples[used], deviation_s[used], slope_s)
+    return Clock(slope_s, u_s, samples, start_s, deviation_s, resolution_s, 0, is_coarse=True)
+
+
+def _wandering_clock(
+    t: Array,
+    samples: NDArray[np.intp],
+    interval_s: float | None,
+    resolution_s: float,
+    n_repeated: int,
+) -> Clock:
+    """The clock of rows whose steps scatter, so that they leave any grid.
+
+    The interval is the mean step, and each row is the sample that is nearest to its stamp: two rows
+    may be one sample, and a sample may have no row. The parameters are those of
+    :func:`_coarse_clock`.
+    """
+    n_samples = int(samples[-1])
+    mean_s = interval_s or float(t[-1] - t[0]) / n_samples
+    error_s = np.diff(t) - mean_s * np.diff(samples)
+    u_s = float(np.sqrt(np.sum(error_s**2)) / n_samples)
+    start_s = float(np.median(t - mean_s * samples))
+    index = np.rint((t - start_s) / mean_s).astype(np.intp)
+    start_s += mean_s * float(index[0])
+    index -= index[0]
+    deviation_s = t - (start_s + mean_s * index)
+    return Clock(
+        mean_s, u_s, index, start_s, deviation_s, resolution_s, n_repeated, is_wandering=True
+    )
 
 
 def _slope_uncertainty_s(samples: NDArray[np.intp], deviation_s: Array, rounding_s: float) -> float:

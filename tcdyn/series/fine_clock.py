@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
@@ -25,12 +27,34 @@ from tcdyn.series.descriptions import (
 # Prior probability that a row is lost. It decides about the first and the last rows of a log only,
 # where nothing beyond them tells a lost row from a stamp that strays.
 LOST_PROBABILITY = 1e-3
+# Passes of the mean step over the samples that it gives: the first value is forgotten after two.
+STEP_PASSES = 3
+# Scatter of the steps, in intervals, up to which each tells its number of samples: half an interval
+# is then two standard deviations.
+MAX_STEP_SCATTER = 0.25
 
 
-def fit_fine(
-    t: Array, interval_s: float | None, resolution_s: float
-) -> tuple[NDArray[np.intp], float]:
-    """Samples of rows whose stamps all differ, and the length of their description.
+@dataclass(frozen=True)
+class FineClock:
+    """Samples of rows whose stamps all differ.
+
+    Attributes
+    ----------
+    samples
+        Sample of each row (N,), 0 for the first.
+    length
+        Length of the description [natural units of information].
+    is_wandering
+        Whether the steps from row to row scatter, not the stamps about a grid.
+    """
+
+    samples: NDArray[np.intp]
+    length: float
+    is_wandering: bool
+
+
+def fit_fine(t: Array, interval_s: float | None, resolution_s: float) -> FineClock:
+    """Samples of rows whose stamps all differ.
 
     Parameters
     ----------
@@ -43,26 +67,67 @@ def fit_fine(
 
     Returns
     -------
-    samples
-        Sample of each row (N,), 0 for the first.
-    length
-        Length of the description; see :func:`_fine_code_length`.
+    FineClock
+        The shorter description: deviations from a grid, or steps from row to row that scatter.
     """
-    if interval_s is None:
-        first = t[:SEARCH_ROWS]
-        lengths = {}
-        for candidate_s in _first_intervals_s(first):
-            dt = _most_coherent_interval_s(first, candidate_s)
-            dt, _ = line(_place(first, dt), first)
-            lengths[dt] = _fine_code_length(first, _place(first, dt), dt, resolution_s)
-        interval_s = min(lengths, key=lambda dt: lengths[dt])
-        size = SEARCH_ROWS
-        while size < len(t):
-            # an interval from n rows places 4 n rows to a fraction of an interval
-            size = min(4 * size, len(t))
-            interval_s, _ = line(_place(t[:size], interval_s), t[:size])
-    samples = _place(t, interval_s)
-    return samples, _fine_code_length(t, samples, interval_s, resolution_s)
+    grid_s = interval_s or _grid_interval_s(t, resolution_s)
+    samples = _place(t, grid_s)
+    length = _fine_code_length(t, samples, grid_s, resolution_s)
+    step_s = interval_s or _step_interval_s(t, resolution_s)
+    wandering_length = _wandering_code_length(t, step_s, resolution_s)
+    if wandering_length < length:
+        return FineClock(_place_by_steps(t, step_s), wandering_length, True)
+    return FineClock(samples, length, False)
+
+
+def _grid_interval_s(t: Array, resolution_s: float) -> float:
+    """Interval of the grid about which the stamps (N,) scatter [s]."""
+    first = t[:SEARCH_ROWS]
+    lengths = {}
+    for candidate_s in _first_intervals_s(first):
+        dt = _most_coherent_interval_s(first, candidate_s)
+        dt, _ = line(_place(first, dt), first)
+        lengths[dt] = _fine_code_length(first, _place(first, dt), dt, resolution_s)
+    interval_s = min(lengths, key=lambda dt: lengths[dt])
+    size = SEARCH_ROWS
+    while size < len(t):
+        # an interval from n rows places 4 n rows to a fraction of an interval
+        size = min(4 * size, len(t))
+        interval_s, _ = line(_place(t[:size], interval_s), t[:size])
+    return interval_s
+
+
+def _step_interval_s(t: Array, resolution_s: float) -> float:
+    """Interval of stamps (N,) whose steps scatter: their sum over the number of samples [s]."""
+    lengths = {}
+    for candidate_s in _first_intervals_s(t[:SEARCH_ROWS]):
+        dt = candidate_s
+        for _ in range(STEP_PASSES):
+            dt = float(t[-1] - t[0]) / float(_place_by_steps(t, dt)[-1])
+        lengths[dt] = _wandering_code_length(t, dt, resolution_s)
+    return min(lengths, key=lambda dt: lengths[dt])
+
+
+def _place_by_steps(t: Array, interval_s: float) -> NDArray[np.intp]:
+    """Sample of each row of stamps (N,), each as many after the one before as its step tells."""
+    steps = np.maximum(np.rint(np.diff(t) / interval_s), 1)
+    return np.concatenate([[0], np.cumsum(steps)]).astype(np.intp)
+
+
+def _wandering_code_length(t: Array, interval_s: float, resolution_s: float) -> float:
+    """Length of a description of stamps whose steps scatter [natural units of information].
+
+    As :func:`_fine_code_length`, with the scatter of the steps about whole numbers of intervals:
+    deviations then add up from row to row, as for a loop that waits and then reads. Infinite where
+    the steps scatter too much to tell their number of samples.
+    """
+    samples = _place_by_steps(t, interval_s)
+    error_s = np.diff(t) - interval_s * np.diff(samples)
+    scatter_s = float(np.sqrt(np.mean(error_s**2)))
+    if scatter_s > MAX_STEP_SCATTER * interval_s:
+        return np.inf
+    relative = scatter_s / smallest_scatter_s(resolution_s)
+    return len(t) * float(np.log(max(relative, 1.0))) + step_code_length(samples)
 
 
 def _fine_code_length(

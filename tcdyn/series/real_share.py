@@ -132,9 +132,9 @@ def at_grid_times(clock: Clock, share: RealShare, values: Array) -> Array:
     Notes
     -----
     Each reading is shifted along the slope of a straight line through its neighbours on both sides,
-    missing ones left out, by the real part of its deviation.
+    missing ones left out, by the real part of its jitter.
     """
-    late_s = share.value * clock.deviation_s
+    late_s = share.value * clock.jitter_s
     time_s = clock.even_s
     width = 2 * SLOPE_NEIGHBOURS + 1
     t = sliding_window_view(np.pad(time_s + late_s, SLOPE_NEIGHBOURS, mode="edge"), width)
