@@ -19,17 +19,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
-from tcdyn.estimation.time_grid import (
-    fit_grid,
-    grid_indices,
-    has_few_decimals,
-    interval_of_grid,
-    is_jittered,
-    real_jitter_share,
-    sampling_interval_s,
-    shift_to_grid,
-    times_of_grid,
-)
+from tcdyn.series import Clock, at_grid_times, fit_clock, real_share
 
 # Longest gap [s] that is bridged; the content of a longer one is unknown. Chosen by judgement.
 MAX_GAP_S = 0.5
@@ -38,15 +28,12 @@ MAX_INTERVAL_S = 1.0
 # Slowest sampling [s] that gives no warning (20 Hz). Chosen by judgement.
 SLOW_INTERVAL_S = 0.05
 # Share of steps that are not one grid interval long above which there is no common rate. Chosen by
-# judgement.
-MAX_UNEVEN_SHARE = 0.35
+# judgement: half a log at a third of the rate of the other half has more.
+MAX_UNEVEN_SHARE = 0.2
 MIN_ROWS = 10  # of a log; chosen by judgement
-# Steps over the sample interval within which sampling is even: half an interval would be the next
-# position on the grid. Chosen by judgement.
-MIN_EVEN_STEP = 0.55
-MAX_EVEN_STEP = 1.45
-# Relative difference between median and mean step, above which stamps are rounded. By judgement.
-MIN_ROUNDING = 1e-3
+# Scatter of rounded stamps, in sample intervals, from which a finding says that the clock has few
+# decimals. No result depends on it.
+COARSE_ROUNDING = 0.1
 
 
 @dataclass(frozen=True)
@@ -63,24 +50,26 @@ class Sampling:
         Index of each row on the even grid, (N,). Rows may share an index where stamps jitter.
     findings
         Findings about the time column.
-    jitter_s
-        Jitter: how much later than its grid time each sample was taken, (N,) [s]; None where the
-        stamps do not jitter.
+    clock
+        The clock of the rows.
+    late_s
+        How much later than its grid time each sample was taken, (N,) [s]; None where the stamps do
+        not stray.
     """
 
     time_s: Array
     dt_s: float
     grid: NDArray[np.int32]
     findings: tuple[Finding, ...]
-    jitter_s: Array | None = None
+    clock: Clock
+    late_s: Array | None = None
 
 
 def check_time(time: Array, location: SampleLocation) -> Sampling:
     """Check the time column of a log and find its sampling.
 
-    Single missing values are interpolated. Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are
-    recognised as even and replaced by even times. Jittered stamps are replaced by even times, too,
-    and the jitter of each sample is returned.
+    Single missing values are interpolated. Stamps that stray, or are rounded (0.013, 0.027, 0.040
+    at 75 Hz), are replaced by the times of the grid.
 
     Parameters
     ----------
@@ -102,10 +91,8 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
 
     Notes
     -----
-    Even stamps are kept as they are where rounding explains their scatter
-    (``tcdyn.estimation.time_grid.MIN_JITTER``). The
-    order matters: the rate is checked before the grid is fitted, because a gap would spoil the fit.
-    Test: ``tests/rig/test_check_clock.py``.
+    :func:`tcdyn.series.fit_clock` finds interval and grid; this function says what a log of the rig
+    may not have. Test: ``tests/rig/test_check_clock.py``.
     """
     where = location.where
     if len(time) < MIN_ROWS:
@@ -115,17 +102,12 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
     time, findings = _fill_missing(time, location)
     step = np.diff(time)
     _check_rising(time, step, location)
-    median_step = float(np.median(step))
-    dt = interval_of_grid(time, grid_indices(step, sampling_interval_s([time], where)))
+    clock = fit_clock(time)
+    dt = clock.interval_s
     _check_rate_and_gaps(time, step, dt, location)
-    grid = grid_indices(step, dt)
-    intervals = np.diff(grid)
-    strays = is_jittered(step, intervals, dt)
-    if strays:
-        dt, grid = fit_grid(time, len(step) / float(time[-1] - time[0]))
-        intervals = np.diff(grid)
-    is_uneven = (step > MAX_EVEN_STEP * dt) | (step < MIN_EVEN_STEP * dt)
-    if (intervals != 1).mean() > MAX_UNEVEN_SHARE:
+    intervals = np.diff(clock.index)
+    is_uneven = intervals != 1
+    if is_uneven.mean() > MAX_UNEVEN_SHARE:
         raise InputError(
             f"column time_s, row {location.row(int(np.argmax(is_uneven)) + 1)}: sampling is uneven "
             f"({step.min():.4g} to {step.max():.4g} s)",
@@ -133,26 +115,14 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
             expected="one sampling rate",
             remedy="log at one rate, or resample first",
         )
-    jitter = is_uneven & (intervals == 1)
-    if jitter.any() and not strays:
-        row = location.row(int(np.argmax(jitter)) + 1)
-        findings.append(info("time.jitter", subject="time_s", row=row, count=int(jitter.sum())))
-    even, max_offset_s = times_of_grid(time, grid, dt)
-    jitter_s = None
-    if strays:
-        if has_few_decimals(step, max_offset_s):
-            findings.append(info("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
-        else:
-            jitter_s = time - even
+    if not clock.strays and clock.stray_s > COARSE_ROUNDING * dt:
+        findings.append(info("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
     findings += _lost_samples(time, intervals, location)
     if dt > SLOW_INTERVAL_S:
         findings.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
-    # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few
-    # decimals
-    is_rounded = abs(median_step - dt) >= MIN_ROUNDING * dt and max_offset_s < dt
-    if strays or is_rounded:
-        time = even
-    return Sampling(time, dt, grid, tuple(findings), jitter_s)
+    late_s = clock.jitter_s if clock.strays else None
+    grid = clock.index.astype(np.int32)
+    return Sampling(clock.even_s, dt, grid, tuple(findings), clock, late_s)
 
 
 def _check_rising(time: Array, step: Array, location: SampleLocation) -> None:
@@ -277,9 +247,9 @@ def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) 
     -----
     Test: ``tests/rig/test_check_clock.py`` (compensation loses little).
     """
-    if sampling.jitter_s is None or not name.endswith("_degC"):
+    if sampling.late_s is None or not name.endswith("_degC"):
         return values
-    return shift_to_grid(values, sampling.time_s[rows], sampling.jitter_s[rows])
+    return at_grid_times(values, sampling.time_s[rows], sampling.late_s[rows])
 
 
 def scale_jitter(sampling: Sampling, sample: pd.DataFrame) -> Sampling:
@@ -294,24 +264,20 @@ def scale_jitter(sampling: Sampling, sample: pd.DataFrame) -> Sampling:
     sample
         Cleaned columns; the index holds the rows of the file.
     """
-    if sampling.jitter_s is None:
+    if sampling.late_s is None:
         return sampling
     names = [name for name in sample if str(name).endswith("_degC")]
     rows = sample.index.to_numpy()
-    values = sample[names].to_numpy()
-    share = real_jitter_share(values, rows, sampling.grid, sampling.dt_s, sampling.jitter_s)
+    columns = [sample[name].to_numpy() for name in names]
+    share = real_share(sampling.clock, columns, rows).value
     finding = info(
         "time.strays",
         subject="time_s",
-        stray_s=float(np.std(sampling.jitter_s)),
+        stray_s=float(np.std(sampling.late_s)),
         percent=100 * share,
         rate_Hz=1 / sampling.dt_s,
     )
-    return replace(
-        sampling,
-        jitter_s=share * sampling.jitter_s,
-        findings=(*sampling.findings, finding),
-    )
+    return replace(sampling, late_s=share * sampling.late_s, findings=(*sampling.findings, finding))
 
 
 def sample_interval_s(time_s: Array) -> float:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.estimation.trace_noise import MAD_TO_SD
@@ -49,7 +50,9 @@ class RealShare:
     u: float
 
 
-def real_share(clock: Clock, columns: Sequence[Array]) -> RealShare:
+def real_share(
+    clock: Clock, columns: Sequence[Array], rows: NDArray[np.integer] | None = None
+) -> RealShare:
     """Estimate the share of the deviations of the stamps that is real.
 
     Parameters
@@ -57,7 +60,9 @@ def real_share(clock: Clock, columns: Sequence[Array]) -> RealShare:
     clock
         The clock of the rows.
     columns
-        Readings of the rows, (N,) each in any unit, NaN where there is none.
+        Readings, (M,) each in any unit, NaN where there is none.
+    rows
+        Rows of the clock that the readings belong to (M,), rising; None: all.
 
     Returns
     -------
@@ -83,13 +88,21 @@ def real_share(clock: Clock, columns: Sequence[Array]) -> RealShare:
     (1.0, 0.0)
     """
     half = SHARE_HALF_WINDOW
-    n = len(clock.index)
+    selected = np.arange(len(clock.index)) if rows is None else rows
+    n = len(selected)
     numerator = STAMP_PRIOR
     information = STAMP_PRIOR
     if n > 4 * half:
-        is_contiguous = clock.index[2 * half :] - clock.index[: -2 * half] == 2 * half
+        index = clock.index[selected]
+        n_samples = index[2 * half :] - index[: -2 * half]
+        # a clock that wanders puts a row on the next sample now and then
+        has_all_samples = np.abs(n_samples - 2 * half) <= int(clock.is_wandering)
+        has_all_rows = selected[2 * half :] - selected[: -2 * half] == 2 * half
+        is_contiguous = has_all_samples & has_all_rows
         inside = slice(half - 2, n - half - 2)
-        deviation = np.diff(clock.deviation_s / clock.interval_s, 4)[inside]
+        # rows one after the other: even times have no fourth difference
+        stamps_s = (clock.even_s + clock.deviation_s)[selected]
+        deviation = np.diff(stamps_s / clock.interval_s, 4)[inside]
         weights = np.arange(half, -half - 1, -1.0)
         lever = float(np.sum(weights**2))
         for y in columns:
@@ -112,17 +125,17 @@ def real_share(clock: Clock, columns: Sequence[Array]) -> RealShare:
     return RealShare(value, float(1 / np.sqrt(information)))
 
 
-def at_grid_times(clock: Clock, share: RealShare, values: Array) -> Array:
+def at_grid_times(values: Array, grid_times_s: Array, late_s: Array) -> Array:
     """Shift readings from their own times to the times of the grid.
 
     Parameters
     ----------
-    clock
-        The clock of the rows.
-    share
-        Share of the deviations that is real.
     values
         Readings of the rows (N,), NaN where there is none.
+    grid_times_s
+        Time of each row on the grid (N,) [s].
+    late_s
+        How much later each reading was taken (N,) [s]: the real share of the jitter of the clock.
 
     Returns
     -------
@@ -132,21 +145,19 @@ def at_grid_times(clock: Clock, share: RealShare, values: Array) -> Array:
     Notes
     -----
     Each reading is shifted along the slope of a straight line through its neighbours on both sides,
-    missing ones left out, by the real part of its jitter.
+    missing ones left out.
     """
-    late_s = share.value * clock.jitter_s
-    time_s = clock.even_s
     width = 2 * SLOPE_NEIGHBOURS + 1
-    t = sliding_window_view(np.pad(time_s + late_s, SLOPE_NEIGHBOURS, mode="edge"), width)
+    t = sliding_window_view(np.pad(grid_times_s + late_s, SLOPE_NEIGHBOURS, mode="edge"), width)
     y = sliding_window_view(np.pad(values, SLOPE_NEIGHBOURS, constant_values=np.nan), width)
     used = np.isfinite(y)
     count = np.maximum(used.sum(axis=1), 1)
-    centred_t = _about_mean(np.where(used, t - time_s[:, None], 0.0), used, count)
+    centred_t = _about_mean(np.where(used, t - grid_times_s[:, None], 0.0), used, count)
     centred_y = _about_mean(np.where(used, y, 0.0), used, count)
     lever = (centred_t**2).sum(axis=1)
     product = (centred_t * centred_y).sum(axis=1)
     slope = np.divide(product, lever, out=np.zeros_like(product), where=lever > 0)
-    return values - late_s * slope
+    return np.asarray(values - late_s * slope)
 
 
 def _about_mean(windows: Array, used: Flags, count: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
-from tcdyn.rig.check_clock import Sampling, check_time, scale_jitter
+from tcdyn.rig.check_clock import check_time, scale_jitter
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.log import Log, read_log
 from tcdyn.smoothing import smooth
@@ -120,17 +120,19 @@ def test_readings_show_whether_samples_or_only_stamps_strayed(tmp_path, jitter_k
 
 
 def test_real_share_of_the_jitter_does_not_depend_on_the_unit_of_the_readings():
-    """Stamps of 10 ms rms, half of it real; the noise is about as informative as the prior on the
+    """Stamps of 3 ms rms, half of it real; the noise is about as informative as the prior on the
     stamps."""
     rng = np.random.default_rng(0)
     n = 2000
     t = np.arange(n) * DT
-    jitter_s = 0.01 * rng.standard_normal(n)
-    y = 100 + 10 * np.sin(2 * np.pi * t / 5) + 0.2 * rng.standard_normal(n)
+    jitter_s = 0.003 * rng.standard_normal(n)
+    y = 100 + 10 * np.sin(2 * np.pi * t / 5) + 0.05 * rng.standard_normal(n)
     y += 0.5 * jitter_s * 4 * np.pi * np.cos(2 * np.pi * t / 5)
-    sampling = Sampling(t, DT, np.arange(n, dtype=np.int32), (), jitter_s)
+    sampling = check_time(t + jitter_s, SampleLocation("log.csv"))
+    assert sampling.late_s is not None
+    late_s = sampling.late_s[7]
     shares = [
-        scale_jitter(sampling, pd.DataFrame({"a_degC": k * y})).jitter_s[7] / jitter_s[7]
+        scale_jitter(sampling, pd.DataFrame({"a_degC": k * y})).late_s[7] / late_s
         for k in (1.0, 1e-3, 1e3)
     ]
     assert shares == pytest.approx([shares[0]] * 3, rel=1e-9)
@@ -182,7 +184,7 @@ def test_irregular_stamps_give_one_rate_for_any_start_time():
     from_zero, a_day_later = (
         check_time(start_s + stamps, SampleLocation("log.csv")) for start_s in (0.0, 86_400.0)
     )
-    assert from_zero.jitter_s is not None
+    assert from_zero.late_s is not None
     assert a_day_later.dt_s == pytest.approx(from_zero.dt_s, rel=1e-9)
     # the ends stray by a fifth of an interval, of 2900
     assert from_zero.dt_s == pytest.approx(DT, rel=1e-4)

@@ -58,7 +58,8 @@ def test_shifted_readings_are_those_of_the_grid() -> None:
     clock = fit_clock(stamps_s)
     true_K = reading_degC(clock.even_s, 0.0, rng)
     readings = reading_degC(stamps_s, NOISE_K, rng)
-    shifted = at_grid_times(clock, real_share(clock, [readings]), readings)
+    late_s = real_share(clock, [readings]).value * clock.jitter_s
+    shifted = at_grid_times(readings, clock.even_s, late_s)
     as_read = float(np.std(readings - true_K))
     rest = float(np.std(shifted - true_K))
     assert as_read > 0.5 * SCATTER * clock.interval_s * 8 * np.pi / np.sqrt(2)
@@ -71,11 +72,11 @@ def test_a_missing_reading_stays_missing_and_changes_its_neighbours_little() -> 
     stamps_s, _, _ = make_stamps(Case(jitter=SCATTER), rng, 500)
     clock = fit_clock(stamps_s)
     readings = reading_degC(stamps_s, 0.0, rng)
-    share = real_share(clock, [readings])
+    late_s = real_share(clock, [readings]).value * clock.jitter_s
     gap = readings.copy()
     gap[250] = np.nan
-    shifted = at_grid_times(clock, share, gap)
+    shifted = at_grid_times(gap, clock.even_s, late_s)
     assert np.isnan(shifted[250])
     assert np.count_nonzero(np.isnan(shifted)) == 1
-    whole = at_grid_times(clock, share, readings)
+    whole = at_grid_times(readings, clock.even_s, late_s)
     assert np.nanmax(np.abs(shifted - whole)) < 0.01
