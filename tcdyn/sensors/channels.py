@@ -23,14 +23,15 @@ from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import (
-    EvenTimes,
     TableSegment,
+    at_even_times,
     check_numbers,
     even_times,
     on_grid,
     without_repeats,
 )
 from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
+from tcdyn.series import Clock
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
 # judgement (memory).
@@ -133,13 +134,17 @@ class TableChannels:
             findings += unit_findings(channel.column, channel.unit, values)
         if len(segment.time_s) < MIN_ROWS:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
-        grid, grid_findings = even_times(segment.time_s, self.where)
-        findings += grid_findings
-        size = int(grid.index[-1]) + 1
-        group_size = min(max(int(MAX_VALUES / size), 1), MAX_COLUMNS)
+        clock, clock_findings = even_times(segment.time_s, self.where)
+        findings += clock_findings
+        group_size = min(max(int(MAX_VALUES / clock.size), 1), MAX_COLUMNS)
         prepared = []
         for group in self.groups:
             degC = [_readings_degC(channel, segment) for channel in group.channels]
+            if clock.strays:
+                columns_degC = {c.column: values for c, values in zip(group.channels, degC)}
+                columns_degC, jitter_findings = at_even_times(columns_degC, clock, "time")
+                degC = list(columns_degC.values())
+                findings += jitter_findings
             alive = []
             for i, channel in enumerate(group.channels):
                 if np.count_nonzero(np.isfinite(degC[i])) < MIN_ROWS:
@@ -147,19 +152,20 @@ class TableChannels:
                     continue
                 alive.append(i)
                 lag_s = channel.chain.lag_s
-                if grid.dt_s > SLOW_ROWS_LAGS * lag_s:
+                dt_s = clock.interval_s
+                if dt_s > SLOW_ROWS_LAGS * lag_s:
                     findings.append(
-                        warning("sensor.slow", subject=channel.column, dt_s=grid.dt_s, lag_s=lag_s)
+                        warning("sensor.slow", subject=channel.column, dt_s=dt_s, lag_s=lag_s)
                     )
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
-                columns = [on_grid(degC[i], grid, size) for i in indices]
+                columns = [on_grid(degC[i], clock) for i in indices]
                 for k, i in enumerate(indices):
                     column = group.channels[i].column
-                    columns[k], repeats = without_repeats(columns[k], column, grid.dt_s)
+                    columns[k], repeats = without_repeats(columns[k], column, clock.interval_s)
                     findings += repeats
                 y = np.stack(columns, axis=1)
-                prepared.append(_readings_of(group, indices, y, float(segment.time_s[0]), grid))
+                prepared.append(_readings_of(group, indices, y, clock))
         return prepared, findings
 
 
@@ -172,7 +178,7 @@ def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
 
 
 def _readings_of(
-    group: ChannelGroup, indices: list[int], y: Array, start_s: float, grid: EvenTimes
+    group: ChannelGroup, indices: list[int], y: Array, clock: Clock
 ) -> ChannelReadings:
     """Readings of some channels of a group with their units, chains and uncertainties.
 
@@ -184,10 +190,8 @@ def _readings_of(
         Indices (M,) in the group of the channels that have readings.
     y
         Their readings (N, M) [degC], NaN where missing.
-    start_s
-        Time of the first row of the segment [s].
-    grid
-        The even times of the readings.
+    clock
+        The clock of the rows.
     """
     channels = [group.channels[i] for i in indices]
     static_u_K = np.zeros_like(y)
@@ -200,9 +204,9 @@ def _readings_of(
         tuple(channel.column for channel in channels),
         tuple(channel.unit for channel in channels),
         y,
-        start_s,
-        grid.dt_s,
-        grid.index,
+        clock.start_s,
+        clock.interval_s,
+        clock.index,
         tuple(channel.chain for channel in channels),
         group.lag_covariance_s2[np.ix_(indices, indices)],
         group.split_u_s[indices],

@@ -20,17 +20,6 @@ from immersion.plunge_data import without_spikes
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.time_grid import (
-    MIN_JITTER,
-    fit_grid,
-    grid_indices,
-    has_few_decimals,
-    real_jitter_share,
-    sampling_interval_s,
-    shift_to_grid,
-    step_scatter,
-    times_of_grid,
-)
 from tcdyn.estimation.updates import find_updates
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
@@ -40,11 +29,10 @@ from tcdyn.io.times import (
     TimeColumn,
     find_time_column,
     is_time_name,
-    rows_of_repeated_stamps,
-    rows_of_rounded_stamps,
 )
 from tcdyn.rig.plausible import dropout_codes, out_of_range
 from tcdyn.sensors.units import Unit, is_match, unit_findings
+from tcdyn.series import Clock, at_grid_times, fit_clock, real_share
 from tcdyn.smoothing.intervals import SETTLING
 from tcdyn.smoothing.process_noise import FLOOR
 
@@ -69,11 +57,6 @@ MIN_GAP_INTERVALS = 60  # a shorter gap never splits; chosen by judgement
 LONGEST_GAP_ROWS = 60
 MIN_ROWS = 10  # of a record with an interval; chosen by judgement
 LONGEST_TABLE_S = 1e11  # 3000 years; beyond it the unit of the time is wrong
-# Share of repeated time stamps from which the clock may have few decimals; chosen by judgement.
-FEW_DECIMALS_SHARE = 0.02
-# Share of repeated time stamps above which they are the clock's resolution and not double rows;
-# chosen by judgement.
-MOSTLY_REPEATED = 0.3
 # Rows of the even times of a record up to which any share may be missing, and rows of even times
 # for each row of the table above it: bounds the memory. By judgement.
 MAX_GRID_ROWS = 1_000_000
@@ -81,29 +64,18 @@ MAX_GRID_SHARE = 50
 # Relative standard uncertainty of a rate from which a warning is given: lags are wrong by as much;
 # by judgement.
 UNSURE_RATE = 0.01
-# Rms deviation of the time stamps from even times, in intervals, from which a warning is given; by
-# judgement.
-UNEVEN = 0.2
-
-
-@dataclass(frozen=True)
-class EvenTimes:
-    """Positions of rows on even times.
-
-    Attributes
-    ----------
-    index
-        Position of each row (N,), in samples.
-    dt_s
-        Interval [s].
-    jitter_s
-        How much later than its even time each row is stamped (N,) [s]; None where the stamps do not
-        stray.
-    """
-
-    index: NDArray[np.intp]
-    dt_s: float
-    jitter_s: Array | None = None
+# Typical deviation of rounded stamps, in intervals, from which a finding says that the clock has
+# few decimals. No result depends on it.
+COARSE_ROUNDING = 0.1
+# Scatter of stamps, in intervals, from which a warning is given: readings taken so unevenly are not
+# shifted to even times well enough. At 0.2, lags of pairs are within their uncertainty; at 0.3,
+# their errors are twice as large (``tests/sensors/test_uneven_stamps.py``, 12 pairs each).
+UNEVEN = 0.25
+# Real share of the jitter, and its standard uncertainty, below which only the stamps stray.
+UNSURE_SHARE = 0.25
+# Scatter of the first rows of the stamps of a coarse clock, in intervals, above which the rows are
+# not even: within one interval it is at most 0.5, and 0.3 for an even spread.
+UNEVEN_COARSE = 1.0
 
 
 @dataclass(frozen=True)
@@ -325,9 +297,8 @@ def read_columns(
     for name, values in raw.items():
         check_numbers(name, values, source.table.where)
     findings = [finding for _, _, noted in chunks for finding in noted]
-    grid, grid_findings = even_times(t, where)
-    check_gaps(t, grid.dt_s, where)
-    size = int(grid.index[-1]) + 1
+    clock, clock_findings = even_times(t, where)
+    check_gaps(t, clock.interval_s, where)
     rows = {}
     for name in columns:
         values = raw[name]
@@ -342,15 +313,14 @@ def read_columns(
             values, codes = _without_codes(name, unit.in_degC(values, reference))
             findings += codes
         rows[name] = values
-    start_s = float(t[0])
-    if grid.jitter_s is not None:
-        start_s -= float(grid.jitter_s[0])
+    if clock.strays:
         temperatures = {name: rows[name] for name in columns if name in units}
-        shifted, found = _without_jitter(temperatures, t, grid, source.time)
+        shifted, found = at_even_times(temperatures, clock, source.time)
         rows |= shifted
-        grid_findings += found
-    out = {name: on_grid(rows[name], grid, size) for name in columns}
-    return start_s + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
+        clock_findings += found
+    out = {name: on_grid(rows[name], clock) for name in columns}
+    time_s = np.asarray(clock.start_s + clock.interval_s * np.arange(clock.size), dtype=float)
+    return time_s, out, [*findings, *clock_findings]
 
 
 def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
@@ -470,10 +440,8 @@ def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
         )
 
 
-def even_times(
-    time_s: Array, where: str, dt_s: float | None = None
-) -> tuple[EvenTimes, list[Finding]]:
-    """Return the positions of the rows on even times.
+def even_times(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Clock, list[Finding]]:
+    """Return the clock of the rows.
 
     Parameters
     ----------
@@ -486,8 +454,8 @@ def even_times(
 
     Returns
     -------
-    grid, findings
-        Positions and interval; findings about the stamps.
+    clock, findings
+        The clock; findings about the stamps.
 
     Raises
     ------
@@ -496,54 +464,12 @@ def even_times(
 
     Notes
     -----
-    Stamps of few decimals repeat, or their steps alternate. They are taken as even where the rows
-    are.
-
-    The interval is the mean, so that rounded stamps do not drift. A row goes to the position that
-    its step gives; where the steps do not add up, to the nearest one.
-    ``tests/sensors/test_sensor_table.py`` checks clocks that wander and stamps that repeat.
+    :func:`tcdyn.series.fit_clock` finds the clock; this function says what a table may not have.
     """
     _check_rising(time_s, where)
-    step = np.diff(time_s)
-    findings: list[Finding] = []
-    repeated = step == 0
-    is_repeating = repeated.mean() > FEW_DECIMALS_SHARE
-    even = (rows_of_repeated_stamps if is_repeating else rows_of_rounded_stamps)(time_s)
-    if even is not None:
-        dt = dt_s or even.interval_s
-        severity = warning if even.u_s > UNSURE_RATE * dt else info
-        finding = severity("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * even.u_s / dt)
-        return EvenTimes(even.grid_indices, dt), [finding]
-    if is_repeating:
-        if repeated.mean() > MOSTLY_REPEATED:
-            raise InputError(
-                "most time stamps are repeated, and the rows between them are not even",
-                where=where,
-                expected="stamps as fine as the sampling interval",
-                remedy="log finer stamps, or cut the table where rows are missing",
-            )
-        row = int(np.argmax(repeated))
-        findings.append(info("sensor.repeated", count=int(repeated.sum()), row=row + 2))
-    dt = dt_s or sampling_interval_s([time_s], where)
-    position = (time_s - time_s[0]) / dt
-    place = grid_indices(step, dt)
-    strays = step_scatter(step, np.diff(place), dt) > MIN_JITTER
-    deviation = position - place
-    deviation -= np.median(deviation)
-    rounded = np.minimum(np.abs(deviation - np.rint(deviation)), 0.5)
-    if np.abs(deviation).max() > 0.6:  # the steps do not add up: each row to its nearest position
-        if strays:
-            dt, place = fit_grid(time_s)
-            position = (time_s - times_of_grid(time_s, place, dt)[0]) / dt + place
-        else:
-            place = np.maximum.accumulate(np.rint(position))
-        rounded = position - place
-    jitter_s = None
-    if strays:
-        even_s, max_offset_s = times_of_grid(time_s, place, dt)
-        if not has_few_decimals(step[~repeated], max_offset_s):
-            jitter_s = time_s - even_s
-    if place[-1] > max(MAX_GRID_ROWS, MAX_GRID_SHARE * len(time_s)):
+    clock = fit_clock(time_s, dt_s)
+    dt = clock.interval_s
+    if clock.size > max(MAX_GRID_ROWS, MAX_GRID_SHARE * len(time_s)):
         raise InputError(
             f"{len(time_s)} rows at an interval of {dt:.3g} s in {time_s[-1] - time_s[0]:.3g} "
             "s: most rows are missing",
@@ -551,14 +477,35 @@ def even_times(
             expected=f"one row in {MAX_GRID_SHARE:g} at least",
             remedy="check the unit of the time, or cut the table at its gaps",
         )
-    stray = float(np.sqrt(np.mean(rounded**2)))
-    if stray > UNEVEN:
-        findings.append(warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt))
-    return EvenTimes(place.astype(np.intp), dt, jitter_s), findings
+    _check_coarse(clock, where)
+    deviation_s = float(np.median(np.abs(clock.deviation_s)))
+    if not clock.strays and deviation_s > COARSE_ROUNDING * dt:
+        severity = warning if clock.u_interval_s > UNSURE_RATE * dt else info
+        percent = 100 * clock.u_interval_s / dt
+        return clock, [severity("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)]
+    if clock.n_repeated:
+        row = int(np.argmax(np.diff(time_s) == 0))
+        return clock, [info("sensor.repeated", count=clock.n_repeated, row=row + 2)]
+    return clock, []
 
 
-def _without_jitter(
-    columns: Mapping[str, Array], time_s: Array, grid: EvenTimes, time: str
+def _check_coarse(clock: Clock, where: str) -> None:
+    """Raise InputError for a coarse clock whose rows are not even."""
+    if not clock.is_coarse:
+        return
+    first_rows = np.flatnonzero(np.diff(clock.even_s + clock.deviation_s) > 0) + 1
+    scatter = float(np.std(clock.deviation_s[first_rows])) / clock.interval_s
+    if scatter > UNEVEN_COARSE:
+        raise InputError(
+            "most time stamps are repeated, and the rows between them are not even",
+            where=where,
+            expected="stamps as fine as the sampling interval",
+            remedy="log finer stamps, or cut the table where rows are missing",
+        )
+
+
+def at_even_times(
+    columns: Mapping[str, Array], clock: Clock, time: str
 ) -> tuple[dict[str, Array], list[Finding]]:
     """Readings at the even times, where they were taken at other ones.
 
@@ -566,10 +513,8 @@ def _without_jitter(
     ----------
     columns
         Temperatures of the rows (N,), by column.
-    time_s
-        Time stamps (N,) [s].
-    grid
-        Positions of the rows, with their jitter.
+    clock
+        The clock of the rows.
     time
         Name of the time column, for the finding.
 
@@ -579,31 +524,29 @@ def _without_jitter(
         The temperatures, shifted by that share of the jitter that they confirm; values that only
         repeat the last one, and spikes, are left as they are.
     findings
-        Empty, or one with the share.
+        One with the share, and a warning where readings were taken too unevenly.
 
     Notes
     -----
-    As for logs of the rig (``tcdyn.rig.check_clock``): whether the samples or only the stamps stray
-    is decided by the readings. ``tests/sensors/test_uneven_stamps.py`` has both.
+    Whether the samples or only the stamps stray is decided by the readings.
+    ``tests/sensors/test_uneven_stamps.py`` has both.
     """
-    jitter_s = grid.jitter_s
     names = [name for name, values in columns.items() if not find_updates(values).repeats_values]
-    if jitter_s is None or not names:
-        return dict(columns), []
-    readings, _ = without_spikes(np.column_stack([columns[name] for name in names]))
-    rows = np.arange(len(time_s))
-    share = real_jitter_share(readings, rows, grid.index, grid.dt_s, jitter_s)
+    rate_Hz = 1 / clock.interval_s
+    stray_s = float(np.std(clock.jitter_s))
+    readings = []
+    if names:
+        readings = list(without_spikes(np.column_stack([columns[name] for name in names]))[0].T)
+    share = real_share(clock, readings)
+    late_s = share.value * clock.jitter_s
     out = dict(columns)
-    for name, values in zip(names, readings.T):
-        shifted = shift_to_grid(values, time_s - jitter_s, share * jitter_s)
+    for name, values in zip(names, readings):
+        shifted = at_grid_times(values, clock.even_s, late_s)
         out[name] = np.where(np.isfinite(shifted), shifted, columns[name])
-    found = info(
-        "time.strays",
-        subject=time,
-        stray_s=float(np.std(jitter_s)),
-        percent=100 * share,
-        rate_Hz=1 / grid.dt_s,
-    )
+    percent = 100 * share.value
+    found = info("time.strays", subject=time, stray_s=stray_s, percent=percent, rate_Hz=rate_Hz)
+    if (share.value > UNSURE_SHARE or share.u > UNSURE_SHARE) and stray_s > UNEVEN / rate_Hz:
+        return out, [found, warning("sensor.uneven", rate_Hz=rate_Hz, stray_s=stray_s)]
     return out, [found]
 
 
@@ -917,26 +860,25 @@ def _rounded_margin(rows: float) -> int:
     return int(min(step * np.ceil(rows / step), MAX_MARGIN_ROWS))
 
 
-def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
-    """Return values at their positions on even times.
+def on_grid(values: Array, clock: Clock) -> Array:
+    """Return values at their samples.
 
     Parameters
     ----------
     values
         Values of the rows (N,).
-    grid
-        Positions of the rows.
-    size
-        Number of positions.
+    clock
+        The clock of the rows.
 
     Returns
     -------
     array
-        Values (size,); NaN where there is no row, the mean where there are several.
+        Values of the samples; NaN where there is no row, the mean where there are several.
     """
     finite = np.isfinite(values)
-    total = np.bincount(grid.index[finite], values[finite], minlength=size)
-    count = np.bincount(grid.index[finite], minlength=size)
+    index = clock.index[finite]
+    total = np.bincount(index, values[finite], minlength=clock.size)
+    count = np.bincount(index, minlength=clock.size)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 

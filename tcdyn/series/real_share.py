@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tcdyn.core import Array, Flags
+from tcdyn.core import Array
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.series.clock import Clock
 
@@ -27,8 +27,8 @@ STAMP_PRIOR = 4.0
 MIN_SLOPE_U = 4.0
 # Rows on each side of a window whose slope the estimate uses.
 SHARE_HALF_WINDOW = 8
-# Neighbours on each side whose slope shifts a reading to its grid time: more average the noise,
-# less follow the curvature. White noise grows by 1 % (``tests/series/test_real_share.py``).
+# Neighbours on each side whose parabola shifts a reading to its grid time: more average the noise,
+# less follow the signal. White noise grows by 1 % (``tests/series/test_real_share.py``).
 SLOPE_NEIGHBOURS = 3
 # Sum of the squares of the coefficients 1, -4, 6, -4, 1 of a fourth difference.
 FOURTH_DIFFERENCE = 70.0
@@ -144,23 +144,24 @@ def at_grid_times(values: Array, grid_times_s: Array, late_s: Array) -> Array:
 
     Notes
     -----
-    Each reading is shifted along the slope of a straight line through its neighbours on both sides,
-    missing ones left out.
+    Each reading is shifted along the parabola through its neighbours on both sides, missing ones
+    left out. A straight line would leave half the mean square of the deviations times the second
+    derivative. Where fewer than three neighbours have readings, the reading is not shifted.
     """
     width = 2 * SLOPE_NEIGHBOURS + 1
-    t = sliding_window_view(np.pad(grid_times_s + late_s, SLOPE_NEIGHBOURS, mode="edge"), width)
+    times_s = grid_times_s + late_s
+    unit_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    t = sliding_window_view(np.pad(times_s, SLOPE_NEIGHBOURS, mode="edge"), width)
     y = sliding_window_view(np.pad(values, SLOPE_NEIGHBOURS, constant_values=np.nan), width)
-    used = np.isfinite(y)
-    count = np.maximum(used.sum(axis=1), 1)
-    centred_t = _about_mean(np.where(used, t - grid_times_s[:, None], 0.0), used, count)
-    centred_y = _about_mean(np.where(used, y, 0.0), used, count)
-    lever = (centred_t**2).sum(axis=1)
-    product = (centred_t * centred_y).sum(axis=1)
-    slope = np.divide(product, lever, out=np.zeros_like(product), where=lever > 0)
-    return np.asarray(values - late_s * slope)
-
-
-def _about_mean(windows: Array, used: Flags, count: Array) -> Array:
-    """Windows (N, W) about the mean of their used values; zero where a value is not used."""
-    means = windows.sum(axis=1) / count
-    return np.where(used, windows - means[:, None], 0.0)
+    used = np.isfinite(y) & np.isfinite(values)[:, None]
+    since = np.where(used, (t - times_s[:, None]) / unit_s, 0.0)
+    change = np.where(used, y - values[:, None], 0.0)
+    powers = np.stack([used.astype(float), since, since**2], axis=2)
+    normal = np.einsum("nwi,nwj->nij", powers, powers)
+    right = np.einsum("nwi,nw->ni", powers, change)
+    is_determined = used.sum(axis=1) > 3
+    normal[~is_determined] = np.eye(3)
+    right[~is_determined] = 0.0
+    parabola = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    shift = -late_s / unit_s
+    return np.asarray(values + parabola[:, 1] * shift + parabola[:, 2] * shift**2)

