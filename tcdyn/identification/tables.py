@@ -19,7 +19,6 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.core.labels import seconds_of_index
-from tcdyn.estimation.time_grid import sampling_interval_s
 from tcdyn.identification.holds import (
     HOLD_CODES,
     Hold,
@@ -39,19 +38,16 @@ from tcdyn.io.times import (
     TimeColumn,
     find_time_column,
     is_time_name,
-    rows_of_repeated_stamps,
-    rows_of_rounded_stamps,
 )
 from tcdyn.io.unit_names import column_named
 from tcdyn.rig.plausible import dropout_codes, overload_codes
+from tcdyn.series import Clock, fit_clock
 
 # Findings of the reader about values and times, which the data keep
 LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")
-# Thresholds, chosen by judgement.
-# Share of repeated time stamps, above which the clock has too few decimals.
-MAX_REPEATED_STAMPS = 0.02
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
-# Largest departure from an even time grid, in sampling intervals.
+# Largest departure of a row from an even time grid, in sampling intervals, that the fit may ignore;
+# chosen by judgement.
 MAX_JITTER = 0.05
 
 
@@ -145,19 +141,24 @@ def from_frame(
     times = [np.empty(0)] * len(groups)
     if clock is not None:
         times = [_row_times(group, clock, where) for _, group in groups]
+    locations = [f"{where}, run {label}" if label else where for label, _ in groups]
+    clocks: list[Clock | None] = [None] * len(groups)
+    if clock is not None:
+        for t, location in zip(times, locations):
+            check_times(t, clock.name, location)
+        clocks = [fit_clock(t, dt_s) if len(t) > 1 else None for t in times]
     if dt_s is not None:
         interval = dt_s
     elif resample_s is not None:
         interval = resample_s
     else:
-        interval = sampling_interval_s(times, where)
+        interval = sampling_interval_s(clocks, where)
     if not 0 < interval < np.inf:
         raise InputError(
             f"the sampling interval is {interval:g} s", where=where, expected="a number above zero"
         )
     runs = []
     code_counts: dict[str, int] = {}
-    locations = [f"{where}, run {label}" if label else where for label, _ in groups]
     read_inputs = [
         _readings_of_columns(group, inputs, location, overload_codes, code_counts)
         for (_, group), location in zip(groups, locations)
@@ -169,16 +170,20 @@ def from_frame(
         rows = np.concatenate(read_inputs)
         selected, findings = select_holds(hold, inputs, rows, interval)
         holds = check_hold(selected, len(inputs), where)
-    for (label, group), t, u, location in zip(groups, times, read_inputs, locations):
+    for k, ((label, group), t, u) in enumerate(zip(groups, times, read_inputs)):
+        location = locations[k]
+        run_clock = clocks[k]
         y = _readings_of_columns(group, outputs, location, _output_codes, code_counts)
         start_s = 0.0
-        if time is not None:
-            check_times(t, time, location)
+        if time is not None and len(t):
             start_s = float(t[0])
+        if time is not None and run_clock is not None:
             if resample_s is None:
-                u, y = to_even_grid(t, u, y, interval, time, location)
+                u, y = to_even_grid(t, u, y, run_clock, time, location)
             else:
-                u, y = resampled(t, u, y, interval, hold_of_each(holds, len(inputs)), location)
+                row_times = run_clock.even_s if run_clock.is_coarse else t
+                held = hold_of_each(holds, len(inputs))
+                u, y = resampled(row_times, u, y, interval, held, location)
         runs.append(
             IOData.from_arrays(
                 u,
@@ -335,21 +340,12 @@ def _row_times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     Returns
     -------
     array
-        Times (N,) [s]; stamps of a clock of few decimals are replaced by an even grid.
+        Times (N,) [s].
     """
     is_clock = frame[clock.name].dtype.kind not in "iufb"
     times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
     clock.check_step(times_s, is_clock)
-    if len(times_s) <= 2 or not np.isfinite(times_s).all():
-        return times_s
-    steps = np.diff(times_s)
-    if not (steps >= 0).all():
-        return times_s
-    is_repeating = np.mean(steps == 0) > MAX_REPEATED_STAMPS
-    even_rows = (rows_of_repeated_stamps if is_repeating else rows_of_rounded_stamps)(times_s)
-    if even_rows is None:
-        return times_s
-    return np.asarray(times_s[0] + even_rows.interval_s * even_rows.grid_indices, dtype=float)
+    return times_s
 
 
 def _output_codes(values: Array) -> Flags:
@@ -532,8 +528,36 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
     return converted.to_numpy(dtype=float)
 
 
+def sampling_interval_s(clocks: Sequence[Clock | None], where: str) -> float:
+    """Return the sampling interval [s] of several runs: their time over their samples.
+
+    Parameters
+    ----------
+    clocks
+        Clock of each run; None for a run of one row.
+    where
+        Table that errors name.
+
+    Returns
+    -------
+    float
+        Sampling interval [s].
+
+    Raises
+    ------
+    InputError
+        If no run has two samples.
+    """
+    known = [clock for clock in clocks if clock is not None]
+    if not known:
+        raise InputError("has fewer than two samples", where=where, expected="a record")
+    n_steps = np.array([clock.size - 1 for clock in known])
+    intervals_s = np.array([clock.interval_s for clock in known])
+    return float(n_steps @ intervals_s / n_steps.sum())
+
+
 def check_times(t: Array, column: str, where: str) -> None:
-    """Raise InputError for missing, repeated and backward times ``t`` (N,) [s].
+    """Raise InputError for missing and backward times ``t`` (N,) [s], and for one time in all rows.
 
     Parameters
     ----------
@@ -550,16 +574,21 @@ def check_times(t: Array, column: str, where: str) -> None:
     if np.isnan(t).any():
         row = np.flatnonzero(np.isnan(t))[0] + 1
         raise InputError(f"column {column} is empty in row {row}", where=where)
-    backward = np.flatnonzero(np.diff(t) <= 0)
+    backward = np.flatnonzero(np.diff(t) < 0)
     if len(backward):
-        k = int(backward[0])
-        problem = "repeats" if t[k + 1] == t[k] else "runs backwards"
-        raise InputError(
-            f"column {column} {problem} at row {k + 2} ({t[k]:g} s then {t[k + 1]:g} s)",
-            where=where,
-            expected="increasing time",
-            remedy="name the column that separates the runs, or remove the row",
-        )
+        raise _unordered_times(t, int(backward[0]), "runs backwards", column, where)
+    if len(t) > 1 and t[-1] == t[0]:
+        raise _unordered_times(t, 0, "repeats", column, where)
+
+
+def _unordered_times(t: Array, k: int, problem: str, column: str, where: str) -> InputError:
+    """The error for times ``t`` (N,) [s] that do not rise after row ``k``."""
+    return InputError(
+        f"column {column} {problem} at row {k + 2} ({t[k]:g} s then {t[k + 1]:g} s)",
+        where=where,
+        expected="increasing time",
+        remedy="name the column that separates the runs, or remove the row",
+    )
 
 
 def _grid_positions(t: Array, dt_s: float, where: str) -> Array:
@@ -631,7 +660,7 @@ def resampled(
 
 
 def to_even_grid(
-    t: Array, u: Array, y: Array, dt_s: float, column: str, where: str
+    t: Array, u: Array, y: Array, clock: Clock, column: str, where: str
 ) -> tuple[Array, Array]:
     """Inputs and outputs on an even grid, on which their times must be; gaps become NaN.
 
@@ -641,8 +670,8 @@ def to_even_grid(
         Times (N,) [s].
     u, y
         Inputs (N, K) and outputs (N, L).
-    dt_s
-        Sampling interval [s].
+    clock
+        The clock of the rows.
     column, where
         Column and file that errors name.
 
@@ -654,18 +683,21 @@ def to_even_grid(
     Raises
     ------
     InputError
-        For times off the grid, or a grid of too many samples.
+        For rows that stand twice, times off the grid, or a grid of too many samples.
 
     Notes
     -----
-    ``MAX_JITTER`` is the largest error of a time that the fit then ignores.
+    ``MAX_JITTER`` is the largest error of a time that the fit then ignores, beside rounding.
     ``tests/identify/test_identify_data.py`` checks gaps and rounded stamps.
     """
-    position = _grid_positions(t, dt_s, where)
-    index = np.round(position).astype(int)
-    departure = np.abs(position - index)
-    if departure.max() > MAX_JITTER or np.any(np.diff(index) == 0):
+    _grid_positions(t, clock.interval_s, where)
+    if clock.n_repeated:
+        raise _unordered_times(t, int(np.argmax(np.diff(t) == 0)), "repeats", column, where)
+    departure = np.abs(clock.deviation_s) / clock.interval_s
+    rounding = clock.resolution_s / clock.interval_s
+    if not clock.is_coarse and departure.max() > max(MAX_JITTER, rounding):
         k = int(np.argmax(departure))
+        dt_s = clock.interval_s
         raise InputError(
             f"column {column} is not evenly spaced: row {k + 1} at {t[k]:g} s is "
             f"{departure[k] * dt_s:.3g} s off a {dt_s:g} s grid",
@@ -674,11 +706,10 @@ def to_even_grid(
             remedy="resample it ({resample_s})",
             parameters={"resample_s": f"{dt_s:.3g}"},
         )
-    n = index[-1] + 1
-    if n == len(t):
+    if clock.size == len(t):
         return u, y
-    u_even = np.full((n, u.shape[1]), np.nan)
-    y_even = np.full((n, y.shape[1]), np.nan)
-    u_even[index] = u
-    y_even[index] = y
+    u_even = np.full((clock.size, u.shape[1]), np.nan)
+    y_even = np.full((clock.size, y.shape[1]), np.nan)
+    u_even[clock.index] = u
+    y_even[clock.index] = y
     return u_even, y_even

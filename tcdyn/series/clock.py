@@ -26,6 +26,10 @@ from tcdyn.series.descriptions import (
 )
 from tcdyn.series.fine_clock import fit_fine
 
+# Step of the clock, in typical steps between rows, from which the description of a coarse clock is
+# tried also where no stamp repeats: rounding then hides the phase from the fine description. At 0.5
+# rounded stamps still keep two thirds of their coherence (sin(pi/2) / (pi/2)).
+COARSE_RESOLUTION = 0.5
 # Scatter of the stamps, in intervals, that is too small to matter: readings are wrong by as much of
 # their change from row to row, and lags by as much of a row.
 MIN_STRAY = 0.01
@@ -156,7 +160,8 @@ def fit_clock(stamps_s: Array, interval_s: float | None = None) -> Clock:
     once = t[is_new]
     n_repeated = len(t) - len(once)
     fine = fit_fine(once, interval_s, resolution_s)
-    if n_repeated:
+    is_even = float(np.ptp(steps)) <= MIN_STRAY * float(np.median(steps))
+    if n_repeated or (resolution_s > COARSE_RESOLUTION * float(np.median(steps)) and not is_even):
         coarse = fit_coarse(t, is_new, interval_s, resolution_s)
         fine_length = fine.length + choice_code_length(n_repeated, len(t))
         if coarse is not None and coarse[1] < fine_length:

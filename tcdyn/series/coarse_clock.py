@@ -127,8 +127,9 @@ class _Ticks:
         -----
         The logarithm of the number of phases and of intervals that the rows distinguish. A whole
         fraction of the step of the clock, such as 0.1 s of 1 s, needs no choice of the interval:
-        loggers have such rates. Where the step is finer than the rows, as for rows that are stamped
-        when a batch of them arrives, each stamp adds the logarithm of its place in an interval.
+        loggers have such rates. Where the step is finer than half the rows, as for rows that are
+        stamped when a batch of them arrives, rounding does not tell the stamp, and each adds the
+        logarithm of the number of its places in an interval.
         """
         n_rows = float(self.rows[-1] - self.rows[0])
         length = float(np.log(len(PHASES)))
@@ -137,7 +138,9 @@ class _Ticks:
         if not (is_whole_fraction and fraction > 0.5):
             length += float(np.log(n_rows / COARSE_STEP_ROWS))
         places = interval_s / max(self.resolution_s, 10.0**-MAX_DECIMALS)
-        return length + len(self.rows) * float(np.log(max(places, 1.0)))
+        if places < 2:
+            return length
+        return length + len(self.rows) * float(np.log(places))
 
     def place(self, interval_s: float) -> tuple[NDArray[np.intp], float]:
         """Samples lost before each of the rows (J,), and the length of the description.

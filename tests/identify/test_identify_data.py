@@ -13,7 +13,6 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
-from tcdyn.estimation.time_grid import sampling_interval_s
 from tcdyn.identification import IOData, compare, fit, from_csv, from_frame, process, simulate
 from tcdyn.identification.causality import check_causality
 from tcdyn.identification.search import make_problem
@@ -25,14 +24,6 @@ def table(n: int = 200) -> pd.DataFrame:
     return pd.DataFrame(
         {"time_s": data.times_s()[:n], "u": data.runs[0].u[:n, 0], "y": data.runs[0].y[:n, 0]}
     )
-
-
-@pytest.mark.parametrize("jitter_s", [0.0, 0.05, 0.1])
-def test_errors_of_single_times_do_not_change_the_sampling_interval(jitter_s: float) -> None:
-    rng = np.random.default_rng(0)
-    rows = np.delete(np.arange(900), rng.choice(np.arange(1, 899), 60, replace=False))
-    times = rows + np.clip(jitter_s * rng.standard_normal(len(rows)), -0.45, 0.45)
-    assert sampling_interval_s([times], "") == pytest.approx(1.0, abs=1e-12 + 0.01 * jitter_s)
 
 
 def test_slicing_is_in_seconds_and_includes_both_ends():

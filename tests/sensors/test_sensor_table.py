@@ -87,7 +87,7 @@ def test_readings_taken_far_off_even_times_are_told_with_how_far(stray: float, t
         assert f.numbers["stray_s"] == pytest.approx(stray * 0.125 / 2, rel=0.02)
     even_degC = 20 + 5 * np.sin(clock.even_s / 2)
     inside = slice(5, -5)  # the ends have neighbours on one side only
-    assert shifted["T1"][inside] == pytest.approx(even_degC[inside], abs=1e-3)
+    assert shifted["T1"][inside] == pytest.approx(even_degC[inside], abs=3e-3)
 
 
 def test_a_clock_of_few_decimals_counts_its_rows() -> None:

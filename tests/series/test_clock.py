@@ -109,3 +109,53 @@ def test_time_of_sample_zero_and_deviations_give_the_stamps() -> None:
     clock = fit_clock(stamps_s)
     assert np.allclose(clock.even_s + clock.deviation_s, stamps_s, atol=1e-9)
     assert clock.stray_s == pytest.approx(0.25 * 0.01, rel=0.05)
+
+
+@pytest.mark.parametrize("rate_Hz", [1.2, 3.3, 4.0, 10.0, 75.0])
+@pytest.mark.parametrize("phase", [0.0, 0.37, 0.81])
+def test_whole_second_stamps_of_a_faster_log_give_its_rate(rate_Hz: float, phase: float) -> None:
+    """Within 4 standard uncertainties: the rows' errors are uniform, so the fit's error is nearly
+    normal."""
+    stamps_s = np.floor(np.arange(int(40 * rate_Hz)) / rate_Hz + phase)
+    even = fit_clock(stamps_s)
+    assert abs(even.interval_s - 1 / rate_Hz) < 4 * even.u_interval_s + 1e-12
+    assert even.u_interval_s < 0.01 / rate_Hz
+    assert even.index.tolist() == list(range(len(stamps_s)))
+
+
+@pytest.mark.parametrize("lost", [9, 20, 45, 3000])
+def test_rows_that_a_logger_lost_leave_rate_and_places_as_they_are(lost: int) -> None:
+    """10 Hz, stamps of whole seconds; only the rows of the second in which some are lost may be
+    misplaced."""
+    rows = np.r_[np.arange(3004), np.arange(3004 + lost, 6000 + lost)]
+    even = fit_clock(np.floor(rows / 10))
+    assert even.interval_s == pytest.approx(0.1, rel=1e-3)
+    assert np.count_nonzero(even.index != rows) <= 10
+
+
+@pytest.mark.parametrize("interval_s", [1.05, 1.2, 1.5, 1.7, 2.2, 2.5])
+@pytest.mark.parametrize("phase", [0.0, 0.37, 0.81])
+def test_whole_second_stamps_of_a_slower_log_give_its_interval(
+    interval_s: float, phase: float
+) -> None:
+    rows = np.r_[0:300, 302:500]  # the logger lost two
+    even = fit_clock(np.floor(1e9 + interval_s * rows + phase))
+    assert abs(even.interval_s - interval_s) < 4 * even.u_interval_s + 1e-12
+    assert even.index[:300].tolist() == list(range(300))
+    assert np.abs(even.index - rows).max() <= 1  # a gap is known to one unit
+
+
+def test_rows_lost_at_random_are_no_coarse_clock() -> None:
+    for seed in range(50):
+        rows = np.flatnonzero(np.random.default_rng(seed).random(400) > 0.1)
+        clock = fit_clock(2.0 * rows)
+        assert clock.index.tolist() == (rows - rows[0]).tolist()
+        assert clock.interval_s == pytest.approx(2.0)
+
+
+def test_an_hour_that_comes_twice_is_no_clock_of_few_decimals() -> None:
+    """Rows every 15 minutes; the hour of the end of daylight saving time is there twice, sorted."""
+    quarter_h = np.concatenate([np.arange(14), np.repeat(np.arange(14, 18), 2), np.arange(18, 93)])
+    clock = fit_clock(900.0 * quarter_h)
+    assert not clock.is_coarse
+    assert clock.index.tolist() == quarter_h.tolist()
