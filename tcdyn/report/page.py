@@ -36,6 +36,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, text_with_u
 from tcdyn.core.findings import Finding, infos, messages, warnings_and_errors
 from tcdyn.core.result import Result
+from tcdyn.io.endings import PAGE, check_ending
 from tcdyn.io.write import write_text
 from tcdyn.plots.pick import draw
 from tcdyn.plots.style import figure as new_figure
@@ -302,7 +303,13 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], **opti
     -------
     path
         The same path.
+
+    Raises
+    ------
+    InputError
+        For an ending that is not one of a page, before anything is rendered.
     """
+    check_ending(path, PAGE)
     return write_text(path, render_page(title, sections, **options))
 
 
