@@ -29,7 +29,7 @@ from tcdyn.plots.transient import (
     draw_window_study,
 )
 from tcdyn.report.circumferential import around_section, unevenness_section
-from tcdyn.report.page import MainResult, Section, write_page
+from tcdyn.report.page import SIMULATED, MainResult, Section, write_page
 from tcdyn.workflows.beta_tables import (
     budget_table,
     conditions_table,
@@ -410,6 +410,7 @@ def write_beta_report(
 
     Notes
     -----
+    The page is marked as simulated if one of the logs states that it is, or if truths are given.
     With one test its first section becomes the head of the page; with several, every title and
     finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
     """
@@ -436,6 +437,7 @@ def write_beta_report(
             p.analysis_findings if single else [finding.at(name) for finding in p.analysis_findings]
         )
         assumptions += [line for line in beta_assumptions(p) if line not in assumptions]
+    is_simulated = bool(truths) or any(finding.code == "log.simulated" for finding in findings)
     return write_page(
         path,
         "Heat partition: " + ", ".join(tests),
@@ -446,5 +448,5 @@ def write_beta_report(
         main_results=main_results,
         lead=lead,
         sources=sources,
-        marks=["simulated"] if truths else [],
+        marks=[SIMULATED] if is_simulated else [],
     )

@@ -23,7 +23,7 @@ from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure, panel_figure
 from tcdyn.report.beta import ASSUMPTIONS
 from tcdyn.report.campaign_joint import joined_result, joined_sections
-from tcdyn.report.page import Section, cells_with_u, write_page
+from tcdyn.report.page import SIMULATED, Section, cells_with_u, write_page
 from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 from tcdyn.rig.rigfile import Rig
@@ -124,6 +124,7 @@ def write_campaign_report(
         findings=run.findings,
         assumptions=ASSUMPTIONS,
         main_results=() if joined is None else (joined_result(joined),),
+        marks=[SIMULATED] if run.simulated else [],
     )
 
 

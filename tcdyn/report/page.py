@@ -59,6 +59,8 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 MAX_ROWS_UNBROKEN = 20  # rows of a table that stays on one printed page; chosen by judgement
+# Mark of a page whose numbers come from simulated logs.
+SIMULATED = "simulated"
 COMPRESSION = 3  # of PNG: a third faster than the usual 6, and larger by a fortieth; measured
 MARGIN_IN = 0.1  # white margin around a figure [inch]; chosen by judgement
 MAX_CHARACTERS = 28  # a longer cell is a sentence, or a word that may be broken; judgement
