@@ -18,6 +18,7 @@ from tcdyn.core.findings import Finding
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling_checks import cooling_by_window, reference_table
 from tcdyn.partition.joint_results import joint_budget
+from tcdyn.partition.model_forms import is_undetermined
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, panel_figure
@@ -89,9 +90,10 @@ def beta_sections(partition: Partition, truth: float | None = None) -> list[Sect
         *model_form_sections(partition),
         around_section(partition),
         transient_section(partition),
-        profile_section(partition),
-        *test_sections(partition),
     ]
+    if partition.status != "withheld":
+        appendix.append(profile_section(partition))
+    appendix += test_sections(partition)
     unfolded = [section for section in main if not section.folded]
     folded = [section for section in main if section.folded]
     folded += [replace(section, folded=True) for section in appendix]
@@ -130,11 +132,13 @@ def main_result(partition: Partition) -> MainResult:
     detail = f"95 %: {beta.interval_text}"
     if partition.status == "withheld":
         value = "no β"
-        detail = "the result of the fit of both disks is impossible, or its power is far off"
-        if partition.single_disk:
-            detail = (
-                f"the result of the joint fit of the {partition.single_disk} disk is impossible"
-            )
+        disk = partition.single_disk
+        fit = f"the joint fit of the {disk} disk" if disk else "the fit of both disks"
+        detail = f"the result of {fit} is impossible"
+        if is_undetermined(beta):
+            detail = f"{fit} does not determine it"
+        elif not disk:
+            detail += ", or its power is far off"
     elif forms is None:
         detail += f"; by the {partition.single_disk} disk alone"
     else:

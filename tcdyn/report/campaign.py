@@ -343,12 +343,13 @@ def campaign_verdict(run: CampaignRun) -> str:
     good = table[table["error"] == ""]
     if not len(good):
         return f"None of {len(table)} logs could be analysed: the reasons are below."
-    ranked = good.sort_values("beta").to_dict("records")
-    lowest, highest = (
-        f"{row['test']}: β = {text_with_u(row['beta'], row['u_beta'])}"
-        for row in (ranked[0], ranked[-1])
-    )
-    result = lowest if len(good) == 1 else f"least in {lowest}; largest in {highest}"
+    ranked = good.dropna(subset=["beta"]).sort_values("beta").to_dict("records")
+    texts = [f"{row['test']}: β = {text_with_u(row['beta'], row['u_beta'])}" for row in ranked]
+    result = "reported for none of the tests"
+    if len(texts) == 1:
+        result = texts[0]
+    elif texts:
+        result = f"least in {texts[0]}; largest in {texts[-1]}"
     disagreeing = [str(test) for test in good["test"][good["agree"] != "yes"]]
     agree = f"in {len(good) - len(disagreeing)} of {len(good)} tests"
     if disagreeing:
@@ -366,7 +367,8 @@ def partition_table(good: pd.DataFrame) -> pd.DataFrame:
     """Return all estimates of beta with the result of the cross-check, as tables 7.1 and 7.3."""
     table = _tests_table(good, ESTIMATES)
     table["agree, largest z"] = [
-        f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])
+        a if np.isnan(z) else f"{a}, {z:.1f}"
+        for a, z in zip(good["agree"], good["crosscheck_z"].astype(float))
     ]
     return table
 

@@ -38,7 +38,7 @@ from tcdyn.campaign.summary_table import (
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
 from tcdyn.core.errors import InputError, utf8
-from tcdyn.core.findings import Finding, info
+from tcdyn.core.findings import Finding, error, info
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
@@ -148,7 +148,7 @@ class CampaignRun(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """Simulated logs and altered results first, then the joint fit, then the tests.
+        """Simulated, altered and withheld results first, then the joint fit, then the tests.
 
         Findings of the tests are merged by :func:`merge_findings`: one that several tests have
         comes once; simulated logs come in one finding. That the methods agree (``AGREE_CODE``) is
@@ -166,9 +166,15 @@ class CampaignRun(Result):
         if self.simulated:
             names = list(self.simulated)
             simulated = [info("campaign.simulated", names=names, tests=len(self.outcomes))]
+        withheld = [
+            error("campaign.withheld", subject=o.name, why=o.data["headline"]["sentence"])
+            for o in self.outcomes
+            if o.data is not None and o.data["status"] == "withheld"
+        ]
         return [
             *simulated,
             *altered,
+            *withheld,
             *(self.joined.findings if self.joined else ()),
             *merge_findings(each),
         ]
@@ -200,7 +206,7 @@ class CampaignRun(Result):
                 f"\nall tests as one: u of beta {u_within:.4f} at most within the "
                 f"campaign, {u_total:.4f} absolute"
             )
-            text += f"; exponent n {self.joined.speed_law.exponent}"
+            text += f"; exponent {self.joined.speed_law.text}"
         if self.interchange is not None:
             text += f"\n{self.interchange.summary()}"
         return text

@@ -164,6 +164,7 @@ CAMPAIGN: dict[str, Message] = {
     "campaign.contradicted": _contradicted,
     "campaign.apart": "{subject} is not solved together with the other tests: {why}",
     "campaign.simulated": _simulated,
+    "campaign.withheld": "{subject}: {why}",
     "campaign.altered": "{subject} in the results folder was changed after tcdyn wrote it: its log "
     "was analysed again",
     "campaign.repeated": "{text} (in {first}; so or nearly so in {others})",
