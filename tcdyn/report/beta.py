@@ -414,9 +414,9 @@ def write_beta_report(
 
     Notes
     -----
-    The page is marked as simulated if one of the logs states that it is, or if truths are given.
-    With one test its first section becomes the head of the page; with several, every title and
-    finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
+    The page is marked as simulated if truths are given; a log that is simulated by its metadata has
+    a finding. With one test its first section becomes the head of the page; with several, every
+    title and finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
     """
     truths = truths or {}
     single = len(tests) == 1
@@ -441,7 +441,6 @@ def write_beta_report(
             p.analysis_findings if single else [finding.at(name) for finding in p.analysis_findings]
         )
         assumptions += [line for line in beta_assumptions(p) if line not in assumptions]
-    is_simulated = bool(truths) or any(finding.code == "log.simulated" for finding in findings)
     return write_page(
         path,
         "Heat partition: " + ", ".join(tests),
@@ -452,5 +451,5 @@ def write_beta_report(
         main_results=main_results,
         lead=lead,
         sources=sources,
-        marks=[SIMULATED] if is_simulated else [],
+        marks=[SIMULATED] if truths else [],
     )
