@@ -25,6 +25,7 @@ from tcdyn.campaign.trends import MIN_TESTS, set_points
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
+from tcdyn.partition.model_forms import is_undetermined
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,17 @@ class SpeedLaw:
     by_speed: Estimate | None
     p_value: float | None
     u_if_known: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the tests say anything about n."""
+        return not is_undetermined(self.exponent)
+
+    @property
+    def text(self) -> str:
+        """The exponent with its standard uncertainty, or that it is not determined."""
+        text = f"n = {self.exponent.text_without_interval()}"
+        return text if self.is_determined else f"n is not determined ({text})"
 
     def to_dict(self) -> dict[str, Any]:
         """The entry "speed_law" of ``campaign.json``, without the exponent."""

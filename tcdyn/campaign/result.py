@@ -23,6 +23,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import GRADES_OF_0_2, Finding, info, warning
 from tcdyn.core.result import jsonable
+from tcdyn.partition.model_forms import is_impossible, is_undetermined
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.disk import DISKS
 
@@ -237,12 +238,28 @@ def read_statistics(name: str, data: Mapping[str, Any]) -> SufficientStatistics:
     return SufficientStatistics.from_dict(name, data["kept"])
 
 
+def _is_beta_reported(data: Mapping[str, Any]) -> bool:
+    """Whether beta of both disks is possible and determined, also in a file of an older version.
+
+    Parameters
+    ----------
+    data
+        Content of ``beta.json``.
+    """
+    stored = data["joint"]["both"]["beta"]
+    if stored["value"] is None:
+        return False
+    beta = Estimate(**stored)
+    return not (is_impossible(beta) or is_undetermined(beta))
+
+
 def join_results(
     answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()
 ) -> JoinedCampaign | None:
     """Solve all tests of a campaign together; None where no test can be used.
 
-    A test whose result is withheld is left out, and so is an outlying test.
+    A test whose result is withheld is left out, also where an older version did not withhold it,
+    and so is an outlying test.
 
     Parameters
     ----------
@@ -265,7 +282,7 @@ def join_results(
     excluded = {
         name: "its answer is withheld"
         for name, data in answers.items()
-        if data.get("status") == "withheld"
+        if data.get("status") == "withheld" or not _is_beta_reported(data)
     }
     included = {name: data for name, data in answers.items() if name not in excluded}
     if not included:

@@ -117,14 +117,19 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         for key in keys if value is not None else ():
             value = value.get(key)  # a disk may have no junction a
         if estimate:
-            row[name] = value["value"]
-            row[f"u_{name}"] = value["u"]
+            row[name] = _number(value["value"])
+            row[f"u_{name}"] = _number(value["u"])
         else:
-            row[name] = np.nan if value is None else value
+            row[name] = _number(value)
     row["status"] = GRADES_OF_0_2.get(data["status"], data["status"])
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
     row["warnings"] = sum(value["code"] != AGREE_CODE for value in data["findings"])
     return row
+
+
+def _number(value: Any) -> Any:
+    """A value of beta.json, NaN for null: a column without any number stays one of numbers."""
+    return np.nan if value is None else value
 
 
 def campaign_table(rows: list[dict[str, Any]]) -> pd.DataFrame:

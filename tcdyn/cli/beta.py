@@ -30,6 +30,7 @@ from tcdyn.cli.common import (
     write_json,
 )
 from tcdyn.core.errors import InputError, printable
+from tcdyn.io.endings import JSON, PAGE, FileKind
 
 Bearing = Annotated[
     Path | None,
@@ -105,7 +106,8 @@ def beta(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
 
-    check_outputs([log, rig, bearing, *record], reporter.overwrite, out=out, report=report)
+    read_files = [log, rig, bearing, *record]
+    check_outputs(read_files, reporter.overwrite, out=(out, JSON), report=(report, PAGE))
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     names = column_names(log, rig_settings)
@@ -132,7 +134,7 @@ def beta(
         contents = cache(lambda: [run.to_dict() for run in runs])
         if len(files) > 1:  # names that only the unloadings in the log determine
             for file in files:
-                check_outputs([log], reporter.overwrite, out=file)
+                check_outputs([log], reporter.overwrite, out=(file, JSON))
         for k, file in enumerate(files):
             write_json(file, contents()[k])
         if report is not None:
@@ -260,7 +262,8 @@ def campaign(
     is_earlier_run = page.is_file() and b"tcdyn" in page.read_bytes()
     overwrite = reporter.overwrite or is_earlier_run
     for name in OUTPUTS:
-        check_outputs(read_files, overwrite, out=out / name)
+        file = out / name
+        check_outputs(read_files, overwrite, out=(file, FileKind(name, (file.suffix,))))
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None

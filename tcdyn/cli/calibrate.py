@@ -25,6 +25,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.tables import value_and_u
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import JSON, PAGE
 
 
 @options_from_docstring
@@ -79,7 +80,7 @@ def calibrate(
     target = out or Path(f"{disk}.disk.json")
     fluids = fluid or ["mobil-jet-ii"]
     read_files = [rig, oven, *immersion, *fluids, *(earlier or [])]
-    check_outputs(read_files, reporter.overwrite, out=target, report=report)
+    check_outputs(read_files, reporter.overwrite, out=(target, JSON), report=(report, PAGE))
     earlier_records = [read_record(path) for path in earlier or []]
     for path, record in zip(earlier or [], earlier_records):
         if record.disk != disk:
@@ -148,7 +149,7 @@ def holes(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.calibrate import log_findings
 
-    check_outputs([log, rig], reporter.overwrite, out=out, report=report)
+    check_outputs([log, rig], reporter.overwrite, out=(out, JSON), report=(report, PAGE))
     depth, depth_u = value_and_u(depth_mm, "--depth-mm")
     if not (0 < depth < 100 and depth_u < 100):
         raise InputError(f"--depth-mm is {depth_mm}", expected="above 0 and below 100 mm")

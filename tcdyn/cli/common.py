@@ -27,6 +27,7 @@ from tcdyn.cli import debug
 from tcdyn.cli.streams import json_for_stream
 from tcdyn.core.errors import InputError, Value, printable
 from tcdyn.core.findings import Finding, Severity, unique
+from tcdyn.io.endings import PICTURE, FileKind, check_ending
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,8 +40,6 @@ OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "start_s": "--covariance-from-s",
     "models": "--model",
 }
-# Endings of pictures that matplotlib writes and the commands allow, and their option.
-PICTURES = (".png", ".svg", ".pdf")
 _PICTURE = typer.Option(help="picture to write: .png, .svg or .pdf")
 Picture = Annotated[Path, _PICTURE]
 OptionalPicture = Annotated[Path | None, _PICTURE]
@@ -476,9 +475,13 @@ def count_progress(
 
 
 def check_outputs(
-    inputs: Iterable[Path | str | None], overwrite: bool, **outputs: Path | None
+    inputs: Iterable[Path | str | None],
+    overwrite: bool,
+    **outputs: tuple[Path | None, FileKind],
 ) -> None:
     """Check, before any work, that no output is an input, another output, or a file to protect.
+
+    Its ending must also be one of the kind of file that will be written.
 
     Parameters
     ----------
@@ -487,23 +490,25 @@ def check_outputs(
     overwrite
         Whether an output may replace a file that was not made from the inputs.
     **outputs
-        Files to write, by their options without the dashes; None where an option was not given.
+        Files to write and their kinds, by their options without the dashes; None for the file where
+        an option was not given.
 
     Raises
     ------
     InputError
-        If an output is one of the other files under any name, has no name, or may not be replaced
-        (``tcdyn.io.write.check_may_replace``).
+        If an output is one of the other files under any name, has no name, may not be replaced
+        (``tcdyn.io.write.check_may_replace``), or has an ending of another kind.
 
     Examples
     --------
-    >>> check_outputs([None, "log.csv"], False, out=Path("done.csv"), report=None)
+    >>> from tcdyn.io.endings import CSV, PAGE
+    >>> check_outputs([None, "log.csv"], False, out=(Path("done.csv"), CSV), report=(None, PAGE))
     """
     from tcdyn.io.write import check_may_replace, file_identity
 
     files = [path for path in inputs if path is not None]
     uses = {file_identity(path): "which is read" for path in files}
-    for option, path in outputs.items():
+    for option, (path, _) in outputs.items():
         if path is None:
             continue
         if not path.name:
@@ -517,6 +522,9 @@ def check_outputs(
             )
         uses[file] = f"which is --{option}"
         check_may_replace(path, files, overwrite)
+    for option, (path, kind) in outputs.items():
+        if path is not None:
+            check_ending(path, kind, f"--{option}")
 
 
 def check_folder(out: Path) -> None:
@@ -613,13 +621,7 @@ def check_picture(picture: Path | None, inputs: Iterable[Path | None], overwrite
     overwrite
         Whether it may replace a file.
     """
-    if picture is None:
-        return
-    if picture.suffix.lower() not in PICTURES:
-        raise InputError(
-            f"--picture is {picture}", expected=f"a name ending in {', '.join(PICTURES)}"
-        )
-    check_outputs(inputs, overwrite, picture=picture)
+    check_outputs(inputs, overwrite, picture=(picture, PICTURE))
 
 
 def save_picture(picture: Figure, out: Path) -> None:

@@ -33,6 +33,7 @@ from tcdyn.cli.tables import (
     only_with_records,
 )
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import JSON, LONG_TABLE, PAGE, TABLE
 
 if TYPE_CHECKING:
     from tcdyn.sensors.compensation import CompensationMethod
@@ -121,6 +122,16 @@ def compensate(
         "--components": components,
         "--method": method != "smoother",
     }
+    table_kind = TABLE
+    if sensor or delay_s is not None:
+        table_kind = LONG_TABLE
+    outputs = {
+        "out": (target, table_kind),
+        "report": (report, PAGE),
+        "covariance": (covariance, JSON),
+    }
+    read_files = [log, rig, *(record or ()), *(sensor or ())]
+    check_outputs(read_files, reporter.overwrite, **outputs)
     if sensor:
         rig_options = {
             "--record": record,
@@ -140,7 +151,6 @@ def compensate(
             log,
             [read_sensor(path) for path in sensor],
             target,
-            sensor,
             table_options,
             reporter,
             verbose,
@@ -163,11 +173,7 @@ def compensate(
             if value:
                 raise InputError(f"{option} with --delay-s", remedy="leave one of them out")
         delayed_options = {"rig": rig_settings, "delay_s": delay_s, **of_csv}
-        return compensate_any_table(
-            log, records, target, [rig, *record], delayed_options, reporter, verbose
-        )
-    outputs = {"out": target, "report": report, "covariance": covariance}
-    check_outputs([log, rig, *record], reporter.overwrite, **outputs)
+        return compensate_any_table(log, records, target, delayed_options, reporter, verbose)
     if comments or dialect != "standard":  # an error before the work
         output_style(**of_csv, table=open_table(log), out=target)
     way = _method(method, criterion, bandwidth_Hz, noise_only)

@@ -20,6 +20,7 @@ from tcdyn.cli.common import (
     options_from_docstring,
 )
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import CSV, CSV_OR_PAGE
 
 if TYPE_CHECKING:
     from tcdyn.campaign.planned import PlannedCampaign
@@ -88,7 +89,8 @@ def design(
     from tcdyn.design.plans import PlungePlan, StepPlan
     from tcdyn.rig.rigfile import load_rig
 
-    check_outputs([rig, fluid, campaign], reporter.overwrite, out=out)
+    kind = CSV_OR_PAGE if campaign is None else CSV
+    check_outputs([rig, fluid, campaign], reporter.overwrite, out=(out, kind))
     if campaign is not None:
         _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, reporter)
         return
@@ -165,22 +167,11 @@ def _campaign(
         CSV to write; None: none.
     reporter
         Output of the command.
-
-    Raises
-    ------
-    InputError
-        ``out`` is no CSV.
     """
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
     from tcdyn.io.write import table_csv, write_text
     from tcdyn.rig.rigfile import load_rig
 
-    if out is not None and out.suffix.lower() != ".csv":
-        raise InputError(
-            f"{out.name}: unknown kind of file",
-            where="design",
-            expected=".csv for a planned campaign",
-        )
     logging = Logging(rate_Hz=rate_Hz, noise_K=noise_K)
     prediction = predict_campaign(read_plan(plan), load_rig(rig), logging)
     if out is not None:
@@ -199,21 +190,12 @@ def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
         File to write.
     assumptions
         Numbers of the plan, for the page.
-
-    Raises
-    ------
-    InputError
-        Another ending.
     """
     from tcdyn.io.write import table_csv, write_text
 
     if out.suffix.lower() == ".csv":
         write_text(out, table_csv(result.table()))
         return
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(
-            f"{out.name}: unknown kind of file", where="design", expected=".csv or .html"
-        )
     from tcdyn.report.dynamics import write_design_report
 
     write_design_report(out, result, assumptions)

@@ -29,6 +29,7 @@ from tcdyn.cli.tables import (
     only_with_records,
 )
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import CSV, JSON, PAGE
 
 if TYPE_CHECKING:
     from tcdyn.workflows.log_source import RawLog
@@ -92,6 +93,10 @@ def follow(
             "needs either --record or --sensor",
             remedy="--sensor is for any table, without a rig",
         )
+    read_files = [log, rig, *(record or []), *(sensor or [])]
+    outputs = {"out": (out, CSV), "report": (report, PAGE), "state": (state, JSON)}
+    check_outputs(read_files, True, **outputs)  # with --state it continues
+    check_outputs(read_files, reporter.overwrite, report=(report, PAGE))
     records: Any
     if sensor:
         only_with_records({"--rig": rig, "--report": report})
@@ -100,11 +105,6 @@ def follow(
         records = records_by_disk(record or [])
     check_choice("--dialect", dialect, DIALECTS)
     rig_table = load_rig(rig) if rig else None
-    read_files = [log, rig, *(record or []), *(sensor or [])]
-    check_outputs(
-        read_files, True, out=out, report=report, state=state
-    )  # with --state it continues
-    check_outputs(read_files, reporter.overwrite, report=report)
 
     def announce(followed: RawLog, delay_s: float) -> None:
         """Print the log, the number of channels and the delay."""

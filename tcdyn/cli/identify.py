@@ -27,6 +27,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
+from tcdyn.io.endings import JSON, PAGE
 
 if TYPE_CHECKING:
     from tcdyn.identification import Model
@@ -176,7 +177,8 @@ def identify(
     else:
         pages = {y: path.with_suffix(".html") for y, path in json_files.items()}
     for y in outputs:
-        check_outputs([data], reporter.overwrite, out=json_files[y], report=pages[y])
+        outputs_of_one = {"out": (json_files[y], JSON), "report": (pages[y], PAGE)}
+        check_outputs([data], reporter.overwrite, **outputs_of_one)
     record = from_csv(
         data,
         input=inputs,
@@ -292,7 +294,7 @@ def response(
             f"--column is given {len(pair)} times", expected="twice: magnitude, then phase"
         )
     path = out or default_output_path(data, ".identified.json")
-    check_outputs([data], reporter.overwrite, out=path)
+    check_outputs([data], reporter.overwrite, out=(path, JSON))
     measured = Response.read(
         data,
         frequency,

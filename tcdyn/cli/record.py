@@ -28,6 +28,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import messages, unique
+from tcdyn.io.endings import JSON
 
 app = typer.Typer(
     name="record",
@@ -195,7 +196,7 @@ def transducer(
 
     if quantity is not None:
         check_choice("--quantity", quantity, ("load", "friction"))
-    check_outputs([table], reporter.overwrite, out=out)
+    check_outputs([table], reporter.overwrite, out=(out, JSON))
     points = read_numbers(table, ("volts", "force_N"), optional=("session",))
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)

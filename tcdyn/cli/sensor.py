@@ -25,6 +25,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.tables import TableReading, value_and_u
 from tcdyn.core.errors import InputError, utf8
+from tcdyn.io.endings import JSON
 
 if TYPE_CHECKING:
     from tcdyn.rig.disk import Conditioning
@@ -81,7 +82,7 @@ class SensorOutput:
         InputError
             If it may not: see ``check_outputs``. ``tests/cli/test_replaced_outputs.py`` guards it.
         """
-        check_outputs(logs, reporter.overwrite, out=self.out)
+        check_outputs(logs, reporter.overwrite, out=(self.out, JSON))
 
     def write(self, sensor: SensorFile, reporter: Reporter) -> None:
         """Write the file if one is requested, and report its content.

@@ -30,6 +30,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.record import rich_table
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import CSV, JSON, PAGE, TABLE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,15 +107,11 @@ class SimulatedRig:
         InputError
             Another ending, or a file that is an input.
         """
-        if out.suffix.lower() != ".csv":
-            raise InputError(
-                "the synthetic rig writes CSV",
-                where=str(out),
-                remedy="give a name ending in .csv to --out",
-            )
         overwrite = reporter.overwrite or _is_simulated(out)
         truth_json, traces = _truth_files(out)
-        check_outputs([self.rig], overwrite, out=out, truth=truth_json, traces=traces)
+        check_outputs(
+            [self.rig], overwrite, out=(out, CSV), truth=(truth_json, JSON), traces=(traces, TABLE)
+        )
         return self.truth()
 
 
@@ -369,13 +366,13 @@ def _check_demo_folder(out: Path, tests: tuple[str, ...], overwrite: bool) -> No
 
     check_folder(out)
     logs = [out / f"oven_{disk}.csv" for disk in DISKS]
-    results = {f"record_{disk}": out / f"{disk}.disk.json" for disk in DISKS}
+    results = {f"record_{disk}": (out / f"{disk}.disk.json", JSON) for disk in DISKS}
     for test in tests:
         name = ehl_test(test).name
         logs.append(out / f"EHL_{name}.csv")
-        results[f"beta_{name}"] = out / f"EHL_{name}.beta.json"
-        results[f"compensated_{name}"] = out / f"EHL_{name}.compensated.csv"
-    results["report"] = out / "report.html"
+        results[f"beta_{name}"] = (out / f"EHL_{name}.beta.json", JSON)
+        results[f"compensated_{name}"] = (out / f"EHL_{name}.compensated.csv", CSV)
+    results["report"] = (out / "report.html", PAGE)
     check_outputs(logs, overwrite, **results)
 
 

@@ -6,14 +6,14 @@ Used by the commands ``compensate``, ``follow`` and ``sensor``. The compensation
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import Reporter, check_outputs, stage_progress
+from tcdyn.cli.common import Reporter, stage_progress
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -160,7 +160,6 @@ def compensate_any_table(
     log: Path,
     calibrations: Calibrations,
     out: Path,
-    files: Sequence[Path | None],
     options: dict[str, Any],
     reporter: Reporter,
     verbose: bool,
@@ -174,9 +173,7 @@ def compensate_any_table(
     calibrations
         Sensors, or with a delay records by disk.
     out
-        File to write.
-    files
-        Files of the calibrations, which the output may not replace.
+        File to write, which the caller has checked.
     options
         Keyword arguments of ``compensate_table``.
     reporter
@@ -187,7 +184,6 @@ def compensate_any_table(
     from tcdyn.sensors.table import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table
 
-    check_outputs([log, *files], reporter.overwrite, out=out)
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_table(log, calibrations, out, progress=progress, **options)
     given = calibrations.values() if isinstance(calibrations, Mapping) else calibrations

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, options_from_docstring
 from tcdyn.core.findings import warning
+from tcdyn.io.endings import CSV, PAGE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +60,7 @@ def verify(
     """
     from tcdyn.verify import count_by_kind, summary_text, verify_rows
 
-    check_outputs([], reporter.overwrite, report=report, out=out)
+    check_outputs([], reporter.overwrite, report=(report, PAGE), out=(out, CSV))
     rows = verify_rows()
     summary = summary_text(rows)
     reporter.json(lambda: {"sentence": summary, "classes": count_by_kind(rows), "rows": rows})

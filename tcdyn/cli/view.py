@@ -19,6 +19,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.tables import SensorFiles, TableColumns, TableReading, only_with_records
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import PAGE
 
 
 @options_from_docstring
@@ -57,15 +58,15 @@ def view(
 
     if record and sensor:
         raise InputError("--record with --sensor", remedy="give one of them")
+    page = out or log.with_name(f"{log.stem}.view.html")
+    inputs = [log, rig, *(record or ()), *(sensor or ())]
+    check_outputs(inputs, reporter.overwrite, out=(page, PAGE))
     calibrations: Any = ()
     if record:
         calibrations = records_by_disk(record)
     else:
         only_with_records({"--rig": rig})
         calibrations = [read_sensor(path) for path in sensor or ()]
-    page = out or log.with_name(f"{log.stem}.view.html")
-    inputs = [log, rig, *(record or ()), *(sensor or ())]
-    check_outputs(inputs, reporter.overwrite, out=page)
     options: dict[str, Any] = {"columns": column or (), **reading.options()}
     with stage_progress(reporter.is_silent, verbose) as progress:
         _, findings = write_view(

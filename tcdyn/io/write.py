@@ -28,6 +28,7 @@ from pyarrow import csv as pacsv
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import Dialect
+from tcdyn.io.endings import LONG_TABLE, TABLE, check_ending
 from tcdyn.io.metadata import check_metadata_file_is_ours, metadata_path, metadata_text
 from tcdyn.io.read import CsvTable, Table, open_text, sha256_of_file
 
@@ -490,6 +491,7 @@ def write_log(
     <BLANKLINE>
     """
     target = Path(path)
+    check_ending(target, TABLE)
     plain = _plain_metadata(metadata or {})
     ending = target.suffix.lower()
     if ending == ".csv":
@@ -497,14 +499,7 @@ def write_log(
         with log_writer(target, list(frame.columns), plain, text, style=style) as write:
             write(frame)
         return target
-    writers = {".parquet": _write_parquet, ".tdms": _write_tdms}
-    writer = writers.get(ending)
-    if writer is None:
-        raise InputError(
-            f"ending {target.suffix!r}",
-            where=str(target),
-            expected="an output ending in .csv, .parquet or .tdms",
-        )
+    writer = _write_tdms if ending == ".tdms" else _write_parquet
     with atomic_path(target) as temporary:
         writer(frame, temporary, plain)
     return target
@@ -540,13 +535,8 @@ def log_writer(
         For another ending, or a file that cannot be written.
     """
     target = Path(path)
+    check_ending(target, LONG_TABLE)
     ending = target.suffix.lower()
-    if ending not in (".csv", ".parquet"):
-        raise InputError(
-            f"ending {target.suffix!r}",
-            where=str(target),
-            expected="an output ending in .csv or .parquet",
-        )
     plain = _plain_metadata(metadata)
     if ending == ".parquet":
         with (

@@ -56,9 +56,11 @@ from tcdyn.partition.model_forms import (
     ESTIMATORS,
     POWER_SCALE_TOLERANCE,
     ModelForms,
+    best_determined,
     compare_model_forms,
     impossibility_findings,
     impossible_keys,
+    is_undetermined,
     power_scale,
 )
 from tcdyn.partition.profile import joint_profiles
@@ -166,12 +168,15 @@ class Partition:
 
     @property
     def impossible(self) -> frozenset[str]:
-        """Keys of impossible estimates, not reported; "both beta" is that of the combined fit."""
+        """Keys of estimates that are impossible or not determined, and so not reported.
+
+        "both beta" is that of the combined fit.
+        """
         return impossible_keys(self.estimates, self.combined.estimates)
 
     @property
     def status(self) -> str:
-        """ "sound", "warning" with at least one warning, "withheld" for an impossible estimate."""
+        """ "sound", "warning" with at least one warning, "withheld" without a recommendation."""
         if "both beta" in self.impossible:
             return "withheld"
         return "warning" if warnings_and_errors(self.findings) else "sound"
@@ -179,14 +184,16 @@ class Partition:
     @property
     def recommendation(self) -> Finding:
         """The recommended estimate, that of the combined fit, and the reason."""
-        if "both beta" in self.impossible:
-            return error("headline.withheld", subject=self.single_disk)
         beta = self.combined.estimates["beta"]
+        if "both beta" in self.impossible:
+            return error("headline.withheld", subject=self.single_disk, **self._withheld_numbers())
         forms = self.model_forms
         if forms is None:
             return info("one_disk.headline", subject=self.single_disk, beta=beta.value, u=beta.u)
-        exponent = self.combined.estimates["exponent"]
         numbers: dict[str, Any] = {}
+        if "both exponent" not in self.impossible:
+            exponent = self.combined.estimates["exponent"]
+            numbers |= {"exponent": exponent.value, "exponent_u": exponent.u}
         if forms.preferred is not None:
             numbers["named"] = forms.preferred.name
             numbers["named_beta"] = forms.preferred.beta.value
@@ -194,8 +201,6 @@ class Partition:
             "headline.both",
             beta=beta.value,
             u=beta.u,
-            exponent=exponent.value,
-            exponent_u=exponent.u,
             assumed=self.test.speed_exponent,
             z=forms.assumed.speed_law_z,
             count=len(forms.forms) - 1,
@@ -203,6 +208,18 @@ class Partition:
             high95=forms.high95,
             **numbers,
         )
+
+    def _withheld_numbers(self) -> dict[str, Any]:
+        """Fields of ``headline.withheld``: why, and the best estimate that is still determined."""
+        beta = self.combined.estimates["beta"]
+        numbers: dict[str, Any] = {}
+        if is_undetermined(beta):
+            numbers |= {"low95": beta.low95, "high95": beta.high95}
+        best = best_determined(self.estimates, self.combined.estimates)
+        if best is not None:
+            remaining = self.estimates[best]
+            numbers |= {"determined": best, "beta": remaining.value, "u": remaining.u}
+        return numbers
 
     @cached_property
     def profiles(self) -> pd.DataFrame:

@@ -33,8 +33,8 @@ def beta_file(
     source
         Name and SHA-256 of the log.
     with_profiles
-        Whether to compute the likelihood profiles of the joint fits; otherwise ``profiles`` is
-        empty.
+        Whether to compute the likelihood profiles of the joint fits; otherwise, and where beta is
+        withheld, ``profiles`` is empty.
 
     Returns
     -------
@@ -79,7 +79,9 @@ def beta_file(
         key: _estimate_entry(partition, both, key, "both ")
         for key in ("beta", "h_fast", "h_slow", "exponent")
     }
-    joint["profiles"] = profiles_file(partition.profiles) if with_profiles else {}
+    joint["profiles"] = {}
+    if with_profiles and not is_withheld:
+        joint["profiles"] = profiles_file(partition.profiles)
     return {
         "schema": SCHEMA,
         "source": source,

@@ -48,6 +48,9 @@ LAG_STEP_S = 0.01  # step of the difference quotient by the compensated lag [s]
 MIN_SPEED_RATIO = 0.01  # least surface speed, relative to that under load, in the speed law of h
 TRACK_POINTS = np.linspace(0.3, 0.7, 9)  # across the running track, relative to the width
 MIN_TAU_S = 1e-3  # least largest lag of a refined chain [s]
+# Least lag of the others [s], far below a sample. Rates of 1e6 1/s leave ten digits in the
+# eigenvalues of the smoother, rates of 1e16 1/s none.
+MIN_OTHER_TAU_S = 1e-6
 
 
 def require_window_longer_than_lag(test: EhlTest, window_s: float) -> None:
@@ -264,10 +267,12 @@ def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
     Notes
     -----
     The joint fit determines only the common lag; differences between channels are the record's.
-    ``MIN_TAU_S`` keeps a lag positive.
+    ``MIN_TAU_S`` and ``MIN_OTHER_TAU_S`` keep the lags positive: a second lag that the data do not
+    determine may be 1e-17 s.
     """
     mean_s = float(np.mean([chain.lag_s for chain in chains]))
     longest, *others = sorted(common.taus_s, reverse=True)
+    others = [max(tau, MIN_OTHER_TAU_S) for tau in others]
     return tuple(
         replace(common, taus_s=(max(longest + chain.lag_s - mean_s, MIN_TAU_S), *others))
         for chain in chains

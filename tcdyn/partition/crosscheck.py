@@ -25,7 +25,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.partition.cooling import CoolingFit, CoolingSensitivity
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import MIN_LAG_U_S, CombinedFit, DiskFit
-from tcdyn.partition.model_forms import ModelForms
+from tcdyn.partition.model_forms import ModelForms, is_undetermined
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.partition.steady import DiskLine, FitSensitivity, speed_law_beta
@@ -338,11 +338,12 @@ class CrossCheck:
     Parameters
     ----------
     z
-        Largest disagreement of two estimators in standard deviations of their difference.
+        Largest disagreement of two estimators in standard deviations of their difference; NaN if
+        fewer than two are determined.
     finding
-        The conclusion: "ways.agree", "ways.apart" or "ways.contradicted".
+        The conclusion: "ways.agree", "ways.apart", "ways.contradicted" or "ways.undetermined".
     p_value
-        Probability of so large a disagreement among so many pairs.
+        Probability of so large a disagreement among so many pairs; NaN as ``z``.
     pairs
         Both estimators, their difference, and its z, for each pair.
     suspects
@@ -407,7 +408,9 @@ def cross_check(
     Notes
     -----
     The difference of two estimators is compared with the spread of the difference of their samples,
-    so errors common to both cancel. With several pairs, the largest z is judged by the probability
+    so errors common to both cancel. An estimator whose uncertainty says that beta may be anything
+    (``tcdyn.partition.model_forms.is_undetermined``) agrees with all others, which means nothing:
+    it is left out. With several pairs, the largest z is judged by the probability
     that any of so many is as large (``p_value``, from the samples themselves). The estimators agree
     if no tension is a contradiction and no pair is beyond ``SUSPECT_Z``.
 
@@ -415,6 +418,10 @@ def cross_check(
     alarms, below 7 % of sound tests. ``tests/partition/test_crosscheck.py`` tests the rate of the
     pairs.
     """
+    estimates = {name: beta for name, beta in estimates.items() if not is_undetermined(beta)}
+    if len(estimates) < 2:
+        finding = warning("ways.undetermined", determined=list(estimates))
+        return CrossCheck(np.nan, finding, np.nan, (), (), None)
     pairs = []
     sampled_z = []
     for first, second in combinations(estimates, 2):

@@ -47,8 +47,6 @@ H_KEYS = {
 # The estimators of beta. The speed law must be first: ``cross_check`` takes the first as the steady
 # one.
 ESTIMATORS = tuple(H_KEYS)
-# An exponent with a larger standard uncertainty is not reported. Chosen by judgement.
-MAX_EXPONENT_U = 5.0
 # A warning reports a frictional power that differs from the heat that both disks show by more than
 # this fraction and this many standard uncertainties. Chosen by judgement.
 POWER_SCALE_TOLERANCE = 0.1
@@ -446,13 +444,34 @@ def is_impossible(beta: Estimate, *h: Estimate) -> bool:
     return not 0 <= beta.value <= 1 or any(each.value <= 0 for each in h)
 
 
+def is_undetermined(estimate: Estimate) -> bool:
+    """Whether a test says nothing about beta, or about the exponent n of h ~ u^n.
+
+    That is so if the 95 % interval contains both ends of what is possible anyway. For beta these
+    are 0 and 1: all heat in one disk or in the other. For the exponent they are 0, an h that does
+    not depend on the speed, and 1, an h that is proportional to it; correlations of rotating disks
+    have 0.5 (laminar) to 0.8 (turbulent).
+
+    Parameters
+    ----------
+    estimate
+        Estimate of beta or of the exponent.
+
+    Examples
+    --------
+    >>> is_undetermined(Estimate.normal(0.76, 0.60)), is_undetermined(Estimate.normal(0.7, 0.2))
+    (True, False)
+    """
+    return estimate.contains(0.0) and estimate.contains(1.0)
+
+
 def impossible_keys(
     estimates: Mapping[str, Estimate], combined: Mapping[str, Estimate]
 ) -> frozenset[str]:
     """Keys of physically impossible estimates; with an estimate goes the estimator that gives it.
 
-    These are beta outside 0 to 1, h not above zero, an exponent that the data do not determine, and
-    shares of a frictional power that is wrong by far.
+    These are beta outside 0 to 1, h not above zero, beta or an exponent that the data do not
+    determine (:func:`is_undetermined`), and shares of a frictional power that is wrong by far.
 
     Parameters
     ----------
@@ -463,8 +482,8 @@ def impossible_keys(
 
     Notes
     -----
-    Estimates of the combined fit have the prefix "both". ``MAX_EXPONENT_U``, ``MAX_POWER_SCALE``
-    and ``POWER_SCALE_Z`` may change; ``tests/partition/test_crosscheck.py`` tests what is withheld.
+    Estimates of the combined fit have the prefix "both". ``MAX_POWER_SCALE`` and ``POWER_SCALE_Z``
+    may change; ``tests/partition/test_crosscheck.py`` tests what is withheld.
 
     Examples
     --------
@@ -477,16 +496,41 @@ def impossible_keys(
     for estimator, h_keys in H_KEYS.items():
         if estimator not in estimates:
             continue
-        if is_impossible(estimates[estimator], *(estimates[h] for h in h_keys)):
+        beta = estimates[estimator]
+        if is_impossible(beta, *(estimates[h] for h in h_keys)) or is_undetermined(beta):
             keys |= {estimator, *h_keys}
     if not combined:
         return frozenset(keys)
     h = [estimate for key, estimate in combined.items() if key.startswith("h_")]
-    if is_impossible(combined["beta"], *h) or _is_power_wrong(estimates):
+    beta = combined["beta"]
+    if is_impossible(beta, *h) or is_undetermined(beta) or _is_power_wrong(estimates):
         keys |= {f"both {name}" for name in combined}
-    if "exponent" in combined and combined["exponent"].u > MAX_EXPONENT_U:
+    if "exponent" in combined and is_undetermined(combined["exponent"]):
         keys.add("both exponent")
     return frozenset(keys)
+
+
+def best_determined(
+    estimates: Mapping[str, Estimate], combined: Mapping[str, Estimate]
+) -> str | None:
+    """The estimator with the least uncertainty of beta of those that are reported.
+
+    Parameters
+    ----------
+    estimates, combined
+        As of :func:`impossible_keys`.
+
+    Returns
+    -------
+    str or None
+        One of ``ESTIMATORS``; None if none is reported, and if the frictional power is wrong by
+        far, whose shares mean nothing by any estimator.
+    """
+    if _is_power_wrong(estimates):
+        return None
+    withheld = impossible_keys(estimates, combined)
+    reported = [name for name in ESTIMATORS if name in estimates and name not in withheld]
+    return min(reported, key=lambda name: estimates[name].u, default=None)
 
 
 def _is_power_wrong(estimates: Mapping[str, Estimate]) -> bool:
@@ -536,11 +580,22 @@ def impossibility_findings(
         u = float(np.std(samples["joint fast"] - samples["joint slow"]))
         if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
             findings.append(warning("power.scale", scale=scale, u=u, units=_likely_units(scale, u)))
-    impossible = [estimator for estimator in ESTIMATORS if estimator in keys]
+    betas = {estimator: estimates[estimator] for estimator in ESTIMATORS if estimator in keys}
     if "both beta" in keys and "exponent" in combined:
-        impossible.append("joint, both disks")
+        betas["joint, both disks"] = combined["beta"]
+    undetermined = [estimator for estimator, beta in betas.items() if is_undetermined(beta)]
+    impossible = [estimator for estimator in betas if estimator not in undetermined]
     if impossible:
         findings.append(warning("answers.impossible", ways=impossible))
+    if undetermined:
+        findings.append(
+            warning(
+                "answers.undetermined",
+                ways=undetermined,
+                low95=[betas[estimator].low95 for estimator in undetermined],
+                high95=[betas[estimator].high95 for estimator in undetermined],
+            )
+        )
     return findings
 
 

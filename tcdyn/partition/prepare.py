@@ -43,7 +43,7 @@ from tcdyn.rig.contact import (
     surface_speed_m_s,
 )
 from tcdyn.rig.disk import DISKS, channels_left_out
-from tcdyn.rig.log import COMPENSATED, Log
+from tcdyn.rig.log import COMPENSATED, Log, simulated_findings
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, changed_keys
 from tcdyn.rig.tables import Constant
@@ -185,6 +185,7 @@ def prepare_test(
         exponent_half_range=math.hypot(half_range, half_range_by_ratio),
         disks=disks,
         findings=(
+            *simulated_findings(log),
             *summarise_spikes(log.findings),
             *(_left_out_finding(rig, c, why, left_out_by_disk) for c, why in left_out.items()),
             *events.findings,

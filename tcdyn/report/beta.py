@@ -18,6 +18,7 @@ from tcdyn.core.findings import Finding
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling_checks import cooling_by_window, reference_table
 from tcdyn.partition.joint_results import joint_budget
+from tcdyn.partition.model_forms import is_undetermined
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, panel_figure
@@ -29,7 +30,7 @@ from tcdyn.plots.transient import (
     draw_window_study,
 )
 from tcdyn.report.circumferential import around_section, unevenness_section
-from tcdyn.report.page import MainResult, Section, write_page
+from tcdyn.report.page import SIMULATED, MainResult, Section, write_page
 from tcdyn.workflows.beta_tables import (
     budget_table,
     conditions_table,
@@ -89,9 +90,10 @@ def beta_sections(partition: Partition, truth: float | None = None) -> list[Sect
         *model_form_sections(partition),
         around_section(partition),
         transient_section(partition),
-        profile_section(partition),
-        *test_sections(partition),
     ]
+    if partition.status != "withheld":
+        appendix.append(profile_section(partition))
+    appendix += test_sections(partition)
     unfolded = [section for section in main if not section.folded]
     folded = [section for section in main if section.folded]
     folded += [replace(section, folded=True) for section in appendix]
@@ -130,11 +132,13 @@ def main_result(partition: Partition) -> MainResult:
     detail = f"95 %: {beta.interval_text}"
     if partition.status == "withheld":
         value = "no β"
-        detail = "the result of the fit of both disks is impossible, or its power is far off"
-        if partition.single_disk:
-            detail = (
-                f"the result of the joint fit of the {partition.single_disk} disk is impossible"
-            )
+        disk = partition.single_disk
+        fit = f"the joint fit of the {disk} disk" if disk else "the fit of both disks"
+        detail = f"the result of {fit} is impossible"
+        if is_undetermined(beta):
+            detail = f"{fit} does not determine it"
+        elif not disk:
+            detail += ", or its power is far off"
     elif forms is None:
         detail += f"; by the {partition.single_disk} disk alone"
     else:
@@ -410,8 +414,9 @@ def write_beta_report(
 
     Notes
     -----
-    With one test its first section becomes the head of the page; with several, every title and
-    finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
+    The page is marked as simulated if truths are given; a log that is simulated by its metadata has
+    a finding. With one test its first section becomes the head of the page; with several, every
+    title and finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
     """
     truths = truths or {}
     single = len(tests) == 1
@@ -446,5 +451,5 @@ def write_beta_report(
         main_results=main_results,
         lead=lead,
         sources=sources,
-        marks=["simulated"] if truths else [],
+        marks=[SIMULATED] if truths else [],
     )

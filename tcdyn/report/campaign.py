@@ -23,7 +23,7 @@ from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure, panel_figure
 from tcdyn.report.beta import ASSUMPTIONS
 from tcdyn.report.campaign_joint import joined_result, joined_sections
-from tcdyn.report.page import Section, cells_with_u, write_page
+from tcdyn.report.page import SIMULATED, Section, cells_with_u, write_page
 from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 from tcdyn.rig.rigfile import Rig
@@ -124,6 +124,7 @@ def write_campaign_report(
         findings=run.findings,
         assumptions=ASSUMPTIONS,
         main_results=() if joined is None else (joined_result(joined),),
+        marks=[SIMULATED] if run.simulated else [],
     )
 
 
@@ -342,12 +343,13 @@ def campaign_verdict(run: CampaignRun) -> str:
     good = table[table["error"] == ""]
     if not len(good):
         return f"None of {len(table)} logs could be analysed: the reasons are below."
-    ranked = good.sort_values("beta").to_dict("records")
-    lowest, highest = (
-        f"{row['test']}: β = {text_with_u(row['beta'], row['u_beta'])}"
-        for row in (ranked[0], ranked[-1])
-    )
-    result = lowest if len(good) == 1 else f"least in {lowest}; largest in {highest}"
+    ranked = good.dropna(subset=["beta"]).sort_values("beta").to_dict("records")
+    texts = [f"{row['test']}: β = {text_with_u(row['beta'], row['u_beta'])}" for row in ranked]
+    result = "reported for none of the tests"
+    if len(texts) == 1:
+        result = texts[0]
+    elif texts:
+        result = f"least in {texts[0]}; largest in {texts[-1]}"
     disagreeing = [str(test) for test in good["test"][good["agree"] != "yes"]]
     agree = f"in {len(good) - len(disagreeing)} of {len(good)} tests"
     if disagreeing:
@@ -365,7 +367,8 @@ def partition_table(good: pd.DataFrame) -> pd.DataFrame:
     """Return all estimates of beta with the result of the cross-check, as tables 7.1 and 7.3."""
     table = _tests_table(good, ESTIMATES)
     table["agree, largest z"] = [
-        f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])
+        a if np.isnan(z) else f"{a}, {z:.1f}"
+        for a, z in zip(good["agree"], good["crosscheck_z"].astype(float))
     ]
     return table
 

@@ -108,8 +108,7 @@ def joined_result(joined: JoinedCampaign) -> MainResult:
     return MainResult(
         f"β = {low} to {high}",
         f"{names} of {len(posterior.tests)} tests; u {u_within:.4f} at most within the campaign, "
-        f"{u_absolute:.4f} absolute; exponent of the speed law n = "
-        f"{joined.speed_law.exponent.text_without_interval()}",
+        f"{u_absolute:.4f} absolute; exponent of the speed law {joined.speed_law.text}",
     )
 
 
@@ -187,11 +186,8 @@ def exponent_text(joined: JoinedCampaign) -> str:
     law = joined.speed_law
     tests = joined.posterior.tests
     nominal = tests[0].conditions["speed_exponent"]
-    text = (
-        f"n = {law.exponent.text_without_interval()} from {len(tests)} tests; rig.toml assumes "
-        f"{nominal:g}."
-    )
-    if law.by_speed is not None and law.p_value is not None:
+    text = f"{law.text} from {len(tests)} tests; rig.toml assumes {nominal:g}."
+    if law.is_determined and law.by_speed is not None and law.p_value is not None:
         one_power = law.p_value > SIGNIFICANCE
         conclusion = "one power is enough" if one_power else "one power may not be enough"
         change = law.by_speed.text_without_interval()

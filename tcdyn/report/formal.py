@@ -26,7 +26,7 @@ from calibration.decisions import (
     widest,
 )
 from tcdyn.core.estimate import rounded_texts
-from tcdyn.report.page import Section
+from tcdyn.report.page import SIMULATED, Section
 from tcdyn.rig.record import DiskRecord
 from tcdyn.version import __version__
 
@@ -50,7 +50,6 @@ ABOUT = (
 )
 # Title and mark of a certificate that is none.
 DRAFT = "draft, not a calibration certificate"
-SIMULATED = "simulated"
 # Rows of the stored budget of the lags that are sums of others, and the rows of type A.
 LAG_TOTALS = ("everything", "all of the fit")
 LAG_TYPE_A = ("noise alone",)

@@ -36,6 +36,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, text_with_u
 from tcdyn.core.findings import Finding, infos, messages, warnings_and_errors
 from tcdyn.core.result import Result
+from tcdyn.io.endings import PAGE, check_ending
 from tcdyn.io.write import write_text
 from tcdyn.plots.pick import draw
 from tcdyn.plots.style import figure as new_figure
@@ -58,6 +59,8 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 MAX_ROWS_UNBROKEN = 20  # rows of a table that stays on one printed page; chosen by judgement
+# Mark of a page whose numbers come from simulated logs.
+SIMULATED = "simulated"
 COMPRESSION = 3  # of PNG: a third faster than the usual 6, and larger by a fortieth; measured
 MARGIN_IN = 0.1  # white margin around a figure [inch]; chosen by judgement
 MAX_CHARACTERS = 28  # a longer cell is a sentence, or a word that may be broken; judgement
@@ -302,7 +305,13 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], **opti
     -------
     path
         The same path.
+
+    Raises
+    ------
+    InputError
+        For an ending that is not one of a page, before anything is rendered.
     """
+    check_ending(path, PAGE)
     return write_text(path, render_page(title, sections, **options))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from tcdyn.core.findings import Finding
 from tcdyn.core.progress import Progress, no_progress
+from tcdyn.io.endings import PAGE, check_ending
 from tcdyn.io.read import sha256_of_file
 from tcdyn.io.unit_names import unit_in
 from tcdyn.plots.compensate import draw_traces
@@ -71,7 +72,7 @@ def view(
     Raises
     ------
     InputError
-        For a log that cannot be read or compensated.
+        For a log that cannot be read or compensated, and for an output that is no page by its name.
     TypeError
         For an unknown keyword.
 
@@ -92,6 +93,7 @@ def view(
         raise TypeError(f"view() got an unexpected keyword argument {unknown[0]!r}")
     path = Path(log)
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
+    check_ending(page, PAGE)
     findings: tuple[Finding, ...] = ()
     if calibrations:
         with TemporaryDirectory() as folder:

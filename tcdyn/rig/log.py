@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
+from tcdyn.core.findings import Finding, SampleLocation, info, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
-from tcdyn.io.metadata import COMPENSATED, START_TIME_KEY
+from tcdyn.io.metadata import COMPENSATED, SIMULATED_KEY, START_TIME_KEY
 from tcdyn.io.read import Table, display_path, read_all_rows, sha256_of_file
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
@@ -134,6 +134,13 @@ class Log(Result):
         if not self.frame.isna().to_numpy().any():
             return self.frame
         return self.frame.interpolate(method="linear", limit_direction="both")
+
+
+def simulated_findings(log: Log) -> list[Finding]:
+    """An info if the metadata of the log say that it is simulated."""
+    if SIMULATED_KEY in log.metadata:
+        return [info("log.simulated", subject=log.path.name)]
+    return []
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns, json_text
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
+from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.read import check_no_device
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning, DiskSetup
@@ -315,12 +316,18 @@ def write_record(record: DiskRecord, path: str | Path) -> Path:
     path
         The same path.
 
+    Raises
+    ------
+    InputError
+        For an ending other than .json.
+
     Examples
     --------
     >>> record = read_record("fast.disk.json")  # doctest: +SKIP
     >>> write_record(record, "copy.disk.json").name  # doctest: +SKIP
     'copy.disk.json'
     """
+    check_ending(path, JSON)
     return write_text(path, record.to_json())
 
 

@@ -24,6 +24,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
 from tcdyn.io.checksum import checksum_findings, with_checksum
+from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import (
@@ -579,6 +580,11 @@ def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     Path
         The path.
 
+    Raises
+    ------
+    InputError
+        For an ending other than .json.
+
     Examples
     --------
     >>> import tempfile
@@ -587,6 +593,7 @@ def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     ...     write_sensor(probe, Path(folder) / "probe.sensor.json").name
     'probe.sensor.json'
     """
+    check_ending(path, JSON)
     return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
 

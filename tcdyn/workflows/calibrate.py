@@ -32,9 +32,8 @@ from tcdyn.core.findings import Finding, info, unique, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.metadata import SIMULATED_KEY
 from tcdyn.rig.disk import DISKS
-from tcdyn.rig.log import Log, read_log
+from tcdyn.rig.log import Log, read_log, simulated_findings
 from tcdyn.rig.record import (
     ChainRecord,
     ChannelChain,
@@ -286,13 +285,6 @@ def log_findings(log: Log, entry: EntryEvent) -> list[Finding]:
     findings = [*log.findings, *simulated_findings(log)]
     entry_reports_bounce = any(f.code == "entry.bounced" for f in entry.findings)
     return [f for f in findings if not (entry_reports_bounce and f.code == "switch.bounces")]
-
-
-def simulated_findings(log: Log) -> list[Finding]:
-    """An info if the metadata of the log say that it is simulated."""
-    if SIMULATED_KEY in log.metadata:
-        return [info("log.simulated", subject=log.path.name)]
-    return []
 
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:

@@ -38,7 +38,7 @@ from tcdyn.campaign.summary_table import (
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
 from tcdyn.core.errors import InputError, utf8
-from tcdyn.core.findings import Finding, info
+from tcdyn.core.findings import Finding, error, info
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
@@ -52,6 +52,7 @@ TABLE_FILE = "campaign.csv"
 PAGE_FILE = "campaign.html"
 JOINED_FILE = "campaign.json"
 PAPER_FILES = "table.csv", "table.tex"
+SIMULATED_CODE = "log.simulated"  # finding of a log that is simulated by its metadata
 OUTPUTS = (TABLE_FILE, PAGE_FILE, JOINED_FILE, *PAPER_FILES)
 
 
@@ -131,26 +132,52 @@ class CampaignRun(Result):
         return tuple(o for o in self.outcomes if o.data is None)
 
     @property
+    def simulated(self) -> tuple[str, ...]:
+        """The tests whose logs state that they are simulated."""
+        return tuple(
+            outcome.name
+            for outcome in self.outcomes
+            if outcome.data is not None
+            and any(finding["code"] == SIMULATED_CODE for finding in outcome.data["findings"])
+        )
+
+    @property
     def n_from_earlier_run(self) -> int:
         """Number of results of an earlier run."""
         return sum(o.from_earlier_run for o in self.outcomes)
 
     @property
     def findings(self) -> list[Finding]:
-        """Altered results first, then findings of the joint fit, then those of the tests.
+        """Simulated, altered and withheld results first, then the joint fit, then the tests.
 
-        Those of the tests are merged by :func:`merge_findings`: one that several tests have comes
-        once. That the methods agree (``AGREE_CODE``) is left out: it is in the table. The same code
-        is left out of the count in ``tcdyn.campaign.summary_table.table_row``; change both.
+        Findings of the tests are merged by :func:`merge_findings`: one that several tests have
+        comes once; simulated logs come in one finding. That the methods agree (``AGREE_CODE``) is
+        left out: it is in the table. The same code is left out of the count in
+        ``tcdyn.campaign.summary_table.table_row``; change both.
         """
         each = [
             (o.name, Finding.from_dict(finding))
             for o in self.outcomes
             for finding in (o.data["findings"] if o.data else [])
-            if finding["code"] != AGREE_CODE
+            if finding["code"] not in (AGREE_CODE, SIMULATED_CODE)
         ]
         altered = [info("campaign.altered", subject=name) for name in self.altered]
-        return [*altered, *(self.joined.findings if self.joined else ()), *merge_findings(each)]
+        simulated = []
+        if self.simulated:
+            names = list(self.simulated)
+            simulated = [info("campaign.simulated", names=names, tests=len(self.outcomes))]
+        withheld = [
+            error("campaign.withheld", subject=o.name, why=o.data["headline"]["sentence"])
+            for o in self.outcomes
+            if o.data is not None and o.data["status"] == "withheld"
+        ]
+        return [
+            *simulated,
+            *altered,
+            *withheld,
+            *(self.joined.findings if self.joined else ()),
+            *merge_findings(each),
+        ]
 
     def summary(self) -> str:
         """Numbers of logs analysed and failed, and the range of beta."""
@@ -168,6 +195,8 @@ class CampaignRun(Result):
             text += (
                 f"; the ways agree in {int((analysed['agree'] == 'yes').sum())} of {len(analysed)}"
             )
+        if self.simulated:
+            text += f"; {len(self.simulated)} simulated"
         if self.joined is not None and len(self.joined.posterior.tests) > 1:
             u_within, u_total = (
                 max(e[k].u for e in self.joined.posterior.estimates)
@@ -177,7 +206,7 @@ class CampaignRun(Result):
                 f"\nall tests as one: u of beta {u_within:.4f} at most within the "
                 f"campaign, {u_total:.4f} absolute"
             )
-            text += f"; exponent n {self.joined.speed_law.exponent}"
+            text += f"; exponent {self.joined.speed_law.text}"
         if self.interchange is not None:
             text += f"\n{self.interchange.summary()}"
         return text

@@ -18,6 +18,7 @@ from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.endings import LONG_TABLE, check_ending
 from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
@@ -149,14 +150,16 @@ def compensate_table(
     Raises
     ------
     InputError
-        For a column that is missing, two sensors for one, a table that is compensated, and time
-        that does not rise.
+        For a column that is missing, two sensors for one, a table that is compensated, time that
+        does not rise, and an output with another ending.
     """
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
     check_delay(delay_s)
-    raw = _open_log(log, calibrations, rig, options)
     out_path = Path() if callable(out) else Path(out)
+    if not callable(out):
+        check_ending(out_path, LONG_TABLE)
+    raw = _open_log(log, calibrations, rig, options)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
     style = output_style(dialect, comments, raw.source.table, out_path)

@@ -29,6 +29,7 @@ from tcdyn.io.appended import AppendedFile, digest
 from tcdyn.io.cells import is_number
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
+from tcdyn.io.endings import CSV, JSON, check_ending
 from tcdyn.io.growing import ROW_END, GrowingText, open_growing
 from tcdyn.io.metadata import START_TIME_KEY, metadata_path
 from tcdyn.io.read import display_path
@@ -182,12 +183,9 @@ def follow(
     options = options or {}
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
-    if out.suffix.lower() != ".csv":
-        raise InputError(
-            f"ending {out.suffix!r}",
-            where=str(out),
-            expected=".csv: only a text file grows in place",
-        )
+    check_ending(out, CSV)  # only a text file grows in place
+    if state is not None:
+        check_ending(state, JSON)
     if os.path.realpath(log) == os.path.realpath(out):
         raise InputError(
             "log and output are the same file",

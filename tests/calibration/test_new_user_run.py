@@ -111,7 +111,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
             "no unloading",
             "friction_N: column is missing",
         ):
-            arguments = ("rig", "beta", path, "--record", record, "--out", tmp_path / "out.csv")
+            arguments = ("rig", "beta", path, "--record", record, "--out", tmp_path / "out.json")
         assert tcdyn(*arguments) == 2, damage.name
         messages = capsys.readouterr().err
         assert "Traceback" not in messages, damage.name

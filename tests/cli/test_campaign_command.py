@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,16 @@ from tcdyn.core.errors import InputError
 from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.operating_conditions import read_bearing
 from tcdyn.partition.prepare import prepare_test
+from tcdyn.report.beta import write_beta_report
+from tcdyn.report.campaign import write_campaign_report
 from tcdyn.rig.log import read_log
 from tcdyn.workflows import campaign_log as stage
+from tcdyn.workflows.beta import BetaRun
 from tcdyn.workflows.campaign import run_campaign
 from tcdyn.workflows.campaign_log import CampaignSettings
 from tests.conftest import Campaign
+
+STAMP = '<span class="stamp">simulated'  # mark beside the title of a page
 
 
 def tcdyn(*words: object) -> int:
@@ -107,6 +113,41 @@ def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_po
     assert html.count("data:image/png;base64,") == 0
     assert "EHL_bad.csv" in html
     assert "β of each test, all estimates" in html
+
+
+@pytest.mark.e2e
+def test_a_campaign_of_simulated_logs_says_so_on_its_page_and_on_the_terminal(
+    done: tuple[Path, int], campaign: Campaign, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, _ = done
+    assert STAMP in (out / "campaign.html").read_text(encoding="utf-8")
+    log = campaign.files.ehl["B3"]
+    tcdyn("rig", "campaign", log, *records(campaign), "--out", out, "--workers", 1)
+    said = capsys.readouterr()
+    assert "simulated" in said.out
+    assert "simulated" in said.err
+    again = run_campaign([log], settings_of(campaign), out)
+    assert again.simulated == ("EHL_B3",)
+    assert [f.code for f in again.findings].count("campaign.simulated") == 1
+    (outcome,) = again.outcomes
+    assert outcome.data is not None
+    findings = [f for f in outcome.data["findings"] if f["code"] != "log.simulated"]
+    measured = replace(
+        again, outcomes=(replace(outcome, data={**outcome.data, "findings": findings}),)
+    )
+    assert measured.simulated == ()
+    page = write_campaign_report(out / "measured.html", measured)
+    assert STAMP not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.e2e
+def test_a_single_simulated_test_says_so_on_its_page_and_on_the_terminal(
+    beta_run: BetaRun, tmp_path: Path
+) -> None:
+    partition = beta_run.partition
+    assert "log.simulated" in [finding.code for finding in partition.analysis_findings]
+    page = write_beta_report(tmp_path / "beta.html", {"B3": partition})
+    assert "EHL_B3.csv is simulated" in page.read_text(encoding="utf-8").replace("\u00a0", " ")
 
 
 @pytest.mark.e2e

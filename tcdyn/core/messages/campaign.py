@@ -138,6 +138,18 @@ def _contradicted(
     )
 
 
+def _simulated(names: Sequence[str], tests: int, **_: object) -> str:
+    """Message of ``campaign.simulated``.
+
+    ``names`` are those of the ``tests`` logs whose metadata say that they are simulated.
+    """
+    if len(names) == tests == 1:
+        return "the log is simulated: its metadata say so"
+    if len(names) == tests:
+        return f"all {tests} logs are simulated: their metadata say so"
+    return f"{len(names)} of {tests} logs are simulated: their metadata say so ({', '.join(names)})"
+
+
 # tcdyn/campaign
 CAMPAIGN: dict[str, Message] = {
     "campaign.stranger": _outlying_test,
@@ -151,6 +163,8 @@ CAMPAIGN: dict[str, Message] = {
     "campaign.curve_shape": _curve_shape,
     "campaign.contradicted": _contradicted,
     "campaign.apart": "{subject} is not solved together with the other tests: {why}",
+    "campaign.simulated": _simulated,
+    "campaign.withheld": "{subject}: {why}",
     "campaign.altered": "{subject} in the results folder was changed after tcdyn wrote it: its log "
     "was analysed again",
     "campaign.repeated": "{text} (in {first}; so or nearly so in {others})",

@@ -417,24 +417,47 @@ def _recommended(
     """Message of ``headline.both``.
 
     ``exponent`` is the one that the fit implies, ``z`` its distance from the ``assumed`` one in
-    standard deviations. ``low95`` and ``high95`` hold over ``count`` other model forms; ``named``
-    is the one that the data support, with ``named_beta``.
+    standard deviations; it is missing where the data do not determine it. ``low95`` and ``high95``
+    hold over ``count`` other model forms; ``named`` is the one that the data support, with
+    ``named_beta``.
     """
-    implied = Estimate.normal(n["exponent"], n["exponent_u"])
-    if abs(z) < EXPONENT_AGREES_Z:
-        comparison = "agrees with that of the speed law"
-    else:
-        comparison = f"is {abs(z):.1f} standard deviations from that of the speed law"
     text = (
         f"beta = {Estimate.normal(beta, u)} by the joint fit of both disks: their shares add to "
-        "one, errors common to both disks cancel, and no speed law is assumed; the exponent that "
-        f"it implies, {implied}, {comparison} ({n['assumed']:g}). Over {count} other model forms "
+        "one, errors common to both disks cancel, and no speed law is assumed; "
+        f"{_implied_exponent(z, **n)}. Over {count} other model forms "
         f"95 % of beta lie between {low95:.3f} and {high95:.3f}"
     )
     if "named" in n:
         form = model_form_text(n["named"])
         text += f"; the data support one of them: {form} (beta {n['named_beta']:.3f})"
     return f"{text}."
+
+
+def _implied_exponent(
+    z: float,
+    assumed: float,
+    exponent: float | None = None,
+    exponent_u: float | None = None,
+    **_: Any,
+) -> str:
+    """Whether the exponent that the joint fit implies is that of the speed law.
+
+    Parameters
+    ----------
+    z, assumed, exponent, exponent_u
+        As of ``_recommended``.
+    """
+    if exponent is None or exponent_u is None:
+        return (
+            "it does not determine the exponent, so that of the speed law "
+            f"({assumed:g}) is not checked"
+        )
+    implied = Estimate.normal(exponent, exponent_u)
+    if abs(z) < EXPONENT_AGREES_Z:
+        comparison = "agrees with that of the speed law"
+    else:
+        comparison = f"is {abs(z):.1f} standard deviations from that of the speed law"
+    return f"the exponent that it implies, {implied}, {comparison} ({assumed:g})"
 
 
 def _recommended_one_disk(subject: str, beta: float, u: float, **_: Any) -> str:
@@ -448,17 +471,33 @@ def _recommended_one_disk(subject: str, beta: float, u: float, **_: Any) -> str:
     )
 
 
-def _withheld(subject: str, **_: Any) -> str:
+def _withheld(subject: str, **n: Any) -> str:
     """Message of ``headline.withheld``.
 
-    ``subject`` is the disk of a log of one disk, else empty.
+    ``subject`` is the disk of a log of one disk, else empty. ``low95`` and ``high95`` are the
+    interval of a beta that the data do not determine. ``determined`` is the estimator whose beta,
+    ``beta`` with ``u``, is the most certain of those that are reported.
     """
-    if subject:
-        return f"No beta is given: what the joint fit of the {subject} disk finds is impossible."
-    return (
-        "No beta is given: what the joint fit of both disks finds is impossible, or the frictional "
-        "power that they share is far from the logged one."
-    )
+    fit = f"the joint fit of the {subject} disk" if subject else "the joint fit of both disks"
+    if "low95" in n:
+        text = (
+            f"No beta is given: {fit} does not determine it (95 % interval {n['low95']:.2g} to "
+            f"{n['high95']:.2g}, which contains 0 and 1)."
+        )
+    elif subject:
+        text = f"No beta is given: what {fit} finds is impossible."
+    else:
+        text = (
+            f"No beta is given: what {fit} finds is impossible, or the frictional power that they "
+            "share is far from the logged one."
+        )
+    if "determined" in n:
+        text += (
+            f" What this test still determines is beta by {_estimator_text(n['determined'])}, "
+            f"{Estimate.normal(n['beta'], n['u'])}: use it only if you know why the joint fit "
+            "fails."
+        )
+    return text
 
 
 def _impossible(ways: Sequence[str], **_: Any) -> str:
@@ -470,6 +509,47 @@ def _impossible(ways: Sequence[str], **_: Any) -> str:
         "impossible numbers (beta outside 0 to 1, h not above zero, a power far from the logged "
         f"one): {', '.join(ways)} not reported"
     )
+
+
+def _undetermined(
+    ways: Sequence[str], low95: Sequence[float], high95: Sequence[float], **_: Any
+) -> str:
+    """Message of ``answers.undetermined``.
+
+    ``ways`` are the estimators that do not determine beta, ``low95`` and ``high95`` the ends of
+    their 95 % intervals.
+    """
+    intervals = ", ".join(
+        f"{way} ({low:.2g} to {high:.2g})" for way, low, high in zip(ways, low95, high95)
+    )
+    return (
+        "the data do not determine beta, whose 95 % interval contains 0 and 1, by these estimators "
+        f"(not reported): {intervals}; look for waves and steps in the readings, a frictional "
+        "power that is too small, a cooling that is too short, and large uncertainties in rig.toml"
+    )
+
+
+def _not_compared(determined: Sequence[str], **_: Any) -> str:
+    """Message of ``ways.undetermined``.
+
+    ``determined`` are the estimators that determine beta, at most one.
+    """
+    if not determined:
+        return "No estimate of beta is determined by this test. Do NOT trust beta."
+    return (
+        f"Beta is determined by {_estimator_text(determined[0])} only: no other estimate can be "
+        "compared with it."
+    )
+
+
+def _estimator_text(name: str) -> str:
+    """The name of an estimator in a sentence.
+
+    >>> _estimator_text("speed law"), _estimator_text("cooling fast")
+    ('the speed law', 'the cooling fit of the fast disk')
+    """
+    kind, _, disk = name.partition(" ")
+    return f"the {name}" if name == "speed law" else f"the {kind} fit of the {disk} disk"
 
 
 # ---- model forms
@@ -607,6 +687,7 @@ PARTITION: dict[str, Message] = {
     "stated.sensors": _stated_sensors,
     "ways.agree": _estimates_agree,
     "ways.apart": _estimates_differ,
+    "ways.undetermined": _not_compared,
     "ways.contradicted": _estimates_contradicted,
     "cables.exchanged": _cables_exchanged,
     "rest.disks_differ": "before the loading all junctions of the {higher} disk read "
@@ -617,6 +698,7 @@ PARTITION: dict[str, Message] = {
     "headline.both": _recommended,
     "headline.withheld": _withheld,
     "answers.impossible": _impossible,
+    "answers.undetermined": _undetermined,
     "power.scale": _power,
     "structures.other": _other_model_form,
     "structures.undecided": _undecided_model_form,
