@@ -192,6 +192,10 @@ class ResponseColumns:
             Where the unit is not known, may be two things, or contradicts the caller.
         """
         name = self.frequency
+        if is_logarithm(name):
+            raise InputError(
+                f"column {name!r} is a logarithm", where=self.where, expected="the frequency itself"
+            )
         unit = self._unit(name, "frequency")
         stated = None
         if self.frequency_unit is not None:
@@ -237,10 +241,6 @@ class ResponseColumns:
             text = split_unit(name)[1]
         if text:
             raise self._request(name, f"its unit {text!r} is not one of a frequency")
-        if is_logarithm(name):
-            raise InputError(
-                f"column {name!r} is a logarithm", where=self.where, expected="the frequency itself"
-            )
         if is_angular(name):
             return 1 / (2 * np.pi), {name: "rad/s"}
         return 1.0, {name: "Hz"}
