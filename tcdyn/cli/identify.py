@@ -255,7 +255,7 @@ def response(
     """Fit transfer functions to a measured frequency response.
 
     Of the fits without a warning, the one with the lowest BIC is written, unless another is better
-    by a BIC of 10. The units are those of the header, such as w_rad_s, f [mHz], Magnitude (dB) and
+    by a BIC of 10. The units are those of the header, such as w_rad_s, f (mHz), Magnitude (dB) and
     phase_deg, or of a row of units below it.
 
     Example: tcdyn response bode.csv --frequency f_Hz --column gain_dB --column phase_deg

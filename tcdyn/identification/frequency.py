@@ -413,6 +413,13 @@ def best_response_fit(fits: Sequence[Identified]) -> Identified:
         One of them, the first of equal ones. Where each fit without a warning has a BIC more than
         ``DECISIVE_BIC`` above the least, the fit of least BIC with its warnings: no other
         describes the response.
+
+    Examples
+    --------
+    >>> f = np.geomspace(0.01, 1, 12)
+    >>> data = Response(f, 2 * np.exp(-2j * np.pi * f * 0.3) / (1 + 2j * np.pi * f * 1.5))
+    >>> best_response_fit([fit_response(data, name) for name in ("P1", "P1D")]).model.name
+    'P1D'
     """
 
     def bic(fit: Identified) -> float:
