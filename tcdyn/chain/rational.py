@@ -295,6 +295,10 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
         polys[1:-1, :q] = np.eye(q)
         polys[-1, 1:] = -model.num
     c, direct = newton_form(polys, poles)
+    # States of the side branches are of the size of the main ones: the exponential of a matrix with
+    # couplings of any size loses its small elements. A power of two changes no digit of the others.
+    coupling = float(np.max(np.abs(c[0]), initial=float(np.abs(direct[0]).max())))
+    unit = 2.0 ** np.round(np.log2(coupling)) if 0 < coupling < np.inf else 1.0
     C = np.zeros((len(c), size), dtype=c.dtype)
     D, E = direct.T
     C[:, :m] = c
@@ -306,11 +310,11 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
         span = np.arange(m, m + d)
         A[span, span] = p
         A[span[1:], span[:-1]] = -p[1:]
-        A[m] += -p[0] * C[0]
-        B[m] = -p[0] * D[0]
+        A[m] += -p[0] * C[0] / unit
+        B[m] = -p[0] * D[0] / unit
         state_coefs, direct_coefs = newton_form(np.eye(d + 1)[1:], p)
         branch = -direct_coefs[:, :1] * C[0]
-        branch[:, span] = -state_coefs
+        branch[:, span] = -unit * state_coefs
         branches.append(branch)
         through.append(-direct_coefs[:, 0] * D[0])
         m += d

@@ -26,7 +26,6 @@ from tcdyn.cli.common import (
     write_json,
 )
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import warnings_and_errors
 from tcdyn.io.endings import JSON, PAGE
 
 if TYPE_CHECKING:
@@ -244,7 +243,9 @@ def response(
     data: Path,
     column: Annotated[list[str], typer.Option()],
     frequency: str = "frequency_Hz",
-    form: str = "magnitude",
+    form: str | None = None,
+    frequency_unit: str | None = None,
+    phase_unit: str | None = None,
     uncertainty: str | None = None,
     coherence: str | None = None,
     averages: Annotated[float | None, number_option(1, 1e12)] = None,
@@ -255,7 +256,9 @@ def response(
 ) -> None:
     """Fit transfer functions to a measured frequency response.
 
-    Of the fits without a warning, the one with the lowest BIC is written.
+    Of the fits without a warning, the one with the lowest BIC is written, unless another is better
+    by a BIC of 10. The units are those of the header, such as w_rad_s, f (mHz), Magnitude (dB) and
+    phase_deg, or of a row of units below it.
 
     Example: tcdyn response bode.csv --frequency f_Hz --column gain_dB --column phase_deg
     --form dB --coherence g2 --averages 20
@@ -265,12 +268,16 @@ def response(
     data
         Table with one row for each frequency: CSV, LVM, TDMS or Parquet.
     column
-        Column of the magnitude, then column of the phase in degrees; give it twice.
+        Column of the magnitude, then column of the phase; give it twice.
     frequency
-        Column of the frequency in Hz.
+        Column of the frequency.
     form
         Content of the two columns: magnitude or dB, each with the phase, or complex (real,
-        imaginary).
+        imaginary). Default: that of the header, else magnitude.
+    frequency_unit
+        Unit of the frequency, if its header does not state it: Hz, mHz, kHz, rad/s.
+    phase_unit
+        Unit of the phase, if its header does not state it: deg, rad.
     uncertainty
         Column of the standard uncertainty of real and imaginary part.
     coherence
@@ -285,9 +292,16 @@ def response(
     """
     import pandas as pd
 
-    from tcdyn.identification import CANDIDATES, Response, fit_response, read_identified
+    from tcdyn.identification import (
+        CANDIDATES,
+        Response,
+        best_response_fit,
+        fit_response,
+        read_identified,
+    )
 
-    check_choice("--form", form, ("magnitude", "dB", "complex"))
+    if form is not None:
+        check_choice("--form", form, ("magnitude", "dB", "complex"))
     pair = _columns("--column", column)
     if len(pair) != 2:
         raise InputError(
@@ -300,6 +314,8 @@ def response(
         frequency,
         (pair[0], pair[1]),
         form=form,
+        frequency_unit=frequency_unit,
+        phase_unit=phase_unit,
         u=uncertainty,
         coherence=coherence,
         averages=averages,
@@ -309,20 +325,20 @@ def response(
         (fit_response(measured, name) for name in names),
         key=lambda fit: round(fit.statistics["bic"], 6),
     )  # among equals the first one named
-    without_warning = [fit for fit in fits if not warnings_and_errors(fit.findings)]
-    best = (without_warning or fits)[0]
+    best = best_response_fit(fits)
     best = replace(best, input_name=frequency, output_name=" and ".join(pair))
     lowest_bic = fits[0].statistics["bic"]
+    test = "white" if measured.unknown_uncertainty else "misfit"
     rows = [
         (
             fit.model.name,
             fit.statistics["fit_percent"],
-            fit.statistics["p_misfit"],
+            fit.statistics[f"p_{test}"],
             abs(fit.statistics["bic"] - lowest_bic),
         )
         for fit in fits
     ]
-    table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
+    table = pd.DataFrame(rows, columns=["model", "fit [%]", f"{test} p", "BIC above best"]).round(3)
     content = best.to_dict() | {"source": source_entry(data)}
     write_json(path, content)
     read_identified(path)

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import signal
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import schur, solve_toeplitz
 
 from tcdyn.core import Array
 from tcdyn.estimation.levenberg_marquardt import minimise
@@ -21,6 +21,12 @@ from tcdyn.estimation.problem import Problem, Status, inverse
 
 # factors on the roots of a start that cannot be used, tried in this order; chosen by judgement
 ROOT_FACTORS = (1.0, 0.7, 0.3, 0.0)
+# Samples over which the variance of stationary noise is summed, as a power of two. Its memory is
+# longer than any record, and a root that is nearer to one is rounded to it.
+DOUBLINGS = 30
+# Variance over that of the innovation at which the sum ends: the noise before a segment is then
+# unknown, and more would only overflow in its square.
+MAX_PRESAMPLE_VARIANCE = 1e100
 
 
 @dataclass(frozen=True)
@@ -188,8 +194,9 @@ def presample_effect(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tu
     Notes
     -----
     The state z of the filter C/D, z' = A z + B e, has the covariance P = A P A' + B B', summed by
-    doubling for 10^9 samples (that of a random walk would never converge). The state of D/C is its
-    negative.
+    doubling for 10^9 samples (that of a random walk would never converge). A is in the Schur form,
+    whose powers keep the roots: the powers of A itself grow without limit from rounding where two
+    roots are near to one, as in noise of long memory. The state of D/C is its negative.
     """
     m = max(len(ar), len(ma))
     d = np.zeros(m)
@@ -198,10 +205,19 @@ def presample_effect(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tu
     c[: len(ma)] = ma
     a = np.eye(m, k=1)
     a[:, 0] = -d
-    p = np.outer(c - d, c - d)
-    for _ in range(30):
-        p = p + a @ p @ a.T
-        a = a @ a
+    power, basis = schur(a, output="complex")
+    roots = np.diag(power)
+    longest = 1 - 0.5**DOUBLINGS
+    np.fill_diagonal(power, roots * np.minimum(1.0, longest / np.maximum(np.abs(roots), longest)))
+    first = basis.conj().T @ (c - d)
+    total = np.outer(first, first.conj())
+    for _ in range(DOUBLINGS):
+        longer = total + power @ total @ power.conj().T
+        if not np.max(np.abs(longer)) < MAX_PRESAMPLE_VARIANCE:
+            break
+        total = longer
+        power = power @ power
+    p = np.real(basis @ total @ basis.conj().T)
     shape = signal.lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
     eigenvalues, eigenvectors = np.linalg.eigh(p)
     scaled = shape @ (eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
@@ -272,7 +288,10 @@ def fit_ar(e: Array, segments: Sequence[slice], max_order: int = 20) -> NoiseMod
     best = n * np.log(max(r[0], 1e-300))
     choice = NoiseModel()
     for p in range(1, max_order + 1):
-        a = solve_toeplitz(r[:p], r[1 : p + 1])
+        try:
+            a = solve_toeplitz(r[:p], r[1 : p + 1])
+        except np.linalg.LinAlgError:  # the samples follow from fewer before them exactly
+            break
         variance = r[0] - a @ r[1 : p + 1]
         if variance <= 0:
             break
@@ -338,9 +357,9 @@ def fit_arma(e: Array, segments: Sequence[slice], p: int, q: int) -> NoiseModel:
             past_w = signal.lfilter([1.0], c, w)
             r[s] = w
             for i in range(p):
-                j[s, i] = np.concatenate([np.zeros(i + 1), past_e[: -i - 1]])
+                j[s.start + i + 1 : s.stop, i] = past_e[: -i - 1]
             for i in range(q):
-                j[s, p + i] = -np.concatenate([np.zeros(i + 1), past_w[: -i - 1]])
+                j[s.start + i + 1 : s.stop, p + i] = -past_w[: -i - 1]
             j[s.start : s.start + m] = 0.0
             r[s.start : s.start + m] = 0.0
         return r, j

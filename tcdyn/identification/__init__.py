@@ -29,7 +29,7 @@ from tcdyn.identification.comparison import (
 )
 from tcdyn.identification.experiment import prbs_input, step_input
 from tcdyn.identification.fitting import fit
-from tcdyn.identification.frequency import Response, fit_response
+from tcdyn.identification.frequency import Response, best_response_fit, fit_response
 from tcdyn.identification.grey_box import FunctionFit, fit_function
 from tcdyn.identification.heldout import held_out_score
 from tcdyn.identification.identified import Identified, from_control, read_identified
@@ -63,6 +63,7 @@ __all__ = [
     "Response",
     "Run",
     "Validation",
+    "best_response_fit",
     "bode_band",
     "chain_model",
     "compare",

@@ -93,7 +93,7 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
     # a dead time does not change the spectrum
     system = realise(replace(g, delay_s=0.0), False)
     response = simulate_rows(system, pulse, problem.dt_s, 0.0, problem.hold, "zero")[0]
-    autocovariance = [
+    autocovariance: list[float] = [
         float(response[: len(response) - lag] @ response[lag:])
         for lag in problem.residual_spacing * np.arange(2 * order + 1)
     ]
@@ -102,16 +102,53 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
     output_variance = max(variance - input_variance, MIN_OUTPUT_NOISE_SHARE * variance)
     below_squared = np.convolve(below, below[::-1])
     both_sides = [*autocovariance[:0:-1], *autocovariance]
-    spectrum = np.convolve(both_sides, below_squared, mode="valid")
+    spectrum = np.asarray(np.convolve(both_sides, below_squared, mode="valid"), dtype=float)
     spectrum += output_variance * below_squared
-    roots = np.roots(spectrum)
-    inside = roots[np.argsort(np.abs(roots))][:order]
     is_negligible = input_variance < MIN_INPUT_NOISE_SHARE * variance
-    if order == 0 or np.any(np.abs(inside) >= 1) or is_negligible:
+    if order == 0 or is_negligible:
+        return NoiseModel()
+    above = spectral_factor(spectrum)
+    if above is None:
         return NoiseModel()
     ar = tuple(below[1:].tolist())
-    ma = tuple(np.real(np.poly(inside))[1:].tolist())
-    return NoiseModel(ar, ma, starts_at_rest=True, n_fitted=0)
+    return NoiseModel(ar, tuple(above[1:].tolist()), starts_at_rest=True, n_fitted=0)
+
+
+def spectral_factor(spectrum: Array) -> Array | None:
+    """Return the invertible polynomial C with C(q) C(1/q) proportional to a spectrum.
+
+    Parameters
+    ----------
+    spectrum
+        Autocovariance (2n + 1,) of a moving average, from lag -n to n.
+
+    Returns
+    -------
+    array or None
+        Coefficients of C, the first is 1; None where the spectrum has zeros on the unit circle, is
+        zero, or is not finite.
+
+    Notes
+    -----
+    A pole much faster than the sampling interval makes the outer lags so small that a ratio of two
+    coefficients overflows. They are left out where they are below the rounding of the largest.
+
+    Examples
+    --------
+    >>> spectral_factor(np.array([1e-320, 0.5, 1.25, 0.5, 1e-320])).round(6).tolist()
+    [1.0, 0.5]
+    """
+    size = np.abs(spectrum)
+    largest = float(np.max(size))
+    if not 0 < largest < np.inf:  # also false where it is not a number
+        return None
+    n_small = int(np.argmax(size > np.finfo(float).eps * largest))
+    kept = spectrum[n_small : len(spectrum) - n_small] / largest
+    roots = np.roots(kept)
+    inside = roots[np.argsort(np.abs(roots))][: len(kept) // 2]
+    if np.any(np.abs(inside) >= 1):
+        return None
+    return np.real(np.atleast_1d(np.poly(inside)))
 
 
 def alternate(

@@ -9,7 +9,7 @@ coherence.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -24,16 +24,19 @@ from tcdyn.chain.rational import Complex
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.findings import Finding, info, warning, warnings_and_errors
+from tcdyn.core.findings import error as error_finding
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Optimum, Problem, lowest_cost, minimise
 from tcdyn.identification.identified import Identified
 from tcdyn.identification.models import Model, as_model
+from tcdyn.identification.recommendation import DECISIVE_BIC, MIN_FIT_PERCENT
+from tcdyn.identification.response_table import ResponseColumns
 from tcdyn.identification.search import criteria, search_findings
 from tcdyn.identification.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
 from tcdyn.identification.tables import numbers, read_columns
-from tcdyn.identification.validation import ALARM_P
+from tcdyn.identification.validation import ALARM_P, NUMERICAL_ERROR, whiteness
 from tcdyn.io.read import open_table
 
 # Grids and settings of the search, chosen by judgement.
@@ -44,6 +47,9 @@ LEVY_ROUNDS = 10  # of reweighting in the linear problem
 N_SEARCHES = 4  # starting values from which the search starts
 WEIGHT_ROUNDS = 4  # of weights that are relative to the model's magnitude
 MIN_MODEL_SHARE = 0.1  # model over data, the least magnitude for such a weight
+# Neighbouring frequencies over which residuals are compared: a misfit runs over several of them.
+# False alarms and misses: python -m tests.identify.response_study
+WHITENESS_LAGS = 4
 # Floors of a noise of unknown size, over the largest response.
 NOISE_FLOORS = (0.0, 1e-3, 1e-2, 0.1, 1.0)
 # Frequency of the fastest and slowest lag over the ends of the data's band.
@@ -69,6 +75,8 @@ class Response(Result):
         equal unknown share of the magnitude, above an unknown floor.
     floor
         The floor of the noise.
+    findings
+        Findings of the reader.
     """
 
     frequency_Hz: Array
@@ -77,6 +85,7 @@ class Response(Result):
     name: str = "frequency response"
     relative_u: Array | None = None
     floor: float = 0.0
+    findings: tuple[Finding, ...] = ()
 
     def summary(self) -> str:
         """Name, number of frequencies and their range."""
@@ -117,6 +126,12 @@ class Response(Result):
         f = self.frequency_Hz
         h = self.response
         u = self.u if self.relative_u is None else self.relative_u
+        if len(f) == 0:
+            raise InputError(
+                "has no row with a frequency and a response",
+                where=self.name,
+                expected="one row for each frequency",
+            )
         is_finite = len(f) == len(h) and np.isfinite(f).all() and np.isfinite(h).all()
         if not (is_finite and np.all(f > 0) and np.all(h != 0)):
             raise InputError(
@@ -209,24 +224,32 @@ class Response(Result):
         frequency: str,
         columns: tuple[str, str],
         *,
-        form: str = "magnitude",
+        form: str | None = None,
+        frequency_unit: str | None = None,
+        phase_unit: str | None = None,
         u: str | None = None,
         coherence: str | None = None,
         averages: float | None = None,
     ) -> Response:
         """Read a response from a table; rows with a gap are left out.
 
+        The units are those of the header, such as "w_rad_s", "f [mHz]", "Magnitude (dB)" and
+        "phase_deg", or of a row of units below it.
+
         Parameters
         ----------
         path
             The file.
         frequency
-            Column of the frequency [Hz].
+            Column of the frequency.
         columns
-            Columns of magnitude and phase [deg].
+            Columns of magnitude and phase, or of the real and the imaginary part.
         form
             "magnitude"; "dB": the magnitude is in decibels; "complex": the columns are the real
-            and the imaginary part.
+            and the imaginary part. By default that of the header, else "magnitude".
+        frequency_unit, phase_unit
+            Units of frequency and phase, such as "mHz", "rad/s" and "rad"; by default those of the
+            header, else Hz (rad/s for names such as omega) and degrees.
         u, coherence
             Columns of the uncertainty or of the coherence.
         averages
@@ -235,15 +258,27 @@ class Response(Result):
         Returns
         -------
         Response
-            The response, named after the file.
+            The response, named after the file, with a finding about units that are assumed.
 
         Raises
         ------
         InputError
-            For a missing column or text in place of a number.
+            For a missing column or text in place of a number, and for a unit that is not known,
+            may be two things, or contradicts an argument.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder, "bode.csv")
+        ...     _ = path.write_text("f_mHz,Gain (dB),phase_rad\\n10,-6.0206,-0.5\\n20,-20,-1\\n")
+        ...     table = Response.read(path, "f_mHz", ("Gain (dB)", "phase_rad")).to_frame()
+        >>> table["magnitude"].round(3).to_dict()
+        {0.01: 0.5, 0.02: 0.1}
         """
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
-        frame = read_columns(open_table(path, names), names)
+        source = open_table(path, names)
+        frame = read_columns(source, names)
         where = utf8(Path(path).name)
         for name in names:
             if name not in frame:
@@ -252,23 +287,20 @@ class Response(Result):
         table = {name: numbers(frame, name, where) for name in names}
         complete = np.isfinite(list(table.values())).all(axis=0)
         table = {name: values[complete] for name, values in table.items()}
-        magnitude = table[columns[0]]
-        phase_deg = table[columns[1]]
-        if form == "complex":
-            h = magnitude + 1j * phase_deg
-            magnitude = np.abs(h)
-            phase_deg = np.rad2deg(np.angle(h))
-        elif form == "dB":
-            magnitude = 10 ** (magnitude / 20)
-        return cls.of(
-            table[frequency],
-            magnitude=magnitude,
-            phase_deg=phase_deg,
-            u=None if u is None else table[u],
-            coherence=None if coherence is None else table[coherence],
-            averages=averages,
-            name=where,
+        stated = ResponseColumns(
+            where,
+            frequency,
+            columns,
+            u,
+            coherence,
+            form,
+            frequency_unit,
+            phase_unit,
+            source.units,
         )
+        arrays, findings = stated.converted(table)
+        response = cls.of(**arrays, averages=averages, name=where)
+        return replace(response, findings=tuple(findings))
 
     def part_uncertainty(self, model: Complex | None = None) -> Array:
         """Return the standard uncertainty of the real and of the imaginary part.
@@ -323,9 +355,11 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     Minimises sum |H - G(2 pi i f)|^2/u^2. It starts at Levy's linear problem, weighted as by
     Sanathanan and Koerner (1963), over dead times. A relative u is iterated with the magnitude of
     G. Errors at different frequencies are taken as independent. Where no uncertainty is given, its
-    size follows from the residuals, and its floor by likelihood. Where the residuals are larger
-    than the given uncertainty (chi-squared, 1 %), the intervals are widened by that ratio and
-    there is a finding.
+    size follows from the residuals, and its floor by likelihood; whether the model is right is then
+    judged by the residuals of neighbouring frequencies (:func:`residual_whiteness`, 1 %). Where the
+    residuals are larger than the given uncertainty (chi-squared, 1 %), the intervals are widened by
+    that ratio and there is a finding. A fit below ``MIN_FIT_PERCENT`` is a warning, and an error
+    where one of these tests rejects the model as well.
 
     ``NOISE_FLOORS``, the numbers of starts and of rounds may be increased; that costs time only.
     ``tests/identify/test_identify_frequency.py`` fails where a structure is no longer found.
@@ -363,6 +397,41 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
         start_points = [optimum.theta, start_points[0]]
         candidates.append(make_identified(with_floor, structure, optimum, dof, u))
     return min(candidates, key=lambda candidate: round(candidate.statistics["bic"], 6))
+
+
+def best_response_fit(fits: Sequence[Identified]) -> Identified:
+    """Return the fit to use: of those without a warning the one of least BIC.
+
+    Parameters
+    ----------
+    fits
+        Fits of several models to one response, as of :func:`fit_response`.
+
+    Returns
+    -------
+    Identified
+        One of them, the first of equal ones. Where each fit without a warning has a BIC more than
+        ``DECISIVE_BIC`` above the least, the fit of least BIC with its warnings: no other
+        describes the response.
+
+    Examples
+    --------
+    >>> f = np.geomspace(0.01, 1, 12)
+    >>> data = Response(f, 2 * np.exp(-2j * np.pi * f * 0.3) / (1 + 2j * np.pi * f * 1.5))
+    >>> best_response_fit([fit_response(data, name) for name in ("P1", "P1D")]).model.name
+    'P1D'
+    """
+
+    def bic(fit: Identified) -> float:
+        """Return the BIC; differences of rounding are no difference."""
+        return round(fit.statistics["bic"], 6)
+
+    least = min(fits, key=bic)
+    limit = bic(least) + DECISIVE_BIC
+    candidates = [
+        fit for fit in fits if bic(fit) <= limit and not warnings_and_errors(fit.findings)
+    ]
+    return min(candidates, key=bic, default=least)
 
 
 def _ranked_starts(data: Response, model: Model) -> list[Array]:
@@ -606,26 +675,35 @@ def make_identified(
     theta = model.theta(best.theta)
     n = 2 * len(data.frequency_Hz)
     chi2 = float(best.residual @ best.residual)
-    findings: list[Finding] = []
-    p = 1.0
+    findings = list(data.findings)
+    p = np.nan
     variance = chi2 / dof
+    model_response = model.rational(theta).frequency_response(data.frequency_Hz)
+    error = np.abs(model_response - data.response)
+    p_white = residual_whiteness(data, best, error)
+    is_misfit = p_white < ALARM_P
     if data.unknown_uncertainty:
         share = np.sqrt(variance)
         findings.append(info("response.unstated", share=share, floor=data.floor * share))
+        if is_misfit:
+            findings.append(warning("response.systematic", subject=model.name, p=p_white))
     else:
         p = float(chdtrc(dof, chi2))
-        if p < ALARM_P:
+        is_misfit = p < ALARM_P
+        if is_misfit:
             findings.append(
                 warning("response.misfit", subject=model.name, ratio=np.sqrt(variance), p=p)
             )
-        variance = max(variance, 1.0) if p < ALARM_P else 1.0
+        variance = max(variance, 1.0) if is_misfit else 1.0
+    spread = np.linalg.norm(data.response - data.response.mean()) or 1.0
+    percent = float(100 * (1 - np.linalg.norm(error) / spread))
+    if percent < MIN_FIT_PERCENT:
+        grade = error_finding if is_misfit else warning
+        findings.append(grade("response.poor_fit", subject=model.name, fit_percent=percent))
     scale = model.natural_scale(best.theta)
     covariance = variance * best.covariance * np.outer(scale, scale)
     result = Identified.of(model, theta, covariance, dt_s=0.0)
     findings += search_findings(best, result.estimates, model.name, _warn_if_undetermined)
-    model_response = model.rational(theta).frequency_response(data.frequency_Hz)
-    error = np.abs(model_response - data.response)
-    spread = np.linalg.norm(data.response - data.response.mean()) or 1.0
     count = len(model.free)
     deviance = chi2
     if data.unknown_uncertainty:
@@ -639,8 +717,9 @@ def make_identified(
         "n": float(n),
         "parameters": float(len(model.free)),
         "rms": float(np.sqrt(mean_square)),
-        "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread)),
+        "fit_percent": percent,
         "p_misfit": p,
+        "p_white": p_white,
         **criteria(deviance, count, n),
     }
     return replace(
@@ -649,6 +728,40 @@ def make_identified(
         statistics=statistics,
         findings=tuple(findings),
     )
+
+
+def residual_whiteness(data: Response, best: Optimum, error: Array) -> float:
+    """Return the chance of residuals so similar at neighbouring frequencies, by Ljung and Box.
+
+    Parameters
+    ----------
+    data
+        The response.
+    best
+        The optimum, with residuals (2F,) and their Jacobian: the real parts, then the imaginary.
+    error
+        Magnitudes (F,) of response less model.
+
+    Returns
+    -------
+    float
+        p; 1 where the residuals are rounding errors.
+
+    Notes
+    -----
+    A model without the dynamics of the response leaves residuals that run smoothly over frequency,
+    whatever their size, so this needs no stated uncertainty. Sound errors of neighbouring
+    frequencies are independent. The test is that of the residuals of a record, with frequency in
+    the place of time.
+    """
+    if np.max(error) <= NUMERICAL_ERROR * np.max(np.abs(data.response)):
+        return 1.0
+    count = len(data.frequency_Hz)
+    order = np.argsort(data.frequency_Hz)
+    rows = np.concatenate([order, count + order])
+    parts = [slice(0, count), slice(count, 2 * count)]
+    lags = min(WHITENESS_LAGS, max(count // 4, 1))
+    return whiteness(best.residual[rows], best.jacobian[rows], parts, 1.0, lags).p
 
 
 def _warn_if_undetermined(name: str, estimate: Estimate) -> Finding | None:

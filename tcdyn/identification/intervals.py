@@ -115,7 +115,9 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     inflation = 1.0
     if fit.identified.statistics["robust_covariance"]:
         classical = variance * fit.optimum.covariance[index, index]
-        inflation = fit.covariance_x[index, index] / classical
+        reported = float(fit.covariance_x[index, index])
+        if reported > 0 and classical > 0:  # not where the record says nothing of the parameter
+            inflation = reported / classical
     t = float(stdtrit(dof, 0.975))
     curve = likelihood_profile(
         fit.optimum,

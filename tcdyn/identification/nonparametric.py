@@ -139,7 +139,8 @@ def spectral_estimate(data: IOData, window_s: float | None = None) -> Response:
     Raises
     ------
     InputError
-        For several inputs or outputs, or fewer than two windows without a gap.
+        For several inputs or outputs, fewer than two windows without a gap, or no frequency at
+        which the output follows the input, as in the record of a single step.
 
     Notes
     -----
@@ -190,17 +191,29 @@ def spectral_estimate(data: IOData, window_s: float | None = None) -> Response:
         frequency_Hz = each[0][0]
         spectra[name] = np.average([s for _, s in each], axis=0, weights=counts)
     averages = n_windows / (1 + 2 * (1 - 1 / n_windows) * OVERLAP_CORRELATION)
-    coherence = np.abs(spectra["uy"]) ** 2 / np.real(spectra["uu"] * spectra["yy"])
+    power = np.real(spectra["uu"] * spectra["yy"])
+    has_power = power > 0  # not where the input or the output is constant in every window
+    coherence = np.zeros_like(power)
+    coherence[has_power] = np.abs(spectra["uy"][has_power]) ** 2 / power[has_power]
     coherence = np.minimum(coherence, 1 - 1e-12)  # a record without noise
-    response = spectra["uy"] / spectra["uu"] / hold_response(frequency_Hz, data)
-    is_used = frequency_Hz <= MAX_FREQUENCY_SHARE / data.dt_s
+    is_used = has_power & (frequency_Hz <= MAX_FREQUENCY_SHARE / data.dt_s)
     is_used[0] = False
     is_used[1::2] = False
     is_used &= coherence > 1 - 0.05 ** (1 / (averages - 1))
+    if not is_used.any():
+        raise InputError(
+            f"the output follows the input significantly at no frequency in {n_windows} windows "
+            f"of {length_s:g} s",
+            where=where,
+            expected="an input that moves in most windows; a single step moves in one",
+            remedy="fit a model to the record itself",
+        )
+    ratio = spectra["uy"][is_used] / spectra["uu"][is_used]
+    response = ratio / hold_response(frequency_Hz[is_used], data)
     return Response.of(
         frequency_Hz[is_used],
-        magnitude=np.abs(response[is_used]),
-        phase_deg=np.angle(response[is_used], deg=True),
+        magnitude=np.abs(response),
+        phase_deg=np.angle(response, deg=True),
         coherence=coherence[is_used],
         averages=averages,
         name=where,

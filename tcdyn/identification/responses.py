@@ -295,7 +295,8 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
         i = max(int(np.argmax(share >= q)), 1)
         crossing = float(np.interp(q, share[i - 1 : i + 1], t[i - 1 : i + 1]))
         slope_there = max(float(np.interp(crossing, t, slope)), 1e-12)
-        gradient = np.array([[np.interp(crossing, t, row)] for row in share_jacobian])
+        # one column, also without free parameters
+        gradient = np.array([np.interp(crossing, t, row) for row in share_jacobian])[:, None]
         u = float(model.standard_uncertainty(-gradient / slope_there)[0])
         is_rounding = 0 < u < SMALLEST_REL_U * crossing  # a pole that is almost cancelled
         if u < t[-1] and not is_rounding:  # false where u is not a number

@@ -694,8 +694,8 @@ def to_even_grid(
     if clock.n_repeated:
         raise _unordered_times(t, int(np.argmax(np.diff(t) == 0)), "repeats", column, where)
     departure = np.abs(clock.deviation_s) / clock.interval_s
-    rounding = clock.resolution_s / clock.interval_s
-    if not clock.is_coarse and departure.max() > max(MAX_JITTER, rounding):
+    rounding = 0.5 * clock.resolution_s / clock.interval_s
+    if not clock.is_coarse and departure.max() > MAX_JITTER + rounding:
         k = int(np.argmax(departure))
         dt_s = clock.interval_s
         raise InputError(

@@ -18,6 +18,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
+from tcdyn.io.response_units import is_response_unit
 from tcdyn.io.stamps import Stamps, is_stamp
 from tcdyn.io.times import SECONDS_PER_UNIT
 
@@ -110,8 +111,9 @@ def is_temperature_unit(text: str) -> bool:
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell is a unit of time, of temperature or of the voltage of a thermocouple."""
-    return cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
+    """Whether a cell is a unit: of time, temperature, thermocouples or frequency responses."""
+    is_time_unit = cell.rstrip(".").lower() in SECONDS_PER_UNIT
+    return is_time_unit or is_temperature_unit(cell) or is_response_unit(cell)
 
 
 def number_and_unit(text: str, decimal: str) -> tuple[str, str]:

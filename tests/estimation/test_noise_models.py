@@ -24,6 +24,7 @@ from tcdyn.estimation import (
     sandwich_covariance,
     slow_variance_factor,
 )
+from tcdyn.estimation.arma import presample_effect
 from tcdyn.estimation.levenberg_marquardt import robust_weights
 from tcdyn.estimation.noise_average import (
     GAIN,
@@ -229,3 +230,39 @@ def test_robust_scale_is_about_the_median_and_weights_are_about_zero() -> None:
     assert robust_weights(r, "huber") == pytest.approx(
         np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-12))
     )
+
+
+@pytest.mark.parametrize("roots", [[0.9], [0.99, 0.5], [0.97, 0.97], [0.9 + 0.3j, 0.9 - 0.3j]])
+def test_the_determinant_of_stationary_noise_is_that_of_its_covariance(roots):
+    """Closed form: the autocovariance of AR noise as the sum of its impulse response."""
+    ar = np.real(np.poly(roots))
+    n = 40
+    pulse = lfilter([1.0], ar, np.eye(1, 20_000)[0])
+    autocovariance = [pulse[: len(pulse) - k] @ pulse[k:] for k in range(n)]
+    expected = np.linalg.slogdet(toeplitz(autocovariance))[1]
+    noise = NoiseModel(tuple(ar[1:].tolist()))
+    assert noise.log_determinant([slice(0, n)]) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("memory", [1e3, 1e6, 1e9, 1e12])
+@pytest.mark.parametrize("n_roots", [1, 2, 3, 8])
+def test_noise_of_any_memory_is_whitened_without_an_overflow(memory, n_roots):
+    """Powers of the companion matrix grow without limit by rounding, where roots are equal."""
+    ar = np.poly([1 - 1 / memory] * n_roots)
+    noise = NoiseModel(tuple(ar[1:].tolist()), (-0.5,))
+    e = np.cumsum(np.random.default_rng(0).normal(size=50))
+    with np.errstate(all="raise", under="ignore"):
+        shapes, variances = presample_effect(noise.ar, noise.ma, 50)
+        whitened = noise.whiten(e, [slice(0, 50)])
+    assert np.isfinite(shapes).all()
+    assert np.isfinite(variances).all()
+    assert np.isfinite(whitened).all()
+
+
+@pytest.mark.parametrize("e", [np.zeros(60), np.ones(60), (-1.0) ** np.arange(60)])
+def test_residuals_that_follow_from_those_before_have_a_noise_model(e):
+    for segments in ([slice(0, 60)], [slice(0, 58), slice(58, 59), slice(59, 60)]):
+        assert np.isfinite(fit_ar(e, segments).whiten(e, segments)).all()
+        for order in ((1, 1), (2, 1), (2, 2)):
+            noise = fit_arma(e, segments, *order)
+            assert np.isfinite(noise.whiten(e, segments)).all()

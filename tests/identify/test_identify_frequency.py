@@ -4,6 +4,7 @@ the command."""
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,14 @@ import pytest
 from scipy.signal import coherence, csd, lfilter, welch
 
 from tcdyn.core.errors import InputError
-from tcdyn.identification import Response, fit_response, read_identified
+from tcdyn.core.findings import Severity, warning, warnings_and_errors
+from tcdyn.identification import (
+    Identified,
+    Response,
+    best_response_fit,
+    fit_response,
+    read_identified,
+)
 from tests.cli.test_main_job import tcdyn
 
 F = np.geomspace(0.005, 2.0, 25)
@@ -119,6 +127,133 @@ def test_coherence_of_a_welch_estimate_gives_intervals_that_cover():
     assert np.mean(covered) > 0.8  # of 25, nominal 0.95
 
 
+def codes(fit: Identified) -> set[str]:
+    """Codes of the warnings and errors of a fit."""
+    return {finding.code for finding in warnings_and_errors(fit.findings)}
+
+
+def error_codes(fit: Identified) -> set[str]:
+    """Codes of the errors of a fit."""
+    return {finding.code for finding in fit.findings if finding.severity is Severity.ERROR}
+
+
+def test_without_uncertainty_the_residuals_of_neighbouring_frequencies_judge_the_model():
+    h, _ = measured(1)
+    right = fit_response(Response(F, h), "P2D")
+    assert np.isnan(right.statistics["p_misfit"])
+    assert right.statistics["p_white"] > 0.01
+    assert not codes(right)
+    too_small = fit_response(Response(F, h), "P1D")
+    assert too_small.statistics["p_white"] < 1e-4
+    assert "response.systematic" in codes(too_small)
+    shuffled = np.random.default_rng(0).permutation(len(F))
+    again = fit_response(Response(F[shuffled], h[shuffled]), "P1D")
+    assert again.statistics["p_white"] == pytest.approx(too_small.statistics["p_white"], rel=0.01)
+    exact = fit_response(Response(F, closed_form(F)), "P2D")
+    assert exact.statistics["p_white"] == 1.0  # rounding errors are not judged
+
+
+def test_a_bad_fit_is_a_warning_and_an_error_where_the_residuals_reject_the_model_too():
+    in_wrong_unit = closed_form(F)
+    phase = np.angle(in_wrong_unit)  # radians that were read as degrees
+    wrong = Response.of(F, magnitude=np.abs(in_wrong_unit), phase_deg=phase)
+    fits = [fit_response(wrong, name) for name in ("P1", "P2D", "P2Z")]
+    for fit in fits:
+        assert fit.statistics["fit_percent"] < 50
+        assert error_codes(fit) == {"response.poor_fit"}
+    rng = np.random.default_rng(4)
+    noisy = closed_form(F) * (1 + 0.9 * (rng.normal(size=25) + 1j * rng.normal(size=25)))
+    fit = fit_response(Response(F, noisy), "P1")
+    assert fit.statistics["fit_percent"] < 50
+    assert "response.poor_fit" in codes(fit)
+    assert not error_codes(fit)
+    with_u = fit_response(Response(F, noisy, 1.2 * np.abs(closed_form(F))), "P1")
+    assert "response.poor_fit" in codes(with_u)
+
+
+def test_a_model_with_a_warning_is_used_where_each_other_is_worse_by_a_decisive_bic():
+    h, _ = measured(1)
+    fits = [fit_response(Response(F, h), name) for name in ("P1", "P1D", "P2D")]
+    p1, p1d, p2d = (replace(fit, findings=()) for fit in fits)
+    assert best_response_fit([p1, p1d, p2d]) is p2d
+    doubtful = replace(p2d, findings=(warning("fit.bound", subject="Tz", end="lower", value=0.0),))
+    assert p1d.statistics["bic"] > p2d.statistics["bic"] + 10
+    assert best_response_fit([p1, p1d, doubtful]) is doubtful
+    statistics = {**p1d.statistics, "bic": p2d.statistics["bic"] + 5}
+    near = replace(p1d, statistics=statistics)
+    assert best_response_fit([p1, near, doubtful]) is near
+
+
+BODE = {
+    "rad/s and radians": (
+        ("w_rad_s", "mag", "phase_rad"),
+        (2 * np.pi, 1.0),
+        (),
+        0,
+    ),
+    "mHz and radians": (("Frequency [mHz]", "Gain", "Phase [rad]"), (1e3, 1.0), (), 0),
+    "units by options": (
+        ("x", "Gain", "angle"),
+        (1e3, 1.0),
+        ("--frequency-unit", "mHz", "--phase-unit", "rad"),
+        0,
+    ),
+    "phase without unit": (("f_Hz", "Gain", "Phase"), (1.0, 1.0), (), 2),
+    "radians called degrees": (("f_Hz", "Gain", "Phase (deg)"), (1.0, 1.0), (), 1),
+    "contradiction": (
+        ("Frequency [mHz]", "Gain", "Phase [rad]"),
+        (1e3, 1.0),
+        ("--frequency-unit", "Hz"),
+        2,
+    ),
+}
+
+
+@pytest.mark.e2e
+@pytest.mark.parametrize("case", BODE)
+def test_response_command_reads_the_units_of_the_header_or_does_not_succeed(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    names, scales, options, exit_code = BODE[case]
+    f = np.geomspace(1e-3, 2.0, 40)
+    s = 2j * np.pi * f
+    rng = np.random.default_rng(52)
+    error = 1 + 0.01 * (rng.normal(size=40) + 1j * rng.normal(size=40))
+    h = 2.5 * np.exp(-0.4 * s) / ((3 * s + 1) * (0.5 * s + 1)) * error
+    columns = (scales[0] * f, scales[1] * np.abs(h), np.angle(h))
+    path = tmp_path / "bode.csv"
+    pd.DataFrame(dict(zip(names, columns))).to_csv(path, index=False)
+    pair = ("--column", names[1], "--column", names[2])
+    status = tcdyn("response", path, "--frequency", names[0], *pair, *options, "--json")
+    output = capsys.readouterr()
+    assert status == exit_code
+    if exit_code == 0:
+        lag = json.loads(output.out)["lag_s"]
+        assert abs(lag["value"] - 3.9) < 3 * lag["u"] < 0.15
+    if case == "contradiction":
+        assert "mHz" in output.err
+        assert "--frequency-unit Hz" in output.err
+
+
+@pytest.mark.e2e
+def test_decibels_of_the_header_are_not_a_magnitude(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """All above 0 dB: as plain magnitudes they would give a gain of 30 for 31.6."""
+    f = np.geomspace(1e-3, 0.2, 30)
+    h = 31.6 * closed_form(f) / 1.8
+    columns = (f, 20 * np.log10(np.abs(h)), np.degrees(np.angle(h)))
+    names = ("Frequency (Hz)", "Magnitude (dB)", "Phase (deg)")
+    path = tmp_path / "bode.csv"
+    pd.DataFrame(dict(zip(names, columns))).to_csv(path, index=False)
+    call = ("response", path, "--frequency", names[0], "--column", names[1], "--column", names[2])
+    assert np.all(columns[1] > 0)
+    assert tcdyn(*call, "--json") == 0
+    theta = json.loads(capsys.readouterr().out)["theta"]
+    assert theta["Kp"] == pytest.approx(31.6, rel=1e-6)
+    assert tcdyn(*call, "--form", "magnitude") == 2
+
+
 @pytest.mark.e2e
 def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_path: Path, capsys):
     h, u = measured(2)
@@ -192,7 +327,7 @@ def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_
     )
     assert "times the stated uncertainty" in capsys.readouterr().err
     for columns_and_options, message in (
-        (("re", "--column", "im", "--form", "magnitude"), "a magnitude of -"),
+        (("re", "--column", "im", "--form", "magnitude"), "--form magnitude"),
         (("m",), "expected twice"),
         (("m", "--column", "q"), "no column 'q'"),
         (("m", "--column", "p", "--form", "polar"), "--form"),

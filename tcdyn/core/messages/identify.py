@@ -672,7 +672,14 @@ IDENTIFY: dict[str, Message] = {
     "residuals.spikes": _spikes,
     "validation.moved": "These data give other parameters of {subject} than those of the fit, by "
     "more than both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
+    "response.unit_assumed": "The header does not state all units: {subject} assumed.",
     "response.unstated": _uncertainty_not_given,
+    "response.systematic": "{subject} leaves residuals that run systematically over the frequency "
+    "(p = {p:.1g}): dynamics are missing, a unit is wrong, or neighbouring frequencies have errors "
+    "in common; the intervals are too short.",
+    "response.poor_fit": "{subject} describes the response badly (fit {fit_percent:.2g} %, 100 % "
+    "is perfect and 0 % as bad as a constant): check the units of frequency, phase and magnitude, "
+    "and the columns; do not use the estimates otherwise.",
     "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): "
     "dynamics are missing, or the uncertainty was stated too small; the intervals were widened by "
     "this factor.",
