@@ -1,9 +1,10 @@
 """The smoother of Rauch, Tung and Striebel over time intervals, means by Bryson and Frazier's form.
 
 A Kalman filter runs forward in the information form. Recursions of the adjoint and of the
-information of later samples run backward. The recursions are exact where anything changes. Between events and gaps the covariance becomes
-stationary after some correlation times; from there on both passes are linear recursions with one
-constant gain, evaluated for all channels and intervals at once.
+information of later samples run backward. The recursions are exact where anything changes. Between
+events and gaps the covariance becomes stationary after some correlation times; from there on both
+passes are linear recursions with one constant gain, evaluated for all channels and intervals at
+once.
 
 Used by :mod:`tcdyn.smoothing.state_space` and by ``tcdyn.smoothing.smoother.window_covariance``.
 The thresholds below trade speed against rounding errors only; ``tests/smoothing/test_smoother.py``
@@ -111,11 +112,11 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
 
     Notes
     -----
-    The backward pass is in the form of Bryson and Frazier. With prior covariance P, information L,
-    score s and transition A of an interval: the gain matrix is S = (I + P L)^-1, the filtered
-    covariance P+ = S P, the innovation e = s - L m, the filtered mean m+ = m + P+ e, and the next
-    next mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is q = S' e + F' q of the next
-    interval. Given all samples, the mean is m + P+ (e + A' q), with q of the next interval.
+    The means of the backward pass are in the form of Bryson and Frazier. With prior covariance P,
+    information L, score s and transition A of an interval: the gain matrix is S = (I + P L)^-1, the
+    filtered covariance P+ = S P, the innovation e = s - L m, the filtered mean m+ = m + P+ e, and
+    the next mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is q = S' e + F' q of the
+    next interval. Given all samples, the mean is m + P+ (e + A' q), with q of the next interval.
 
     The information of later samples is V = A' N A with N of the next knot; N = ((L + V)^-1 + Q)^-1
     is the information about the state before the process noise Q acts at the knot. Given all
@@ -307,7 +308,7 @@ def _backward_pass(
     flow = model.transition[:, :, 0]
     flow_back = flow.swapaxes(-1, -2)
     jump_var = model.jump_var[:, :, 0]
-    has_noise = jump_var.any(axis=1)
+    has_noise = np.asarray(jump_var.any(axis=1))
     shared = np.arange(count)
     run_starts = np.searchsorted(gain_index, np.arange(len(step)))
     before_noise = np.zeros((batch, n, n))
