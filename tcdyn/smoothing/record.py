@@ -713,7 +713,7 @@ class Compensated(Result):
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Temperature and standard deviation of each channel.
+        """Temperature and standard deviation of each channel, NaN where undetermined.
 
         Returns
         -------
@@ -723,12 +723,13 @@ class Compensated(Result):
             readings, or the time [s].
         """
         index = pd.Index(self.time_s, name="time_s") if self.index is None else self.index
+        temperature, sd = self.determined_estimates()
         columns = {}
-        for c in range(self.temperature.shape[1]):
+        for c in range(temperature.shape[1]):
             name = self.names[c] if self.names else f"channel_{c + 1}"
             base = without_unit(name) if unit_in(name) == "degC" else name
-            columns[f"{base}_degC"] = self.temperature[:, c]
-            columns[f"{base}_u_K"] = self.sd[:, c]
+            columns[f"{base}_degC"] = temperature[:, c]
+            columns[f"{base}_u_K"] = sd[:, c]
         return pd.DataFrame(columns, index)
 
     def card(self) -> pd.DataFrame:

@@ -1,10 +1,10 @@
 """Coverage of the bands of the smoother for records whose readings are sparse in one part.
 
-`python -m tests.smoothing.sparse_study [RECORDS] [SEED]` prints for each layout and for all records
-the coverage of the 95 % band (mean over the samples of each record, then over the records; lowest
-and highest record), the share of samples without a result, the smallest u in medians of the u of
-samples with readings, the largest error in u, and the CPU time a record. With `-v` it prints each
-record, too.
+`python -m tests.smoothing.sparse_study [RECORDS] [SEED]` prints for each layout, each temperature
+and all records: coverage of the 95 % band (mean over the samples of each record, then over the
+records; its standard deviation from record to record; lowest record), share of samples without a
+result, the smallest u in medians of the u of samples with readings, the records in which it is
+below a tenth, the largest error in u, and the CPU time a record. With `-v` it prints each record.
 
 Loggers write such records where they save memory: a reading every minute, one a second while
 something happens; or rows without a new value. The temperature and the reading are closed forms of
@@ -203,31 +203,30 @@ def judge(record: SparseRecord) -> Verdict:
 
 def report(records: int, seed: int, verbose: bool) -> None:
     """Print the table."""
-    print(f"{'layout':24s} cover %  lowest  highest  empty %  least u  max |e|/u  CPU s")
-    verdicts: dict[str, list[Verdict]] = {name: [] for name in LAYOUTS}
+    print(f"{'records':24s} cover %      sd  lowest  empty %  least u  below 0.1  max |e|/u  CPU s")
+    groups: dict[str, list[Verdict]] = {name: [] for name in (*LAYOUTS, *SIGNALS, "all")}
     for index in range(records):
         record = simulate(index, seed)
         verdict = judge(record)
-        verdicts[record.layout].append(verdict)
+        for name in (record.layout, record.signal, "all"):
+            groups[name].append(verdict)
         if verbose:
             print(f"  {index:3d} {record.layout:22s} {record.signal:17s} {_line([verdict])}")
-    for name, some in verdicts.items():
-        if some:
-            print(f"{name:24s} {_line(some)}")
-    everything = [v for some in verdicts.values() for v in some]
-    print(f"{'all':24s} {_line(everything)}")
+    for name, verdicts in groups.items():
+        if verdicts:
+            print(f"{name:24s} {_line(verdicts)}")
 
 
 def _line(verdicts: list[Verdict]) -> str:
     """Figures of some records."""
     coverage = 100 * np.array([v.coverage for v in verdicts])
     empty = 100 * np.mean([v.empty for v in verdicts])
-    least = min(v.least_u for v in verdicts)
+    least_u = np.array([v.least_u for v in verdicts])
     worst = max(v.worst for v in verdicts)
     cpu = np.mean([v.cpu_s for v in verdicts])
     return (
-        f"{coverage.mean():7.1f} {coverage.min():7.1f} {coverage.max():8.1f} {empty:8.1f} "
-        f"{least:8.3f} {worst:10.1f} {cpu:6.2f}"
+        f"{coverage.mean():7.1f} {coverage.std():7.1f} {coverage.min():7.1f} {empty:8.1f} "
+        f"{least_u.min():8.3f} {np.count_nonzero(least_u < 0.1):10d} {worst:10.1f} {cpu:6.2f}"
     )
 
 

@@ -6,16 +6,19 @@ orthogonal decomposition, which shares no recursion with the smoother.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
-from tcdyn.smoothing import Burst, Intensity
+from tcdyn.smoothing import Burst, Intensity, smooth
 from tcdyn.smoothing.intervals import knots_for
 from tcdyn.smoothing.record import record_of
 from tcdyn.smoothing.rts import IntervalModel, rts_smooth
 from tcdyn.smoothing.state_space import interval_model
+from tests.smoothing.sparse_study import Verdict, judge, simulate
 
 NOISE_K = 0.03
 RANGE_K = np.array([200.0])  # of a record with a step elsewhere: ten times that is the prior
@@ -85,3 +88,86 @@ def test_u_in_gaps_equals_that_of_dense_least_squares(
     ours = np.sqrt(smoothed.cov[:, 0, 0, 0])
     assert np.allclose(ours, sd, rtol=1e-3)
     assert np.abs(smoothed.mean[:, 0, 0] - mean).max() < 0.01 * sd.min()
+
+
+def settled_then_stepped(rows: Array, at: float, lag_rows: float = 25.0) -> Array:
+    """Readings at ``rows`` behind a lag of a step by 50 K at the row ``at``, NaN elsewhere."""
+    y = np.full(int(rows[-1]) + 1, np.nan)
+    y[rows] = 200.0 - 50.0 * np.expm1(-np.maximum(rows - at, 0.0) / lag_rows)
+    return y + 0.05 * np.random.default_rng(3).standard_normal(len(y))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("at", [255.0, 330.0, 390.0])
+def test_last_readings_behind_a_gap_with_a_step_give_no_temperature(count: int, at: float) -> None:
+    """The one reading fits any step, small and early or large and late: the value was 6 u off."""
+    rows = np.concatenate([np.arange(250), np.arange(400, 400 + count)])
+    result = smooth(settled_then_stepped(rows, at), 1.0, Chain(25.0))
+    temperature, u = result.determined_estimates()
+    assert np.isnan(temperature[250:]).all()
+    assert np.isnan(u[250:]).all()
+    assert np.isfinite(temperature[:250]).all()
+    assert "trace.alone" in [f.code for f in result.findings]
+
+
+def test_a_first_reading_before_a_gap_with_a_step_gives_no_temperature() -> None:
+    rows = np.concatenate([[0], np.arange(150, 400)])
+    result = smooth(settled_then_stepped(rows, 100.0), 1.0, Chain(25.0))
+    temperature = result.determined_estimates()[0][:, 0]
+    assert np.isnan(temperature[:150]).all()
+    assert np.abs(temperature[200:] - 250.0).max() < 1.0
+
+
+@pytest.mark.parametrize("lone", [[0], [400], [0, 400]])
+def test_a_reading_alone_that_agrees_with_the_others_is_used(lone: list[int]) -> None:
+    rows = np.unique([*lone, *range(150, 300)])
+    result = smooth(settled_then_stepped(rows, 1000.0), 1.0, Chain(25.0))
+    assert "trace.alone" not in [f.code for f in result.findings]
+    assert np.isfinite(result.determined_estimates()[1][rows[0] :]).all()
+    assert np.abs(result.temperature - 200.0).max() < 0.5
+
+
+def test_a_lone_reading_of_one_channel_leaves_the_others_alone() -> None:
+    rows = np.concatenate([np.arange(250), [400]])
+    stepped = settled_then_stepped(rows, 330.0)
+    other = settled_then_stepped(np.arange(401), 1000.0)
+    result = smooth(np.column_stack([stepped, other]), 1.0, Chain(25.0))
+    temperature = result.determined_estimates()[0]
+    assert np.isnan(temperature[250:, 0]).all()
+    assert np.isfinite(temperature[:, 1]).all()
+
+
+def test_a_change_in_the_gap_that_is_listed_leaves_the_lone_reading_in() -> None:
+    rows = np.concatenate([np.arange(250), [400]])
+    result = smooth(settled_then_stepped(rows, 330.0), 1.0, Chain(25.0), events_s=[330.0])
+    assert "trace.alone" not in [f.code for f in result.findings]
+
+
+def test_a_slow_sensor_that_settles_after_a_step_does_not_look_rough() -> None:
+    """The band after the step was 20 times as wide as before it, and half of a lag is 30 s."""
+    y = settled_then_stepped(np.arange(1000), 300.5, lag_rows=60.0)
+    result = smooth(y, 1.0, Chain(60.0, conditioning=NO_CONDITIONING), events_s=[300.5])
+    before, after = np.median(result.sd[50:250]), np.median(result.sd[700:950])
+    assert after < 4 * before
+    assert np.mean(np.abs(result.temperature[700:950] - 250.0) < 1.96 * result.sd[700:950]) > 0.86
+
+
+SOME_RECORDS = range(0, 30, 2)  # each layout with each temperature once in thirty
+
+
+@cache
+def verdict_of(index: int) -> Verdict:
+    """The verdict on a sparse record of a seed that is used for nothing else."""
+    return judge(simulate(index, 4711))
+
+
+@pytest.mark.parametrize("index", SOME_RECORDS)
+def test_no_u_collapses_and_the_band_of_a_sparse_record_holds(index: int) -> None:
+    """Few independent errors in one record. Without rounding errors, the smallest u is that of a
+    long quiet part beside one in which a change widens the band."""
+    assert verdict_of(index).coverage > 0.6
+    assert verdict_of(index).least_u > 0.05
+
+
+def test_the_mean_coverage_of_sparse_records_is_that_of_the_band() -> None:
+    assert np.mean([verdict_of(index).coverage for index in SOME_RECORDS]) > 0.93
