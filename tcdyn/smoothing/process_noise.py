@@ -347,8 +347,9 @@ def segment_levels(
     Notes
     -----
     Segments of at least ``LONG_SAMPLES`` get their level from the spectrum, shorter ones from the
-    exact likelihood, without the first ``AFTER_S`` (at most half of the segment), in which the
-    burst after an event decays. A segment with fewer than 64
+    exact likelihood, without the first ``AFTER_S`` or ``REACH_LAGS`` lags, whichever is longer, but
+    at most half of its readings: there the burst after an event decays and the sensor settles,
+    which looks like a large intensity. A segment with fewer than 64
     samples gets the largest level of the others. Where the spectrum puts the corner frequency below
     ``FEW_BINS`` bins, the signal may lie in the bins that the spectrum leaves out: the exact
     likelihood is tried as well, and used above ``CLEAR_FLOORS`` floors.
@@ -361,11 +362,12 @@ def segment_levels(
     starts = [0.0, *record.events_s]
     cuts = [int(np.ceil(t / dt)) for t in starts] + [n]
     levels = np.full((len(starts), len(noise_var)), np.nan)
+    settling_s = max(AFTER_S, REACH_LAGS * max(s.lag_s for s in record.sensors))
     if n < LONG_SAMPLES and len(starts) == 1:
         levels[0], noise_var = exact_levels(record, noise_var, noise_known)
     else:
         for k, (a, b) in enumerate(pairwise(cuts)):
-            skip = 0 if k == 0 else int(min(AFTER_S / dt, (b - a) / 2))
+            skip = 0 if k == 0 else min(int(settling_s / dt), _half_of_readings(record, a, b))
             if b - a - skip < 64:
                 continue
             if b - a - skip >= LONG_SAMPLES:
@@ -391,6 +393,12 @@ def segment_levels(
         levels = np.where(np.isfinite(levels), levels, largest)
     intensities = [Intensity(tuple(starts), tuple(level)) for level in levels.T]
     return intensities, noise_var
+
+
+def _half_of_readings(record: Record, first: int, last: int) -> int:
+    """Samples from ``first`` on that contain half of the readings before ``last``."""
+    count = np.cumsum((record.weight[first:last] > 0).any(axis=1))
+    return int(np.searchsorted(count, count[-1] / 2, side="right"))
 
 
 def segment(record: Record, first: int, last: int, events: Sequence[float]) -> Record:

@@ -52,6 +52,7 @@ SPIKE = 2
 STUCK = 4
 SATURATED = 8
 IMPLAUSIBLE = 16
+ALONE = 32  # see ``tcdyn.smoothing.lone_readings``
 # fewest good samples of a channel, and samples of a record; chosen by judgement
 MIN_GOOD_SAMPLES = 8
 # Estimated noise is at least this part of the largest reading: below, the covariances of the filter
@@ -89,7 +90,7 @@ class Record:
     noise_sd
         Standard deviation of the white noise (M,) [K].
     flags
-        Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE (N, M).
+        Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE, ALONE (N, M).
     noise_known
         Whether the noise level was given, or is that of whitened noise.
     aliasing_u_K
@@ -146,6 +147,18 @@ def _without_reading(good: Flags, lag_samples: float) -> Flags:
     since = bad - np.concatenate([[-np.inf], rows])[gap]
     until = np.concatenate([rows, [np.inf]])[gap] - bad
     out[bad] = (since + until > LONG_GAP * near) & (since > near) & (until > near)
+    return out
+
+
+def _beyond_contradiction(flags: NDArray[np.uint8]) -> Flags:
+    """Samples (N,) before the first or after the last reading, where a reading there is ALONE."""
+    rows = np.flatnonzero(flags == GOOD)
+    is_alone = flags & ALONE != 0
+    out = np.zeros(len(flags), dtype=bool)
+    if is_alone[: rows[0]].any():
+        out[: rows[0]] = True
+    if is_alone[rows[-1] :].any():
+        out[rows[-1] + 1 :] = True
     return out
 
 
@@ -463,7 +476,7 @@ class Compensated(Result):
     intensity
         Median over the record of the process-noise intensity (M,) [K2/s3].
     flags
-        Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE.
+        Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE, ALONE.
     time_s
         Time (N,) [s].
     method
@@ -598,9 +611,10 @@ class Compensated(Result):
         -----
         A sample is undetermined where its standard uncertainty, without that of the static line,
         exceeds the range of the channel's good readings (at least ``MIN_RANGE_SD`` standard
-        deviations of the noise), where its temperature is physically impossible, or where no
-        reading is near (see ``_without_reading``). With a smaller limit more samples are withheld
-        by ``determined_estimates``.
+        deviations of the noise), where its temperature is physically impossible, where no reading
+        is near (see ``_without_reading``), or in a gap behind which the readings contradict all
+        others (see ``tcdyn.smoothing.lone_readings``). With a smaller limit more samples are
+        withheld by ``determined_estimates``.
         """
         readings = np.where(self.flags == GOOD, y, np.nan)
         range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
@@ -613,7 +627,19 @@ class Compensated(Result):
             for flags, chain in zip(self.flags.T, chains)
         ]
         undetermined = wide | unphysical | np.stack(far, axis=1)
+        beyond = np.stack([_beyond_contradiction(flags) for flags in self.flags.T], axis=1)
         findings = list(self.findings)
+        for c in np.flatnonzero(beyond.any(axis=0)):
+            is_alone = self.flags[:, c] & ALONE != 0
+            findings.append(
+                warning(
+                    "trace.alone",
+                    subject=names[c],
+                    count=int(is_alone.sum()),
+                    first_sample=int(np.argmax(is_alone)),
+                )
+            )
+        undetermined &= ~beyond
         for c in np.flatnonzero(undetermined.any(axis=0)):
             column = undetermined[:, c]
             numbers: dict[str, Any] = {
@@ -622,6 +648,7 @@ class Compensated(Result):
             }
             numbers["range_K"] = float(range_K[c])
             findings.append(warning("trace.undetermined", subject=names[c], **numbers))
+        undetermined |= beyond
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
     def determined_estimates(self) -> tuple[Array, Array]:
@@ -686,7 +713,7 @@ class Compensated(Result):
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Temperature and standard deviation of each channel.
+        """Temperature and standard deviation of each channel, NaN where undetermined.
 
         Returns
         -------
@@ -696,12 +723,13 @@ class Compensated(Result):
             readings, or the time [s].
         """
         index = pd.Index(self.time_s, name="time_s") if self.index is None else self.index
+        temperature, sd = self.determined_estimates()
         columns = {}
-        for c in range(self.temperature.shape[1]):
+        for c in range(temperature.shape[1]):
             name = self.names[c] if self.names else f"channel_{c + 1}"
             base = without_unit(name) if unit_in(name) == "degC" else name
-            columns[f"{base}_degC"] = self.temperature[:, c]
-            columns[f"{base}_u_K"] = self.sd[:, c]
+            columns[f"{base}_degC"] = temperature[:, c]
+            columns[f"{base}_u_K"] = sd[:, c]
         return pd.DataFrame(columns, index)
 
     def card(self) -> pd.DataFrame:

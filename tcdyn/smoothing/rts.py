@@ -1,9 +1,10 @@
-"""The RTS smoother (Rauch, Tung and Striebel) over time intervals, in Bryson and Frazier's form.
+"""The smoother of Rauch, Tung and Striebel over time intervals, means by Bryson and Frazier's form.
 
-A Kalman filter runs forward in the information form, a recursion of the adjoint runs backward. The
-recursions are exact where anything changes. Between events and gaps the covariance becomes
-stationary after some correlation times; from there on both passes are linear recursions with one
-constant gain, evaluated for all channels and intervals at once.
+A Kalman filter runs forward in the information form. Recursions of the adjoint and of the
+information of later samples run backward. The recursions are exact where anything changes. Between
+events and gaps the covariance becomes stationary after some correlation times; from there on both
+passes are linear recursions with one constant gain, evaluated for all channels and intervals at
+once.
 
 Used by :mod:`tcdyn.smoothing.state_space` and by ``tcdyn.smoothing.smoother.window_covariance``.
 The thresholds below trade speed against rounding errors only; ``tests/smoothing/test_smoother.py``
@@ -27,6 +28,8 @@ SETTLED_CHANGE = 1e-7
 EQUAL_TOLERANCE = 1e-6
 # equal intervals from which on the recursion of constant gain is used (a matter of speed only)
 MIN_RUN = 16
+# intervals from one test of a stationary covariance to the next (a matter of speed only)
+TEST_STRIDE = 4
 
 
 @dataclass(frozen=True)
@@ -109,18 +112,24 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
 
     Notes
     -----
-    The backward pass is in the form of Bryson and Frazier. With prior covariance P, information L,
-    score s and transition A of an interval: the gain matrix is S = (I + P L)^-1, the filtered
-    covariance P+ = S P, the innovation e = s - L m, the filtered mean m+ = m + P+ e, and the next
-    mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is q = S' e + F' q of the next
-    interval, and its variance W = L S + F' W F of the next. Given all samples, the mean is m + P+
-    (e + A' q) and the covariance P+ - P+ A' W A P+, with q and W of the next interval.
+    The means of the backward pass are in the form of Bryson and Frazier. With prior covariance P,
+    information L, score s and transition A of an interval: the gain matrix is S = (I + P L)^-1, the
+    filtered covariance P+ = S P, the innovation e = s - L m, the filtered mean m+ = m + P+ e, and
+    the next mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is q = S' e + F' q of the
+    next interval. Given all samples, the mean is m + P+ (e + A' q), with q of the next interval.
+
+    The information of later samples is V = A' N A with N of the next knot; N = ((L + V)^-1 + Q)^-1
+    is the information about the state before the process noise Q acts at the knot. Given all
+    samples, the covariance is (P+^-1 + V)^-1; the variance of the adjoint is ((L + V)^-1 + P)^-1.
+    Bryson and Frazier's covariance P+ - P+ A' W A P+, with W of the next adjoint, is the same, but
+    a difference: in the first interval, in a gap or beside a jump P+ is many orders of magnitude
+    larger, and only rounding errors remain.
 
     What may be changed: ``MIN_RUN`` freely (speed), ``SETTLED_CHANGE`` and ``EQUAL_TOLERANCE`` as
     long as ``tests/smoothing/test_smoother.py`` finds the same result with and without constant
     gain. The order of level and slope in the state must stay that of ``tcdyn.chain.chain.Sensor``.
     """
-    filtered_cov, gain_matrix, base = _filter_covariances(model)
+    predicted_cov, filtered_cov, gain_matrix, base = _filter_covariances(model)
     info = model.information[:, :, 0]
     score = model.score[:, :, 0]
     transition = model.transition[:, :, 0]
@@ -132,26 +141,29 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
         model.mean0[:, 0], transition[model.kind], step, gain, info, score, gain_index
     )
     innovation = score - _matrix_vector(info, mean)
-    adjoint, adjoint_var, shared = _backward_pass(
-        step,
-        _matrix_vector(gain_matrix.swapaxes(-1, -2), innovation),
-        info[distinct] @ gain_matrix[distinct],
-        gain_index,
-    )
+    driven = _matrix_vector(gain_matrix.swapaxes(-1, -2), innovation)
+    adjoint, later_info, shared = _backward_pass(step, driven, gain_index, model)
     mean += _matrix_vector(
         filtered_cov,
         innovation + _matrix_vector(transition[model.kind].swapaxes(-1, -2), adjoint[1:]),
     )
     # first interval of each run with one covariance
-    first = np.flatnonzero(np.diff(gain_index, prepend=-1) | np.diff(shared[1:], prepend=-1))
-    left_factor = gain[gain_index[first]].swapaxes(-1, -2)
-    cov = filtered_cov[first] - left_factor @ adjoint_var[1:][first] @ left_factor.swapaxes(-1, -2)
-    cov = np.repeat(cov, np.diff(first, append=len(gain_index)), axis=0)
-    return RtsResult(mean, cov, filtered_cov, adjoint[:-1, :, :2], adjoint_var[:-1, :, :2, :2])
+    first = np.flatnonzero(np.diff(gain_index, prepend=-1) | np.diff(shared, prepend=-1))
+    count = np.diff(first, append=len(gain_index))
+    later_info = later_info[first]
+    cov = _with_information(filtered_cov[first], later_info)
+    adjoint_var = _with_information(info[first] + later_info, predicted_cov[first])
+    return RtsResult(
+        mean,
+        np.repeat(cov, count, axis=0),
+        filtered_cov,
+        adjoint[:-1, :, :2],
+        np.repeat(adjoint_var[..., :2, :2], count, axis=0),
+    )
 
 
-def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Filtered covariances, gain matrices, and which intervals share them.
+def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Predicted and filtered covariances, gain matrices, and which intervals share them.
 
     Parameters
     ----------
@@ -160,6 +172,8 @@ def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, NDArray[np.
 
     Returns
     -------
+    predicted_cov
+        Covariance P (J, M, n, n) given the samples before each interval.
     filtered_cov
         Covariance P+ (J, M, n, n) given the samples up to the end of each interval.
     gain_matrix
@@ -174,7 +188,7 @@ def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, NDArray[np.
     """
     count = len(model.kind)
     (batch, _, n) = model.mean0.shape
-    filtered_cov, gain_matrix = np.empty((2, count, batch, n, n))
+    predicted_cov, filtered_cov, gain_matrix = np.empty((3, count, batch, n, n))
     base = np.arange(count)
     ends = _run_ends(model)
     cov = model.cov0[:, 0].copy()
@@ -185,23 +199,26 @@ def _filter_covariances(model: IntervalModel) -> tuple[Array, Array, NDArray[np.
         kind = model.kind[j]
         cov[:, 0, 0] += model.jump_var[j, :, 0, 0]
         cov[:, 1, 1] += model.jump_var[j, :, 0, 1]
+        predicted_cov[j] = cov
         gain_matrix[j] = np.linalg.inv(cov @ model.information[j, :, 0] + eye)
         filtered_cov[j] = gain_matrix[j] @ cov
         last = int(ends[j])
         if (
             j
             and last - j >= MIN_RUN
+            and j % TEST_STRIDE == 0
             and ends[j - 1] == last
             and _are_settled(filtered_cov[j], filtered_cov[j - 1])
         ):
             rows = slice(j, last + 1)
+            predicted_cov[rows] = cov
             filtered_cov[rows] = filtered_cov[j]
             gain_matrix[rows] = gain_matrix[j]
             base[rows] = j
             j = last
         cov = model.transition[kind, :, 0] @ filtered_cov[j] @ back[kind]
         j += 1
-    return filtered_cov, gain_matrix, base
+    return predicted_cov, filtered_cov, gain_matrix, base
 
 
 def _predicted_means(
@@ -258,9 +275,9 @@ def _predicted_means(
 
 
 def _backward_pass(
-    step: Array, driven: Array, added: Array, gain_index: NDArray[np.intp]
+    step: Array, driven: Array, gain_index: NDArray[np.intp], model: IntervalModel
 ) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Backward pass: adjoints and their variances, zero after the last interval.
+    """Backward pass: adjoints, and the information of later samples.
 
     Parameters
     ----------
@@ -268,35 +285,50 @@ def _backward_pass(
         F = A S (K, M, n, n) of each distinct gain.
     driven
         S' e (J, M, n) of each interval, e the innovation.
-    added
-        L S (K, M, n, n) of each distinct gain.
     gain_index
-        Index (J,) of the step and of the added variance of an interval.
+        Index (J,) of the gain and step of an interval.
+    model
+        The model on J intervals.
 
     Returns
     -------
     adjoint
-        Adjoint q (J + 1, M, n): q = step' q + driven, with q of the next interval.
-    adjoint_var
-        Its variance W (J + 1, M, n, n): W = step' W step + added, with W of the next interval.
+        Adjoint q (J + 1, M, n): q = step' q + driven, with q of the next interval; zero after the
+        last one.
+    later_info
+        Information V (J, M, n, n) about the state at a knot from the samples of later intervals.
     shared
-        The interval (J + 1,) whose W an interval shares.
+        The interval (J,) whose V an interval shares.
     """
     count = len(gain_index)
     (batch, n) = driven.shape[1:]
     adjoint = np.zeros((count + 1, batch, n))
-    adjoint_var = np.zeros((count + 1, batch, n, n))
+    later_info = np.empty((count, batch, n, n))
     back = step.swapaxes(-1, -2)
-    shared = np.arange(count + 1)
-    j = count - 1
+    flow = model.transition[:, :, 0]
+    flow_back = flow.swapaxes(-1, -2)
+    jump_var = model.jump_var[:, :, 0]
+    has_noise = np.asarray(jump_var.any(axis=1))
+    shared = np.arange(count)
     run_starts = np.searchsorted(gain_index, np.arange(len(step)))
+    before_noise = np.zeros((batch, n, n))
+    j = count - 1
     while j >= 0:
         k = gain_index[j]
-        adjoint_var[j] = back[k] @ adjoint_var[j + 1] @ step[k] + added[k]
+        kind = model.kind[j]
+        later_info[j] = flow_back[kind] @ before_noise @ flow[kind]
+        before_noise = later_info[j] + model.information[j, :, 0]
+        for i in range(2):
+            if has_noise[j, i]:
+                _add_noise(before_noise, i, jump_var[j, :, i, None])
         start = int(run_starts[k])
-        is_long = j - start >= MIN_RUN and j < count - 1
-        if is_long and _are_settled(adjoint_var[j], adjoint_var[j + 1]):
-            adjoint_var[start:j] = adjoint_var[j]
+        if (
+            j - start >= MIN_RUN
+            and j % TEST_STRIDE == 0
+            and j < count - 1
+            and _are_settled(later_info[j], later_info[j + 1])
+        ):
+            later_info[start:j] = later_info[j]
             shared[start:j] = j
             reversed_driven = np.concatenate([adjoint[j + 1][None], driven[start : j + 1][::-1]])
             adjoint[start : j + 1] = recursion(back[k], reversed_driven)[:0:-1]
@@ -304,7 +336,72 @@ def _backward_pass(
         else:
             adjoint[j] = _matrix_vector(back[k], adjoint[j + 1]) + driven[j]
         j -= 1
-    return adjoint, adjoint_var, shared
+    return adjoint, later_info, shared
+
+
+def _add_noise(info: Array, i: int, var: Array) -> None:
+    """Change information about a state after noise to that about the state before it.
+
+    Parameters
+    ----------
+    info
+        Information (M, n, n), changed in place.
+    i
+        The state that the noise is added to.
+    var
+        Variance of the noise (M, 1).
+
+    Notes
+    -----
+    (info^-1 + Q)^-1 = info - x x' var / (1 + var x_i) with x the column i of ``info``. Column and
+    row i become x / (1 + var x_i), which is no difference.
+    """
+    column = info[:, i].copy()
+    remaining = column / (1.0 + var * column[:, i, None])
+    info -= (var * remaining)[:, :, None] * column[:, None, :]
+    info[:, i] = remaining
+    info[:, :, i] = remaining
+
+
+def _with_information(cov: Array, info: Array) -> Array:
+    """Covariance (cov^-1 + info)^-1 (..., n, n) as a sum of squares.
+
+    Parameters
+    ----------
+    cov, info
+        Covariance and further information (..., n, n), positive semidefinite but for rounding.
+
+    Notes
+    -----
+    With cov = C C' it is C (I + C' info C)^-1 C', where the matrix that is inverted has no
+    eigenvalue below one: what is determined keeps its relative accuracy beside what is not.
+    """
+    factor = _lower_factor(cov, 0.0)
+    gained = factor.swapaxes(-1, -2) @ info @ factor + np.eye(cov.shape[-1])
+    lower = np.moveaxis(_lower_factor(gained, 1.0), (-2, -1), (0, 1))
+    root = np.moveaxis(factor, (-1, -2), (0, 1)).copy()
+    for i in range(len(root)):  # root = lower^-1 C'
+        root[i] -= sum(lower[i, k] * root[k] for k in range(i))
+        root[i] /= lower[i, i]
+    root = np.moveaxis(root, (0, 1), (-2, -1))
+    return np.asarray(root.swapaxes(-1, -2) @ root)
+
+
+def _lower_factor(matrix: Array, least: float) -> Array:
+    """Lower Cholesky factor (..., n, n) of matrices none of whose pivots lies below ``least``.
+
+    A pivot that does is the work of rounding. It becomes ``least``, and with it zero the column is
+    zero: that component follows from those before it.
+    """
+    factor = np.moveaxis(matrix, (-2, -1), (0, 1)).copy()  # fast for many small matrices
+    for i in range(len(factor)):
+        root = np.sqrt(np.maximum(factor[i, i], least))
+        factor[i, i] = root
+        factor[i, i + 1 :] = 0.0
+        factor[i + 1 :, i] /= np.where(root > 0, root, np.inf)
+        for j in range(i + 1, len(factor)):
+            factor[j:, j] -= factor[j:, i] * factor[j, i]
+    return np.asarray(np.moveaxis(factor, (0, 1), (-2, -1)))
 
 
 def _run_ends(model: IntervalModel) -> NDArray[np.intp]:

@@ -36,6 +36,7 @@ from tcdyn.smoothing.hidden_events import (
     with_likeliest_forms,
 )
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
+from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.process_noise import (
     Criterion,
@@ -44,7 +45,7 @@ from tcdyn.smoothing.process_noise import (
     segment,
     tradeoff_curve,
 )
-from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
+from tcdyn.smoothing.record import ALONE, SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.roughness import (
     intensity_var,
     refine,
@@ -277,7 +278,7 @@ def _smoothed_without_spikes(
     fit = smooth_record(record, noise_var, intensities)
     spikes = _spike_mask(fit)
     if spikes.any():
-        fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
+        fit = smooth_record(_without_samples(record, spikes, SPIKE), noise_var, intensities)
     return fit
 
 
@@ -315,6 +316,9 @@ def _smooth_by_likelihood(
     if detect and _shows_events(fit):
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
     fit, uncertain_events = with_likeliest_forms(with_least_risk(refine(fit)))
+    alone = contradicting_readings(fit)
+    if alone.any():
+        return _smooth_by_likelihood(_without_samples(record, alone, ALONE), detect)
     return fit, [*uncertain_events, *detected_events], remaining_jump(fit), contradicts
 
 
@@ -357,10 +361,10 @@ def _spike_mask(fit: Smoothed) -> Flags:
     return np.asarray(outlying & (crowd <= rule.longest))
 
 
-def _without_samples(record: Record, spikes: Flags) -> Record:
-    """The record with weight zero, a flag and interpolated readings at ``spikes`` (N, M)."""
-    flags = record.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
-    weight = np.where(spikes, 0.0, record.weight)
+def _without_samples(record: Record, samples: Flags, flag: int) -> Record:
+    """The record with weight zero, a flag and interpolated readings at ``samples`` (N, M)."""
+    flags = record.flags | np.where(samples, flag, 0).astype(np.uint8)
+    weight = np.where(samples, 0.0, record.weight)
     columns = [interpolate_gaps(x, w > 0) for x, w in zip(record.y.T, weight.T)]
     return replace(record, y=np.stack(columns, axis=1), weight=weight, flags=flags)
 

@@ -455,3 +455,18 @@ def test_rows_every_quarter_of_an_hour_are_slow(
     log.write_text("\n".join(quarter_hours()) + "\n", encoding="utf-8")
     assert run(COMPENSATE, log=log, sensor=sensor, csv=tmp_path / "o.csv") in (0, 1)
     assert "the interval of 900 s" in capsys.readouterr().err
+
+
+def test_a_reading_a_minute_and_then_one_a_second_have_a_sound_u(
+    sensor: Path, tmp_path: Path
+) -> None:
+    """The first reading had u = 0."""
+    time_s = np.concatenate([np.arange(0, 600, 60), np.arange(600, 900)])
+    rise = -60.0 * np.expm1(-np.maximum(time_s - 603.5, 0.0) / 25.0)
+    noise = np.random.default_rng(2).normal(0, 0.03, len(time_s))
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(table("time_s,TC1_degC", time_s, 21 + rise + noise)))
+    out = tmp_path / "o.csv"
+    assert run(COMPENSATE, log=log, sensor=sensor, csv=out) in (0, 1)
+    band = pd.read_csv(out, comment="#").filter(regex="_u_K$").iloc[:, 0]
+    assert band.min() > 0.1 * band.median()

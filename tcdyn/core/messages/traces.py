@@ -90,6 +90,10 @@ COMPENSATE: dict[str, Message] = {
     "missing: check the wiring, or the lag of the sensor",
     "trace.events": "the {events} listed event(s) do not explain the readings; the record was "
     "smoothed as if no event were listed",
+    "trace.alone": "{subject}: {count} reading(s) at an end of the record, first at sample "
+    "{first_sample}, stand alone behind a gap and contradict all others: the temperature changed "
+    "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
+    "more readings, or give the time of the change as an event",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
     "{first_sample}, is not determined by it: there is no reading near, the standard uncertainty "
     "exceeds the range of the readings ({range_K:.3g} K), or the temperature is not possible; not "
