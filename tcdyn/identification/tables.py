@@ -42,6 +42,7 @@ from tcdyn.io.times import (
     rows_of_rounded_stamps,
 )
 from tcdyn.io.unit_names import column_named
+from tcdyn.rig.long_tables import check_frame, check_one_channel
 from tcdyn.rig.plausible import dropout_codes, overload_codes
 
 # Findings of the reader about values and times, which the data keep
@@ -139,6 +140,8 @@ def from_frame(
         clock = _time_column(names, where, requested=time, unit=time_unit)
         time = clock.name
     _check_once(list(frame.columns), [*inputs, *outputs, time], where)
+    stamps_s = None if clock is None else numbers(frame, clock.name, where, clock=True)
+    check_frame(frame, stamps_s, outputs, [*inputs, time], run, where)
     groups = [("", frame)]
     if run is not None:
         groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
@@ -441,6 +444,10 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
             clock_columns=table.clock_columns,
         )
         requested.add(clock.name)
+    outputs = _named_columns(options.get("output", ()), table.names)
+    check_one_channel(
+        table, clock.name if clock else None, outputs, requested, options.get("run")
+    )
     raw = read_requested(table, requested)
     frame = _frame_of_columns(table, raw)
     run = options.get("run")

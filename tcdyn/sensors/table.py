@@ -31,6 +31,7 @@ from tcdyn.io.times import (
     rows_of_repeated_stamps,
     rows_of_rounded_stamps,
 )
+from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.plausible import dropout_codes, out_of_range
 from tcdyn.sensors.units import Unit, is_match, unit_findings
 from tcdyn.smoothing.intervals import SETTLING
@@ -303,6 +304,8 @@ def read_columns(
         if isinstance(unit.reference_junction, str)
     ]
     names = [*columns, *references]
+    temperatures = [name for name in columns if name in units]
+    check_one_channel(source.table, source.time, temperatures, names)
     chunks = list(source.read_chunks(names))
     t = np.concatenate([times_s for times_s, _, _ in chunks])
     raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}

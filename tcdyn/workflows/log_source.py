@@ -19,6 +19,7 @@ from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
+from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.opened_log import (
     all_column_names,
     check_any_given,
@@ -171,6 +172,25 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
     if without_sensor:
         findings.append(info("sensor.carried", columns=without_sensor))
     return _with_output(source, source.time, source.time, channels, carried, findings)
+
+
+def check_readings(table: Table, raw: RawLog) -> None:
+    """Check that the columns of readings of a log are those of one channel each.
+
+    Parameters
+    ----------
+    table
+        The table with the rows that are there.
+    raw
+        Its columns and channels.
+
+    Raises
+    ------
+    InputError
+        For a long table, in which several channels share a column.
+    """
+    readings = [name for name in raw.channels.units if name in table.names]
+    check_one_channel(table, raw.source.time, readings)
 
 
 def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: Rig) -> RawLog:
