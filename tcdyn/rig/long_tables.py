@@ -6,7 +6,7 @@ by :mod:`tcdyn.rig.value_channels`. Tests: ``tests/cli/test_long_tables.py``.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,7 +88,7 @@ def check_one_channel(
 
 def check_frame(
     frame: pd.DataFrame,
-    time_s: Array | None,
+    times: Callable[[], Array] | None,
     readings: Sequence[str],
     others: Collection[str | None],
     run: str | None,
@@ -100,8 +100,8 @@ def check_frame(
     ----------
     frame
         The table.
-    time_s
-        Times of its rows (N,) [s]; None: it has none.
+    times
+        Function that returns the times of its rows (N,) [s]; None: it has none.
     readings, others, run
         As for ``check_one_channel``.
     where
@@ -123,6 +123,10 @@ def check_frame(
             columns.append(LabelColumn(str(name), *labels))
     columns = [column for column in columns if column.can_name_channels]
     if not columns:
+        return
+    try:
+        time_s = None if times is None else times()
+    except InputError:
         return
     values = {n: pd.to_numeric(frame[n], errors="coerce").to_numpy(float) for n in readings}
     runs = None if run is None else frame[run].factorize()[0]
@@ -279,7 +283,8 @@ def _first_values(table: Table, readings: Sequence[str]) -> dict[str, Array]:
     _close(chunks)
     if first is None:
         return {}
-    return {n: first.data[n] for n in readings if first.data[n].dtype.kind in "fiu"}
+    numbers = {n: first.data[n] for n in readings if first.data[n].dtype.kind in "fiu"}
+    return {name: values for name, values in numbers.items() if np.isfinite(values).any()}
 
 
 def _close(chunks: Any) -> None:

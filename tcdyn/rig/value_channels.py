@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,12 @@ CYCLE_SHARE = 0.9
 # Labels in random order at even times have at most a half of them there.
 CLOCK_SHARE = 0.8
 CLOCK_STEP = 0.1
+# Variance of the rows between two of one label, over that of a random order, (1 - p)/p^2 for a
+# share p. A channel that is read at intervals, whatever the order, has a smaller one: 0.33 for two
+# that stray by half an interval each. Study: `value_channel_study`.
+REGULAR_RATIO = 0.5
+# The rows of a label with a clock of its own span this share of the record, or more. By judgement.
+SPAN_SHARE = 0.8
 # Mean square of the change from one label to the next over that from row to row of one label. In
 # one record it is one for white noise, below it for a signal that is slower than the rows. Labels
 # that are the sign of a white reading give (pi + 2)/(pi - 2) = 4.5 (in random order), so a cycle,
@@ -58,6 +65,9 @@ LEAST_SHARE = 0.25
 CLASS_GAP = 3.0
 # Share of the stamps that two channels in blocks have in common, if the clock has no date.
 COMMON_STAMPS = 0.9
+# Share of the time of the shorter of two labels that both have in common, where the time starts
+# again: a clock that is set back, once, has less. By judgement.
+OVERLAP_SHARE = 0.5
 # Step between two blocks, over the usual one, of a clock without date that starts again.
 LONG_STEP = 60.0
 # Columns whose numbers are names of channels, by their own name.
@@ -156,12 +166,14 @@ def find_channels(
 
     Notes
     -----
-    The rows of a channel have a clock and values of their own. One of these is enough:
+    The rows of a channel have a clock and values of their own. Labels that last for many rows name
+    channels only where the time starts again, so that it goes back from one row to the next but
+    never within a label. Labels that change from row to row name channels in one of three cases:
 
-    - the time goes back from one row to the next, but never within a label;
     - rows of different labels have the same stamp, rows of one label do not (``CHANCE``);
-    - the labels cycle row by row, or each has even stamps in a mixed order, and the readings
-      differ by label much more than from row to row of one label (``CYCLE_RATIO``);
+    - the labels cycle row by row, or each has even stamps or follows itself more evenly than in
+      random order, and the readings differ by label much more than from row to row of one label
+      (``CYCLE_RATIO``);
     - the labels have a mixed order without a rule, and the readings differ still more by label
       (``ORDER_RATIO``); here labels of faults, and classes of the reading itself, are none.
 
@@ -204,16 +216,19 @@ def _are_mixed_channels(
     readings
         Readings (M,) of the first of them.
     """
-    ratio = max((_label_ratio(codes[: len(y)], y) for y in readings.values()), default=0.0)
+    ratios = [_largest_ratio(codes[: len(y)], y) for y in readings.values()]
+    ratio = max(ratios, default=0.0)
+    if _mixing(codes) < INTERLEAVED:
+        return False
     shares_stamps = times is not None and _shares_stamps(codes, times)
     names_channels = labels.has_words or CHANNEL_NAME.search(labels.name) is not None
     if shares_stamps and (names_channels or ratio >= CYCLE_RATIO):
         return True
-    if _mixing(codes) < INTERLEAVED:
-        return False
     n_labels = len(np.unique(codes))
     is_cycle = _is_cycle(codes, n_labels)
-    has_clocks = is_cycle or (times is not None and _has_own_clocks(codes, times))
+    has_clocks = is_cycle or _is_regular(codes)
+    if times is not None:
+        has_clocks = has_clocks or _has_own_clocks(codes, times)
     if has_clocks and ratio >= CYCLE_RATIO:
         return names_channels or (is_cycle and n_labels > 2)
     if not names_channels or any(ERROR_WORD.fullmatch(text.lower()) for text in labels.labels):
@@ -222,12 +237,22 @@ def _are_mixed_channels(
 
 
 def _starts_again(codes: Codes, times: Array) -> bool:
-    """Whether the time goes back, but never within a label."""
-    if not (np.diff(times) < 0).any():
+    """Whether the time goes back, but never within a label, to a time that both labels share."""
+    back = np.flatnonzero(np.diff(times) < 0)
+    if not len(back):
         return False
     order = np.argsort(codes, kind="stable")
     is_same = np.diff(codes[order]) == 0
-    return not (np.diff(times[order])[is_same] < 0).any()
+    if (np.diff(times[order])[is_same] < 0).any():
+        return False
+    pairs = {(codes[row], codes[row + 1]) for row in back}
+    for code, next_code in pairs:
+        first = times[codes == code]
+        second = times[codes == next_code]
+        common = min(first[-1], second[-1]) - max(first[0], second[0])
+        if common < OVERLAP_SHARE * min(np.ptp(first), np.ptp(second)):
+            return False
+    return True
 
 
 def _repeats_blocks(codes: Codes, times: Array, stamps: Codes) -> bool:
@@ -280,10 +305,24 @@ def _is_cycle(codes: Codes, n_labels: int) -> bool:
     return bool(present.min() > 0.5 / n_labels)
 
 
+def _is_regular(codes: Codes) -> bool:
+    """Whether the rows of each label follow each other more evenly than in random order."""
+    for code in np.unique(codes):
+        gaps = np.diff(np.flatnonzero(codes == code))
+        if gaps.sum() < SPAN_SHARE * len(codes):
+            return False
+        share = np.mean(codes == code)
+        if np.var(gaps) > REGULAR_RATIO * (1 - share) / share**2:
+            return False
+    return True
+
+
 def _has_own_clocks(codes: Codes, times: Array) -> bool:
     """Whether the rows of each label have even stamps of their own."""
     for code in np.unique(codes):
         steps = np.diff(times[codes == code])
+        if steps.sum() < SPAN_SHARE * np.ptp(times):
+            return False
         usual = float(np.median(steps))
         is_usual = np.abs(steps - usual) <= CLOCK_STEP * usual
         if usual <= 0 or np.mean(is_usual) < CLOCK_SHARE:
@@ -326,6 +365,21 @@ def _label_ratio(codes: Codes, y: Array) -> float:
     return power / max(float(np.mean(within**2)), 1e-12 * power)
 
 
+def _largest_ratio(codes: Codes, y: Array) -> float:
+    """The ratio of the mean squares, or that of the squared medians where it is larger.
+
+    A step within few rows hides a difference that is small beside it from the mean squares.
+    """
+    between, within = _changes(codes, y)
+    if len(between) < MIN_ROWS:
+        return 0.0
+    levels = np.unique(y[np.isfinite(y)])
+    resolution = float(np.diff(levels).min()) if len(levels) > 1 else 1.0
+    usual_within = max(float(np.median(np.abs(within))), resolution)
+    usual_between = float(np.median(np.abs(between)))
+    return max(_label_ratio(codes, y), (usual_between / usual_within) ** 2)
+
+
 def _differ_without_order(codes: Codes, y: Array) -> bool:
     """Whether a reading differs by label so much that an order without a rule is that of channels.
 
@@ -353,7 +407,7 @@ def _differ_without_order(codes: Codes, y: Array) -> bool:
     if _label_ratio(codes[used], y[used]) < ORDER_RATIO:
         return False
     ranges = sorted((float(values[code].min()), float(values[code].max())) for code in channels)
-    gaps = np.array([low - high for (_, high), (low, _) in zip(ranges, ranges[1:])])
+    gaps = np.array([low - high for (_, high), (low, _) in pairwise(ranges)])
     usual_change = float(np.median(np.abs(_changes(codes[used], y[used])[1])))
     are_classes = (gaps >= 0).all() and gaps.max() <= CLASS_GAP * usual_change
     return not are_classes

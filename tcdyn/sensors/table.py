@@ -33,6 +33,7 @@ from tcdyn.io.times import (
 )
 from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.plausible import dropout_codes, out_of_range
+from tcdyn.rig.scaled_readings import RangeCheck
 from tcdyn.sensors.units import Unit, is_match, unit_findings
 from tcdyn.smoothing.intervals import SETTLING
 from tcdyn.smoothing.process_noise import FLOOR
@@ -326,7 +327,11 @@ def read_columns(
                 else unit.reference_junction
             )
             findings += unit_findings(name, unit, values)
-            values, codes = _without_codes(name, unit.in_degC(values, reference))
+            degC = unit.in_degC(values, reference)
+            in_range = RangeCheck(name, unit.name)
+            in_range.add(values, degC)
+            in_range.check(source.table.where, source.table)
+            values, codes = _without_codes(name, degC)
             findings += codes
         out[name] = on_grid(values, grid, size)
     return t[0] + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]

@@ -46,7 +46,14 @@ from tcdyn.sensors.compensation import (
 )
 from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
 from tcdyn.workflows.compensate_table import check_delay, delayed_findings
-from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, check_readings, open_log_table, raw_log
+from tcdyn.workflows.log_source import (
+    Calibrations,
+    RawLog,
+    TableOptions,
+    check_readings,
+    open_log_table,
+    raw_log,
+)
 
 STATE_SCHEMA = "tcdyn.follow/7"
 STOPPED_BY_USER = "stopped"

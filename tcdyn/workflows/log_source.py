@@ -30,10 +30,11 @@ from tcdyn.rig.opened_log import (
 )
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.scaled_readings import RangeCheck
 from tcdyn.rig.thermocouple_types import convert_columns
 from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import Source, source_of_table
+from tcdyn.sensors.table import Source, check_numbers, source_of_table
 from tcdyn.sensors.units import cold_column
 from tcdyn.workflows.rig_channels import record_channels
 
@@ -175,7 +176,7 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
 
 
 def check_readings(table: Table, raw: RawLog) -> None:
-    """Check that the columns of readings of a log are those of one channel each.
+    """Check that the columns of a log are the readings of one channel each, in a known unit.
 
     Parameters
     ----------
@@ -187,10 +188,23 @@ def check_readings(table: Table, raw: RawLog) -> None:
     Raises
     ------
     InputError
-        For a long table, in which several channels share a column.
+        For a long table, in which several channels share a column, and for readings that no
+        thermocouple can have because they are in another unit.
     """
-    readings = [name for name in raw.channels.units if name in table.names]
-    check_one_channel(table, raw.source.time, readings)
+    units = raw.channels.units
+    check_one_channel(table, raw.source.time, list(units))
+    references = [u.reference_junction for u in units.values()]
+    names = [*units, *(name for name in references if isinstance(name, str))]
+    checks = {name: RangeCheck(name, unit.name) for name, unit in units.items()}
+    for chunk in table.chunks(names, CHUNK_ROWS):
+        for name, unit in units.items():
+            values = chunk.data[name]
+            check_numbers(name, chunk.stamps.get(name, values), table.where)
+            junction = unit.reference_junction
+            cold = chunk.data[junction] if isinstance(junction, str) else junction
+            checks[name].add(values, unit.in_degC(values, cold))
+    for check in checks.values():
+        check.check(table.where, table)
 
 
 def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: Rig) -> RawLog:
