@@ -7,6 +7,7 @@ by :mod:`tcdyn.rig.value_channels`. Tests: ``tests/cli/test_long_tables.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from tcdyn.rig.value_channels import (
 HEAD_ROWS = 2000
 # Rows of a label in them, on average, so that notes and readings are no labels. By judgement.
 HEAD_ROWS_OF_LABEL = 4
+MAX_PAIRED = 6  # columns of words that are looked at two at a time. By judgement.
 LISTED = 8  # channels that a message names
 
 Labels = tuple[Codes, tuple[str, ...]]
@@ -155,18 +157,25 @@ def _refuse_channels(
     where, table
         The table; None for one in memory.
     """
-    found = []
     groups = [np.ones(len(columns[0].codes), dtype=bool)]
     if runs is not None:
         groups = [runs == code for code in np.unique(runs)]
-    for column in columns:
+
+    def channels_of(column: LabelColumn) -> list[ValueChannels]:
+        """The channels in each run that a column names."""
+        found = []
         for rows in groups:
             of_group = None if time_s is None else time_s[rows]
             values = {name: y[rows[: len(y)]] for name, y in readings.items()}
             of_stamps = None if stamps is None else stamps[rows]
-            channels = find_channels(column.of_rows(rows), of_group, values, of_stamps)
-            if channels is not None:
-                found.append(channels)
+            found.append(find_channels(column.of_rows(rows), of_group, values, of_stamps))
+        return [channels for channels in found if channels is not None]
+
+    found = [channels for column in columns for channels in channels_of(column)]
+    if not found:
+        words = [column for column in columns if column.has_words][:MAX_PAIRED]
+        pairs = [first.with_column(second) for first, second in combinations(words, 2)]
+        found = [channels for pair in pairs for channels in channels_of(pair)]
     if found:
         most = max(found, key=lambda channels: len(channels.rows))
         raise _error(most, list(readings), where, table)
@@ -191,17 +200,20 @@ def _error(
     text = ", ".join(listed[:LISTED]) + (f" and {more} more" if more > 0 else "")
     first = next(iter(channels.rows))
     as_text = isinstance(table, CsvTable)
-    label = f"d[{channels.column!r}]"
-    is_first = f"{label}.str.strip() == {first!r}"
-    if not as_text and is_number(first):
-        is_first = f"pd.to_numeric({label}) == {first}"
-    line = pandas_line(table, f"d[{is_first}]", ending=first, as_text=as_text)
+    conditions = []
+    for column, cell in zip(channels.columns, channels.first):
+        if not as_text and is_number(cell):
+            conditions.append(f"(pd.to_numeric(d[{column!r}]) == {cell})")
+        else:
+            conditions.append(f"(d[{column!r}].str.strip() == {cell!r})")
+    line = pandas_line(table, f"d[{' & '.join(conditions)}]", ending=first, as_text=as_text)
+    columns = " and ".join(map(repr, channels.columns))
     remedy = f"keep the rows of one, for example with: {line}"
-    problem = f"column {channels.column!r} names {len(listed)} channels that share the values"
+    problem = f"column {columns} names {len(listed)} channels that share the values"
     if readings:
         problem += f" of {', '.join(map(repr, readings[:LISTED]))}"
     if channels.restarts:
-        problem = f"the time starts again at each of {len(listed)} names in {channels.column!r}"
+        problem = f"the time starts again at each of {len(listed)} names in {columns}"
         remedy = f"if they are channels, {remedy}; if they are runs, name their column or give one"
     return InputError(
         f"{problem}: {text}",

@@ -98,11 +98,14 @@ class LabelColumn:
         Index of the label of each row (N,); -1 where it is empty.
     labels
         The labels.
+    parts
+        The column and its labels; two of them for labels of two columns together.
     """
 
     name: str
     codes: Codes
     labels: tuple[str, ...]
+    parts: tuple[LabelColumn, ...] = ()
 
     @property
     def has_words(self) -> bool:
@@ -118,7 +121,21 @@ class LabelColumn:
 
     def of_rows(self, rows: NDArray[np.bool_]) -> LabelColumn:
         """The labels of some rows (N,)."""
-        return LabelColumn(self.name, self.codes[rows], self.labels)
+        parts = tuple(part.of_rows(rows) for part in self.parts)
+        return LabelColumn(self.name, self.codes[rows], self.labels, parts)
+
+    def with_column(self, other: LabelColumn) -> LabelColumn:
+        """The labels of two columns together, such as a device and a quantity."""
+        both = self.codes * len(other.labels) + other.codes
+        both[(self.codes < 0) | (other.codes < 0)] = -1
+        present = np.unique(both[both >= 0])
+        codes = np.where(both >= 0, np.searchsorted(present, both), -1)
+        labels = [
+            f"{self.labels[code // len(other.labels)]} {other.labels[code % len(other.labels)]}"
+            for code in present
+        ]
+        name = f"{self.name} {other.name}"
+        return LabelColumn(name, codes.astype(np.intp), tuple(labels), (self, other))
 
 
 @dataclass(frozen=True)
@@ -127,15 +144,18 @@ class ValueChannels:
 
     Attributes
     ----------
-    column
-        Column that names them.
+    columns
+        Column that names them, or the two that do it together.
+    first
+        The cell of each of these columns that names the first channel.
     rows
         Number of rows of each.
     restarts
         Whether the stamps start again at each name: it may be a run as well.
     """
 
-    column: str
+    columns: tuple[str, ...]
+    first: tuple[str, ...]
     rows: dict[str, int]
     restarts: bool
 
@@ -195,11 +215,15 @@ def find_channels(
     if stamps is not None and times is not None:
         starts_again = starts_again or _repeats_blocks(codes, times, stamps[rows])
     if not starts_again:
-        first = {name: values[rows[rows < len(values)]] for name, values in readings.items()}
-        if not _are_mixed_channels(labels, codes, times, first):
+        of_rows = {name: values[rows[rows < len(values)]] for name, values in readings.items()}
+        if not _are_mixed_channels(labels, codes, times, of_rows):
             return None
     found = {labels.labels[k]: int(counts[k]) for k in np.flatnonzero(is_channel)}
-    return ValueChannels(labels.name, found, starts_again)
+    row_of_first = int(np.flatnonzero(labels.codes == np.argmax(is_channel))[0])
+    parts = labels.parts or (labels,)
+    columns = tuple(part.name for part in parts)
+    first = tuple(part.labels[part.codes[row_of_first]] for part in parts)
+    return ValueChannels(columns, first, found, starts_again)
 
 
 def _are_mixed_channels(

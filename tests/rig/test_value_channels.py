@@ -97,3 +97,14 @@ def test_two_to_eight_channels_are_found_in_any_order(seed: int) -> None:
     # 105 tables; `python -m tests.rig.value_channel_study 840 2`: all of 840
     found = detections(105, seed)
     assert all(refused == tables for tables, refused in found.values())
+
+
+def test_two_columns_together_name_channels() -> None:
+    time_s = (ROW // 4).astype(float)
+    devices = column([f"d{k // 2 % 2}" for k in ROW])
+    quantities = column(["T", "H"] * 200)
+    y = np.where(ROW % 2, 50.0, step(time_s, 5))
+    found = find_channels(devices.with_column(quantities), time_s, {"value": y})
+    assert found is not None
+    assert len(found.rows) == 4
+    assert found.first == ("d0", "T")
