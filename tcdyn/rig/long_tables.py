@@ -213,7 +213,7 @@ def _error(
     if readings:
         problem += f" of {', '.join(map(repr, readings[:LISTED]))}"
     if channels.restarts:
-        problem = f"the time starts again at each of {len(listed)} names in {columns}"
+        problem = f"the time runs backward where {columns} changes, which has {len(listed)} names"
         remedy = f"if they are channels, {remedy}; if they are runs, name their column or give one"
     return InputError(
         f"{problem}: {text}",
