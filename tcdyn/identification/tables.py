@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,7 +41,9 @@ from tcdyn.io.times import (
     is_time_name,
 )
 from tcdyn.io.unit_names import column_named
+from tcdyn.rig.long_tables import check_frame, check_one_channel
 from tcdyn.rig.plausible import dropout_codes, overload_codes
+from tcdyn.rig.scaled_readings import check_temperatures
 from tcdyn.series import Clock, fit_clock
 
 # Findings of the reader about values and times, which the data keep
@@ -135,6 +138,9 @@ def from_frame(
         clock = _time_column(names, where, requested=time, unit=time_unit)
         time = clock.name
     _check_once(list(frame.columns), [*inputs, *outputs, time], where)
+    stamps = None if time is None else partial(numbers, frame, time, where, clock=True)
+    check_frame(frame, stamps, outputs, [*inputs, time], run, where)
+    check_temperatures(frame, outputs, where)
     groups = [("", frame)]
     if run is not None:
         groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
@@ -437,8 +443,11 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
             clock_columns=table.clock_columns,
         )
         requested.add(clock.name)
+    outputs = _named_columns(options.get("output", ()), table.names)
+    check_one_channel(table, clock.name if clock else None, outputs, requested, options.get("run"))
     raw = read_requested(table, requested)
     frame = _frame_of_columns(table, raw)
+    check_temperatures(frame, outputs, table.where, table)
     run = options.get("run")
     if run is not None and run in raw.data and run not in raw.stamps:
         frame[run] = _whole_numbers(frame[run])
@@ -477,7 +486,9 @@ def _frame_of_columns(table: Table, raw: Columns) -> pd.DataFrame:
     """Return columns as a table: numbers, and text as it is in the file."""
     columns = {**raw.data, **raw.stamps}
     names = list(dict.fromkeys(table.names))
-    return pd.DataFrame(columns, columns=names)
+    frame = pd.DataFrame(columns, columns=names)
+    frame.attrs["units"] = dict(table.units)
+    return frame
 
 
 def _whole_numbers(values: pd.Series) -> pd.Series:

@@ -24,6 +24,7 @@ from tcdyn.plots.compensate import draw_traces
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
+from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.table import open_source
 from tcdyn.workflows.compensate import compensate_log
@@ -140,6 +141,7 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     names = [name for name in source.table.names if name != source.time]
     names = list(reading.get("columns") or names)
     source.check_columns(names)
+    check_one_channel(source.table, source.time, reading.get("columns") or None)
     time_s, columns = read_all(source, names)
     none = np.empty(0)
     traces = []

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -56,10 +57,13 @@ def frame_source(
     check_not_compensated([str(label) for label in frame.columns], metadata, where)
     units = units or {}
     data: dict[str, Array] = {}
+    texts: dict[str, NDArray[Any]] = {}
     for label in frame.columns:
         numbers = _floats_or_none(frame[label])
         if numbers is not None:
             data[str(label)] = numbers
+        elif frame[label].dtype.kind not in "Mm":
+            texts[str(label)] = np.asarray(frame[label].astype(object))
     times, name = _time_values(frame, time, time_unit, list(data), where)
     kind = times.dtype.kind
     if kind in "Mm":
@@ -75,7 +79,8 @@ def frame_source(
         data[name] = np.asarray(times, dtype=float)
     columns = Columns(data, SampleLocation(where))
     chunks = partial(in_chunks, columns)
-    table = Table(where, tuple(data), metadata, chunks, units=units)
+    texts.pop(name, None)
+    table = Table(where, tuple(data), metadata, chunks, units=units, texts=texts)
     return Source(Path("DataFrame"), table, clock)
 
 

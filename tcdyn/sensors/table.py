@@ -30,7 +30,9 @@ from tcdyn.io.times import (
     find_time_column,
     is_time_name,
 )
+from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.plausible import dropout_codes, out_of_range
+from tcdyn.rig.scaled_readings import RangeCheck
 from tcdyn.sensors.units import Unit, is_match, unit_findings
 from tcdyn.series import Clock, at_grid_times, fit_clock, real_share
 from tcdyn.smoothing.intervals import SETTLING
@@ -291,6 +293,8 @@ def read_columns(
         if isinstance(unit.reference_junction, str)
     ]
     names = [*columns, *references]
+    temperatures = [name for name in columns if name in units]
+    check_one_channel(source.table, source.time, temperatures, names)
     chunks = list(source.read_chunks(names))
     t = np.concatenate([times_s for times_s, _, _ in chunks])
     raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}
@@ -310,7 +314,11 @@ def read_columns(
                 else unit.reference_junction
             )
             findings += unit_findings(name, unit, values)
-            values, codes = _without_codes(name, unit.in_degC(values, reference))
+            degC = unit.in_degC(values, reference)
+            in_range = RangeCheck(name, unit.name)
+            in_range.add(values, degC)
+            in_range.check(source.table.where, source.table)
+            values, codes = _without_codes(name, degC)
             findings += codes
         rows[name] = values
     if clock.strays:

@@ -30,6 +30,7 @@ from tcdyn.workflows.log_source import (
     Calibrations,
     RawLog,
     TableOptions,
+    check_readings,
     open_log_table,
     raw_log,
     raw_table,
@@ -217,10 +218,14 @@ def _open_log(
     if not isinstance(log, Source):
         path = Path(log)
         table = open_log_table(path, calibrations, rig)
-        return raw_log(path, table, calibrations, rig, options)
-    if isinstance(calibrations, Mapping):
+        raw = raw_log(path, table, calibrations, rig, options)
+    elif isinstance(calibrations, Mapping):
         raise InputError("records with an opened table", expected="the file of a log of the rig")
-    return raw_table(log, calibrations, options)
+    else:
+        raw = raw_table(log, calibrations, options)
+    if not isinstance(calibrations, Mapping):
+        check_readings(raw.source.table, raw)
+    return raw
 
 
 def check_delay(delay_s: float | None) -> None:

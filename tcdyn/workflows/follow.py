@@ -47,7 +47,14 @@ from tcdyn.sensors.compensation import (
 )
 from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
 from tcdyn.workflows.compensate_table import check_delay, delayed_findings
-from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.log_source import (
+    Calibrations,
+    RawLog,
+    TableOptions,
+    check_readings,
+    open_log_table,
+    raw_log,
+)
 
 STATE_SCHEMA = "tcdyn.follow/7"
 STOPPED_BY_USER = "stopped"
@@ -383,11 +390,13 @@ def _wait_for_rows(
         problem = InputError("no two rows came below the header", where=display_path(log))
         try:
             if log.exists() and log.stat().st_size > 0:
-                table = open_log_table(log, calibrations, rig)
-                opened = open_growing(table, log)
+                complete = open_log_table(log, calibrations, rig)
+                opened = open_growing(complete, log)
                 if opened is not None:
                     growing, table = opened
                     raw = raw_log(log, table, calibrations, rig, options)
+                    if not isinstance(calibrations, Mapping):
+                        check_readings(complete, raw)
                     _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
                     return growing, raw

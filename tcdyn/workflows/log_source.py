@@ -19,6 +19,7 @@ from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
+from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.opened_log import (
     all_column_names,
     check_any_given,
@@ -29,6 +30,7 @@ from tcdyn.rig.opened_log import (
 )
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.scaled_readings import RangeCheck
 from tcdyn.rig.thermocouple_types import convert_columns
 from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
@@ -171,6 +173,40 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
     if without_sensor:
         findings.append(info("sensor.carried", columns=without_sensor))
     return _with_output(source, source.time, source.time, channels, carried, findings)
+
+
+def check_readings(table: Table, raw: RawLog) -> None:
+    """Check that the columns of a log are the readings of one channel each, in a known unit.
+
+    Parameters
+    ----------
+    table
+        The table with the rows that are there.
+    raw
+        Its columns and channels.
+
+    Raises
+    ------
+    InputError
+        For a long table, in which several channels share a column, and for readings that no
+        thermocouple can have because they are in another unit.
+    """
+    units = raw.channels.units
+    check_one_channel(table, raw.source.time, list(units))
+    references = [u.reference_junction for u in units.values()]
+    names = [*units, *(name for name in references if isinstance(name, str))]
+    checks = {name: RangeCheck(name, unit.name) for name, unit in units.items()}
+    try:
+        for chunk in table.chunks(names, CHUNK_ROWS):
+            for name, unit in units.items():
+                junction = unit.reference_junction
+                cold = chunk.data[junction] if isinstance(junction, str) else junction
+                values = chunk.data[name]
+                checks[name].add(values, unit.in_degC(values, cold))
+    except InputError:  # the caller reads the rows as well, and says more or passes over them
+        return
+    for check in checks.values():
+        check.check(table.where, table)
 
 
 def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: Rig) -> RawLog:
