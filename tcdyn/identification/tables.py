@@ -38,6 +38,7 @@ from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
     TimeColumn,
     find_time_column,
+    has_time_name,
     is_time_name,
     rows_of_repeated_stamps,
     rows_of_rounded_stamps,
@@ -199,7 +200,7 @@ def from_frame(
     data = replace(
         data,
         runs=tuple(replace(each, epoch=epoch) for each in data.runs),
-        findings=(*codes, *findings),
+        findings=(*(clock.findings() if clock is not None else []), *codes, *findings),
     )
     if resample_s is None:
         return with_hold(without_repeats(data, hold), hold)
@@ -301,7 +302,8 @@ def _time_column(names: Sequence[str], where: str, **options: Any) -> TimeColumn
         Without a time column; it names both ways to give the time.
     """
     is_named = options["requested"] is not None or options.get("clock_columns")
-    if not is_named and not any(map(is_time_name, names)):
+    units = options.get("unit_row") or {}
+    if not is_named and not any(has_time_name(name, units) for name in names):
         raise InputError(
             "no time column found",
             where=where,
@@ -456,8 +458,9 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
             unit = "s"
         given |= {"time": clock.name, "time_unit": unit}
     data = from_frame(frame, **given)
+    guess = clock.findings() if clock is not None else []
     lost = [finding for finding in raw.findings if finding.code in LOST_CODES]
-    return replace(data, findings=(*lost, *data.findings))
+    return replace(data, findings=(*guess, *lost, *data.findings))
 
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, info
 
 # by seconds per unit; messages use the first spelling of each unit
 _SPELLINGS: dict[float, tuple[str, ...]] = {
@@ -58,6 +59,7 @@ TIME_NAMES = re.compile(
     r"|время|дата[_ /-]*(и )?время|時刻|時間|日時|日付[ /]?(時間|時刻)|时间|日期时间",
     re.IGNORECASE,
 )
+TEMPERATURE_NAME = "T"  # as a formula writes it; the time is t
 # names that distinguish a header from a title, see ``tcdyn.io.csv_dialect.detect_dialect``
 TIME_COLUMN_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
 # name and unit: "Time [ms]", "t/ms", "time, s", "time in s"
@@ -108,6 +110,9 @@ class TimeColumn:
         The unit as the file writes it.
     where : str
         The file, for messages.
+    is_guess : bool
+        Whether the column was chosen although its name alone does not say that it is the time: one
+        letter, a column of clock times with another name, or one of several.
     """
 
     name: str
@@ -115,6 +120,13 @@ class TimeColumn:
     is_unit_stated: bool
     unit_text: str
     where: str
+    is_guess: bool = False
+
+    def findings(self) -> list[Finding]:
+        """An info that names the column, if it was guessed."""
+        if not self.is_guess:
+            return []
+        return [info("time.taken", subject=self.name)]
 
     def in_seconds(self, values: Array, is_clock: bool) -> Array:
         """Times (N,) in seconds; clock stamps, already converted, are returned unchanged.
@@ -214,10 +226,29 @@ def _may_be_seconds(start: float, step: float) -> bool:
 def is_time_name(name: str) -> bool:
     """Whether the name of a column is one of a time column, with or without its unit.
 
+    A ``T`` is a temperature, unless a unit of time follows in brackets or after "/"; ``t`` is a
+    time.
+
     >>> is_time_name("Uhrzeit"), is_time_name("Time [ms]"), is_time_name("T1")
     (True, True, False)
+    >>> is_time_name("t"), is_time_name("T"), is_time_name("T_min"), is_time_name("T [s]")
+    (True, False, False, True)
     """
-    return TIME_NAMES.fullmatch(split_unit(name)[0]) is not None
+    stem, unit = split_unit(name)
+    if stem == TEMPERATURE_NAME:
+        is_suffix = _NAME_AND_UNIT.fullmatch(name) is None
+        return unit.lower() in SECONDS_PER_UNIT and not is_suffix
+    return TIME_NAMES.fullmatch(stem) is not None
+
+
+def has_time_name(name: str, units: Mapping[str, str]) -> bool:
+    """Whether a column has the name of a time column; a ``T`` may have its unit in a row of units.
+
+    >>> has_time_name("T", {"T": "s"}), has_time_name("T", {"T": "degC"})
+    (True, False)
+    """
+    is_time_in_row = units.get(name, "").lower() in SECONDS_PER_UNIT
+    return is_time_name(name) or (name.strip() == TEMPERATURE_NAME and is_time_in_row)
 
 
 def find_time_column(
@@ -277,8 +308,12 @@ def find_time_column(
         )
     units = unit_row or {}
     name = requested
+    is_guess = False
     if name is None:
         name = _time_column_name(names, units, clock_columns)
+        candidates = {n for n in names if has_time_name(n, units) or n in clock_columns}
+        is_clear = name is not None and has_time_name(name, units)
+        is_guess = len(candidates) > 1 or not is_clear or len(split_unit(name or "")[0]) == 1
     if name is None:
         raise InputError(
             "no time column found",
@@ -289,15 +324,16 @@ def find_time_column(
         )
     written = unit or split_unit(name)[1] or units.get(name, "")
     if not written:
-        return TimeColumn(name, 1.0, False, "", where)
-    return TimeColumn(name, SECONDS_PER_UNIT.get(written.lower()), True, written, where)
+        return TimeColumn(name, 1.0, False, "", where, is_guess)
+    seconds = SECONDS_PER_UNIT.get(written.lower())
+    return TimeColumn(name, seconds, True, written, where, is_guess)
 
 
 def _time_column_name(
     names: Sequence[str], units: Mapping[str, str], clock_columns: Collection[str]
 ) -> str | None:
     """The most probable time column; None if no name and no clock tells of one."""
-    named = [name for name in names if is_time_name(name)]
+    named = [name for name in names if has_time_name(name, units)]
     for name in named:
         unit = split_unit(name)[1] or units.get(name, "")
         if name in clock_columns or unit.lower() in SECONDS_PER_UNIT:

@@ -165,6 +165,7 @@ class Source:
         """
         names = list(dict.fromkeys([self.time, *columns]))
         checked = False
+        guess = tuple(self.clock.findings())
         chunks = self.table.chunks(names, rows)
         try:
             for chunk in chunks:
@@ -175,7 +176,8 @@ class Source:
                 if not checked and len(times_s) > 1:
                     self.clock.check_step(times_s, is_clock)
                     checked = True
-                yield times_s, {**chunk.data, **chunk.stamps}, chunk.findings
+                yield times_s, {**chunk.data, **chunk.stamps}, (*guess, *chunk.findings)
+                guess = ()
         finally:
             if isinstance(chunks, Generator):
                 chunks.close()  # an error leaves no reader of the file behind
