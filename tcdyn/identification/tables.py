@@ -31,6 +31,7 @@ from tcdyn.identification.holds import (
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.repeats import without_repeats
 from tcdyn.io.cells import TextColumn
+from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.read import Table, open_table, read_all_rows
 from tcdyn.io.stamps import is_stamp
 from tcdyn.io.table import Columns, missing_column_error
@@ -340,8 +341,13 @@ def _row_times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
         Times (N,) [s]; stamps of a clock of few decimals are replaced by an even grid.
     """
     is_clock = frame[clock.name].dtype.kind not in "iufb"
-    times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
+    values = numbers(frame, clock.name, where, clock=True)
+    clock = clock.recognised(values, is_clock)
+    times_s = clock.in_seconds(values, is_clock)
+    if clock.clock_unit and not is_clock:
+        times_s = Midnights().continued(times_s)
     clock.check_step(times_s, is_clock)
+    clock.check_bursts(times_s)
     if len(times_s) <= 2 or not np.isfinite(times_s).all():
         return times_s
     steps = np.diff(times_s)

@@ -32,6 +32,7 @@ from tcdyn.estimation.time_grid import (
     times_of_grid,
 )
 from tcdyn.estimation.updates import find_updates
+from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
@@ -165,6 +166,8 @@ class Source:
         """
         names = list(dict.fromkeys([self.time, *columns]))
         checked = False
+        clock = self.clock
+        midnights = Midnights()
         guess = tuple(self.clock.findings())
         chunks = self.table.chunks(names, rows)
         try:
@@ -172,15 +175,32 @@ class Source:
                 values = chunk.data[self.time]
                 # a chunk without rows, which carries findings, has no stamps
                 is_clock = self.time in chunk.stamps or len(values) == 0
-                times_s = self.clock.in_seconds(values, is_clock)
+                if len(values) > 1 and not is_clock:
+                    recognised = clock.recognised(values, is_clock)
+                    if checked and recognised is not clock:
+                        raise self._late_clock_error(recognised)
+                    clock = recognised
+                times_s = clock.in_seconds(values, is_clock)
+                if clock.clock_unit and not is_clock:
+                    times_s = midnights.continued(times_s)
                 if not checked and len(times_s) > 1:
-                    self.clock.check_step(times_s, is_clock)
+                    clock.check_step(times_s, is_clock)
+                    clock.check_bursts(times_s)
                     checked = True
                 yield times_s, {**chunk.data, **chunk.stamps}, (*guess, *chunk.findings)
                 guess = ()
         finally:
             if isinstance(chunks, Generator):
                 chunks.close()  # an error leaves no reader of the file behind
+
+    def _late_clock_error(self, clock: TimeColumn) -> InputError:
+        """Error for a clock written as numbers that the first rows do not show."""
+        return InputError(
+            f"column {clock.name!r} holds clock times as numbers, which its first rows do not show",
+            where=clock.where,
+            remedy="name the unit, {time_unit}",
+            parameters={"time_unit": clock.clock_unit},
+        )
 
 
 class ChunkSource(Protocol):
