@@ -40,6 +40,8 @@ MIN_SLOPE_U = 4
 # step must be integers within the second number. Chosen by judgement.
 MAX_OFFSET_STEPS = 0.6
 MULTIPLE_TOLERANCE = 0.01
+# Standard deviations of a sum of random signs within which steps are too long and too short alike
+MAX_EXCESS_U = 3.0
 # Rates that are tried, over the mean one. That of the rounded steps is too low by 10 % where stamps
 # stray by 0.3 of an interval and a fifth of the rows are lost, and by 18 % where 30 % are lost
 # (tests/sensors/test_uneven_stamps.py).
@@ -183,7 +185,9 @@ def has_few_decimals(step: Array, max_offset_s: float) -> bool:
     return is_multiple and max_offset_s < MAX_OFFSET_STEPS * resolution_s
 
 
-def fit_grid(time: Array, mean_rate_Hz: float | None = None) -> tuple[float, NDArray[np.int32]]:
+def fit_grid(
+    time: Array, mean_rate_Hz: float | None = None
+) -> tuple[float, NDArray[np.int32], bool]:
     """Interval [s] and grid indices of stamps that jitter.
 
     The rate f maximises |sum exp(2 pi i f t)|, first over the start of the log, then over more and
@@ -202,6 +206,8 @@ def fit_grid(time: Array, mean_rate_Hz: float | None = None) -> tuple[float, NDA
         Sample interval.
     grid
         Index of each row (N,), 0 for the first.
+    is_significant
+        Whether the stamps lie about an even grid. Otherwise the position of a row is not known.
 
     Notes
     -----
@@ -209,7 +215,7 @@ def fit_grid(time: Array, mean_rate_Hz: float | None = None) -> tuple[float, NDA
     of the width of the maximum. ``MIN_PHASE_SUM`` decides whether the maximum is significant.
     """
     if mean_rate_Hz is None:
-        mean_rate_Hz = _rate_of_steps(np.diff(time))
+        mean_rate_Hz = rate_of_steps(np.diff(time))
     t = time - time[0]
     size = min(FIRST_GRID_ROWS, len(time))
     candidates = mean_rate_Hz * np.arange(*RATE_RANGE, 0.25 / size)
@@ -223,7 +229,8 @@ def fit_grid(time: Array, mean_rate_Hz: float | None = None) -> tuple[float, NDA
         size = min(4 * size, len(t))
     rate_Hz = best
     phase_sum = _phase_sum(best, subset)
-    if not abs(phase_sum) > MIN_PHASE_SUM * len(subset) ** 0.5:
+    is_significant = bool(abs(phase_sum) > MIN_PHASE_SUM * len(subset) ** 0.5)
+    if not is_significant:
         rate_Hz = mean_rate_Hz
         phase_sum = _phase_sum(mean_rate_Hz, subset)
     grid = np.rint(t * rate_Hz - np.angle(phase_sum) / (2 * np.pi)).astype(np.int32)
@@ -231,20 +238,25 @@ def fit_grid(time: Array, mean_rate_Hz: float | None = None) -> tuple[float, NDA
     # free
     grid[1:-1] += (np.diff(grid[:-1]) == 0) & (np.diff(grid[1:]) > 1)
     grid[1:-1] -= (np.diff(grid[:-1]) > 1) & (np.diff(grid[1:]) == 0)
-    return interval_of_grid(time, grid), grid - grid[0]
+    return interval_of_grid(time, grid), grid - grid[0], is_significant
 
 
-def _rate_of_steps(step: Array) -> float:
+def rate_of_steps(step: Array) -> float:
     """Rate [Hz] of steps (N - 1,) [s] that scatter and of which some span lost rows.
 
     Errors of the rounding to whole intervals cancel, since as many steps are too long as too short.
     The median is the first interval; lost rows make it too long, and the second pass corrects it.
+    Where the steps that are not one interval long are as many too long as too short, no rows are
+    lost, and the rate is the mean one.
     """
     interval_s = float(np.median(step[step > 0]))
     for _ in range(2):
-        intervals = float(np.rint(step / interval_s).sum())
-        if intervals > 0:
-            interval_s = float(step.sum()) / intervals
+        intervals = np.rint(step / interval_s)
+        if intervals.sum() > 0:
+            interval_s = float(step.sum() / intervals.sum())
+    excess = np.rint(step / interval_s) - 1
+    if abs(excess.sum()) <= MAX_EXCESS_U * np.sqrt(np.count_nonzero(excess)):
+        return len(step) / float(step.sum())
     return 1 / interval_s
 
 

@@ -50,7 +50,8 @@ SECONDS_PER_UNIT = {
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"t|hhmm(ss)?|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times|x_value"
+    r"t|hhmm(ss)?|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
+    r"|x_value"
     r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
     r"|(sample|sampling|scan|log|local|measurement|recording)[_ ]?time|created[_ ]?at"
     r"|zeit|uhrzeit|zeitstempel|zeitpunkt|messzeit|laufzeit|datum[_ /-]*(und )?(uhr)?zeit"
@@ -153,8 +154,8 @@ class TimeColumn:
             return replace(self, seconds=1.0, is_unit_stated=True, unit_text=found)
         stated = f", and not in {self.unit_text!r}" if self.is_unit_stated else ""
         raise InputError(
-            f"column {self.name!r}: its numbers jump where a minute or an hour ends: they are clock "
-            f"times ({found}){stated}",
+            f"column {self.name!r}: its numbers jump where a minute or an hour ends: they are "
+            f"clock times ({found}){stated}",
             where=self.where,
             expected="HHMM or HHMMSS as the unit of time",
             remedy="name the unit, {time_unit}",
@@ -191,8 +192,8 @@ class TimeColumn:
             return
         raise InputError(
             f"column {self.name!r}: rows come in bursts of {np.median(rows):.0f}, "
-            f"{np.median(inside):.2g} s apart, with pauses of {np.median(pauses):.3g} s: the stamps "
-            "are arrival times",
+            f"{np.median(inside):.2g} s apart, with pauses of {np.median(pauses):.3g} s: the "
+            "stamps are arrival times",
             where=self.where,
             expected="the time at which each row was sampled",
             remedy="log the sampling time, or give the row numbers as the time where the sampling "

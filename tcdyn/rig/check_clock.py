@@ -122,7 +122,7 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
     intervals = np.diff(grid)
     strays = is_jittered(step, intervals, dt)
     if strays:
-        dt, grid = fit_grid(time, len(step) / float(time[-1] - time[0]))
+        dt, grid, _ = fit_grid(time, len(step) / float(time[-1] - time[0]))
         intervals = np.diff(grid)
     is_uneven = (step > MAX_EVEN_STEP * dt) | (step < MIN_EVEN_STEP * dt)
     if (intervals != 1).mean() > MAX_UNEVEN_SHARE:

@@ -25,6 +25,7 @@ from tcdyn.estimation.time_grid import (
     fit_grid,
     grid_indices,
     has_few_decimals,
+    rate_of_steps,
     real_jitter_share,
     sampling_interval_s,
     shift_to_grid,
@@ -554,10 +555,17 @@ def even_times(
     deviation -= np.median(deviation)
     rounded = np.minimum(np.abs(deviation - np.rint(deviation)), 0.5)
     if np.abs(deviation).max() > 0.6:  # the steps do not add up: each row to its nearest position
+        has_grid = False
         if strays:
-            dt, place = fit_grid(time_s)
+            fitted_dt, fitted_place, has_grid = fit_grid(time_s)
+            dt = dt_s or 1 / rate_of_steps(step)
+        strays = has_grid
+        if has_grid:
+            dt = fitted_dt
+            place = fitted_place
             position = (time_s - times_of_grid(time_s, place, dt)[0]) / dt + place
         else:
+            position = (time_s - time_s[0]) / dt
             place = np.maximum.accumulate(np.rint(position))
         rounded = position - place
     jitter_s = None

@@ -82,7 +82,8 @@ def test_the_interval_is_found_where_stamps_stray_and_rows_are_lost(
         rng = np.random.default_rng(seed)
         stamps = stamps_of(rng, 3000, stray)
         kept = np.flatnonzero(rng.random(len(stamps)) >= lost)
-        dt_s, grid = fit_grid(stamps[kept])
+        dt_s, grid, is_significant = fit_grid(stamps[kept])
+        assert is_significant
         u_s = stray * DT_S * np.sqrt(12 / len(kept) ** 3)
         assert abs(dt_s - DT_S) < 6 * u_s
         off = grid - (kept - kept[0])
