@@ -371,9 +371,12 @@ def read_columns(
         temperatures = {name: rows[name] for name in columns if name in units}
         shifted, found = _without_jitter(temperatures, t, grid, source.time)
         rows |= shifted
+        if found:  # the readings are shifted to the even times
+            grid_findings = [f for f in grid_findings if f.code != "sensor.uneven"]
         grid_findings += found
     out = {name: on_grid(rows[name], grid, size) for name in columns}
-    return start_s + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
+    even_s = np.asarray(start_s + grid.dt_s * np.arange(size), dtype=float)
+    return even_s, out, [*findings, *grid_findings]
 
 
 def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
@@ -582,7 +585,7 @@ def even_times(
             remedy="check the unit of the time, or cut the table at its gaps",
         )
     stray = float(np.sqrt(np.mean(rounded**2)))
-    if stray > UNEVEN:
+    if stray > UNEVEN or jitter_s is not None:
         findings.append(warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt))
     return EvenTimes(place.astype(np.intp), dt, jitter_s), findings
 
