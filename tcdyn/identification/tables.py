@@ -31,6 +31,7 @@ from tcdyn.identification.holds import (
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.repeats import without_repeats
 from tcdyn.io.cells import TextColumn
+from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.read import Table, open_table, read_all_rows
 from tcdyn.io.stamps import is_stamp
 from tcdyn.io.table import Columns, missing_column_error
@@ -38,6 +39,7 @@ from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
     TimeColumn,
     find_time_column,
+    has_time_name,
     is_time_name,
 )
 from tcdyn.io.unit_names import column_named
@@ -210,7 +212,7 @@ def from_frame(
     data = replace(
         data,
         runs=tuple(replace(each, epoch=epoch) for each in data.runs),
-        findings=(*codes, *findings),
+        findings=(*(clock.findings() if clock is not None else []), *codes, *findings),
     )
     if resample_s is None:
         return with_hold(without_repeats(data, hold), hold)
@@ -312,7 +314,8 @@ def _time_column(names: Sequence[str], where: str, **options: Any) -> TimeColumn
         Without a time column; it names both ways to give the time.
     """
     is_named = options["requested"] is not None or options.get("clock_columns")
-    if not is_named and not any(map(is_time_name, names)):
+    units = options.get("unit_row") or {}
+    if not is_named and not any(has_time_name(name, units) for name in names):
         raise InputError(
             "no time column found",
             where=where,
@@ -349,8 +352,13 @@ def _row_times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
         Times (N,) [s].
     """
     is_clock = frame[clock.name].dtype.kind not in "iufb"
-    times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
+    values = numbers(frame, clock.name, where, clock=True)
+    clock = clock.recognised(values, is_clock)
+    times_s = clock.in_seconds(values, is_clock)
+    if clock.clock_unit and not is_clock:
+        times_s = Midnights().continued(times_s)
     clock.check_step(times_s, is_clock)
+    clock.check_bursts(times_s)
     return times_s
 
 
@@ -461,8 +469,9 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
             unit = "s"
         given |= {"time": clock.name, "time_unit": unit}
     data = from_frame(frame, **given)
+    guess = clock.findings() if clock is not None else []
     lost = [finding for finding in raw.findings if finding.code in LOST_CODES]
-    return replace(data, findings=(*lost, *data.findings))
+    return replace(data, findings=(*guess, *lost, *data.findings))
 
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.cells import ABSENT, is_number, is_unit, kind_of_cell, number_and_unit
-from tcdyn.io.stamps import is_date
+from tcdyn.io.stamps import is_date, is_stamp
 from tcdyn.io.times import is_time_name
 
 LINE_END = re.compile(r"\r\n|\n|\r")  # str.splitlines would also split at form feeds and the like
@@ -446,6 +446,7 @@ def _find_layout(
     elif comments and len(comments[-1]) == fields:
         names = tuple(comments[-1])
     line, cells = rows[first]
+    cells = _with_midnight(cells, [rows[k][1] for k in complete])
     if not units:
         units = tuple(number_and_unit(cell, decimal)[1] for cell in cells)
     score = _readable_share([rows[k][1] for k in data], len(rows) - complete[0], fields, decimal)
@@ -466,6 +467,15 @@ def _find_layout(
         has_row_names,
         ambiguous,
     )
+
+
+def _with_midnight(cells: list[str], data: list[list[str]]) -> list[str]:
+    """The first row of data, with a clock of 0 h behind a date in a column of dates and clocks."""
+    out = list(cells)
+    for k, cell in enumerate(cells):
+        if is_date(cell) and any(is_stamp(row[k]) for row in data):
+            out[k] = f"{cell} 00:00:00"
+    return out
 
 
 def _ambiguous_cell(data: list[list[str]]) -> str:

@@ -17,6 +17,7 @@ from tcdyn.core.errors import InputError
 
 SECONDS_PER_DAY = 86400.0
 SECONDS_PER_HOUR = 3600.0
+HOURS_OF_HALF_DAY = 12
 ORDERS = ("dmy", "mdy", "ymd")  # of day, month and year
 # Local hour at which clocks change to or from daylight saving time, between 1 and 3 everywhere
 CHANGE_HOURS = (1, 2, 3)
@@ -87,9 +88,12 @@ _DATE = (
 )
 _WEEKDAY = r"(?:[^\W\d_]{2,10}\.?,?\s+)?"
 _ZONE = rf"(?:{'|'.join(_ZONES)}|(?:UTC|GMT)?[+\-−]\d{{1,2}}(?::?\d\d)?)"
+# Hours, minutes and seconds, of which each may lose its leading zero: 8:1:0. Of a clock with two
+# fields the second has two digits, since 8:1 may be a ratio; see ``_SHORT_CLOCK``.
 _CLOCK = (
     r"(?:(?P<days>\d{1,4})(?:[:.]|\s?d(?:ays?)?,?\s?))??"
-    r"(?P<hour>\d{1,3}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3})?"
+    r"(?P<hour>\d{1,3}):(?P<minute>\d\d(?=\D|$)|\d(?=:|[.,]\d))(?::(?P<second>\d{1,2}(?!\d)))?"
+    r"(?P<fraction>[.,]\d+|:\d{3})?"
     rf"\s?(?P<half>[AaPp]\.?\s?[Mm]\.?)?\s?(?P<zone>{_ZONE})?"
 )
 _STAMP = re.compile(
@@ -102,6 +106,11 @@ _COMPACT_STAMP = re.compile(
     r"([01]\d|2[0-3])([0-5]\d)([0-5]\d)([.,]\d+)?"
     rf"\s?({_ZONE})?\s*"
 )
+# Clocks that are read as such only behind a date: 8:1 is 8:01, 23.59.00 is 23:59:00
+_SHORT_CLOCK = re.compile(
+    rf"(\s*'?{_WEEKDAY}{_DATE}(?:[T_:]|,?\s*-?\s+|,))"
+    r"(\d{1,2})(?::(\d)|\.(\d{1,2})\.(\d{1,2}))((?:[.,]\d+)?(?:\s?[AaPp]\.?[Mm]\.?)?\s*)"
+)
 _OPEN_ORDER = re.compile(r"\d{1,2}[-/]\d{1,2}[-/]")  # the day or the month may be first
 _DATE_ONLY = re.compile(rf"\s*'?{_WEEKDAY}({_DATE})\s*")
 
@@ -110,13 +119,14 @@ class _Stamp(NamedTuple):
     """Fields of one stamp: the date as text, seconds of the day, seconds east of Greenwich.
 
     ``first_field`` is the first of two fields without seconds, which are hours and minutes or
-    minutes and seconds; -1 for other stamps.
+    minutes and seconds; -1 for other stamps. ``has_half`` tells of AM or PM.
     """
 
     date: str
     of_day_s: float
     zone_s: float | None
     first_field: int = -1
+    has_half: bool = False
 
 
 _NO_STAMP = _Stamp("", np.nan, None)
@@ -159,7 +169,7 @@ def has_fraction(text: str) -> bool:
     >>> has_fraction("26.11.2021 10:00:00"), has_fraction("10:00:00.5 AM")
     (False, True)
     """
-    return re.search(r":\d\d(?:[.,]\d|:\d{3})", text) is not None
+    return re.search(r":\d{1,2}(?:[.,]\d|:\d{3})", text) is not None
 
 
 def _parse_stamp(text: str) -> _Stamp:
@@ -168,9 +178,15 @@ def _parse_stamp(text: str) -> _Stamp:
     A clock time with one colon is hours:minutes, but minutes:seconds if it has a fraction. The
     result notes the first field where this is not clear.
     """
-    match = (_STAMP if text.isascii() else _STAMP_UNICODE).fullmatch(text)
+    pattern = _STAMP if text.isascii() else _STAMP_UNICODE
+    match = pattern.fullmatch(text)
     if match is None:
-        return _parse_compact(text)
+        short = _SHORT_CLOCK.fullmatch(text)
+        if short is None:
+            return _parse_compact(text)
+        match = pattern.fullmatch(_with_colons(short))
+        if match is None:
+            return _NO_STAMP
     day, days, hour, minute, second, fraction, half, zone = match.groups()
     part = float("0." + fraction[1:]) if fraction else 0.0
     hours = float(hour)
@@ -187,7 +203,15 @@ def _parse_stamp(text: str) -> _Stamp:
             first_field = int(hour)
     if days:
         of_day_s += SECONDS_PER_DAY * float(days)
-    return _Stamp(day or "", of_day_s, _zone_s(zone), first_field)
+    return _Stamp(day or "", of_day_s, _zone_s(zone), first_field, bool(half))
+
+
+def _with_colons(match: re.Match[str]) -> str:
+    """The date and clock of a match of ``_SHORT_CLOCK`` with colons and two digits a field."""
+    date_text, hour, minute, dotted_minute, second, rest = match.groups()
+    if minute is not None:
+        return f"{date_text}{hour}:{minute:0>2}{rest}"
+    return f"{date_text}{hour}:{dotted_minute:0>2}:{second:0>2}{rest}"
 
 
 def _parse_compact(text: str) -> _Stamp:
@@ -199,6 +223,18 @@ def _parse_compact(text: str) -> _Stamp:
     part = float("0." + fraction[1:]) if fraction else 0.0
     of_day_s = SECONDS_PER_HOUR * float(hour) + 60 * float(minute) + float(second) + part
     return _Stamp(day, of_day_s, _zone_s(zone))
+
+
+def _parse_stamp_or_midnight(text: str) -> _Stamp:
+    """The fields of a stamp; in a column of stamps a date alone is its midnight.
+
+    R, Excel and others leave out a clock of 00:00:00.
+    """
+    stamp = _parse_stamp(text)
+    if stamp is not _NO_STAMP:
+        return stamp
+    match = _DATE_ONLY.fullmatch(text)
+    return _NO_STAMP if match is None else _Stamp(match[1], 0.0, None)
 
 
 def _zone_s(zone: str | None) -> float | None:
@@ -259,6 +295,7 @@ class Stamps:
     _last_wall_s: float = np.nan
     _last_step_s: float = np.nan
     _shift_s: float = 0.0
+    _last_time_s: float = np.nan
 
     def seconds(self, texts: Sequence[str]) -> Array:
         """Seconds (N,) since the first stamp of the column; NaN where a cell is no stamp.
@@ -269,7 +306,7 @@ class Stamps:
             If the first stamp cannot be read, dates such as 03/04/2021 can be read in two ways, or
             times such as 10:05 may be minutes and seconds.
         """
-        stamps = [_parse_stamp(text) for text in texts]
+        stamps = [_parse_stamp_or_midnight(text) for text in texts]
         of_day = np.array([stamp.of_day_s for stamp in stamps], dtype=float)
         if len(of_day) == 0:
             return of_day
@@ -292,7 +329,44 @@ class Stamps:
                 wall_s = self._without_clock_changes(wall_s, dates, is_sunday)
         else:
             wall_s = of_day + SECONDS_PER_DAY * self._days_by_midnights(of_day)
+        self._check_half_days(wall_s, stamps, texts)
         return np.asarray(np.round(wall_s - zone_s - self.first_s, 9))
+
+    def _check_half_days(
+        self, wall_s: Array, stamps: Sequence[_Stamp], texts: Sequence[str]
+    ) -> None:
+        """Raise InputError where a clock of 12 hours without AM and PM goes from 12:59 to 1:00.
+
+        Parameters
+        ----------
+        wall_s
+            Times of the clock (N,) [s].
+        stamps, texts
+            Fields and text of each cell.
+
+        Notes
+        -----
+        The step there is half a day less than the usual one. The last time of the chunk before is
+        kept.
+        """
+        before = np.concatenate([[self._last_time_s], wall_s[:-1]])
+        finite = wall_s[np.isfinite(wall_s)]
+        if len(finite):
+            self._last_time_s = float(finite[-1])
+        corrected = wall_s - before + SECONDS_PER_DAY / 2
+        is_one_o_clock = np.floor(wall_s % SECONDS_PER_DAY / SECONDS_PER_HOUR) == 1
+        was_noon = np.floor(before % SECONDS_PER_DAY / SECONDS_PER_HOUR) == HOURS_OF_HALF_DAY
+        is_jump = is_one_o_clock & was_noon & (corrected > 0) & (corrected <= SECONDS_PER_HOUR)
+        for k in np.flatnonzero(is_jump):
+            if stamps[k].has_half:
+                continue
+            raise InputError(
+                f"column {self.column}: the clock goes back by nearly 12 h to {texts[k]!r}: it is "
+                "a clock of 12 hours without AM and PM",
+                where=self.where,
+                expected="a clock of 24 hours, or AM and PM",
+                remedy="log AM and PM, or add 12 h to the stamps of the afternoon",
+            )
 
     def _with_two_fields(self, of_day: Array, stamps: Sequence[_Stamp]) -> Array:
         """Seconds of the day (N,), those of two fields as hours and minutes or minutes and seconds.

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, info
+from tcdyn.io.clock_numbers import CLOCK_UNITS, clock_unit, seconds_of_day
 
 # by seconds per unit; messages use the first spelling of each unit
 _SPELLINGS: dict[float, tuple[str, ...]] = {
@@ -47,7 +49,8 @@ SECONDS_PER_UNIT = {
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"t|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times|x_value"
+    r"t|hhmm(ss)?|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
+    r"|x_value"
     r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
     r"|(sample|sampling|scan|log|local|measurement|recording)[_ ]?time|created[_ ]?at"
     r"|zeit|uhrzeit|zeitstempel|zeitpunkt|messzeit|laufzeit|datum[_ /-]*(und )?(uhr)?zeit"
@@ -57,6 +60,7 @@ TIME_NAMES = re.compile(
     r"|время|дата[_ /-]*(и )?время|時刻|時間|日時|日付[ /]?(時間|時刻)|时间|日期时间",
     re.IGNORECASE,
 )
+TEMPERATURE_NAME = "T"  # as a formula writes it; the time is t
 # names that distinguish a header from a title, see ``tcdyn.io.csv_dialect.detect_dialect``
 TIME_COLUMN_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
 # name and unit: "Time [ms]", "t/ms", "time, s", "time in s"
@@ -84,6 +88,13 @@ ROUND_SECONDS = {
     3600.0: (1, 2, 5, 10, 15, 30),
     86400.0: (1, 2, 5, 10, 15, 30, 60, 300, 600, 900),
 }
+# Rows in bursts: at least so many bursts; nearly all of one length, after pauses of one length,
+# within this share, with steps inside that are shorter than this share of the mean step. An even
+# record has no step below half of the mean one. By judgement.
+MIN_BURSTS = 4
+BURST_SHARE = 0.8
+BURST_SPREAD = 0.25
+LONGEST_BURST_STEP = 0.2
 SAME_STEP = 2e-3  # relative difference of two steps that count as equal: files round their times
 
 
@@ -104,6 +115,9 @@ class TimeColumn:
         The unit as the file writes it.
     where : str
         The file, for messages.
+    is_guess : bool
+        Whether the column was chosen although its name alone does not say that it is the time: one
+        letter, a column of clock times with another name, or one of several.
     """
 
     name: str
@@ -111,6 +125,82 @@ class TimeColumn:
     is_unit_stated: bool
     unit_text: str
     where: str
+    is_guess: bool = False
+
+    @property
+    def clock_unit(self) -> str:
+        """HHMM or HHMMSS for a clock written as one number; empty for any other column."""
+        unit = self.unit_text.upper()
+        return unit if unit.lower() in CLOCK_UNITS else ""
+
+    def recognised(self, values: Array, is_clock: bool) -> TimeColumn:
+        """The column with its unit, where its first values (N,) show a clock written as numbers.
+
+        Raises
+        ------
+        InputError
+            Where they may be hours and minutes or minutes and seconds, or another unit is stated.
+        """
+        if is_clock or self.clock_unit:
+            return self
+        found = clock_unit(values)
+        if not found:
+            return self
+        if found == "HHMMSS" and not self.is_unit_stated:
+            return replace(self, seconds=1.0, is_unit_stated=True, unit_text=found)
+        stated = f", and not in {self.unit_text!r}" if self.is_unit_stated else ""
+        raise InputError(
+            f"column {self.name!r}: its numbers jump where a minute or an hour ends: they are "
+            f"clock times ({found}){stated}",
+            where=self.where,
+            expected="HHMM or HHMMSS as the unit of time",
+            remedy="name the unit, {time_unit}",
+            parameters={"time_unit": found.partition(" ")[0]},
+        )
+
+    def check_bursts(self, times_s: Array) -> None:
+        """Raise InputError where rows come in bursts, so that their stamps are times of arrival.
+
+        Parameters
+        ----------
+        times_s
+            The first times of the column (N,) [s].
+
+        Notes
+        -----
+        Bursts have one number of rows, and pauses of one length between them that are much longer
+        than the steps inside. Stamps that are equal inside a burst are those of a coarse clock
+        (``tcdyn.series``).
+        """
+        steps = np.diff(times_s[np.isfinite(times_s)])
+        if len(steps) < MIN_BURSTS or steps.min() < 0:
+            return
+        is_pause = steps > steps.mean()
+        rows = np.diff(np.flatnonzero(is_pause))
+        inside = steps[~is_pause]
+        if len(rows) < MIN_BURSTS or np.median(rows) < 2 or np.median(inside) <= 0:
+            return
+        pauses = steps[is_pause]
+        is_usual = np.abs(rows - np.median(rows)) <= BURST_SPREAD * np.median(rows)
+        is_even = np.abs(pauses - np.median(pauses)) <= BURST_SPREAD * np.median(pauses)
+        is_short = inside < LONGEST_BURST_STEP * steps.mean()
+        if min(is_usual.mean(), is_even.mean(), is_short.mean()) < BURST_SHARE:
+            return
+        raise InputError(
+            f"column {self.name!r}: rows come in bursts of {np.median(rows):.0f}, "
+            f"{np.median(inside):.2g} s apart, with pauses of {np.median(pauses):.3g} s: the "
+            "stamps are arrival times",
+            where=self.where,
+            expected="the time at which each row was sampled",
+            remedy="log the sampling time, or give the row numbers as the time where the sampling "
+            "interval is known; of readings that were taken in bursts, average each burst",
+        )
+
+    def findings(self) -> list[Finding]:
+        """An info that names the column, if it was guessed."""
+        if not self.is_guess:
+            return []
+        return [info("time.taken", subject=self.name)]
 
     def in_seconds(self, values: Array, is_clock: bool) -> Array:
         """Times (N,) in seconds; clock stamps, already converted, are returned unchanged.
@@ -129,6 +219,8 @@ class TimeColumn:
         """
         if is_clock:
             return values
+        if self.clock_unit:
+            return seconds_of_day(values, self.clock_unit)
         if self.seconds is None:
             raise self._unit_request(f"its unit {self.unit_text!r} is not known")
         return values * self.seconds
@@ -210,10 +302,29 @@ def _may_be_seconds(start: float, step: float) -> bool:
 def is_time_name(name: str) -> bool:
     """Whether the name of a column is one of a time column, with or without its unit.
 
+    A ``T`` is a temperature, unless a unit of time follows in brackets or after "/"; ``t`` is a
+    time.
+
     >>> is_time_name("Uhrzeit"), is_time_name("Time [ms]"), is_time_name("T1")
     (True, True, False)
+    >>> is_time_name("t"), is_time_name("T"), is_time_name("T_min"), is_time_name("T [s]")
+    (True, False, False, True)
     """
-    return TIME_NAMES.fullmatch(split_unit(name)[0]) is not None
+    stem, unit = split_unit(name)
+    if stem == TEMPERATURE_NAME:
+        is_suffix = _NAME_AND_UNIT.fullmatch(name) is None
+        return unit.lower() in SECONDS_PER_UNIT and not is_suffix
+    return TIME_NAMES.fullmatch(stem) is not None
+
+
+def has_time_name(name: str, units: Mapping[str, str]) -> bool:
+    """Whether a column has the name of a time column; a ``T`` may have its unit in a row of units.
+
+    >>> has_time_name("T", {"T": "s"}), has_time_name("T", {"T": "degC"})
+    (True, False)
+    """
+    is_time_in_row = units.get(name, "").lower() in SECONDS_PER_UNIT
+    return is_time_name(name) or (name.strip() == TEMPERATURE_NAME and is_time_in_row)
 
 
 def find_time_column(
@@ -261,8 +372,9 @@ def find_time_column(
     >>> find_time_column(["T", "Moment"], "log.csv", clock_columns=["Moment"]).name
     'Moment'
     """
-    if unit is not None and unit.lower() not in SECONDS_PER_UNIT:
-        raise InputError(f"time unit {unit!r}", where=where, expected=" or ".join(TIME_UNITS))
+    if unit is not None and not is_time_unit(unit):
+        units_of_time = (*TIME_UNITS, *map(str.upper, CLOCK_UNITS))
+        raise InputError(f"time unit {unit!r}", where=where, expected=" or ".join(units_of_time))
     if requested is not None and requested not in names:
         near = get_close_matches(requested, names, n=1, cutoff=0.6)
         raise InputError(
@@ -273,8 +385,12 @@ def find_time_column(
         )
     units = unit_row or {}
     name = requested
+    is_guess = False
     if name is None:
         name = _time_column_name(names, units, clock_columns)
+        candidates = {n for n in names if has_time_name(n, units) or n in clock_columns}
+        is_clear = name is not None and has_time_name(name, units)
+        is_guess = len(candidates) > 1 or not is_clear or len(split_unit(name or "")[0]) == 1
     if name is None:
         raise InputError(
             "no time column found",
@@ -284,22 +400,36 @@ def find_time_column(
             parameters={"time": "COLUMN"},
         )
     written = unit or split_unit(name)[1] or units.get(name, "")
+    if not written and name.strip().lower() in CLOCK_UNITS:
+        written = name.strip()
+    if written.lower() in CLOCK_UNITS:
+        return TimeColumn(name, 1.0, True, written, where, is_guess)
     if not written:
-        return TimeColumn(name, 1.0, False, "", where)
-    return TimeColumn(name, SECONDS_PER_UNIT.get(written.lower()), True, written, where)
+        return TimeColumn(name, 1.0, False, "", where, is_guess)
+    seconds = SECONDS_PER_UNIT.get(written.lower())
+    return TimeColumn(name, seconds, True, written, where, is_guess)
 
 
 def _time_column_name(
     names: Sequence[str], units: Mapping[str, str], clock_columns: Collection[str]
 ) -> str | None:
     """The most probable time column; None if no name and no clock tells of one."""
-    named = [name for name in names if is_time_name(name)]
+    named = [name for name in names if has_time_name(name, units)]
     for name in named:
         unit = split_unit(name)[1] or units.get(name, "")
-        if name in clock_columns or unit.lower() in SECONDS_PER_UNIT:
+        if name in clock_columns or is_time_unit(unit):
             return name
     clocks = [name for name in names if name in clock_columns]
     return next(iter([*clocks, *named]), None)
+
+
+def is_time_unit(text: str) -> bool:
+    """Whether a text is a unit of time, or HHMM or HHMMSS for a clock written as one number.
+
+    >>> is_time_unit("ms"), is_time_unit("HHMM"), is_time_unit("degC")
+    (True, True, False)
+    """
+    return text.lower() in SECONDS_PER_UNIT or text.lower() in CLOCK_UNITS
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -319,11 +449,11 @@ def split_unit(name: str) -> tuple[str, str]:
     match = _NAME_AND_UNIT.fullmatch(name)
     if match is not None:
         unit = match["bracket"]
-        if unit is None and match["after"].lower() in SECONDS_PER_UNIT:
+        if unit is None and is_time_unit(match["after"]):
             unit = match["after"]
         if unit is not None:
             return match["stem"].strip(), unit.rstrip(".")
     match = _SUFFIX.fullmatch(name.strip())
-    if match is not None and match["suffix"].lower() in SECONDS_PER_UNIT:
+    if match is not None and is_time_unit(match["suffix"]):
         return match["stem"], match["suffix"]
     return name.strip(), ""

@@ -21,6 +21,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.updates import find_updates
+from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
@@ -139,20 +140,41 @@ class Source:
         """
         names = list(dict.fromkeys([self.time, *columns]))
         checked = False
+        clock = self.clock
+        midnights = Midnights()
+        guess = tuple(self.clock.findings())
         chunks = self.table.chunks(names, rows)
         try:
             for chunk in chunks:
                 values = chunk.data[self.time]
                 # a chunk without rows, which carries findings, has no stamps
                 is_clock = self.time in chunk.stamps or len(values) == 0
-                times_s = self.clock.in_seconds(values, is_clock)
+                if len(values) > 1 and not is_clock:
+                    recognised = clock.recognised(values, is_clock)
+                    if checked and recognised is not clock:
+                        raise self._late_clock_error(recognised)
+                    clock = recognised
+                times_s = clock.in_seconds(values, is_clock)
+                if clock.clock_unit and not is_clock:
+                    times_s = midnights.continued(times_s)
                 if not checked and len(times_s) > 1:
-                    self.clock.check_step(times_s, is_clock)
+                    clock.check_step(times_s, is_clock)
+                    clock.check_bursts(times_s)
                     checked = True
-                yield times_s, {**chunk.data, **chunk.stamps}, chunk.findings
+                yield times_s, {**chunk.data, **chunk.stamps}, (*guess, *chunk.findings)
+                guess = ()
         finally:
             if isinstance(chunks, Generator):
                 chunks.close()  # an error leaves no reader of the file behind
+
+    def _late_clock_error(self, clock: TimeColumn) -> InputError:
+        """Error for a clock written as numbers that the first rows do not show."""
+        return InputError(
+            f"column {clock.name!r} holds clock times as numbers, which its first rows do not show",
+            where=clock.where,
+            remedy="name the unit, {time_unit}",
+            parameters={"time_unit": clock.clock_unit},
+        )
 
 
 class ChunkSource(Protocol):
@@ -322,8 +344,8 @@ def read_columns(
             findings += codes
         rows[name] = values
     if clock.strays:
-        temperatures = {name: rows[name] for name in columns if name in units}
-        shifted, found = at_even_times(temperatures, clock, source.time)
+        readings_degC = {name: rows[name] for name in columns if name in units}
+        shifted, found = at_even_times(readings_degC, clock, source.time)
         rows |= shifted
         clock_findings += found
     out = {name: on_grid(rows[name], clock) for name in columns}

@@ -85,6 +85,7 @@ READER: dict[str, Message] = {
     "time.filled": "{place}: {count} missing time(s) interpolated from the rows before and after",
     "time.few_decimals": "column {subject}: the time stamps have few decimals; rows are taken as "
     "evenly sampled at {rate_Hz:.5g} Hz",
+    "time.taken": "column {subject} is taken as the time; if it is not, name the time column",
     "time.strays": "column {subject}: the time stamps deviate from even sampling at "
     "{rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd); according to the readings, {percent:.0f} % of "
     "this are real shifts of the sampling instants, and are corrected",
