@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tcdyn.identification import IOData, compare, fit
+from tcdyn.identification import IOData, compare, confirm, fit
 from tests.identify.small_drift_study import LAGS_S, N, record, study
 
 FIELD_FILES = Path(__file__).resolve().parents[2].parent / "shared/cases/files2"
@@ -81,3 +81,14 @@ def test_a_drift_of_two_percent_of_the_swing_is_in_the_interval_of_the_gain() ->
     for gain in (comparison.best.identified.static_gain, comparison.averaged["u"]["gain"]):
         assert gain.contains(1.328)
         assert gain.u < 0.03
+
+
+def test_a_fit_of_averaged_noise_is_confirmed_on_data_of_another_interval() -> None:
+    """The noise model holds for one interval only; the parameters hold for all."""
+    data = record(5, "line")
+    result = fit(data, "P2D", check=False)
+    assert result.noise.averaged
+    every_other = IOData.from_arrays(
+        data.runs[0].u[::2, 0], data.outputs[::2, 0], 2 * data.dt_s, hold="zoh"
+    )
+    assert confirm(result, every_other).whiteness.p >= 0
