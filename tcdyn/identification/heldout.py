@@ -146,7 +146,7 @@ def held_out_statistics(
     times = []
     segments = []
     for s in split_segments(test):
-        times_s: Array = s.start_s + np.arange(len(s.y)) * test.dt_s
+        times_s = s.start_s + np.arange(len(s.y), dtype=float) * test.dt_s
         offset = model.offset + (drift_since_end(result, times_s) if continues else 0.0)
         segments.append(replace(s, y=s.y - offset))
         times.append(times_s)

@@ -72,8 +72,8 @@ def interval_text(best: Fit) -> str:
     if best.noise.averaged:
         return (
             "Intervals include the uncertainty of the noise model: a linear drift and all "
-            "first-order disturbances averaged. Where the quadratic intervals are poor these are of the "
-            "profile likelihood, widened accordingly."
+            "first-order disturbances averaged. Where the quadratic intervals are poor these are "
+            "of the profile likelihood, widened accordingly."
         )
     return "Where the quadratic intervals are poor these are of the profile likelihood."
 
