@@ -147,7 +147,7 @@ class Comparison(Result):
         ``MIN_WEIGHT`` are left out. The intervals include the choice of the structure; not so of a
         large record, where only the recommended model is fitted to all rows.
         """
-        return average_gain_and_lag(self.best, list(self.fits.values()))
+        return average_gain_and_lag(self.table, self.fits, self.recommended)
 
     def summary(self, spelling: Spelling = as_argument) -> str:
         """The conclusion, the recommended model and the table, as text.
@@ -279,8 +279,8 @@ def compare(
     it reproduces little, the models with white noise replace them if they simulate the held-out
     data better, and transfer functions with common poles if they simulate data left out of the fit
     better. The latter are tried with several inputs in any case but that of a random walk. The
-    recommended model is fitted once more, with the average over slow noise where the setting has a
-    disturbance. For the recommendation see
+    recommended model, and those about as likely, are fitted once more, with the average over slow
+    noise (:func:`tcdyn.identification.setting.average_noise`). For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
@@ -744,7 +744,7 @@ def add_common_pole_model(ladder: Ladder, result: Comparison, limit: float = 1.0
 
 
 def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecord) -> Comparison:
-    """Fit the recommended model once more, with profile intervals and the average over noise.
+    """Fit the likely models once more with the average over noise, the best with its intervals.
 
     A large record is fitted to all rows (:func:`tcdyn.identification.large_records.fit_all_rows`).
 
@@ -766,17 +766,16 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     """
     best = result.best
     initial = best.problem.initial
-    options = {"initial": initial, **ladder.options, "check": False}
-    start = best.identified.theta
     model = best.problem.model
-    final = best
     is_part = record.data is not ladder.data
+    fits = dict(result.fits)
     if is_part:
         final = fit_all_rows(ladder, best, record)
-    elif best.loss == "linear" and not model.arx and model.free:
-        own = {**setting_of(best).options, **options}
-        final = fit(ladder.data, model, **own, start=start)
-        final = average_noise(final, ladder.options, ladder.fit_model)
+    else:
+        final = final_fit(ladder, best)
+        for name in likely_models(result.table, fits):
+            if fits[name] is not best:
+                fits[name] = average_noise(fits[name], ladder.options, ladder.fit_model)
     numbers = dict(result.reason.numbers)
     if is_part:
         n_measured = record.data.n_samples - record.data.n_missing
@@ -802,41 +801,98 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         numbers["order"] = list(noise.order)
         numbers["baseline"] = setting.baseline
     final = add_findings(final, tuple(check_holds(ladder, final)))
-    fits = {**result.fits, result.recommended: final}
+    fits[result.recommended] = final
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
     reason = replace(result.reason, numbers=numbers)
     return replace(result, fits=fits, reason=reason)
 
 
-def average_gain_and_lag(best: Fit, fits: Sequence[Fit]) -> Mapping[str, Mapping[str, Estimate]]:
+def final_fit(ladder: Ladder, best: Fit) -> Fit:
+    """Fit the recommended model with the average over noise and its intervals.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    best
+        The fit of the model, with quadratic intervals and the selected noise.
+
+    Returns
+    -------
+    Fit
+        The average, or the fit with the selected noise where the average does not describe it.
+    """
+    model = best.problem.model
+    if model.arx or not model.free:
+        return best
+
+    def fit_model(
+        model: Model, setting: Setting, start: Sequence[Mapping[str, float]]
+    ) -> Fit | None:
+        """Return the fit under a setting with its intervals, or None where there is none."""
+        options = {**setting.options, **ladder.options, "check": False}
+        try:
+            return fit(ladder.data, model, **options, start=start)
+        except InputError:
+            return None
+
+    average = average_noise(best, ladder.options, fit_model)
+    if average is not best or best.loss != "linear":
+        return average
+    return fit_model(model, setting_of(best), [best.identified.theta]) or best
+
+
+def likely_models(table: pd.DataFrame, fits: Mapping[str, Fit]) -> dict[str, float]:
+    """Weights of models without integrator by their BIC, relative to that of the likeliest.
+
+    Parameters
+    ----------
+    table
+        A row for each model.
+    fits
+        Fits by name.
+
+    Returns
+    -------
+    dict
+        Weight exp(-BIC/2) by name, of those above ``MIN_WEIGHT``.
+    """
+    rows = table.set_index("model")["BIC"].dropna()
+    settling = [n for n in rows.index if n in fits and not fits[n].identified.model.integrators]
+    scores = rows[settling]
+    weights = np.exp(-0.5 * (scores - scores.min()))
+    return {str(name): float(w) for name, w in weights.items() if w >= MIN_WEIGHT}
+
+
+def average_gain_and_lag(
+    table: pd.DataFrame, fits: Mapping[str, Fit], recommended: str
+) -> Mapping[str, Mapping[str, Estimate]]:
     """Average gain and lag over models by their BIC.
 
     Parameters
     ----------
-    best
-        The recommended model.
+    table
+        A row for each model; BIC there is that under the common setting.
     fits
-        Fits of all models; those of other rows are left out.
+        Fits by name; those of other rows than the recommended one are left out.
+    recommended
+        Name of the recommended model, which counts as much as the likeliest.
 
     Returns
     -------
     mapping
         By input, "gain" and "lag_s"; empty for an integrator.
     """
+    best = fits[recommended]
     if best.identified.model.integrators:
         return {}
     n = best.problem.n_measured
-    usable = [f for f in fits if not f.identified.model.integrators and f.problem.n_measured == n]
-    others = [f for f in usable if f is not best and f.problem.initial == best.problem.initial]
-    # the final fit has another noise model; its BIC is that of the smallest model in the table
-    least = min((bic(f) for f in others), default=0.0)
-    own = min(bic(best), least) if best.noise.white else least
-    scores = np.array([own, *(bic(f) for f in others)])
-    weights = np.exp(-0.5 * (scores - scores.min()))
+    weights = {**likely_models(table, fits), recommended: 1.0}
+    initial = best.problem.initial
     likely = [
-        (weight, f.identified.by_input)
-        for weight, f in zip(weights.tolist(), [best, *others])
-        if weight >= MIN_WEIGHT * weights.max()
+        (weight, fits[name].identified.by_input)
+        for name, weight in weights.items()
+        if fits[name].problem.n_measured == n and fits[name].problem.initial == initial
     ]
     averages: dict[str, dict[str, Estimate]] = {}
     for name in best.identified.by_input:

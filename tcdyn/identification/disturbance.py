@@ -530,7 +530,7 @@ def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> 
 
 
 def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> NoiseAverage:
-    """Average over first-order disturbances, white noise and filtered noise of the input.
+    """Average over first-order disturbances, and white noise or filtered noise of the input.
 
     Parameters
     ----------
@@ -546,12 +546,11 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
     """
     root = sqrt_weights(optimum.weights)
     box = full_box(problem.n_measured)
-    other_noises = [NoiseModel(averaged=True)]
     rows = problem.evaluate(optimum.theta, root)
     assert rows is not None
     input_noise = input_noise_model(problem, optimum.theta, rows[0])
-    if not input_noise.white:
-        other_noises.append(input_noise)
+    # white noise, or what it is where the noise of the input is known
+    other_noises = [replace(input_noise, averaged=True)]
     for _ in range(MAX_AVERAGE_ROUNDS):
         linear = linearise(problem, optimum.theta, root)
         grid = NoiseGrid.build(linear, box)

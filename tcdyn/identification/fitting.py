@@ -3,7 +3,7 @@
 The result has parameters with uncertainty, a noise model and validated residuals. ``fit`` is the
 public function; the other modules of the package use it too. The order of its stages: checks, white
 noise, robust loss or input noise, selection of the setting (``tcdyn.identification.setting``),
-average over slow noise, intervals. ``tests/identify/test_identify_fit.py``
+average over slow noise in any case, intervals. ``tests/identify/test_identify_fit.py``
 and ``test_identify_studies.py`` in that folder check recovery and coverage.
 """
 
@@ -40,7 +40,12 @@ from tcdyn.identification.disturbance import (
     without_spikes,
 )
 from tcdyn.identification.identified import Identified
-from tcdyn.identification.intervals import Covariance, parameter_covariance, replace_poor_intervals
+from tcdyn.identification.intervals import (
+    Covariance,
+    parameter_covariance,
+    replace_poor_intervals,
+    rounding_covariance,
+)
 from tcdyn.identification.iodata import IOData, as_iodata
 from tcdyn.identification.knowledge import (
     check_knowledge,
@@ -116,8 +121,8 @@ def fit(
     noise
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
         minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
-        first-order noise; "auto", selected from the data where the residuals of white noise are
-        coloured.
+        first-order noise; "auto", that average, or noise selected from the data where the
+        average does not describe it.
     baseline
         "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto" as
         for ``noise``.
@@ -223,7 +228,7 @@ def fit(
     result = average_noise(result, given, fit_model)
     result = replace(result, loss=loss)
     is_weighted = result.optimum.weights is not None
-    if intervals != "quadratic" and not is_weighted and not result.noise.averaged:
+    if intervals != "quadratic" and not is_weighted:
         result = replace_poor_intervals(result, intervals == "profile")
     conflicts = prior_conflicts(structure, result.estimates, options["prior"])
     return add_findings(result, (*conflicts, *data.findings))
@@ -424,7 +429,7 @@ def make_fit(
     covariance
         As in :func:`fit`.
     cov_x
-        Covariance of x (size, size) if it is known already.
+        Covariance of x (size, size) without the contribution of rounding, if it is known already.
     weights
         Robust weights (N,) whose roots the rows of ``optimum`` include already, if it has none
         of its own.
@@ -451,6 +456,8 @@ def make_fit(
         cov_x, is_robust = parameter_covariance(
             problem, optimum, residual, covariance, effective_loss
         )
+    else:
+        cov_x = cov_x + rounding_covariance(problem, optimum, residual)
     scale = problem.natural_scale(x)
     n_model = problem.n_model
     cov_theta = (cov_x * np.outer(scale, scale))[:n_model, :n_model]

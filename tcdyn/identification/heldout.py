@@ -1,9 +1,9 @@
 """Held-out error: how well a fit simulates data that it has not used.
 
 ``tcdyn.identification.ladder`` and ``shared_poles`` use it to compare models.
-The simulation has only its initial state and, in one case, its level fitted; all else comes from
-the fit. ``tests/identify/test_identify_closed_forms.py``, ``test_identify_data.py`` and
-``test_identify_equation.py`` in that folder guard it.
+The simulation is free: nothing is fitted to the samples that are scored.
+``tests/identify/test_identify_held_out.py``, ``test_identify_closed_forms.py``,
+``test_identify_data.py`` and ``test_identify_equation.py`` in that folder guard it.
 """
 
 from __future__ import annotations
@@ -13,19 +13,22 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.special import fdtrc
 
+from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.estimation import autocorrelation_factor
+from tcdyn.estimation import NoiseModel, autocorrelation_factor
 from tcdyn.identification.iodata import IOData
+from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit
 from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES, split_segments
 from tcdyn.identification.starting_values import solve_linear_parameters
 from tcdyn.identification.validation import nrmse_percent
 
-# Memory of a disturbance over the length of the held-out record, above which the simulation starts
-# from the level that the disturbance has reached (chosen by judgement).
-LONG_MEMORY_SHARE = 0.3
+# Share of the samples of a segment to which its free state is fitted, where there are no samples
+# before: enough for a state, and most are left for the score (chosen by judgement).
+STATE_SHARE = 0.2
 # Options of fits of which only a score is used.
 SCORING_OPTIONS: dict[str, Any] = {"intervals": "quadratic", "check": False}
 
@@ -109,7 +112,7 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
 def held_out_statistics(
     result: Fit, test: IOData, from_s: float = -np.inf
 ) -> tuple[float, float, float]:
-    """Error of the simulation of other data.
+    """Error of the free simulation of other data.
 
     Parameters
     ----------
@@ -128,58 +131,121 @@ def held_out_statistics(
 
     Notes
     -----
-    Only free states (after a gap, or all with "estimated") and levels before the record are
-    estimated. A drift continues from its value at the end of the fit's data, with a slope of its
-    own. A record that is scored from some time on continues from the state that fits the samples
-    before; any other starts from the state that fits it. The probability is that of an F test of
-    the variance of the innovations over that of the fit; coloured innovations count as fewer
-    samples.
+    Nothing is fitted to the scored samples. A record that is scored from some time on continues
+    from the state that fits the samples before. The state of any other segment, where it is free,
+    is fitted to its first samples (``STATE_SHARE``), which are not scored. A drift continues with
+    its fitted slope, and a disturbance as its noise model forecasts it from the samples before
+    (:func:`forecast`). The probability is that of an F test of the variance of the innovations over
+    that of the fit; coloured innovations count as fewer samples.
 
-    What is fitted to the test data must not be scored on them: keep the samples of state and level
-    apart from the scored ones. ``LONG_MEMORY_SHARE`` decides when a slow disturbance gives the
-    level; without it the held-out error measures the disturbance.
-    ``tests/identify/test_identify_data.py`` checks a run that is held out.
+    ``tests/identify/test_identify_held_out.py`` checks that a change of the scored outputs does
+    not change the simulation.
     """
     model = result.identified
-    segments = [replace(s, y=s.y - model.offset) for s in split_segments(test)]
-    scored = []
-    state_segments = []
-    for s in segments:
-        times_s = s.start_s + np.arange(len(s.y)) * test.dt_s
-        is_scored = s.measured & (times_s >= from_s)
-        before = s.measured & ~is_scored
-        scored.append(is_scored)
-        # the free states are fitted to the samples before the scored ones, where there are enough
-        has_before = before.sum() >= MIN_SEGMENT_SAMPLES
-        state_segments.append(replace(s, measured=before) if has_before else s)
+    continues = np.isfinite(from_s)
+    times = []
+    segments = []
+    for s in split_segments(test):
+        times_s = s.start_s + np.arange(len(s.y), dtype=float) * test.dt_s
+        offset = model.offset + (drift_since_end(result, times_s) if continues else 0.0)
+        segments.append(replace(s, y=s.y - offset))
+        times.append(times_s)
     problem = replace(
         result.problem,
         model=replace(model.model, fixed=model.theta, offset="none"),
-        segments=tuple(state_segments),
+        segments=tuple(segments),
         dt_s=test.dt_s,
         holds=test.holds,
         trend=False,
     )
-    simulated = problem.outputs(solve_linear_parameters(problem, {})[1])
+    scored = []
+    state_segments = []
+    for k, s in enumerate(segments):
+        is_scored = s.measured & (times[k] >= from_s)
+        before = s.measured & ~is_scored
+        if before.sum() < MIN_SEGMENT_SAMPLES and has_unknown_start(problem, k):
+            count = max(MIN_SEGMENT_SAMPLES, int(STATE_SHARE * s.measured.sum()))
+            is_scored &= np.cumsum(s.measured) > count
+            before = s.measured & ~is_scored
+        scored.append(is_scored)
+        state_segments.append(replace(s, measured=before))
+    starts = replace(problem, segments=tuple(state_segments))
+    simulated = starts.outputs(solve_linear_parameters(starts, {})[1])
     assert simulated is not None
     residual = np.concatenate([(s.y - y)[s.measured] for s, (y, _) in zip(segments, simulated)])
     is_test = np.concatenate([flags[s.measured] for s, flags in zip(segments, scored)])
-    slices = replace(problem, segments=tuple(segments)).residual_slices
-    if result.problem.trend and not is_test.all():
-        since = np.cumsum(is_test)[is_test]
-        residual[is_test] -= since * (since @ residual[is_test]) / (since @ since)
-    error = residual[is_test]
-    innovation = result.noise.whiten(residual, slices)[is_test]
-    if result.noise.time_constant > LONG_MEMORY_SHARE * len(error) and not is_test.all():
-        error = error - np.mean(residual[~is_test][-MIN_SEGMENT_SAMPLES:])
-    if len(error) == 0:
+    if not is_test.any():
         return np.nan, np.nan, np.nan
+    error = residual[is_test]
+    if continues:
+        error = error - forecast(result.noise, residual, is_test)[is_test]
+    innovation = result.noise.whiten(residual, problem.residual_slices)[is_test]
     outputs = [s.y[flags] for s, flags in zip(segments, scored) if flags.any()]
     rms = float(np.sqrt(np.mean(error**2)))
     percent = nrmse_percent([error], outputs)
     ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
     dof = [max(len(e) / autocorrelation_factor(e), 1.0) for e in (innovation, result.innovation)]
     return rms, percent, float(fdtrc(*dof, ratio))
+
+
+def drift_since_end(result: Fit, times_s: Array) -> Array:
+    """Forecast of the drift (N,) relative to its value at the end of the fit's data.
+
+    Parameters
+    ----------
+    result
+        The fit, whose offset is that at the end of its data.
+    times_s
+        Times (N,) [s].
+
+    Returns
+    -------
+    array
+        The drift in the output's unit; zero without one.
+    """
+    problem = result.problem
+    if not problem.trend:
+        return np.zeros(len(times_s))
+    end_s = max(s.start_s + len(s.y) * problem.dt_s for s in problem.segments)
+    slope = float(np.mean(result.x[-len(problem.run_start_s) :])) / problem.longest_segment_s
+    return slope * (times_s - end_s)
+
+
+def has_unknown_start(problem: IdentificationProblem, k: int) -> bool:
+    """Whether the state of segment ``k``, or an input level before it, has to be estimated."""
+    state = problem.offset_and_state_slices[k][1]
+    return state.stop > state.start or any(i is not None for i in problem.past_level_index[k])
+
+
+def forecast(noise: NoiseModel, residual: Array, is_later: Flags) -> Array:
+    """Forecast of a disturbance from the samples before.
+
+    Parameters
+    ----------
+    noise
+        Model of the disturbance D(q) n = C(q) w.
+    residual
+        Residuals (N,).
+    is_later
+        Which of them (N,) are forecast.
+
+    Returns
+    -------
+    array
+        The expected residuals (N,), those before as they are; zero for white noise.
+
+    Notes
+    -----
+    The forecast is the series whose later innovations are zero: n = -(C/D) W n0, with n0 the
+    residuals before, continued by zeros, and W n0 their later innovations. Gaps are passed over:
+    their samples do not count as time.
+    """
+    before = np.where(is_later, 0.0, residual)
+    if noise.white or is_later.all():
+        return before
+    innovation = noise.whiten(before, [slice(0, len(before))])
+    driving = np.where(is_later, -innovation, 0.0)
+    return before + lfilter([1.0, *noise.ma], [1.0, *noise.ar], driving)
 
 
 def block_held_out_rms(result: Fit, count: int = 6) -> float:

@@ -216,7 +216,7 @@ def parameter_covariance(
     kind: Covariance,
     loss: Loss,
 ) -> tuple[Array, bool]:
-    """Covariance of x, with the contribution of a coarse logger.
+    """Covariance of x, with the contribution of a coarse logger (:func:`rounding_covariance`).
 
     Parameters
     ----------
@@ -233,14 +233,6 @@ def parameter_covariance(
     -------
     tuple
         The covariance (size, size), and whether it is wider than that of white noise.
-
-    Notes
-    -----
-    Where the noise is smaller than the logger's resolution, equal readings share one rounding
-    error.
-
-    The contribution of rounding is step^2/12 for each run of equal readings.
-    ``tests/identify/test_identify_results.py`` checks that intervals include it.
     """
     slices = problem.residual_slices
     precision = problem.prior_precision
@@ -252,13 +244,40 @@ def parameter_covariance(
     )
     if loss != "linear":
         covariance = robust_covariance(optimum.residual, optimum.jacobian, loss)
+    rounding = rounding_covariance(problem, optimum, residual)
+    return covariance + rounding, is_wider or bool(rounding.any())
+
+
+def rounding_covariance(problem: IdentificationProblem, optimum: Optimum, residual: Array) -> Array:
+    """Contribution of a coarse logger to the covariance of x.
+
+    Parameters
+    ----------
+    problem, optimum
+        The identification problem and its optimum.
+    residual
+        Residuals (N,).
+
+    Returns
+    -------
+    array
+        The contribution (size, size); zero where the noise exceeds the logger's resolution.
+
+    Notes
+    -----
+    Where the noise is smaller than the logger's resolution, equal readings share one rounding
+    error.
+
+    The contribution of rounding is step^2/12 for each run of equal readings.
+    ``tests/identify/test_identify_results.py`` checks that intervals include it.
+    """
     step = problem.rounding_step
-    if np.sqrt(np.mean(residual**2)) < step:
-        starts = [s.start for s in slices]
-        changes = np.flatnonzero(np.abs(np.diff(problem.measured_output)) > 0.5 * step) + 1
-        first_readings = np.union1d(starts, changes).astype(int)
-        sums = np.add.reduceat(j, first_readings, axis=0)
-        sensitivity = sums @ inverse(j.T @ j + np.diag(precision))
-        covariance = covariance + step**2 / 12 * sensitivity.T @ sensitivity
-        is_wider = True
-    return covariance, is_wider
+    if np.sqrt(np.mean(residual**2)) >= step:
+        return np.zeros((problem.size, problem.size))
+    j = (optimum.jacobian.T * sqrt_weights(optimum.weights)).T
+    starts = [s.start for s in problem.residual_slices]
+    changes = np.flatnonzero(np.abs(np.diff(problem.measured_output)) > 0.5 * step) + 1
+    first_readings = np.union1d(starts, changes).astype(int)
+    sums = np.add.reduceat(j, first_readings, axis=0)
+    sensitivity = sums @ inverse(j.T @ j + np.diag(problem.prior_precision))
+    return np.asarray(step**2 / 12 * sensitivity.T @ sensitivity)

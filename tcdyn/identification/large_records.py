@@ -226,8 +226,10 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
     ladder.announce(f"{model.name}, all rows")
     options = {
         "initial": "estimated" if record.is_window else best.problem.initial,
-        "baseline": setting_of(best).baseline,
         **ladder.options,
         **SCORING_OPTIONS,
     }
+    if setting_of(best).baseline == "walk":
+        # other baselines are averaged over
+        options.setdefault("baseline", "walk")
     return fit(ladder.data, model, **options, start=best.identified.theta)

@@ -104,7 +104,9 @@ def level_lag(data: IOData) -> LevelLag:
         start = np.append(linear_fit.x, 0.0)
         optimum = minimise(candidate.problem, start, tolerance=0.0, relative=1e-9)
         n = len(optimum.residual)
+        noise = linear_fit.noise
         deviance = n * float(np.log(max(optimum.cost, 1e-300) / n))
+        deviance += noise.log_determinant(linear_fit.problem.residual_slices)
         bic = criteria(deviance, len(optimum.theta), n)["bic"]
         candidates.append((bic, candidate, optimum))
     if not candidates:

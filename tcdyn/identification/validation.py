@@ -309,7 +309,8 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     beyond what errors of the parameters explain. In addition, the step d by which the new data
     would change the parameters, of covariance C, is compared with the covariance C_0 of the fit:
     d'(C + C_0)^-1 d is chi-squared with one degree of freedom for each parameter. C is robust
-    where residuals are coloured.
+    where residuals are coloured. An averaged noise model holds for its own sampling interval; at
+    another one the noise counts as white until its residuals are coloured.
 
     Examples
     --------
@@ -323,6 +324,9 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     >>> confirm(fit(data, "P1"), IOData.from_arrays(u, y, 0.05, hold="zoh")).dynamics_missing
     False
     """
+    is_other_interval = abs(data.dt_s / fit.problem.dt_s - 1) > DT_TOLERANCE
+    if fit.noise.averaged and is_other_interval:
+        fit = replace(fit, noise=NoiseModel())
     problem, x = fit_nuisance_parameters(fit, data)
     k = problem.n_model
     core = problem.least_squares_problem(fit.noise)

@@ -71,8 +71,9 @@ def interval_text(best: Fit) -> str:
         return f"Intervals are quadratic, from the covariance of the robust loss ({best.loss})."
     if best.noise.averaged:
         return (
-            "Intervals are quadratic and include the uncertainty of the noise model: all "
-            "first-order disturbances averaged."
+            "Intervals include the uncertainty of the noise model: a linear drift and all "
+            "first-order disturbances averaged. Where the quadratic intervals are poor these are "
+            "of the profile likelihood, widened accordingly."
         )
     return "Where the quadratic intervals are poor these are of the profile likelihood."
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pandas as pd
 import pytest
 from identify_cases import PLAIN
 from scipy.signal import lfilter
@@ -259,14 +260,13 @@ def test_average_over_models_weights_them_by_bic() -> None:
     options = {"intervals": "quadratic", "check": False, "input_noise": 0.0, **PLAIN}
     first, second, integrator = (fit(data, name, **options) for name in ("P1D", "P2D", "P1I"))
 
-    def with_bic(result: Fit, bic: float) -> Fit:
-        """The fit with another BIC."""
-        statistics = {**result.identified.statistics, "bic": bic}
-        return replace(result, identified=replace(result.identified, statistics=statistics))
+    fits = {"P1D": first, "P2D": second, "P1I": integrator}
 
-    best = with_bic(first, -50.0)
-    fits = [best, with_bic(second, -47.0), with_bic(integrator, -50.0)]
-    averaged = average_gain_and_lag(best, fits)["u"]
+    def table(*bic: float) -> pd.DataFrame:
+        """Table with BIC of the models."""
+        return pd.DataFrame({"model": list(fits), "BIC": bic})
+
+    averaged = average_gain_and_lag(table(-50.0, -47.0, -50.0), fits, "P1D")["u"]
     weights = np.exp([0.0, -1.5])
     for quantity, estimates in (
         ("gain", [f.estimates["Kp"] for f in (first, second)]),
@@ -276,10 +276,10 @@ def test_average_over_models_weights_them_by_bic() -> None:
         assert averaged[quantity].value == pytest.approx(expected.value, rel=1e-9)
         assert averaged[quantity].u == pytest.approx(expected.u, rel=1e-6)
     # exp(-5) is below a hundredth
-    alone = average_gain_and_lag(best, [best, with_bic(second, -40.0)])["u"]
+    alone = average_gain_and_lag(table(-50.0, -40.0, -50.0), fits, "P1D")["u"]
     assert alone["lag_s"].value == first.identified.lag_s.value
     assert alone["gain"].u == pytest.approx(first.estimates["Kp"].u, rel=1e-6)
-    assert average_gain_and_lag(integrator, fits) == {}
+    assert average_gain_and_lag(table(-50.0, -47.0, -50.0), fits, "P1I") == {}
 
 
 def test_real_pair_of_poles_behind_any_input_is_left_out_where_two_lags_fit() -> None:
