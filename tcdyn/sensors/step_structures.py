@@ -340,6 +340,11 @@ class StepStructure:
         return names + self.to_resolve
 
     @property
+    def order(self) -> int:
+        """Number of lags, without that of a slow path."""
+        return self.lags + (self.second_share > 0)
+
+    @property
     def lag_names(self) -> list[str]:
         """Names of the fitted lags."""
         return [f"tau{k}_s" for k in range(1, self.lags + 1)]
@@ -357,7 +362,7 @@ class StepStructure:
     @property
     def name(self) -> str:
         """Name of the structure, such as P2D; the dead time is that of the tail, too."""
-        count = self.lags + (self.second_share > 0) + self.slow
+        count = self.order + self.slow
         return f"P{count}" + "Z" * self.slow + "D" * ("tail" in self.names or self.dead)
 
     def chain(self, values: Mapping[str, float]) -> Chain:
@@ -546,8 +551,42 @@ def _fit_with_noise(
                     break
                 last_bic = fit.bic
                 start |= fit.theta
+    fitted = _without_repeated_sharp(fitted)
     prior = np.array([record.prior_odds(f) for f in fitted])
     return fitted, bic_weights(np.array([f.fit.bic for f in fitted]), prior)
+
+
+def _without_repeated_sharp(fitted: Sequence[FittedStructure]) -> list[FittedStructure]:
+    """Return the structures without those that a structure with a sharp step repeats.
+
+    A medium whose lag the data do not distinguish from zero makes a sharp step. Counted twice, and
+    once with the term of the BIC, the step would gain over the medium's lag in a quiet record.
+
+    Parameters
+    ----------
+    fitted
+        The structures.
+
+    Returns
+    -------
+    list of FittedStructure
+        All but those with the number of lags of a sharp one that fits them as well.
+    """
+    kept = []
+    for f in fitted:
+        if f.structure.sharp or f.fit.is_resolved(["medium_s"]):
+            kept.append(f)
+            continue
+        repeated = [
+            other
+            for other in fitted
+            if other.structure.sharp
+            and other.structure.order == f.structure.order
+            and other.fit.optimum.cost < f.fit.optimum.cost + MIN_GAIN
+        ]
+        if not repeated:
+            kept.append(f)
+    return kept
 
 
 def _slow_path(

@@ -398,7 +398,7 @@ def test_modes_of_a_heated_cylinder_are_those_of_layered_sensors(
 
 def test_a_density_far_narrower_than_its_proposal_is_sampled_whole() -> None:
     """Five correlated normal variables, of which the proposal knows the variances only."""
-    sd = 0.005
+    sd = 0.05
 
     def log_density(x: Array) -> float:
         deviations = np.append(x[0], np.diff(x) / sd)

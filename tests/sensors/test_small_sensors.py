@@ -40,16 +40,16 @@ def test_the_mean_error_of_small_sensors_is_below_two_u(
     assert off_in_u(sensor_s, medium_s, 20) < 2
 
 
+@pytest.mark.e2e
 def test_a_quiet_record_does_not_tell_whose_lag_it_is() -> None:
-    """The uncertainty is that of the assignment at any noise."""
-    u_s = []
-    for noise_K in (0.05, 0.005):
+    """The interval contains the lag without the short one, and with it, at any noise."""
+    for noise_K in (0.05, 0.002):
         t = 0.003 * np.arange(1200)
         response = lags_in_series(t - 0.5012, (0.24, 0.038))
         y = 20 + 60 * response + noise_K * np.random.default_rng(1).standard_normal(len(t))
-        u_s.append(plunge_sensor(t, y, "T").chain.channels["T"].lag_s.u)
-    assert min(u_s) > 0.3 * 0.038
-    assert u_s[1] > 0.7 * u_s[0]
+        lag = plunge_sensor(t, y, "T").chain.channels["T"].lag_s
+        assert lag.low95 < 0.24 + 0.002
+        assert lag.high95 > 0.278
 
 
 def test_a_medium_without_a_lag_leaves_the_short_lag_to_the_sensor() -> None:
@@ -58,10 +58,11 @@ def test_a_medium_without_a_lag_leaves_the_short_lag_to_the_sensor() -> None:
     assert abs(lag.value - 0.278) < 2 * lag.u < 0.03
 
 
+@pytest.mark.e2e
 def test_more_dips_do_not_tell_whose_lag_it_is() -> None:
-    """The mean of four dips is as uncertain as one by this cause, which is named."""
+    """The mean of three dips is as uncertain as one by this cause, which is named."""
     rng = np.random.default_rng(1)
-    dips = [plunge_sensor(*small_sensor_record((0.24, 0.038), 0.0, rng), "T") for _ in range(4)]
+    dips = [plunge_sensor(*small_sensor_record((0.24, 0.038), 0.0, rng), "T") for _ in range(3)]
     one_u_s = np.median([dip.chain.channels["T"].lag_s.u for dip in dips])
     pooled = pool_dips(dips)
     assert pooled.fit["mean_lag_s"]["u"] > 0.8 * one_u_s
@@ -76,6 +77,7 @@ def two_paths(share: float, quick_s: float, slow_s: float, seed: int) -> tuple[A
     return t, 20 + 60 * response + 0.03 * np.random.default_rng(seed).standard_normal(len(t))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("share", "quick_s", "slow_s"), [(0.23, 0.048, 0.33), (0.37, 0.051, 0.21), (0.38, 0.056, 0.14)]
 )
@@ -83,12 +85,8 @@ def test_a_lag_as_short_as_the_medium_s_with_a_slow_path_is_a_result(
     share: float, quick_s: float, slow_s: float
 ) -> None:
     """One of the structures gives nearly all of the response to the medium."""
-    found = []
-    for seed in range(4):
-        lag = plunge_sensor(*two_paths(share, quick_s, slow_s, seed), "T").chain.channels["T"].lag_s
-        truth = (1 - share) * quick_s + share * slow_s
-        found.append(abs(lag.value / truth - 1))
-    assert max(found) < 0.1
+    lag = plunge_sensor(*two_paths(share, quick_s, slow_s, 0), "T").chain.channels["T"].lag_s
+    assert lag.value == pytest.approx((1 - share) * quick_s + share * slow_s, rel=0.1)
 
 
 @pytest.mark.parametrize(
