@@ -442,8 +442,8 @@ def sample_density(density: Callable[[Array], float], proposal: _Mixture) -> tup
             break
         # too few effective samples: propose from the weighted mean and covariance
         tempered = _tempered_weights(log_p - log_q)
-        covariance = np.cov(samples.T, ddof=0, aweights=tempered)
-        covariance += 1e-6 * np.eye(samples.shape[1])
+        scatter: Array = np.asarray(np.cov(samples.T, ddof=0, aweights=tempered), dtype=np.float64)
+        covariance = scatter + 1e-6 * np.eye(samples.shape[1])
         mean = tempered @ samples
         proposal = _Mixture(mean[None], covariance[None], np.ones(1))
     if _effective_size(weights) >= MIN_EFFECTIVE_SAMPLES:

@@ -546,11 +546,11 @@ def _fit_with_noise(
             best_bic = min(f.fit.bic for f in fitted)
             last_bic = np.inf
             for share in SECOND_SHARES:
-                fit = add(replace(simplest, second_share=share), start)
-                if fit is None or fit.bic > max(last_bic, best_bic + GRID_END):
+                grid_fit = add(replace(simplest, second_share=share), start)
+                if grid_fit is None or grid_fit.bic > max(last_bic, best_bic + GRID_END):
                     break
-                last_bic = fit.bic
-                start |= fit.theta
+                last_bic = grid_fit.bic
+                start |= grid_fit.theta
     fitted = _without_repeated_sharp(fitted)
     prior = np.array([record.prior_odds(f) for f in fitted])
     return fitted, bic_weights(np.array([f.fit.bic for f in fitted]), prior)
