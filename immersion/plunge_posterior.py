@@ -26,7 +26,7 @@ from immersion.plunge_parameters import (
     common_and_differential_u_s,
 )
 from tcdyn.core import Array
-from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.estimate import Estimate
 from tcdyn.estimation import Optimum, Problem, inverse, minimise, minimise_constrained, profile
 
 MIN_LAG_S = 2e-3  # lower bound of a lag [s]; chosen by judgement
@@ -302,14 +302,10 @@ class LagScan:
         Each half-width of the 95 % interval is the root sum of squares of those of both parts.
         """
         normal_u = float(np.sqrt(max(normal_variance_s2, 0.0)))
-        below = slope * (self.mean_s - self.low95_s)
-        above = slope * (self.high95_s - self.mean_s)
-        return Estimate(
-            value=value_s,
-            u=float(np.hypot(slope * self.sd_s, normal_u)),
-            low95=value_s - float(np.hypot(below, Z95 * normal_u)),
-            high95=value_s + float(np.hypot(above, Z95 * normal_u)),
-        )
+        lag_s = Estimate(
+            value=self.mean_s, u=self.sd_s, low95=self.low95_s, high95=self.high95_s
+        ).scaled(abs(slope))
+        return lag_s.shifted(value_s - lag_s.value).with_error(normal_u)
 
 
 def scan_common_lag(

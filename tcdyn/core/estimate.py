@@ -174,6 +174,50 @@ class Estimate(BaseModel):
         """Estimate of ``factor`` times the quantity; ``factor`` must be positive."""
         return Estimate(**{name: factor * x for name, x in self})
 
+    @property
+    def half_widths95(self) -> tuple[float, float]:
+        """Distances of the ends of the 95 % interval from the value: below, above.
+
+        The mean of a very skewed distribution may lie outside the interval; the distance is then
+        zero.
+        """
+        return (max(self.value - self.low95, 0.0), max(self.high95 - self.value, 0.0))
+
+    def shifted(self, shift: float) -> Estimate:
+        """Estimate of the quantity plus an exact number.
+
+        >>> Estimate(value=0.7, u=0.1, low95=0.58, high95=1.05).shifted(1.0).text("s")
+        '1.70 +- 0.10 s (95 %: 1.58 to 2.05)'
+        """
+        ends = {name: x + shift for name, x in self if name != "u"}
+        return Estimate(**ends, u=self.u)
+
+    def with_error(self, error_u: float) -> Estimate:
+        """Estimate of the quantity plus an independent normal error of mean zero.
+
+        Each half-width of the interval grows by the error's in quadrature, so that an asymmetric
+        interval stays asymmetric. This is exact for a normal distribution.
+
+        Parameters
+        ----------
+        error_u
+            Standard deviation of the error.
+
+        Examples
+        --------
+        >>> print(Estimate(value=0.7, u=0.1, low95=0.58, high95=1.05).with_error(0.1))
+        0.70 +- 0.14 (95 %: 0.47 to 1.10)
+        """
+        below, above = self.half_widths95
+        low = math.hypot(below, Z95 * error_u)
+        high = math.hypot(above, Z95 * error_u)
+        return Estimate(
+            value=self.value,
+            u=math.hypot(self.u, error_u),
+            low95=self.value - low,
+            high95=self.value + high,
+        )
+
     def __str__(self) -> str:
         """The text without a unit."""
         return self.text()

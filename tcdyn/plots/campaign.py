@@ -321,12 +321,12 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes) -> Axes:
     against = "delta_T_us_K_m_s"
     x = np.array([test.conditions[against] for test in posterior.tests])
     beta = posterior.beta[0]
-    u_within = np.array([estimates["beta_within"].u for estimates in posterior.estimates])
-    u_absolute = np.array([estimates["beta"].u for estimates in posterior.estimates])
+    within = [estimates["beta_within"].half_widths95 for estimates in posterior.estimates]
+    absolute = [estimates["beta"].half_widths95 for estimates in posterior.estimates]
     ax.errorbar(
         x,
         beta,
-        yerr=Z95 * u_absolute,
+        yerr=np.transpose(absolute),
         fmt="none",
         ecolor=GREY,
         elinewidth=0.8,
@@ -336,7 +336,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes) -> Axes:
     ax.errorbar(
         x,
         beta,
-        yerr=Z95 * u_within,
+        yerr=np.transpose(within),
         fmt="o",
         color=TRUTH,
         markersize=3,

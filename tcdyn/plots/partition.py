@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from tcdyn.core import Array
-from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.estimate import Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import AngularHarmonic, radial_shape
 from tcdyn.partition.joint_results import compare_joint_fit, joint_budget
@@ -275,8 +275,8 @@ def _plot_estimate(
     ax.errorbar(
         h.value,
         beta.value,
-        xerr=Z95 * h.u,
-        yerr=Z95 * beta.u,
+        xerr=np.transpose([h.half_widths95]),
+        yerr=np.transpose([beta.half_widths95]),
         fmt=marker,
         color=colour,
         markerfacecolor=colour if estimator == last else "white",
@@ -313,7 +313,8 @@ def draw_beta_estimates(
         disk = name.split()[-1]
         marker = DISK_MARKER.get(disk, "D")
         colour = DISK_COLOUR.get(disk, TRUTH)
-        ax.errorbar(beta.value, k, xerr=Z95 * beta.u, fmt=marker, color=colour, capsize=3)
+        half_widths = np.transpose([beta.half_widths95])
+        ax.errorbar(beta.value, k, xerr=half_widths, fmt=marker, color=colour, capsize=3)
     labels = [_estimator_label(name) for name, _ in reversed(estimates)]
     ax.set_yticks(range(len(estimates)), labels)
     if truth is not None:
@@ -479,8 +480,8 @@ def draw_beta_by_exponent(partition: Partition, ax: Axes | None = None) -> Axes:
     ax.errorbar(
         implied.value,
         joint_beta.value,
-        xerr=Z95 * implied.u,
-        yerr=Z95 * joint_beta.u,
+        xerr=np.transpose([implied.half_widths95]),
+        yerr=np.transpose([joint_beta.half_widths95]),
         fmt="^",
         color=TRUTH,
         markerfacecolor="white",

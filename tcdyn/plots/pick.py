@@ -87,9 +87,15 @@ def draw_table(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     """
     ax = axes_of(ax)
     if {"value", "u"} <= set(table.columns):
-        share = 100 * Z95 * table["u"] / table["value"].abs()
+        below = Z95 * table["u"]
+        above = below
+        if {"low95", "high95"} <= set(table.columns):
+            below = table["value"] - table["low95"]
+            above = table["high95"] - table["value"]
+        half_widths = np.maximum([below, above], 0.0)
+        shares = 100 * half_widths / table["value"].abs().to_numpy()
         names = [f"{row.Index}: {row.value:.4g} {row.unit}".strip() for row in table.itertuples()]
-        ax.errorbar(np.zeros(len(table)), names, xerr=share, fmt="o", color=DARK, capsize=3)
+        ax.errorbar(np.zeros(len(table)), names, xerr=shares, fmt="o", color=DARK, capsize=3)
         ax.invert_yaxis()
         return style_axes(ax, "95 % interval of the estimate [%]", "")
     numbers = table.select_dtypes("number")

@@ -240,7 +240,9 @@ def draw_model_forms(alternatives: ModelForms, ax: Axes) -> Axes:
     names = []
     for row, fit, probability in zip(y, fits, alternatives.probability):
         tone = str(round(0.65 * (1 - probability**0.25), 3))
-        ax.errorbar(fit.beta.value, row, xerr=Z95 * fit.beta.u, color=tone, **style)
+        ax.errorbar(
+            fit.beta.value, row, xerr=np.transpose([fit.beta.half_widths95]), color=tone, **style
+        )
         names.append(f"{model_form_text(fit.name)} ({probability_text(probability)})")
     ax.axvline(alternatives.assumed.beta.value, color=TRUTH, linewidth=0.8)
     ax.set_yticks(list(y), names, fontsize=8)
@@ -313,7 +315,7 @@ def draw_depth_errors(
         ax.errorbar(
             [names.index(channel) + 0.24 * (k - 0.5) for channel in estimates],
             [estimate.value for estimate in estimates.values()],
-            yerr=[Z95 * estimate.u for estimate in estimates.values()],
+            yerr=np.transpose([estimate.half_widths95 for estimate in estimates.values()]),
             fmt=DISK_MARKER[disk],
             color=DISK_COLOUR[disk],
             capsize=2,

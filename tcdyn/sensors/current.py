@@ -12,6 +12,7 @@ the lag.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,7 +67,20 @@ MIN_SWITCHED_SHARE = 0.3
 MIN_READINGS = 40  # of the record; chosen by judgement
 MIN_RISE_NOISES = 10.0  # least response over the noise; chosen by judgement
 SAMPLES = 400  # samples of the posterior for each proposal; chosen by judgement
+# Effective number of samples that is enough, and the least one from which a proposal and the result
+# may be taken: mean and covariance of five parameters are 20 numbers.
+ENOUGH_SAMPLES = SAMPLES / 4
+MIN_EFFECTIVE_SAMPLES = 20.0
+MAX_PROPOSALS = 3  # chosen by judgement
+# Walkers of the Markov chain and their steps, of which about 30 are one independent sample: as many
+# independent samples as are enough.
+WALKERS = 24
+WALK_STEPS = 250
 TIMES_SAMPLES = 60  # samples for t50 to t90; chosen by judgement
+# Logarithm below the largest weight at which a weight counts as zero, and halvings of the search
+# for the power of the weights: to rounding error.
+LEAST_LOG_WEIGHT = 700.0
+BISECTIONS = 50
 PROPOSAL_DOF = 5.0  # degrees of freedom of the Student's t proposals; chosen by judgement
 # cost above the best beyond which a fit is no centre of a proposal; by judgement
 MAX_EXCESS_COST = 20.0
@@ -199,6 +213,7 @@ def current_sensor(
         "current",
         np.array([[lag.u**2]]),
         [lag.value - chain.taus_s[0]],
+        lags={column: lag},
         times={column: dict(zip(SHARES, times))},
         fit=fit,
         findings=findings,
@@ -340,7 +355,7 @@ class _HeatedRecord:
 
 
 def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
-    """Sample the posterior of the shape by importance sampling.
+    """Sample the posterior of the shape.
 
     Parameters
     ----------
@@ -360,8 +375,7 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     -----
     Several starts are needed, since a thick boundary layer with a thin wall and the reverse may
     both be minima. The samples are proposed about all of them, with level, drift, direct and size
-    profiled out. Up to three proposals are mixed until a quarter of ``SAMPLES`` is effective. The
-    seeds are fixed, so that the same data give the same file.
+    profiled out. The seeds are fixed, so that the same data give the same file.
     """
     fits = _fit_from_all_starts(record)
     best = min(fits, key=lambda f: f.optimum.cost)
@@ -372,11 +386,45 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     log_determinants = np.linalg.slogdet(covariances)[1]
     costs = np.array([f.optimum.cost for f in near])
     chances = softmax(-0.5 * costs + 0.5 * log_determinants)
-    proposal = _Mixture(centres, covariances, chances)
+    samples, weights = sample_density(density, _Mixture(centres, covariances, chances))
+    return best, samples, weights
+
+
+def sample_density(density: Callable[[Array], float], proposal: _Mixture) -> tuple[Array, Array]:
+    """Sample a density by importance sampling, and where that fails by a Markov chain.
+
+    Parameters
+    ----------
+    density
+        Logarithm of the density at a point (D,), up to a constant.
+    proposal
+        The first proposal.
+
+    Returns
+    -------
+    samples
+        Samples (K, D).
+    weights
+        Their weights (K,), of sum one.
+
+    Raises
+    ------
+    InputError
+        Where the density is zero at all samples.
+
+    Notes
+    -----
+    The samples of all proposals together are weighted by the mixture of these (Owen and Zhou 2000,
+    J. Am. Stat. Assoc. 95, 135). A narrow, curved density leaves all weight on a few samples; there
+    the walkers of the chain start at samples that are chosen with tempered weights.
+    ``tests/sensors/test_sensor_in_place.py`` samples a curved density.
+    """
     proposals = list[_Mixture]()
-    samples = np.empty((0, 1 + len(PRIORS)))
+    samples = np.empty((0, proposal.centres.shape[1]))
     log_p = np.empty(0)
-    for seed in range(3):
+    weights = np.empty(0)
+    tempered = np.empty(0)
+    for seed in range(MAX_PROPOSALS):
         proposals.append(proposal)
         new = proposal.sample(np.random.default_rng(seed))
         samples = np.concatenate([samples, new])
@@ -390,14 +438,102 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
                 remedy="check the column of the current for single wrong values",
             )
         weights = softmax(log_p - log_q)
-        effective_size = 1 / np.sum(weights**2)
-        if effective_size > SAMPLES / 4:
+        if _effective_size(weights) > ENOUGH_SAMPLES:
             break
         # too few effective samples: propose from the weighted mean and covariance
-        covariance = np.cov(samples.T, ddof=0, aweights=weights) + 1e-6 * np.eye(samples.shape[1])
-        mean = weights @ samples
+        tempered = _tempered_weights(log_p - log_q)
+        scatter: Array = np.asarray(np.cov(samples.T, ddof=0, aweights=tempered), dtype=np.float64)
+        covariance = scatter + 1e-6 * np.eye(samples.shape[1])
+        mean = tempered @ samples
         proposal = _Mixture(mean[None], covariance[None], np.ones(1))
-    return best, samples, weights
+    if _effective_size(weights) >= MIN_EFFECTIVE_SAMPLES:
+        return samples, weights
+    rng = np.random.default_rng(MAX_PROPOSALS)
+    possible = np.where(np.isfinite(log_p), tempered, 0.0)
+    walkers = rng.choice(samples, WALKERS, p=possible / possible.sum())
+    chain = _walk(density, walkers, rng)
+    return chain, np.full(len(chain), 1 / len(chain))
+
+
+def _walk(density: Callable[[Array], float], walkers: Array, rng: np.random.Generator) -> Array:
+    """Sample a density by an ensemble of walkers.
+
+    Parameters
+    ----------
+    density
+        Logarithm of the density at a point (D,), up to a constant.
+    walkers
+        Starts (W, D).
+    rng
+        Random numbers.
+
+    Returns
+    -------
+    array
+        Samples (K, D) after the first fifth of the steps.
+
+    Notes
+    -----
+    Stretch moves of half of the walkers along lines to the other half, which do not depend on the
+    scales of the density (Goodman and Weare 2010, Comm. App. Math. Comp. Sci. 5, 65); the factor z
+    has a density proportional to 1/sqrt(z) from 1/2 to 2.
+    """
+    walkers = walkers.copy()
+    count, size = walkers.shape
+    log_p = np.array([density(point) for point in walkers])
+    halves = (np.arange(0, count, 2), np.arange(1, count, 2))
+    kept = []
+    for step in range(WALK_STEPS):
+        for half, others in (halves, halves[::-1]):
+            root = rng.uniform(np.sqrt(0.5), np.sqrt(2.0), len(half))
+            z = root**2
+            centres = walkers[rng.choice(others, len(half))]
+            trial = centres + z[:, None] * (walkers[half] - centres)
+            trial_log_p = np.array([density(point) for point in trial])
+            gain = (size - 1) * np.log(z) + trial_log_p - log_p[half]
+            accepted = np.log(rng.random(len(half))) < gain
+            walkers[half[accepted]] = trial[accepted]
+            log_p[half[accepted]] = trial_log_p[accepted]
+        if step >= WALK_STEPS // 5:
+            kept.append(walkers.copy())
+    return np.concatenate(kept)
+
+
+def _effective_size(weights: Array) -> float:
+    """Return the effective number of samples with weights (K,) of sum one (Kish 1965)."""
+    return float(1 / np.sum(weights**2))
+
+
+def _tempered_weights(log_weights: Array) -> Array:
+    """Return weights of which at least ``MIN_EFFECTIVE_SAMPLES`` count.
+
+    Parameters
+    ----------
+    log_weights
+        Logarithms of the weights of importance sampling (K,).
+
+    Returns
+    -------
+    array
+        The weights (K,), of sum one, to the largest power up to one that leaves so many.
+
+    Notes
+    -----
+    Where nearly all weight is on one sample, its covariance is zero, and the next proposal would
+    be a point. A power below one widens it (tempering: Neal 2001, Stat. Comput. 11, 125).
+    """
+    lowest = 0.0
+    highest = 1.0
+    if _effective_size(softmax(log_weights)) >= MIN_EFFECTIVE_SAMPLES:
+        return np.asarray(softmax(log_weights))
+    possible = np.maximum(log_weights, np.max(log_weights) - LEAST_LOG_WEIGHT)
+    for _ in range(BISECTIONS):
+        power = 0.5 * (lowest + highest)
+        if _effective_size(softmax(power * possible)) >= MIN_EFFECTIVE_SAMPLES:
+            lowest = power
+        else:
+            highest = power
+    return np.asarray(softmax(lowest * possible))
 
 
 def _fit_from_all_starts(record: _HeatedRecord) -> list[CurveFit]:

@@ -18,7 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, warning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
-from tcdyn.sensors.plunge import TAIL_LIMIT
+from tcdyn.sensors.plunge import MEDIUM_LIMIT, TAIL_LIMIT
 from tcdyn.sensors.surface_h import BoundaryLayer
 
 # Scale of the half-Cauchy prior of the relative spread between dips: its median. Public dips of one
@@ -93,7 +93,10 @@ class RandomEffects:
 
 
 def random_effects(
-    dips: Sequence[Estimate], group: Sequence[int] | None = None, common_u: float = 0.0
+    dips: Sequence[Estimate],
+    group: Sequence[int] | None = None,
+    common_u: float = 0.0,
+    spread: RandomEffects | None = None,
 ) -> RandomEffects:
     """Combine estimates of a positive quantity from several dips.
 
@@ -106,6 +109,9 @@ def random_effects(
     common_u
         Part of the relative standard uncertainties that all dips share, such as that of the shorter
         lags of the sensor.
+    spread
+        Result of another quantity of the same dips, whose spread these have too; None: the spread
+        is that of these estimates.
 
     Returns
     -------
@@ -147,6 +153,8 @@ def random_effects(
     chi2 = np.sum(residual**2 / total, axis=1)
     log_likelihood = -0.5 * (np.log(total).sum(axis=1) + np.log(information).sum(axis=1) + chi2)
     weights = prior * np.exp(log_likelihood - log_likelihood.max())
+    if spread is not None:
+        weights = spread.weights
     return RandomEffects(SPREADS, weights / weights.sum(), mean, 1 / information, common_u)
 
 
@@ -197,14 +205,17 @@ def pool_dips(
     within_split_u_s = np.sqrt(np.mean([dip.split_u_s[0] ** 2 for dip in dips]))
     split_u_s = float(np.hypot(within_split_u_s, lag.value * np.std(largest_shares, ddof=1)))
     times = {
-        key: _pooled_time([dip.times[column][key] for dip in dips], common_u_s) for key in SHARES
+        key: _pooled_time([dip.times[column][key] for dip in dips], common_u_s, pooled)
+        for key in SHARES
     }
     within = float(np.sqrt(max(np.mean(np.square(relative_u)) - common_u**2, 0.0)))
     between = pooled.median_spread
+    by_medium = any(dip.fit.get("limited_by") == MEDIUM_LIMIT for dip in dips)
+    shared_limit = MEDIUM_LIMIT if by_medium else TAIL_LIMIT
     causes = {
         "the spread between dips": between,
         "noise and model of a dip": within,
-        TAIL_LIMIT: common_u,
+        shared_limit: common_u,
     }
     heating = [int(dip.fit["step_K"] > 0) for dip in dips]
     rows = [
@@ -249,6 +260,7 @@ def pool_dips(
         np.array([[lag.u**2]]),
         [min(split_u_s, lag.value)],
         structure=dips[int(np.argmin(relative_u))].chain.structure,
+        lags={column: lag},
         times={column: times},
         inputs=[source for dip in dips for source in dip.inputs],
         fit=fit,
@@ -256,10 +268,29 @@ def pool_dips(
     )
 
 
-def _pooled_time(dips: Sequence[Estimate], common_u_s: float) -> Estimate:
-    """Return a percent time of one further dip; ``common_u_s`` [s] is shared by the dips."""
+def _pooled_time(dips: Sequence[Estimate], common_u_s: float, lags: RandomEffects) -> Estimate:
+    """Return a percent time of one further dip.
+
+    Parameters
+    ----------
+    dips
+        The time of each dip.
+    common_u_s
+        Standard uncertainty that all dips share [s].
+    lags
+        The lags of the same dips.
+
+    Notes
+    -----
+    What differs between dips (depth, speed, bath) changes all times of the sensor. A dip whose time
+    is uncertain says little about the spread of that time; that of the lags is then larger, and is
+    used.
+    """
     common_u = common_u_s / float(np.mean([estimate.value for estimate in dips]))
-    return random_effects(dips, common_u=common_u).next_estimate()
+    own = random_effects(dips, common_u=common_u)
+    if own.median_spread < lags.median_spread:
+        own = random_effects(dips, common_u=common_u, spread=lags)
+    return own.next_estimate()
 
 
 def _check_same_sensor(dips: Sequence[SensorFile]) -> None:

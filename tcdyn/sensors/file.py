@@ -50,6 +50,9 @@ IDENTIFIED_SCHEMA = "tcdyn.identified/"  # Beginning of the schema of a file of 
 SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}
 # Methods whose lag always has an uncertainty above zero.
 MEASURED = ("plunge", "pair", "current", "noise")
+# Doublings of the 12 lags in which the response must reach the last share: a zero of 0.999 of the
+# lags leaves a lag that is 1000 times shorter than they are.
+MAX_GRID_DOUBLINGS = 10
 MAX_NAME = 80  # characters of a sensor's name; chosen by judgement
 MIN_LAG_S = 1e-6  # least lag that can be specified [s], if it is not zero; chosen by judgement
 # Relative difference of two standard uncertainties that must agree in a file; chosen by judgement.
@@ -76,7 +79,9 @@ class SensorChains(StrictModel):
     channels
         Chain of each column.
     covariance
-        Covariance of the lags (M, M), in the order of ``columns`` [s2].
+        Covariance of the lags of the chains (M, M), in the order of ``columns`` [s2]. Where a chain
+        is that of the best of several structures, it includes the distance of its lag from
+        ``lag_s``, which is the average.
     """
 
     structure: str = Field(min_length=1, max_length=40)
@@ -85,21 +90,8 @@ class SensorChains(StrictModel):
 
     @model_validator(mode="after")
     def _check_covariance(self) -> SensorChains:
-        """Check that the covariance agrees with the uncertainties of the lags.
-
-        Raises
-        ------
-        ValueError
-            Where it does not, or is no covariance matrix of that size.
-        """
-        covariance = square_matrix(self.covariance, len(self.channels))
-        sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        for (name, channel), sd in zip(self.channels.items(), sds):
-            u = channel.lag_s.u
-            if abs(sd - u) > MAX_U_DIFFERENCE_REL * max(sd, u) + 1e-6:
-                raise ValueError(
-                    f"covariance: its diagonal gives {sd:.4g} s for {name}, lag_s.u is {u:.4g} s"
-                )
+        """Check that the covariance is a covariance matrix of the size of the channels."""
+        square_matrix(self.covariance, len(self.channels))
         return self
 
 
@@ -160,7 +152,7 @@ class SensorFile(Result, StrictModel):
 
     @model_validator(mode="after")
     def _check_lags(self) -> SensorFile:
-        """Check the time of creation, the columns, and that the time constants add to the lag.
+        """Check the time of creation, the columns, and that chain, lag and covariance agree.
 
         Raises
         ------
@@ -170,9 +162,19 @@ class SensorFile(Result, StrictModel):
         parse_time(self.created)
         if list(self.chain.channels) != self.columns:
             raise ValueError("columns: must be those of chain.channels, in their order")
-        for name, chain in zip(self.columns, self.chains):
+        sds = np.sqrt(np.maximum(np.diag(self.lag_covariance_s2), 0.0))
+        for name, chain, sd in zip(self.columns, self.chains, sds):
             lag_s = self.chain.channels[name].lag_s
-            if abs(chain.lag_s - lag_s.value) > max(3 * lag_s.u, 0.01 * chain.lag_s + 1e-4):
+            distance_s = abs(chain.lag_s - lag_s.value)
+            largest_u = float(np.hypot(lag_s.u, distance_s))
+            is_too_small = sd < (1 - MAX_U_DIFFERENCE_REL) * lag_s.u - 1e-6
+            is_too_large = (1 - MAX_U_DIFFERENCE_REL) * sd > largest_u + 1e-6
+            if is_too_small or is_too_large:
+                raise ValueError(
+                    f"covariance: its diagonal gives {sd:.4g} s for {name}, lag_s.u is "
+                    f"{lag_s.u:.4g} s"
+                )
+            if distance_s > max(3 * sd, 0.01 * chain.lag_s + 1e-4):
                 raise ValueError(
                     f"chain.channels.{name}.lag_s: {lag_s.value:.4g} s, but its lags add to "
                     f"{chain.lag_s:.4g} s"
@@ -209,8 +211,9 @@ class SensorFile(Result, StrictModel):
 
         Notes
         -----
-        The lag is the recommended estimate: that of ``fit`` where the method has one. The chain of
-        the file may have another lag within its uncertainty, which is larger for this reason.
+        The lag is the recommended estimate: that of ``fit`` where the method has one, which is that
+        of ``chain`` without the filter. The chain itself may have another lag within the
+        uncertainty, and ``covariance`` includes this distance.
         """
         dips = self.fit.get("dips", [])
         count = f" {len(dips)} dips," if dips else ""
@@ -277,6 +280,7 @@ def sensor_file(
     split_u_s: Sequence[float],
     *,
     structure: str = "",
+    lags: Mapping[str, Estimate] | None = None,
     times: Mapping[str, Mapping[str, Estimate]] | None = None,
     **more: Any,
 ) -> SensorFile:
@@ -296,6 +300,9 @@ def sensor_file(
         Standard uncertainty of the largest time constant at fixed lag (M,) [s].
     structure
         Name of the chain structure; empty: from the number of lags.
+    lags
+        Lag of each column without the filter, with the 95 % interval that the method determined;
+        None: that of the chain, normally distributed.
     times
         Times of the step response that the method determined; None: from the chain, by first order.
     more
@@ -334,9 +341,10 @@ def sensor_file(
     channels = {}
     step_response = {name: dict(values) for name, values in (times or {}).items()}
     for (name, chain), u, split_u in zip(chains.items(), lag_u_s, split_u_s):
-        channels[name] = ChannelChain(
-            **chain.parameters, lag_s=Estimate.normal(chain.lag_s, u), split_u_s=float(split_u)
-        )
+        lag_s = Estimate.normal(chain.lag_s, u)
+        if lags is not None:
+            lag_s = lags[name].shifted(chain.conditioning.lag_s)
+        channels[name] = ChannelChain(**chain.parameters, lag_s=lag_s, split_u_s=float(split_u))
         if not times:
             step_response[name] = step_times(chain, float(u), float(split_u))
     first = next(iter(chains.values()))
@@ -423,22 +431,38 @@ def step_passes(chain: Chain) -> Array:
     Parameters
     ----------
     chain
-        The chain, with a lag above zero.
+        The chain.
 
     Returns
     -------
     array
-        Times (3,) [s].
+        Times (3,) [s]; zero where the response begins above the share.
 
     Notes
     -----
-    The grid has 400 points in each lag and ends after 12 lags; the times are interpolated linearly.
+    The grid has 400 points in each lag and ends after 12 lags, or when all shares are reached. The
+    lag of the grid is the sum of all times where a zero cancels that of the chain. The times are
+    interpolated linearly.
     """
-    t = chain.lag_s * np.linspace(0, 12, 4801)
+    grid_lag_s = chain.lag_s
+    if grid_lag_s <= 0:
+        grid_lag_s = sum(chain.taus_s) + chain.delay_s
+    if grid_lag_s <= 0:
+        return np.zeros(len(SHARES))  # the reading follows at once
+    last_share = max(SHARES.values())
+    t = grid_lag_s * np.linspace(0, 12, 4801)
     response = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
+    for _ in range(MAX_GRID_DOUBLINGS):
+        if response.max() >= last_share:
+            break
+        t = 2 * t
+        response = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
     times = []
     for share in SHARES.values():
         k = int(np.argmax(response >= share))
+        if k == 0:
+            times.append(t[0])
+            continue
         times.append(np.interp(share, response[k - 1 : k + 1], t[k - 1 : k + 1]))
     return np.array(times)
 

@@ -185,7 +185,7 @@ def noise_sensor(
         if lag.u**2 > 2 * model_us[top] ** 2
         else "the model of white fluctuations and of the sensor",
     }
-    # the file holds the lags of the best structure, whose sum differs from the average
+    # for use of the chain: that of the best structure, whose lag differs from the average
     lag_u = float(np.hypot(lag.u, lag.value - chain.lag_s))
     return sensor_file(
         sensor,
@@ -193,6 +193,7 @@ def noise_sensor(
         "noise",
         np.array([[lag_u**2]]),
         [min(0.5 * lag.u, lag.value)],
+        lags={column: lag},
         times={column: dict(zip(SHARES, times))},
         fit=fit,
         findings=findings,

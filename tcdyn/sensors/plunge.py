@@ -67,6 +67,10 @@ SHORTEST_ROW_S = 1e-7
 # sheath in `python -m tests.sensors.layered_study sheath`.
 MODEL_U = {"axis": 0.0, "sheath": 0.012}
 TAIL_LIMIT = "the short lags of the sensor, which a known instant of entry would determine"
+MEDIUM_LIMIT = (
+    "a short lag that is the sensor's or the medium's, which a specified lag of the medium "
+    "(--medium-s) would determine"
+)
 MISFIT_SHARE = 0.005  # of the step: rms of the residuals that is always acceptable; by judgement
 
 
@@ -182,10 +186,7 @@ def plunge_sensor(
         "noise_K": best.fit.noise_K,
         "lag_s": lag.model_dump(),
     }
-    if "tail" in theta:
-        fit_values["tail_u_s"] = best.fit.u("tail") * min(chain.taus_s)
-        if fit_values["tail_u_s"] ** 2 > 0.5 * lag.u**2:
-            fit_values["limited_by"] = TAIL_LIMIT
+    fit_values |= _short_lags(best, values[1], weights, lag)
     if best.structure.slow:
         fit_values |= {"slow_share": _slow_share_of_step(theta), "slow_s": theta["slow_s"]}
     if film is not None:
@@ -224,7 +225,7 @@ def plunge_sensor(
                 lag_s=lag.value,
             )
         )
-    # the file holds the chain of the best structure, whose lag differs from the average
+    # for use of the chain: that of the best structure, whose lag differs from the average
     lag_u = float(np.hypot(lag.u, lag.value + conditioning.lag_s - chain.lag_s))
     return sensor_file(
         sensor,
@@ -233,11 +234,52 @@ def plunge_sensor(
         np.array([[lag_u**2]]),
         [min(shorter_lags.u, lag.value)],
         structure=best.structure.name,
+        lags={column: lag},
         times={column: dict(zip(SHARES, times))},
         fit=fit_values,
         findings=findings,
         **more,
     )
+
+
+def _short_lags(
+    best: FittedStructure, lags_s: Array, weights: Array, lag: Estimate
+) -> dict[str, Any]:
+    """Return the uncertainty that all dips of the sensor share, and whether it limits the lag.
+
+    Parameters
+    ----------
+    best
+        The most probable structure.
+    lags_s, weights
+        Lag [s] and probability of each structure (K,).
+    lag
+        Their average.
+
+    Returns
+    -------
+    dict
+        ``tail_u_s`` [s] and ``limited_by``, where there is such an uncertainty.
+
+    Notes
+    -----
+    The sum of the shorter lags that are not fitted has the prior of the tail. Where the data show a
+    short lag that may be the medium's, the structures differ by whose lag it is, which another dip
+    does not tell.
+    """
+    tail_u_s = 0.0
+    if "tail" in best.fit.theta:
+        tail_u_s = best.fit.u("tail") * min(best.structure.chain(best.fit.theta).taus_s)
+    medium_u_s = 0.0
+    if best.structure.sharp or best.fit.is_resolved(["medium_s"]):
+        medium_u_s = float(np.sqrt(weights @ (lags_s - weights @ lags_s) ** 2))
+    shared_u_s = float(np.hypot(tail_u_s, medium_u_s))
+    found: dict[str, Any] = {}
+    if shared_u_s > 0:
+        found["tail_u_s"] = shared_u_s
+    if shared_u_s**2 > 0.5 * lag.u**2:
+        found["limited_by"] = MEDIUM_LIMIT if medium_u_s > tail_u_s else TAIL_LIMIT
+    return found
 
 
 def _check_times(

@@ -75,10 +75,27 @@ class CurveFit:
         """Whether the data distinguish all these parameters from zero."""
         return all(self.u(name) <= RESOLVED_REL * self.theta[name] for name in names)
 
-    def is_near(self, other: CurveFit) -> bool:
-        """Whether another fit of the same structure has the same parameters within their u."""
-        shift = np.abs(self.optimum.theta - other.optimum.theta)
-        return bool(np.all(shift <= np.sqrt(np.diag(self.optimum.covariance))))
+    def is_near(self, other: CurveFit, symmetric: Sequence[str] = ()) -> bool:
+        """Whether another fit of the same structure has the same parameters within their u.
+
+        Parameters
+        ----------
+        other
+            The other fit.
+        symmetric
+            Names of parameters that may change places without changing the curve; they are compared
+            in the order of their values.
+        """
+        names = self.optimum.problem.names
+        places = [names.index(name) for name in symmetric]
+        theta = self.optimum.theta.copy()
+        other_theta = other.optimum.theta.copy()
+        u = np.sqrt(np.diag(self.optimum.covariance))
+        by_size = [places[k] for k in np.argsort(theta[places])]
+        u[places] = u[by_size]
+        theta[places] = theta[by_size]
+        other_theta[places] = np.sort(other_theta[places])
+        return bool(np.all(np.abs(theta - other_theta) <= u))
 
     def score(self, direction: Array) -> tuple[float, float]:
         """Return the multiple of a further column that the residuals ask for, and its gain.

@@ -61,6 +61,8 @@ MAX_SLOW_SHARE = {"axis": 0.5, "sheath": 0.95}
 # fitted: the BIC of more than 30 samples asks for 3.4 a parameter.
 MIN_GAIN = 4.0
 MEDIUM_LIMIT_U = 4.0  # largest lag of the medium, in standard uncertainties above its mean
+# Start of the medium's lag over the lag that the sensor takes from it; chosen by judgement.
+SHORT_MEDIUM = 0.1
 MIN_WEIGHT = 1e-3  # probability below which a structure is not tried with the grid of second lags
 SETTLED_NOISE = (0.8, 1.25)  # ratio of two white levels within which no round follows; by judgement
 NOISE_ITERATIONS = 3  # rounds of noise and fit, at most; chosen by judgement
@@ -139,6 +141,45 @@ class StepRecord:
             **{f"tau{k + 1}_s": share * lag_s for k, share in enumerate(shares)},
         }
 
+    def prior_odds(self, fitted: FittedStructure) -> float:
+        """Return the probability of a fitted structure before the data, not normalised.
+
+        Parameters
+        ----------
+        fitted
+            The structure and its fit.
+
+        Returns
+        -------
+        float
+            That of :meth:`prior`. A structure with a sharp step replaces one in which the last lag
+            is the medium's. Both have one curve, so that only their priors may decide: the factors
+            replace the term of the BIC for that lag by its prior, as a second lag of the sensor,
+            and add the prior of the medium at a lag of zero.
+
+        Notes
+        -----
+        Laplace approximation of the evidence: a parameter with the prior density p(theta) and the
+        standard uncertainty u contributes sqrt(2 pi) p(theta) u (Kass and Raftery 1995), here
+        instead of the 1/sqrt(N) of the BIC. Otherwise a quiet record would count for the sensor,
+        although it says nothing about whose lag it is.
+        """
+        structure = fitted.structure
+        if not structure.sharp:
+            return self.prior(structure)
+        fit = fitted.fit
+        moved = f"tau{structure.lags}_s"
+        lag_s = fit.theta[moved]
+        shares = np.array(SECOND_SHARES)
+        k = int(np.argmin(np.abs(np.log(shares * fit.theta["tau1_s"] / lag_s))))
+        width_s = lag_s * float(np.gradient(np.log(shares))[k])
+        nearest = StepStructure(1, self.conditioning, second_share=SECOND_SHARES[k])
+        density = self.prior(nearest) / width_s
+        evidence = density * float(np.sqrt(2 * np.pi * len(fit.residual))) * fit.u(moved)
+        medium_s, medium_u_s = self.medium_s
+        distance = medium_s / max(medium_u_s, exact_u_s(self.dt_s))
+        return float(evidence * np.exp(-0.5 * distance**2))
+
     def prior(self, structure: StepStructure) -> float:
         """Return the probability of a structure before the data, not normalised.
 
@@ -180,10 +221,56 @@ class StepRecord:
         list of dict
             The start values by name.
         """
+        if "medium_s" not in values:
+            return []
         longest_s = self.medium_s[0] + MEDIUM_LIMIT_U * self.medium_s[1]
         medium_s = values["medium_s"]
         lags = [(n, v) for n, v in values.items() if n.startswith("tau") and v < longest_s]
         return [{**values, "medium_s": lag_s, name: medium_s} for name, lag_s in lags]
+
+    def sharp_step(
+        self, structure: StepStructure, fit: CurveFit
+    ) -> tuple[StepStructure, dict[str, float]] | None:
+        """Return the structure in which the medium's lag is a further lag of the sensor.
+
+        The medium's step is then sharp. The data cannot tell, because the curve is the same.
+
+        Parameters
+        ----------
+        structure
+            A structure in which the medium has a lag.
+        fit
+            Its fit.
+
+        Returns
+        -------
+        structure, start
+            The structure and its start values by name; None where the sensor has three lags, or
+            where the data do not distinguish the medium's lag from zero.
+        """
+        if structure.lags == len(START_SHARES) or not fit.is_resolved(["medium_s"]):
+            return None
+        sharp = replace(structure, lags=structure.lags + 1, sharp=True)
+        return sharp, self.with_further_lag(structure, fit)
+
+    def with_further_lag(self, structure: StepStructure, fit: CurveFit) -> dict[str, float]:
+        """Return start values with the medium's lag as a further lag of the sensor.
+
+        Parameters
+        ----------
+        structure
+            A structure in which the medium has a lag.
+        fit
+            Its fit.
+
+        Returns
+        -------
+        dict
+            The start values by name; the medium's lag is short.
+        """
+        medium_s = fit.theta["medium_s"]
+        moved = {f"tau{structure.lags + 1}_s": medium_s, "medium_s": SHORT_MEDIUM * medium_s}
+        return self.start([]) | fit.theta | moved
 
     def curve(self, structure: StepStructure, values: Mapping[str, float]) -> Array | None:
         """Return the readings (N,) of a structure; None where they cannot be computed.
@@ -207,7 +294,7 @@ class StepRecord:
             return None
         after_medium = replace(
             chain,
-            taus_s=(*chain.taus_s, max(values["medium_s"], 0.0)),
+            taus_s=(*chain.taus_s, 0.0 if structure.sharp else max(values["medium_s"], 0.0)),
             delay_s=chain.delay_s + values["entry_s"],
         )
         response = after_medium.response(np.ones_like(self.t), self.dt_s, "zoh", "zero")
@@ -231,6 +318,8 @@ class StepStructure:
         Whether there is a slow second heat path.
     dead
         Whether there is a dead time.
+    sharp
+        Whether the medium's step is sharp, without a lag of its own.
     """
 
     lags: int
@@ -238,19 +327,32 @@ class StepStructure:
     second_share: float = 0.0
     slow: bool = False
     dead: bool = False
+    sharp: bool = False
 
     @property
     def names(self) -> list[str]:
         """Names of the parameters (P)."""
-        names = ["level", "entry_s", "size", "drift_K", "medium_s"]
+        names = ["level", "entry_s", "size", "drift_K"]
+        if not self.sharp:
+            names.append("medium_s")
         if self.lags > 1 or self.second_share:
             names.append("tail")
         return names + self.to_resolve
 
     @property
+    def order(self) -> int:
+        """Number of lags, without that of a slow path."""
+        return self.lags + (self.second_share > 0)
+
+    @property
+    def lag_names(self) -> list[str]:
+        """Names of the fitted lags."""
+        return [f"tau{k}_s" for k in range(1, self.lags + 1)]
+
+    @property
     def to_resolve(self) -> list[str]:
         """Names of the parameters that the data must distinguish from zero."""
-        names = [f"tau{k}_s" for k in range(1, self.lags + 1)]
+        names = self.lag_names
         if self.slow:
             names += ["slow_share", "slow_s"]
         if self.dead:
@@ -260,7 +362,7 @@ class StepStructure:
     @property
     def name(self) -> str:
         """Name of the structure, such as P2D; the dead time is that of the tail, too."""
-        count = self.lags + (self.second_share > 0) + self.slow
+        count = self.order + self.slow
         return f"P{count}" + "Z" * self.slow + "D" * ("tail" in self.names or self.dead)
 
     def chain(self, values: Mapping[str, float]) -> Chain:
@@ -385,8 +487,9 @@ def _fit_with_noise(
 
     Notes
     -----
-    A slow path and a dead time are added to the structures whose residuals ask for them. The grid
-    of second lags is tried for each kind that the data do not exclude (``MIN_WEIGHT``).
+    A short lag that the data show may be the medium's or the sensor's: both are fitted. A slow path
+    and a dead time are added to the structures whose residuals ask for them. The grid of second
+    lags is tried for each kind that the data do not exclude (``MIN_WEIGHT``).
     """
     fitted = list[FittedStructure]()
 
@@ -397,18 +500,26 @@ def _fit_with_noise(
         fit = _fit_structure(record, structure, start, noise)
         if not fit.is_resolved(structure.to_resolve):
             return None
-        if any(f.structure == structure and f.fit.is_near(fit) for f in fitted):
+        same = [f.fit for f in fitted if f.structure == structure]
+        if any(known.is_near(fit, structure.lag_names) for known in same):
             return None
         fitted.append(FittedStructure(structure, fit))
         return fit
 
+    starts = list[dict[str, float]]()
     for shares in START_SHARES:
         structure = StepStructure(len(shares), record.conditioning)
-        fit = add(structure, record.start(shares))
-        if fit is None:
+        starts = [record.start(shares), *starts]
+        fits = [fit for fit in (add(structure, start) for start in starts) if fit is not None]
+        if not fits:
             break
-        for exchanged in record.exchange_lags(fit.theta):
-            add(structure, exchanged)
+        for fit in fits:
+            for exchanged in record.exchange_lags(fit.theta):
+                add(structure, exchanged)
+            sharp_step = record.sharp_step(structure, fit)
+            if sharp_step is not None:
+                add(*sharp_step)
+        starts = [record.with_further_lag(structure, fit) for fit in fits]
     if not fitted:
         raise InputError(
             f"the reading follows the step within one row of {record.dt_s:.3g} s"
@@ -429,19 +540,53 @@ def _fit_with_noise(
         simplest = replace(f.structure, lags=1)
         probability[simplest] = probability.get(simplest, 0.0) + float(weight)
     for simplest, weight in probability.items():
-        if weight > MIN_WEIGHT:
+        if weight > MIN_WEIGHT and not simplest.sharp:
             near = next(f for f in fitted if replace(f.structure, lags=1) == simplest)
             start = record.start(START_SHARES[0]) | near.fit.theta
             best_bic = min(f.fit.bic for f in fitted)
             last_bic = np.inf
             for share in SECOND_SHARES:
-                fit = add(replace(simplest, second_share=share), start)
-                if fit is None or fit.bic > max(last_bic, best_bic + GRID_END):
+                grid_fit = add(replace(simplest, second_share=share), start)
+                if grid_fit is None or grid_fit.bic > max(last_bic, best_bic + GRID_END):
                     break
-                last_bic = fit.bic
-                start |= fit.theta
-    prior = np.array([record.prior(f.structure) for f in fitted])
+                last_bic = grid_fit.bic
+                start |= grid_fit.theta
+    fitted = _without_repeated_sharp(fitted)
+    prior = np.array([record.prior_odds(f) for f in fitted])
     return fitted, bic_weights(np.array([f.fit.bic for f in fitted]), prior)
+
+
+def _without_repeated_sharp(fitted: Sequence[FittedStructure]) -> list[FittedStructure]:
+    """Return the structures without those that a structure with a sharp step repeats.
+
+    A medium whose lag the data do not distinguish from zero makes a sharp step. Counted twice, and
+    once with the term of the BIC, the step would gain over the medium's lag in a quiet record.
+
+    Parameters
+    ----------
+    fitted
+        The structures.
+
+    Returns
+    -------
+    list of FittedStructure
+        All but those with the number of lags of a sharp one that fits them as well.
+    """
+    kept = []
+    for f in fitted:
+        if f.structure.sharp or f.fit.is_resolved(["medium_s"]):
+            kept.append(f)
+            continue
+        repeated = [
+            other
+            for other in fitted
+            if other.structure.sharp
+            and other.structure.order == f.structure.order
+            and other.fit.optimum.cost < f.fit.optimum.cost + MIN_GAIN
+        ]
+        if not repeated:
+            kept.append(f)
+    return kept
 
 
 def _slow_path(

@@ -162,8 +162,8 @@ class BoundaryLayer:
                 continue
             other_h = other.h_W_m2K(self.diameter_m)
             change_s = heat_J_m2K * (1 / other_h - 1 / h)
-            u = hypot(
-                heat_J_m2K / other_h * U_REL, heat_J_m2K / h * U_REL, change_s * RHO_C_U_REL, lag.u
+            change_u_s = hypot(
+                heat_J_m2K / other_h * U_REL, heat_J_m2K / h * U_REL, change_s * RHO_C_U_REL
             )
-            out[f"lag_{name}_s"] = Estimate.normal(lag.value + change_s, u).model_dump()
+            out[f"lag_{name}_s"] = lag.shifted(change_s).with_error(change_u_s).model_dump()
         return out

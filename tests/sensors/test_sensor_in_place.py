@@ -10,12 +10,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Severity
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
-from tcdyn.sensors.current import CORE_HEAT, MODES, current_sensor, cylinder_modes
+from tcdyn.sensors.current import (
+    CORE_HEAT,
+    MODES,
+    _Mixture,
+    current_sensor,
+    cylinder_modes,
+    sample_density,
+)
 from tcdyn.sensors.noise import _lags, mean_periodogram, noise_sensor
 from tcdyn.sensors.pair import _lag_findings, pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
@@ -386,3 +394,33 @@ def test_modes_of_a_heated_cylinder_are_those_of_layered_sensors(
     tau, share = cylinder_modes(np.log([made.lag_s, biot, wall, heated, gap]))
     assert tau[:4] == pytest.approx(made.taus_s[:4], rel=5e-3)
     assert share[:4] == pytest.approx(made.heated[:4], rel=2e-2)
+
+
+def test_a_density_far_narrower_than_its_proposal_is_sampled_whole() -> None:
+    """Five correlated normal variables, of which the proposal knows the variances only."""
+    sd = 0.05
+
+    def log_density(x: Array) -> float:
+        deviations = np.append(x[0], np.diff(x) / sd)
+        return -0.5 * float(deviations @ deviations)
+
+    proposal = _Mixture(np.zeros((1, 5)), np.eye(5)[None], np.ones(1))
+    samples, weights = sample_density(log_density, proposal)
+    mean = weights @ samples
+    deviation = np.sqrt(weights @ (samples - mean) ** 2)
+    assert np.abs(mean).max() < 0.4  # about 100 independent samples: 4 standard errors
+    assert deviation == pytest.approx(np.ones(5), rel=0.3)
+
+
+@pytest.mark.e2e
+def test_a_sheathed_sensor_whose_posterior_is_curved_has_a_lag() -> None:
+    """All weight of the importance sampling is on one sample."""
+    path = Path(__file__).resolve().parents[2].parent / "shared" / "cases" / "files2" / "81.csv"
+    if not path.exists():
+        pytest.skip("the shared cases are not here")
+    time_s, reading, current = np.genfromtxt(path, delimiter=",", skip_header=1).T
+    made = current_sensor(time_s, reading, current, "R")
+    lag = Estimate(**made.fit["lag_s"])
+    # 36 000 steps of a Markov chain: 68.8 +- 3.0 s, and 3.7 s for the model
+    assert lag.value == pytest.approx(68.8, abs=3.0)
+    assert lag.u == pytest.approx(4.7, rel=0.3)
