@@ -79,16 +79,17 @@ def check_ending(path: str | Path, kind: FileKind, option: str = "") -> None:
     Traceback (most recent call last):
     ...
     tcdyn.core.errors.InputError: --report is fast.png, but an HTML page cannot have the ending \
-'.png'; expected a name ending in .html, .htm; give another name, such as fast.html
+'.png'; expected a name ending in .html or .htm; give another name, such as fast.html
     """
     if kind.fits(path):
         return
     file = Path(path)
     subject = f"{option} is {file}, but " if option else ""
     fault = f"cannot have the ending {file.suffix!r}" if file.suffix else "needs an ending"
+    endings = " or ".join(filter(None, [", ".join(kind.endings[:-1]), kind.endings[-1]]))
     raise InputError(
         f"{subject}{kind.text} {fault}",
         where="" if option else str(file),
-        expected=f"a name ending in {', '.join(kind.endings)}",
+        expected=f"a name ending in {endings}",
         remedy=f"give another name, such as {file.with_suffix(kind.endings[0]).name}",
     )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
-from tcdyn.series import Clock, at_grid_times, fit_clock, real_share
+from tcdyn.series import MIN_STRAY, Clock, at_grid_times, fit_clock, real_share
 
 # Longest gap [s] that is bridged; the content of a longer one is unknown. Chosen by judgement.
 MAX_GAP_S = 0.5
@@ -68,8 +68,8 @@ class Sampling:
 def check_time(time: Array, location: SampleLocation) -> Sampling:
     """Check the time column of a log and find its sampling.
 
-    Single missing values are interpolated. Stamps that stray, or are rounded (0.013, 0.027, 0.040
-    at 75 Hz), are replaced by the times of the grid.
+    Single missing values are interpolated. Stamps that stray by more than ``MIN_STRAY``, or are
+    rounded (0.013, 0.027, 0.040 at 75 Hz), are replaced by the times of the grid.
 
     Parameters
     ----------
@@ -122,7 +122,9 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
         findings.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
     late_s = clock.jitter_s if clock.strays else None
     grid = clock.index.astype(np.int32)
-    return Sampling(clock.even_s, dt, grid, tuple(findings), clock, late_s)
+    if clock.stray_s > MIN_STRAY * dt:
+        time = clock.even_s
+    return Sampling(time, dt, grid, tuple(findings), clock, late_s)
 
 
 def _check_rising(time: Array, step: Array, location: SampleLocation) -> None:

@@ -123,7 +123,8 @@ class RangeCheck:
         if not finite.any():
             return
         y = values[finite]
-        is_beyond = out_of_range(degC[finite]) | ~np.isfinite(degC[finite])
+        # a missing reference junction gives no temperature, which is no fault of the unit
+        is_beyond = out_of_range(degC[finite]) | np.isinf(degC[finite])
         if not self.count:
             self.first = float(np.median(y[:10]))
         self.count += len(y)

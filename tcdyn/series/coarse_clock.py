@@ -29,6 +29,8 @@ SEARCH_TICKS = 64
 COARSE_STEP_ROWS = 0.25
 COARSE_CANDIDATES = 16
 SURE_TICKS = 1024
+# Ratio of first values of the interval beyond which the rows are not even; bounds the search.
+LARGEST_RATIO = 2.0
 # Phases that are tried, in intervals: rows are misplaced in half a step of them.
 PHASES = tuple(np.arange(8) / 8)
 # Scatters of the rows that are tried, in intervals.
@@ -213,6 +215,8 @@ def _coarse_intervals_s(ticks: _Ticks) -> list[float]:
             span_s = ticks.stamps_s[span:] - ticks.stamps_s[:-span]
             rows = ticks.rows[span:] - ticks.rows[:-span]
             ratios += [float(np.quantile(span_s / rows, q)) for q in SEARCH_QUANTILES]
+    usual = float(np.median(ratios))
+    ratios = [ratio for ratio in ratios if usual / LARGEST_RATIO < ratio < usual * LARGEST_RATIO]
     lowest = np.log(min(ratios)) - SAME_INTERVAL
     highest = np.log(max(ratios)) + SAME_INTERVAL
     step = COARSE_STEP_ROWS / float(ticks.rows[-1] - ticks.rows[0])

@@ -27,6 +27,8 @@ from tcdyn.series.descriptions import (
 # Prior probability that a row is lost. It decides about the first and the last rows of a log only,
 # where nothing beyond them tells a lost row from a stamp that strays.
 LOST_PROBABILITY = 1e-3
+# Samples for each row beyond which an interval is not refined: the search would take too long.
+SPARSEST_ROWS = 20
 # Passes of the mean step over the samples that it gives: the first value is forgotten after two.
 STEP_PASSES = 3
 # Scatter of the steps, in intervals, up to which each tells its number of samples: half an interval
@@ -186,7 +188,7 @@ def _most_coherent_interval_s(t: Array, interval_s: float) -> float:
     -----
     Maximises the sum over pieces of \\|sum exp(2 pi i t / dt)\\|^2. The width of the maximum is one
     interval over the length of a piece, so that longer pieces give a finer value; the search steps
-    by a fifth of the width.
+    by a fifth of the width. An interval of which nearly all rows are lost is not refined.
     """
     rate_Hz = 1 / interval_s
     relative_range = 3 * SAME_INTERVAL
@@ -194,6 +196,8 @@ def _most_coherent_interval_s(t: Array, interval_s: float) -> float:
     while True:
         size = min(size, len(t))
         piece_s = float(np.median(t[size - 1 :] - t[: len(t) - size + 1]))
+        if piece_s > SPARSEST_ROWS * size * interval_s:
+            return 1 / rate_Hz
         step = 0.2 / (rate_Hz * piece_s)
         n_steps = int(relative_range / step)
         rates_Hz = rate_Hz * (1 + step * np.arange(-n_steps, n_steps + 1))

@@ -277,6 +277,8 @@ def _smoothed_without_spikes(
         raise _too_slow(record)
     fit = smooth_record(record, noise_var, intensities)
     spikes = _spike_mask(fit)
+    # a channel of which every reading contradicts the others has no spikes: the model fails
+    spikes &= ((record.weight > 0) & ~spikes).any(axis=0)
     if spikes.any():
         fit = smooth_record(_without_samples(record, spikes, SPIKE), noise_var, intensities)
     return fit

@@ -44,7 +44,7 @@ def test_stepwise_inputs_are_held_and_ambiguous_rounding_gives_a_warning():
         "stairs": t // 10,
         "ramp": np.round(t / 10),
     }
-    samples = {"t": t / 10, "y": y + 0.01 * rng.normal(size=800), **columns, "few": t // 200}
+    samples = {"time_s": t / 10, "y": y + 0.01 * rng.normal(size=800), **columns, "few": t // 200}
     frame = pd.DataFrame(samples)
     records = {name: from_frame(frame, input=name, output="y") for name in (*columns, "few")}
     assert [d.hold for d in records.values()] == ["zoh", "zoh", "foh", "foh", "foh", "foh", "zoh"]

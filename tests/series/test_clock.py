@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -159,3 +161,21 @@ def test_an_hour_that_comes_twice_is_no_clock_of_few_decimals() -> None:
     clock = fit_clock(900.0 * quarter_h)
     assert not clock.is_coarse
     assert clock.index.tolist() == quarter_h.tolist()
+
+
+@pytest.mark.parametrize("kind", ["pairs", "random pairs", "sparse", "powers", "two rows and a gap"])
+def test_odd_stamps_are_placed_in_bounded_time(kind: str) -> None:
+    rng = np.random.default_rng(9)
+    steps = {
+        "pairs": np.where(np.arange(3000) % 2, 1e-6, 1.0),
+        "random pairs": np.where(rng.random(3000) < 0.5, 1e-6, 1.0),
+        "sparse": 0.01 * rng.integers(1, 400, 3000),
+        "powers": 10.0 ** rng.uniform(-6, 3, 3000),
+        "two rows and a gap": np.array([1e-6, 1e6]),
+    }[kind]
+    stamps_s = np.cumsum(steps)
+    started_s = time.process_time()
+    clock = fit_clock(stamps_s)
+    assert time.process_time() - started_s < 10  # it takes 1 s
+    assert np.all(np.diff(clock.index) >= 0)
+    assert np.allclose(clock.even_s + clock.deviation_s, stamps_s)

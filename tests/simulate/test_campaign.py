@@ -185,7 +185,7 @@ def test_simulate_commands_write_logs_and_true_traces(tmp_path: Path) -> None:
         (["oven", "--out", "/dev/null/o.csv"], "cannot be written"),
         (["campaign", "--out", "/dev/null/lab"], "cannot be written"),
         (["oven", "--out", "o.csv", "--rig", "o.csv"], "which is read"),
-        (["oven", "--out", "o.xlsx"], "writes CSV"),
+        (["oven", "--out", "o.xlsx"], "ending in .csv"),
     ],
 )
 def test_commands_reject_invalid_arguments_and_write_nothing(
