@@ -39,7 +39,7 @@ def test_the_synthetic_disks_are_drawn_with_the_uneven_one_told(
 
 def test_what_is_no_picture_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert tcdyn("rig", "circumference", "simulate", "--picture", tmp_path / "disks.csv") == 2
-    assert "a name ending in .png, .svg, .pdf" in capsys.readouterr().err
+    assert "a name ending in .png, .svg or .pdf" in capsys.readouterr().err
 
 
 def test_a_heated_spot_becomes_lines_of_the_rig_file(

@@ -163,7 +163,7 @@ def test_an_hour_that_comes_twice_is_no_clock_of_few_decimals() -> None:
     assert clock.index.tolist() == quarter_h.tolist()
 
 
-@pytest.mark.parametrize("kind", ["pairs", "random pairs", "sparse", "powers", "two rows and a gap"])
+@pytest.mark.parametrize("kind", ["pairs", "random pairs", "sparse", "powers", "two gaps"])
 def test_odd_stamps_are_placed_in_bounded_time(kind: str) -> None:
     rng = np.random.default_rng(9)
     steps = {
@@ -171,7 +171,7 @@ def test_odd_stamps_are_placed_in_bounded_time(kind: str) -> None:
         "random pairs": np.where(rng.random(3000) < 0.5, 1e-6, 1.0),
         "sparse": 0.01 * rng.integers(1, 400, 3000),
         "powers": 10.0 ** rng.uniform(-6, 3, 3000),
-        "two rows and a gap": np.array([1e-6, 1e6]),
+        "two gaps": np.array([1e-6, 1e6]),
     }[kind]
     stamps_s = np.cumsum(steps)
     started_s = time.process_time()
