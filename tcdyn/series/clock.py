@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.series.coarse_clock import fit_coarse
 from tcdyn.series.descriptions import (
+    PIECE_ROWS,
     choice_code_length,
     find_resolution_s,
     line,
-    piece_edges,
     slow_part,
 )
 from tcdyn.series.fine_clock import fit_fine
@@ -30,6 +30,9 @@ from tcdyn.series.fine_clock import fit_fine
 # tried also where no stamp repeats: rounding then hides the phase from the fine description. At 0.5
 # rounded stamps still keep two thirds of their coherence (sin(pi/2) / (pi/2)).
 COARSE_RESOLUTION = 0.5
+# Long pieces of a log for the uncertainty of its interval: of so many clusters the sandwich
+# estimate is known to a quarter (1 / sqrt(2 x 10)).
+LONG_PIECES = 10
 # Scatter of the stamps, in intervals, that is too small to matter: readings are wrong by as much of
 # their change from row to row, and lags by as much of a row.
 MIN_STRAY = 0.01
@@ -260,15 +263,20 @@ def _slope_uncertainty_s(samples: NDArray[np.intp], deviation_s: Array, rounding
 
     Notes
     -----
-    The largest of three: that of independent deviations; the sandwich estimate with pieces of
-    ``PIECE_ROWS`` rows as clusters, for a clock that wanders; and that of a line whose two ends are
-    each rounded, which no later stamp corrects where the interval is nearly a multiple of the
-    rounding (rounding / sqrt(6) over the whole).
+    The largest of three: that of independent deviations; the sandwich estimate with short and with
+    long pieces of rows as clusters, for a clock that wanders quickly or slowly; and that of a line
+    whose two ends are each rounded, which no later stamp corrects where the interval is nearly a
+    multiple of the rounding (rounding / sqrt(6) over the whole).
     """
     centred = samples - samples.mean()
     lever = float(centred @ centred)
     independent = np.sqrt(np.mean(deviation_s**2) / lever)
-    scores = np.add.reduceat(centred * deviation_s, piece_edges(len(samples))[:-1])
-    wandering = np.sqrt(scores @ scores) / lever
+    terms = centred * deviation_s
+    wandering = 0.0
+    for n_pieces in (len(samples) // PIECE_ROWS, LONG_PIECES):
+        edges = np.linspace(0, len(samples), n_pieces + 1).astype(np.intp)
+        if np.all(np.diff(edges) > 0) and n_pieces > 1:
+            scores = np.add.reduceat(terms, edges[:-1])
+            wandering = max(wandering, float(np.sqrt(scores @ scores) / lever))
     rounded = rounding_s / np.sqrt(6) / (samples[-1] - samples[0])
     return float(max(independent, wandering, rounded))
