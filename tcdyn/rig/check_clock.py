@@ -91,7 +91,7 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
 
     Notes
     -----
-    :func:`tcdyn.series.fit_clock` finds interval and grid; this function says what a log of the rig
+    ``tcdyn.series.fit_clock`` finds interval and grid; this function says what a log of the rig
     may not have. Test: ``tests/rig/test_check_clock.py``.
     """
     where = location.where

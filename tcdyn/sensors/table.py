@@ -494,7 +494,7 @@ def even_times(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Cl
 
     Notes
     -----
-    :func:`tcdyn.series.fit_clock` finds the clock; this function says what a table may not have.
+    ``tcdyn.series.fit_clock`` finds the clock; this function says what a table may not have.
     """
     _check_rising(time_s, where)
     clock = fit_clock(time_s, dt_s)

@@ -33,6 +33,10 @@ SURE_TICKS = 1024
 LARGEST_RATIO = 2.0
 # Phases that are tried, in intervals: rows are misplaced in half a step of them.
 PHASES = tuple(np.arange(8) / 8)
+# Quantiles between which the deviations of rows lie that do not stray far; by judgement.
+RANGE = (0.03, 0.97)
+# Smallest difference of logarithms that is not zero in the sum of a box.
+TINY = 1e-12
 # Scatters of the rows that are tried, in intervals.
 STRAYS = (0.02, 0.05, 0.1, 0.18, 0.3, 0.5, 1.0)
 
@@ -139,10 +143,14 @@ class _Ticks:
         is_whole_fraction = abs(fraction - np.rint(fraction)) * n_rows < fraction
         if not (is_whole_fraction and fraction > 0.5):
             length += float(np.log(n_rows / COARSE_STEP_ROWS))
-        places = interval_s / max(self.resolution_s, 10.0**-MAX_DECIMALS)
+        places = self._places(interval_s)
         if places < 2:
             return length
         return length + len(self.rows) * float(np.log(places))
+
+    def _places(self, interval_s: float) -> float:
+        """Steps of the clock in an interval of the rows."""
+        return interval_s / max(self.resolution_s, 10.0**-MAX_DECIMALS)
 
     def place(self, interval_s: float) -> tuple[NDArray[np.intp], float]:
         """Samples lost before each of the rows (J,), and the length of the description.
@@ -154,18 +162,24 @@ class _Ticks:
 
         Notes
         -----
-        A residual within the box of one interval needs no description. Beyond it the row strays:
-        the box is convolved with a Gaussian, whose scatter is the best of ``STRAYS``.
+        A residual within the box of one interval, or of one step of the clock where that is less,
+        needs no description. Beyond it the row strays: the box is convolved with a Gaussian, whose
+        scatter is the best of ``STRAYS``.
         """
         residual = (self.stamps_s - self.stamps_s[0]) / interval_s - (self.rows - self.rows[0])
+        half_width = 0.5
+        if 1 < self._places(interval_s) < 2:
+            half_width /= self._places(interval_s)
         best_length = np.inf
         best_lost = np.zeros(len(residual), dtype=np.intp)
         for phase in PHASES:
             centred = residual - phase
             lost = np.rint(isotonic_regression(centred).x).astype(np.intp)
-            deviation = np.abs(centred - lost)
-            inside = [-_log_box(deviation, stray) for stray in STRAYS]
-            length = min(inside) + self._lost_code_length(lost)
+            deviation = centred - lost
+            # the phase within its step: the middle of the range, without rows that stray far
+            deviation = np.abs(deviation - np.quantile(deviation, RANGE).mean())
+            outside = [-_log_box(deviation, half_width, stray) for stray in STRAYS]
+            length = min(outside) + self._lost_code_length(lost)
             if length < best_length:
                 best_length = length
                 best_lost = lost
@@ -186,18 +200,21 @@ class _Ticks:
         )
 
 
-def _log_box(deviation: Array, stray: float) -> float:
-    """Sum of the logarithms of a box from -0.5 to 0.5 convolved with a Gaussian.
+def _log_box(deviation: Array, half_width: float, stray: float) -> float:
+    """Sum of the logarithms of the probabilities that rows have their stamps.
 
     Parameters
     ----------
     deviation
         Absolute deviations (J,), in intervals.
+    half_width
+        Half of the step of the clock, in intervals: a row within it has its stamp for certain.
     stray
-        Standard deviation of the Gaussian, in intervals.
+        Standard deviation of the rows, in intervals.
     """
-    # the far side of the box adds nothing for strays below half of it
-    return float(log_ndtr((0.5 - deviation) / stray).sum())
+    near = log_ndtr((half_width - deviation) / stray)
+    far = log_ndtr((-half_width - deviation) / stray)
+    return float(np.sum(near + np.log1p(-np.exp(np.minimum(far - near, -TINY)))))
 
 
 def _coarse_intervals_s(ticks: _Ticks) -> list[float]:

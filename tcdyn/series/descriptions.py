@@ -45,12 +45,14 @@ def piece_edges(n: int) -> NDArray[np.intp]:
 def step_code_length(samples: NDArray[np.intp]) -> float:
     """Length of a description of the steps between samples (N,) [natural units of information].
 
-    The code of Elias (gamma code) has 2 floor(log2 m) + 1 bits for a step of m samples. It is short
-    where most rows follow each other and needs no parameter. The one bit of each row, which all
+    The delta code of Elias has L + 2 floor(log2(L + 1)) + 1 bits with L = floor(log2 m) for a step
+    of m samples. It is short where most rows follow each other, needs no parameter, and half the
+    interval costs one bit a row for long steps, as it should. The one bit of each row, which all
     placings have, is left out.
     """
     steps = np.maximum(np.diff(samples), 1)
-    bits = 2 * np.floor(np.log2(steps))
+    size = np.floor(np.log2(steps))
+    bits = size + 2 * np.floor(np.log2(size + 1))
     return float(np.log(2) * bits.sum())
 
 

@@ -75,6 +75,8 @@ def fit_fine(t: Array, interval_s: float | None, resolution_s: float) -> FineClo
     grid_s = interval_s or _grid_interval_s(t, resolution_s)
     samples = _place(t, grid_s)
     length = _fine_code_length(t, samples, grid_s, resolution_s)
+    if length <= step_code_length(samples):
+        return FineClock(samples, length, False)  # rounding explains all deviations
     step_s = interval_s or _step_interval_s(t, resolution_s)
     wandering_length = _wandering_code_length(t, step_s, resolution_s)
     if wandering_length < length:
@@ -86,7 +88,11 @@ def _grid_interval_s(t: Array, resolution_s: float) -> float:
     """Interval of the grid about which the stamps (N,) scatter [s]."""
     first = t[:SEARCH_ROWS]
     lengths = {}
-    for candidate_s in _first_intervals_s(first):
+    candidates = _first_intervals_s(first)
+    usual_s = float(np.median(np.diff(first))) if len(first) > 1 else resolution_s
+    if resolution_s > usual_s / SPARSEST_ROWS:
+        candidates.append(resolution_s)
+    for candidate_s in candidates:
         dt = _most_coherent_interval_s(first, candidate_s)
         dt, _ = line(_place(first, dt), first)
         lengths[dt] = _fine_code_length(first, _place(first, dt), dt, resolution_s)
