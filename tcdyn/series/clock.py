@@ -22,7 +22,9 @@ from tcdyn.series.descriptions import (
     choice_code_length,
     find_resolution_s,
     line,
+    lost_code_length,
     slow_part,
+    step_code_length,
 )
 from tcdyn.series.fine_clock import fit_fine
 
@@ -30,6 +32,9 @@ from tcdyn.series.fine_clock import fit_fine
 # tried also where no stamp repeats: rounding then hides the phase from the fine description. At 0.5
 # rounded stamps still keep two thirds of their coherence (sin(pi/2) / (pi/2)).
 COARSE_RESOLUTION = 0.5
+# Share of rows with the stamp of the row before, from which batches of rows are stamped as they
+# arrive by a clock that is finer than the rows: a batch of two has a half.
+BATCH_SHARE = 1 / 3
 # Long pieces of a log for the uncertainty of its interval: of so many clusters the sandwich
 # estimate is known to a quarter (1 / sqrt(2 x 10)).
 LONG_PIECES = 10
@@ -163,10 +168,14 @@ def fit_clock(stamps_s: Array, interval_s: float | None = None) -> Clock:
     once = t[is_new]
     n_repeated = len(t) - len(once)
     fine = fit_fine(once, interval_s, resolution_s)
-    is_even = float(np.ptp(steps)) <= MIN_STRAY * float(np.median(steps))
-    if n_repeated or (resolution_s > COARSE_RESOLUTION * float(np.median(steps)) and not is_even):
+    usual_step_s = float(np.median(steps[steps > 0]))
+    is_even = float(np.ptp(steps)) <= MIN_STRAY * usual_step_s
+    has_steps = resolution_s > COARSE_RESOLUTION * usual_step_s and not is_even
+    if has_steps or n_repeated >= BATCH_SHARE * len(t):
         coarse = fit_coarse(t, is_new, interval_s, resolution_s)
-        fine_length = fine.length + choice_code_length(n_repeated, len(t))
+        lost = fine.samples - np.arange(len(once))
+        fine_length = fine.length - step_code_length(fine.samples)
+        fine_length += lost_code_length(lost, len(once)) + choice_code_length(n_repeated, len(t))
         if coarse is not None and coarse[1] < fine_length:
             return _coarse_clock(t, coarse[0], interval_s, resolution_s, is_new)
     samples = fine.samples[np.cumsum(is_new) - 1]
@@ -215,10 +224,13 @@ def _coarse_clock(
     its first row may have been lost.
     """
     used = is_new.copy()
-    used[0] = False
+    used[0] = bool(is_new.all())
     slope_s, start_s = _line_of(samples[used], t[used], interval_s)
     deviation_s = t - (start_s + slope_s * samples)
     u_s = _slope_uncertainty_s(samples[used], deviation_s[used], slope_s)
+    n_skips = int(np.count_nonzero(np.diff(samples) > 1))
+    skips_u_s = slope_s * n_skips / (np.sqrt(3) * len(samples))
+    u_s = float(np.hypot(u_s, skips_u_s))
     return Clock(slope_s, u_s, samples, start_s, deviation_s, resolution_s, 0, is_coarse=True)
 
 

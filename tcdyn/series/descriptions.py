@@ -61,6 +61,28 @@ def choice_code_length(n_chosen: int, n: int) -> float:
     return float(gammaln(n + 1) - gammaln(n_chosen + 1) - gammaln(n - n_chosen + 1))
 
 
+def lost_code_length(lost: NDArray[np.intp], n_rows: int) -> float:
+    """Length of a description of lost samples as rare events [natural units of information].
+
+    Parameters
+    ----------
+    lost
+        Samples lost before each of some rows (J,), which never falls.
+    n_rows
+        Number of all rows.
+
+    Notes
+    -----
+    The choice of the rows before which samples are lost, and the code of their number. Lost samples
+    are dearer here than in :func:`step_code_length`: with any rate, some of them bring the
+    residuals of a coarse clock into their box.
+    """
+    steps = np.diff(lost)
+    n_lost = int(np.count_nonzero(steps))
+    sizes = step_code_length(np.cumsum(steps[steps > 0]))
+    return choice_code_length(min(n_lost, n_rows), n_rows) + sizes
+
+
 def smallest_scatter_s(resolution_s: float) -> float:
     """Standard deviation of stamps that are rounded to a resolution [s], at least to 1 ns."""
     return max(resolution_s, 10.0**-MAX_DECIMALS) / np.sqrt(12)

@@ -77,11 +77,13 @@ def fit_fine(t: Array, interval_s: float | None, resolution_s: float) -> FineClo
     length = _fine_code_length(t, samples, grid_s, resolution_s)
     if length <= step_code_length(samples):
         return FineClock(samples, length, False)  # rounding explains all deviations
+    best = FineClock(samples, length, False)
     step_s = interval_s or _step_interval_s(t, resolution_s)
-    wandering_length = _wandering_code_length(t, step_s, resolution_s)
-    if wandering_length < length:
-        return FineClock(_place_by_steps(t, step_s), wandering_length, True)
-    return FineClock(samples, length, False)
+    for counted in (_place_by_steps(t, step_s), np.arange(len(t))):
+        wandering_length = _wandering_code_length(t, counted, resolution_s)
+        if wandering_length < best.length:
+            best = FineClock(counted, wandering_length, True)
+    return best
 
 
 def _grid_interval_s(t: Array, resolution_s: float) -> float:
@@ -112,7 +114,7 @@ def _step_interval_s(t: Array, resolution_s: float) -> float:
         dt = candidate_s
         for _ in range(STEP_PASSES):
             dt = float(t[-1] - t[0]) / float(_place_by_steps(t, dt)[-1])
-        lengths[dt] = _wandering_code_length(t, dt, resolution_s)
+        lengths[dt] = _wandering_code_length(t, _place_by_steps(t, dt), resolution_s)
     return min(lengths, key=lambda dt: lengths[dt])
 
 
@@ -122,17 +124,20 @@ def _place_by_steps(t: Array, interval_s: float) -> NDArray[np.intp]:
     return np.concatenate([[0], np.cumsum(steps)]).astype(np.intp)
 
 
-def _wandering_code_length(t: Array, interval_s: float, resolution_s: float) -> float:
+def _wandering_code_length(t: Array, samples: NDArray[np.intp], resolution_s: float) -> float:
     """Length of a description of stamps whose steps scatter [natural units of information].
 
     As :func:`_fine_code_length`, with the scatter of the steps about whole numbers of intervals:
     deviations then add up from row to row, as for a loop that waits and then reads. Infinite where
-    the steps scatter too much to tell their number of samples.
+    rows are lost and the steps scatter too much to tell their number of samples.
     """
-    samples = _place_by_steps(t, interval_s)
-    error_s = np.diff(t) - interval_s * np.diff(samples)
+    if len(t) < 2:
+        return np.inf
+    counts = np.diff(samples)
+    interval_s = float(t[-1] - t[0]) / float(samples[-1])
+    error_s = np.diff(t) - interval_s * counts
     scatter_s = float(np.sqrt(np.mean(error_s**2)))
-    if scatter_s > MAX_STEP_SCATTER * interval_s:
+    if np.any(counts > 1) and scatter_s > MAX_STEP_SCATTER * interval_s:
         return np.inf
     relative = scatter_s / smallest_scatter_s(resolution_s)
     return len(t) * float(np.log(max(relative, 1.0))) + step_code_length(samples)

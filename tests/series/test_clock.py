@@ -179,3 +179,41 @@ def test_odd_stamps_are_placed_in_bounded_time(kind: str) -> None:
     assert time.process_time() - started_s < 10  # it takes 1 s
     assert np.all(np.diff(clock.index) >= 0)
     assert np.allclose(clock.even_s + clock.deviation_s, stamps_s)
+
+
+@pytest.mark.parametrize(
+    ("shortest_s", "longest_s", "tick_s"),
+    [
+        (1.01, 1.01, 1.0),
+        (1.005, 1.025, 1.0),
+        (1.02, 1.05, 1.0),
+        (1.05, 1.07, 1.0),
+        (0.101, 0.106, 0.1),
+        (0.1005, 0.102, 0.1),
+    ],
+)
+@pytest.mark.parametrize("seed", range(2))
+def test_a_loop_a_little_slower_than_its_clock_loses_no_row(
+    shortest_s: float, longest_s: float, tick_s: float, seed: int
+) -> None:
+    """It skips a stamp at regular distances; the stamps alone could be those of lost rows."""
+    rng = np.random.default_rng([10, seed])
+    taken_s = 0.4 + np.cumsum(rng.uniform(shortest_s, longest_s, 3000))
+    clock = fit_clock(np.floor(taken_s / tick_s) * tick_s)
+    assert clock.n_lost == 0
+    mean_s = (taken_s[-1] - taken_s[0]) / 2999
+    assert clock.interval_s == pytest.approx(mean_s, rel=2e-4)
+
+
+@pytest.mark.parametrize("share", [0.005, 0.015, 0.05])
+def test_rows_lost_at_random_are_no_slow_loop(share: float) -> None:
+    for seed in range(8):
+        samples = np.flatnonzero(np.random.default_rng([11, seed]).random(3000) > share)
+        clock = fit_clock(1.0 * samples)
+        assert clock.index.tolist() == (samples - samples[0]).tolist()
+
+
+def test_sparse_rows_before_dense_ones_keep_their_distance() -> None:
+    samples = np.concatenate([60 * np.arange(11), np.arange(601, 900)])
+    clock = fit_clock(1.0 * samples)
+    assert clock.index.tolist() == samples.tolist()
