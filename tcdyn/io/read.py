@@ -403,12 +403,15 @@ def read_labels(
     keys = {name: f"c{dialect.names.index(name)}" for name in dict.fromkeys(names)}
     parts: dict[str, list[pa.Array]] = {name: [] for name in keys}
     done = 0
-    for batch in reader.batches(rows or CHUNK_ROWS, dict.fromkeys(keys.values(), pa.string())):
-        for name, key in keys.items():
-            parts[name].append(batch.column(key))
-        done += batch.num_rows
-        if rows is not None and done >= rows:
-            break
+    try:
+        for batch in reader.batches(rows or CHUNK_ROWS, dict.fromkeys(keys.values(), pa.string())):
+            for name, key in keys.items():
+                parts[name].append(batch.column(key))
+            done += batch.num_rows
+            if rows is not None and done >= rows:
+                break
+    except pa.ArrowInvalid:
+        raise InputError("a row cannot be read", where=dialect.where) from None
     found = {}
     for name, cells in parts.items():
         encoded = pa.chunked_array(cells, pa.string()).combine_chunks().dictionary_encode()

@@ -45,7 +45,8 @@ def test_a_change_is_measured_in_standard_uncertainties() -> None:
 
 @pytest.mark.e2e
 def test_the_simulator_still_makes_the_committed_logs(tmp_path: Path) -> None:
-    """To half a step of what the files hold, and one more where processors round differently."""
+    """To half a step of what the files hold, and one of the converter (0.0131 K) where processors
+    round differently: 1.8 steps of 0.01 K together."""
     for name, path in simulated(tmp_path).items():
         if path.suffix == ".toml":
             assert path.read_text(encoding="utf-8") == (FOLDER / "rig.toml").read_text(
@@ -56,4 +57,4 @@ def test_the_simulator_still_makes_the_committed_logs(tmp_path: Path) -> None:
         stored = unpack(FOLDER / f"{name}.parquet")
         assert list(new) == list(stored)
         for column in new:
-            assert np.abs(new[column] - stored[column]).max() * steps_of(column) < 1.6
+            assert np.abs(new[column] - stored[column]).max() * steps_of(column) < 2

@@ -205,5 +205,5 @@ def test_design_command_writes_a_table_and_a_page(tmp_path, capsys) -> None:  # 
     assert (tmp_path / "plan.csv").read_text(encoding="utf-8").startswith("test,")
     with pytest.raises(InputError, match="within 5 K"):
         design(bath_degC=[26.0])
-    with pytest.raises(InputError, match="unknown kind"):
+    with pytest.raises(InputError, match="cannot have the ending"):
         design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.doc", quiet=True)
