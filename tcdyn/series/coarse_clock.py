@@ -1,4 +1,6 @@
-"""The samples of rows that are finer than their clock, so that stamps repeat.
+"""The samples of rows that are finer than their clock, or hardly slower than it.
+
+Stamps then repeat, or skip a step of the clock at regular distances.
 
 :func:`tcdyn.series.clock.fit_clock` uses it. Tests: ``tests/series/test_clock.py``.
 """
@@ -51,7 +53,7 @@ def fit_coarse(
     Parameters
     ----------
     t
-        Stamps (N,) [s], of which some repeat.
+        Stamps (N,) [s], which do not go back.
     is_new
         Whether a row has another stamp than the row before (N,).
     interval_s
