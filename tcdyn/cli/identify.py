@@ -231,11 +231,11 @@ def identify(
     reporter.json(lambda: contents[outputs[0]] if len(outputs) == 1 else contents)
     if len(outputs) > 1:
         reporter.text(joint_table(comparisons).to_string(index=False))
-    found = [f for comparison in comparisons.values() for f in comparison.best.findings]
-    guesses = [f for f in record.findings if f.code == "time.taken" and f not in found]
+    of_best = [f for comparison in comparisons.values() for f in comparison.best.findings]
+    guesses = [f for f in record.findings if f.code == "time.taken" and f not in of_best]
     reporter.finish(
         data.name,
-        [*guesses, *found],
+        [*guesses, *of_best],
         [comparison.conclusion for comparison in comparisons.values()],
     )
 

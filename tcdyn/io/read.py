@@ -412,7 +412,7 @@ def read_labels(
                 break
     except pa.ArrowInvalid:
         raise InputError("a row cannot be read", where=dialect.where) from None
-    found = {}
+    labels_of = {}
     for name, cells in parts.items():
         encoded = pa.chunked_array(cells, pa.string()).combine_chunks().dictionary_encode()
         texts = _cells(encoded.dictionary, reader.encoding)
@@ -421,8 +421,8 @@ def read_labels(
         code_of_cell = np.array([index.get(text, -1) for text in texts], dtype=np.intp)
         cell_of_row = np.asarray(encoded.indices.to_numpy(zero_copy_only=False), dtype=np.intp)
         codes = code_of_cell[cell_of_row] if len(texts) else cell_of_row
-        found[name] = (codes, tuple(labels))
-    return found
+        labels_of[name] = (codes, tuple(labels))
+    return labels_of
 
 
 def _without_lines(dialect: Dialect, numbers: Sequence[int]) -> bytes:

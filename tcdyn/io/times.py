@@ -143,19 +143,19 @@ class TimeColumn:
         """
         if is_clock or self.clock_unit:
             return self
-        found = clock_unit(values)
-        if not found:
+        clock_form = clock_unit(values)
+        if not clock_form:
             return self
-        if found == "HHMMSS" and not self.is_unit_stated:
-            return replace(self, seconds=1.0, is_unit_stated=True, unit_text=found)
+        if clock_form == "HHMMSS" and not self.is_unit_stated:
+            return replace(self, seconds=1.0, is_unit_stated=True, unit_text=clock_form)
         stated = f", and not in {self.unit_text!r}" if self.is_unit_stated else ""
         raise InputError(
             f"column {self.name!r}: its numbers jump where a minute or an hour ends: they are "
-            f"clock times ({found}){stated}",
+            f"clock times ({clock_form}){stated}",
             where=self.where,
             expected="HHMM or HHMMSS as the unit of time",
             remedy="name the unit, {time_unit}",
-            parameters={"time_unit": found.partition(" ")[0]},
+            parameters={"time_unit": clock_form.partition(" ")[0]},
         )
 
     def check_bursts(self, times_s: Array) -> None:

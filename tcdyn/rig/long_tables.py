@@ -163,21 +163,21 @@ def _refuse_channels(
 
     def channels_of(column: LabelColumn) -> list[ValueChannels]:
         """The channels in each run that a column names."""
-        found = []
+        candidates = []
         for rows in groups:
             of_group = None if time_s is None else time_s[rows]
             values = {name: y[rows[: len(y)]] for name, y in readings.items()}
             of_stamps = None if stamps is None else stamps[rows]
-            found.append(find_channels(column.of_rows(rows), of_group, values, of_stamps))
-        return [channels for channels in found if channels is not None]
+            candidates.append(find_channels(column.of_rows(rows), of_group, values, of_stamps))
+        return [channels for channels in candidates if channels is not None]
 
-    found = [channels for column in columns for channels in channels_of(column)]
-    if not found:
+    candidates = [channels for column in columns for channels in channels_of(column)]
+    if not candidates:
         words = [column for column in columns if column.has_words][:MAX_PAIRED]
         pairs = [first.with_column(second) for first, second in combinations(words, 2)]
-        found = [channels for pair in pairs for channels in channels_of(pair)]
-    if found:
-        most = max(found, key=lambda channels: len(channels.rows))
+        candidates = [channels for pair in pairs for channels in channels_of(pair)]
+    if candidates:
+        most = max(candidates, key=lambda channels: len(channels.rows))
         raise _error(most, list(readings), where, table)
 
 
@@ -245,8 +245,8 @@ def _label_columns(table: Table, names: Sequence[str]) -> list[LabelColumn]:
     head = _labels(table, names, HEAD_ROWS) if names else {}
     some = [name for name, labels in head.items() if _may_name(labels)]
     all_rows = _labels(table, some) if some else {}
-    found = {**texts, **all_rows}
-    return [LabelColumn(name, *labels) for name, labels in found.items() if _may_name(labels)]
+    candidates = {**texts, **all_rows}
+    return [LabelColumn(name, *labels) for name, labels in candidates.items() if _may_name(labels)]
 
 
 def _labels(table: Table, names: Sequence[str], rows: int | None = None) -> dict[str, Labels]:

@@ -218,12 +218,12 @@ def find_channels(
         of_rows = {name: values[rows[rows < len(values)]] for name, values in readings.items()}
         if not _are_mixed_channels(labels, codes, times, of_rows):
             return None
-    found = {labels.labels[k]: int(counts[k]) for k in np.flatnonzero(is_channel)}
+    row_counts = {labels.labels[k]: int(counts[k]) for k in np.flatnonzero(is_channel)}
     row_of_first = int(np.flatnonzero(labels.codes == np.argmax(is_channel))[0])
     parts = labels.parts or (labels,)
     columns = tuple(part.name for part in parts)
     first = tuple(part.labels[part.codes[row_of_first]] for part in parts)
-    return ValueChannels(columns, first, found, starts_again)
+    return ValueChannels(columns, first, row_counts, starts_again)
 
 
 def _are_mixed_channels(

@@ -274,12 +274,12 @@ def _short_lags(
     if best.structure.sharp or best.fit.is_resolved(["medium_s"]):
         medium_u_s = float(np.sqrt(weights @ (lags_s - weights @ lags_s) ** 2))
     shared_u_s = float(np.hypot(tail_u_s, medium_u_s))
-    found: dict[str, Any] = {}
+    shared_part: dict[str, Any] = {}
     if shared_u_s > 0:
-        found["tail_u_s"] = shared_u_s
+        shared_part["tail_u_s"] = shared_u_s
     if shared_u_s**2 > 0.5 * lag.u**2:
-        found["limited_by"] = MEDIUM_LIMIT if medium_u_s > tail_u_s else TAIL_LIMIT
-    return found
+        shared_part["limited_by"] = MEDIUM_LIMIT if medium_u_s > tail_u_s else TAIL_LIMIT
+    return shared_part
 
 
 def _check_times(

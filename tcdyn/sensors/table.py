@@ -348,9 +348,9 @@ def read_columns(
         rows[name] = values
     if clock.strays:
         readings_degC = {name: rows[name] for name in columns if name in units}
-        shifted, found = at_even_times(readings_degC, clock, source.time)
+        shifted, jitter_findings = at_even_times(readings_degC, clock, source.time)
         rows |= shifted
-        clock_findings += found
+        clock_findings += jitter_findings
     out = {name: on_grid(rows[name], clock) for name in columns}
     time_s = np.asarray(clock.start_s + clock.interval_s * np.arange(clock.size), dtype=float)
     return time_s, out, [*findings, *clock_findings]
@@ -578,10 +578,12 @@ def at_even_times(
         shifted = at_grid_times(values, clock.even_s, late_s)
         out[name] = np.where(np.isfinite(shifted), shifted, columns[name])
     percent = 100 * share.value
-    found = info("time.strays", subject=time, stray_s=stray_s, percent=percent, rate_Hz=rate_Hz)
+    jitter_finding = info(
+        "time.strays", subject=time, stray_s=stray_s, percent=percent, rate_Hz=rate_Hz
+    )
     if (share.value > UNSURE_SHARE or share.u > UNSURE_SHARE) and stray_s > UNEVEN / rate_Hz:
-        return out, [found, warning("sensor.uneven", rate_Hz=rate_Hz, stray_s=stray_s)]
-    return out, [found]
+        return out, [jitter_finding, warning("sensor.uneven", rate_Hz=rate_Hz, stray_s=stray_s)]
+    return out, [jitter_finding]
 
 
 def _check_rising(time_s: Array, where: str) -> None:

@@ -98,8 +98,8 @@ def _largest_error_sd(fit: Smoothed, channel: int, lone: NDArray[np.intp], neigh
     neighbour
         The row of all others that is nearest to them. With a listed event between, the result is 0.
     """
-    alone = np.arange(fit.record.y.shape[1]) == channel
-    record = select_channels(fit.record, alone)
+    is_channel = np.arange(fit.record.y.shape[1]) == channel
+    record = select_channels(fit.record, is_channel)
     is_first = bool(lone[0] < neighbour)
     low_s = min(int(lone[0]), neighbour) * record.dt_s
     high_s = max(int(lone[-1]), neighbour) * record.dt_s
@@ -113,7 +113,7 @@ def _largest_error_sd(fit: Smoothed, channel: int, lone: NDArray[np.intp], neigh
     if is_first:
         events_s.add(high_s)
     divided = replace(record, y=filled, weight=weight, events_s=tuple(sorted(events_s)))
-    noise_var = fit.noise_var[alone]
+    noise_var = fit.noise_var[is_channel]
     (intensity,), _ = segment_levels(divided, noise_var, True)
     levels = intensity.levels
     if is_first:  # the gap has no reading, and gets the intensity of what follows

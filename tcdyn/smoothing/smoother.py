@@ -318,9 +318,9 @@ def _smooth_by_likelihood(
     if detect and _shows_events(fit):
         fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
     fit, uncertain_events = with_likeliest_forms(with_least_risk(refine(fit)))
-    alone = contradicting_readings(fit)
-    if alone.any():
-        return _smooth_by_likelihood(_without_samples(record, alone, ALONE), detect)
+    contradicting = contradicting_readings(fit)
+    if contradicting.any():
+        return _smooth_by_likelihood(_without_samples(record, contradicting, ALONE), detect)
     return fit, [*uncertain_events, *detected_events], remaining_jump(fit), contradicts
 
 
