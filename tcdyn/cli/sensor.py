@@ -409,7 +409,7 @@ def touch(
 
     from tcdyn.sensors.measure import read_readings
     from tcdyn.sensors.touch import find_touches
-    from tcdyn.sensors.units import match_columns
+    from tcdyn.series.units import match_columns
 
     check_picture(picture, [log], reporter.overwrite)
     table = read_readings(log, column, several=True, **reading.options())

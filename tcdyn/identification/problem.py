@@ -29,10 +29,10 @@ from tcdyn.core import Array, Flags
 from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
-from tcdyn.estimation.updates import usual_spacing
 from tcdyn.identification.holds import Hold
 from tcdyn.identification.models import NO_MODEL, Model, base_name
 from tcdyn.identification.segments import Segment, row_slices
+from tcdyn.series.updates import usual_spacing
 
 # State in which the runs start: in equilibrium with the first input, or with another level of it,
 # which is estimated; from zero; or from any state, which is estimated.

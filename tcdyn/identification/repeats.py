@@ -15,9 +15,9 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.updates import ONE_STEP_LIMIT, Updates, find_updates
 from tcdyn.identification.holds import Holds
 from tcdyn.identification.iodata import IOData, Run
+from tcdyn.series.updates import ONE_STEP_LIMIT, Updates, find_updates
 
 # An output with fewer distinct values than this share of its changes was set in levels, not
 # measured (chosen by judgement).

@@ -43,10 +43,10 @@ from tcdyn.io.times import (
     is_time_name,
 )
 from tcdyn.io.unit_names import column_named
-from tcdyn.rig.long_tables import check_frame, check_one_channel
-from tcdyn.rig.plausible import dropout_codes, overload_codes
-from tcdyn.rig.scaled_readings import check_temperatures
 from tcdyn.series import Clock, fit_clock
+from tcdyn.series.long_tables import check_frame, check_one_channel
+from tcdyn.series.plausible import dropout_codes, overload_codes
+from tcdyn.series.scaled_readings import check_temperatures
 
 # Findings of the reader about values and times, which the data keep
 LOST_CODES = ("text.no_number", "text.error_word", "text.clock_change")

@@ -1,6 +1,6 @@
 """Units of temperature in the names of columns and in cells: ``T1 [K]``, ``gas_degC``, ``Deg. F``.
 
-``tcdyn.sensors.units`` decides with them in which unit a column is; ``Compensated.to_frame`` names
+``tcdyn.series.units`` decides with them in which unit a column is; ``Compensated.to_frame`` names
 its columns with them. Guarded by ``tests/sensors/test_sensor_silent.py`` and
 ``tests/smoothing/test_smoother.py``.
 """

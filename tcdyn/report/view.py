@@ -24,9 +24,9 @@ from tcdyn.plots.compensate import draw_traces
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
-from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.table import open_source
+from tcdyn.series.long_tables import check_one_channel
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.log_source import Calibrations, TableOptions, open_log_table, raw_log

@@ -38,7 +38,7 @@ from tcdyn.rig.columns import (
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
-from tcdyn.rig.thermocouple_types import convert_columns, to_degC
+from tcdyn.series.thermocouple_types import convert_columns, to_degC
 
 
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:

@@ -18,7 +18,7 @@ from tcdyn.sensors.measure import (
     sensor_from_noise,
     sensor_from_pair,
 )
-from tcdyn.sensors.units import Unit
+from tcdyn.series.units import Unit
 
 __all__ = [
     "SensorFile",

@@ -30,8 +30,8 @@ from tcdyn.sensors.table import (
     on_grid,
     without_repeats,
 )
-from tcdyn.sensors.units import Unit, match_columns, unit_findings, units_of
 from tcdyn.series import Clock
+from tcdyn.series.units import Unit, match_columns, unit_findings, units_of
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
 # judgement (memory).

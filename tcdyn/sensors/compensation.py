@@ -36,7 +36,7 @@ from tcdyn.sensors.table import (
     read_segments,
     unique_by_subject,
 )
-from tcdyn.sensors.units import Unit
+from tcdyn.series.units import Unit
 from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated

@@ -33,7 +33,7 @@ from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import BoundaryLayer
 from tcdyn.sensors.table import open_source, read_columns, unique_by_subject, without_repeats
-from tcdyn.sensors.units import cold_column, match_columns, units_of
+from tcdyn.series.units import cold_column, match_columns, units_of
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
 TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]

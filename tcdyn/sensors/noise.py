@@ -23,7 +23,6 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation.updates import usual_spacing
 from tcdyn.sensors.conduction import conduction_chain, inner_lags
 from tcdyn.sensors.file import (
     SHARES,
@@ -33,6 +32,7 @@ from tcdyn.sensors.file import (
     undetermined_lag_error,
 )
 from tcdyn.sensors.step_fits import bic_weights, model_average
+from tcdyn.series.updates import usual_spacing
 
 # Standard uncertainty besides the statistics: relative to the lag, since that the fluctuations are
 # white can only be tested to a limit (chosen by judgement); and relative to all lags but the first,

@@ -8,7 +8,7 @@ Where the data require it, each side gets the shorter lags of conduction inside 
 Gain and offset of the second sensor relative to the first are free, with priors.
 
 ``tcdyn sensor`` uses it. ``tests/sensors/test_sensor_in_place.py`` checks bias and coverage,
-``tests/sensors/test_pair_updates.py`` channels that are updated more slowly than the rows.
+``tests/series/test_updates.py`` channels that are updated more slowly than the rows.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
-from tcdyn.estimation.updates import Updates, find_updates
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
+from tcdyn.series.updates import Updates, find_updates
 
 # Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: mean and standard deviation
 # of its prior. h of a wire in crossflow rises about with the root of the speed; the standard
@@ -235,7 +235,7 @@ def pair_sensor(
     Where the sensors are not bare, both lags have a common error of ``CONSTRUCTION_REL`` of the
     longer one. The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``,
     ``MIN_USABLE_SHARE`` and ``COMPLETE_SHARE``, which decide what data the likelihood gets.
-    ``tests/sensors/test_pair_updates.py`` and ``tests/sensors/test_sensor_in_place.py`` fail where
+    ``tests/series/test_updates.py`` and ``tests/sensors/test_sensor_in_place.py`` fail where
     the lags are then wrong.
     """
     row_dt_s = float(time_s[1] - time_s[0])
@@ -616,7 +616,7 @@ def whitened_residuals(data: PairData, theta: Array) -> Array:
     residuals.
 
     ``tcdyn.sensors.sparse_rows.interval_residuals`` has the same weights for channels with missing
-    values; ``tests/sensors/test_pair_updates.py`` compares it with full least squares.
+    values; ``tests/series/test_updates.py`` compares it with full least squares.
     """
     second = data.second_like_first(theta)
     gain = 1 + theta[2 * data.segments]

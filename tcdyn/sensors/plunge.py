@@ -20,7 +20,6 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.rig.disk import Conditioning
-from tcdyn.rig.plausible import LOWEST_DEGC
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
 from tcdyn.sensors.step import MAX_ROWS_IN_RISE, block_means, find_step
 from tcdyn.sensors.step_fits import CurveFit, model_average, white_noise_K
@@ -34,6 +33,7 @@ from tcdyn.sensors.step_structures import (
     later_response,
 )
 from tcdyn.sensors.surface_h import BoundaryLayer
+from tcdyn.series.plausible import LOWEST_DEGC
 
 # Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at
 # 0.5 m/s in this time.

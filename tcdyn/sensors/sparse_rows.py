@@ -2,7 +2,7 @@
 
 ``tcdyn.sensors.pair`` uses it where one channel has a new value in some rows only. Elimination
 replaces a free parameter for each missing value by one equation for each interval.
-``tests/sensors/test_pair_updates.py`` compares it with the full least squares.
+``tests/series/test_updates.py`` compares it with the full least squares.
 """
 
 from __future__ import annotations

@@ -20,7 +20,6 @@ from immersion.plunge_data import without_spikes
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.updates import find_updates
 from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
@@ -31,11 +30,12 @@ from tcdyn.io.times import (
     find_time_column,
     is_time_name,
 )
-from tcdyn.rig.long_tables import check_one_channel
-from tcdyn.rig.plausible import dropout_codes, out_of_range
-from tcdyn.rig.scaled_readings import RangeCheck
-from tcdyn.sensors.units import Unit, is_match, unit_findings
 from tcdyn.series import Clock, at_grid_times, fit_clock, real_share
+from tcdyn.series.long_tables import check_one_channel
+from tcdyn.series.plausible import dropout_codes, out_of_range
+from tcdyn.series.scaled_readings import RangeCheck
+from tcdyn.series.units import Unit, is_match, unit_findings
+from tcdyn.series.updates import find_updates
 from tcdyn.smoothing.intervals import SETTLING
 from tcdyn.smoothing.process_noise import FLOOR
 

@@ -4,7 +4,7 @@
 coloured it. It is the first step of ``tcdyn.smoothing.smoother.smooth``, ``deconvolve`` and
 ``tcdyn.smoothing.inverse.invert``; figures, pages and the partition read ``Compensated``. The rules
 for spikes are ``tcdyn.estimation.trace_noise.SPIKES``, those for impossible readings
-:mod:`tcdyn.rig.plausible`. Guarded by ``tests/smoothing/test_smoother.py`` (flags),
+:mod:`tcdyn.series.plausible`. Guarded by ``tests/smoothing/test_smoother.py`` (flags),
 ``tests/smoothing/test_any_unit.py`` (findings) and ``tests/smoothing/test_noise.py`` (whitening).
 """
 
@@ -34,15 +34,15 @@ from tcdyn.estimation.trace_noise import (
     rounding_sd,
     trace_noise_sd,
 )
-from tcdyn.estimation.updates import usual_spacing
 from tcdyn.io.unit_names import unit_in, without_unit
-from tcdyn.rig.plausible import (
+from tcdyn.series.plausible import (
     HIGHEST_DEGC,
     LOWEST_DEGC,
     dropout_codes,
     impossible_changes,
     out_of_range,
 )
+from tcdyn.series.updates import usual_spacing
 from tcdyn.smoothing.noise_levels import Intensity
 
 # bits of ``flags``: powers of two, because a sample may have several

@@ -22,8 +22,8 @@ from tcdyn.core import Array
 from tcdyn.heat.rim import lag_basis
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.rigfile import load_rig
-from tcdyn.rig.thermocouple_types import emf_mV, temperature_degC
 from tcdyn.sensors.file import step_times
+from tcdyn.series.thermocouple_types import emf_mV, temperature_degC
 from tcdyn.verify import VerifyRow, close, numbers, row, within
 
 TYPE_J_mV = {

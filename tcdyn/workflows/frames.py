@@ -19,7 +19,7 @@ from tcdyn.core.findings import messages, warnings_and_errors
 from tcdyn.sensors.file import SensorFile, read_sensor
 from tcdyn.sensors.frame import frame_source
 from tcdyn.sensors.table import Source
-from tcdyn.sensors.units import match_columns
+from tcdyn.series.units import match_columns
 from tcdyn.workflows.compensate_table import compensate_table
 
 if TYPE_CHECKING:

@@ -19,7 +19,6 @@ from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
-from tcdyn.rig.long_tables import check_one_channel
 from tcdyn.rig.opened_log import (
     all_column_names,
     check_any_given,
@@ -30,12 +29,13 @@ from tcdyn.rig.opened_log import (
 )
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.rig.scaled_readings import RangeCheck
-from tcdyn.rig.thermocouple_types import convert_columns
 from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.table import Source, source_of_table
-from tcdyn.sensors.units import cold_column
+from tcdyn.series.long_tables import check_one_channel
+from tcdyn.series.scaled_readings import RangeCheck
+from tcdyn.series.thermocouple_types import convert_columns
+from tcdyn.series.units import cold_column
 from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]

@@ -27,7 +27,7 @@ from tcdyn.rig.static_line import shared_u_K
 from tcdyn.sensors.channels import Channel, ChannelGroup, TableChannels
 from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.table import TableSegment
-from tcdyn.sensors.units import Unit
+from tcdyn.series.units import Unit
 from tcdyn.smoothing.traces import DiskTraces, disk_channels, disk_traces, summarise_spikes
 
 

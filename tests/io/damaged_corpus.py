@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.io.write import write_log
-from tcdyn.rig.thermocouple_types import emf_mV
+from tcdyn.series.thermocouple_types import emf_mV
 from tests.rig.log_cases import (
     csv_text,
     ehl_frame,

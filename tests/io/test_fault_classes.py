@@ -12,10 +12,10 @@ from nptdms import ChannelObject, TdmsWriter
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.read import open_table, read_all_rows
-from tcdyn.rig.thermocouple_types import emf_mV
 from tcdyn.sensors import specified_sensor
 from tcdyn.sensors.table import open_source, read_columns
-from tcdyn.sensors.units import cold_column, units_of
+from tcdyn.series.thermocouple_types import emf_mV
+from tcdyn.series.units import cold_column, units_of
 from tcdyn.workflows.compensate_table import compensate_table
 
 ROWS = 60

@@ -10,7 +10,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.sensors.table import open_source, read_columns
-from tcdyn.sensors.units import units_of
+from tcdyn.series.units import units_of
 from tests.io.logger_families import FILES, SOURCES, Array, LoggerFile, first_degC
 
 

@@ -15,7 +15,7 @@ from tcdyn.io.write import write_log
 from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.log import Log, read_log
 from tcdyn.rig.rigfile import load_rig, parse_rig, rig_toml
-from tcdyn.rig.thermocouple_types import emf_mV
+from tcdyn.series.thermocouple_types import emf_mV
 from tests.rig.log_cases import ehl_frame, immersion_frame, oven_frame
 
 FRAMES = {"ehl": ehl_frame, "immersion": immersion_frame, "oven": oven_frame}

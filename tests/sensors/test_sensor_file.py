@@ -23,11 +23,11 @@ from tcdyn.identification import IOData, fit, process
 from tcdyn.io import read as files
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.static_line import StaticLine
-from tcdyn.rig.thermocouple_types import emf_mV
 from tcdyn.sensors import channels as channel_module
 from tcdyn.sensors import compensation as engine
 from tcdyn.sensors import read_sensor, specified_sensor, step_times, table, write_sensor
-from tcdyn.sensors.units import uncertainty_column
+from tcdyn.series.thermocouple_types import emf_mV
+from tcdyn.series.units import uncertainty_column
 from tcdyn.smoothing import smooth
 from tcdyn.smoothing.process_noise import spectral_level
 from tcdyn.workflows import compensate_table as pipeline

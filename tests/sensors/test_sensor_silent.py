@@ -242,7 +242,7 @@ def test_drop_outs_in_a_sensor_record_are_missing_and_reported(tmp_path: Path) -
         table(tmp_path / "log.csv", 0.05 * np.arange(600), y), ["TC1_degC"], None
     )
     assert np.nanmax(columns["TC1_degC"]) > 2000  # without a unit the column may hold anything
-    from tcdyn.sensors.units import Unit
+    from tcdyn.series.units import Unit
 
     _, columns, findings = read_columns(tmp_path / "log.csv", ["TC1_degC"], {"TC1_degC": Unit()})
     assert np.nanmax(columns["TC1_degC"]) < 90

@@ -17,7 +17,7 @@ from tcdyn.rig.record import ChainRecord, ChannelChain, DiskRecord
 from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors.channels import Channel, ChannelGroup, TableChannels
 from tcdyn.sensors.compensation import compensated_segments
-from tcdyn.sensors.units import Unit
+from tcdyn.series.units import Unit
 
 Array = NDArray[np.float64]
 NAMES = [f"fast_{c}_degC" for c in "abcdef"]

@@ -208,10 +208,10 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "terminal's emf taken away",
-        "tcdyn/rig/thermocouple_types.py",
+        "tcdyn/series/thermocouple_types.py",
         "dtype=float) + emf_mV(cold",
         "dtype=float) - emf_mV(cold",
-        "tests/rig/test_thermocouple_types.py",
+        "tests/series/test_thermocouple_types.py",
     ),
     Mutation(
         "whole disk: half the radial conduction",

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from tcdyn.core import Array
-from tcdyn.rig.value_channels import LabelColumn, ValueChannels, find_channels
-from tests.rig.value_channel_study import detections, false_alarms
+from tcdyn.series.value_channels import LabelColumn, ValueChannels, find_channels
+from tests.series.value_channel_study import detections, false_alarms
 
 
 def column(labels: object) -> LabelColumn:
@@ -86,7 +86,7 @@ def test_day_names_are_part_of_the_clock() -> None:
 
 @pytest.mark.parametrize("seed", [11])
 def test_columns_of_modes_states_and_notes_are_no_channels(seed: int) -> None:
-    # 210 tables; `python -m tests.rig.value_channel_study 840 2`: none of 840
+    # 210 tables; `python -m tests.series.value_channel_study 840 2`: none of 840
     found = false_alarms(210, seed)
     assert sum(tables for tables, _ in found.values()) >= 200
     assert all(refused == 0 for _, refused in found.values())
@@ -94,7 +94,7 @@ def test_columns_of_modes_states_and_notes_are_no_channels(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [12])
 def test_two_to_eight_channels_are_found_in_any_order(seed: int) -> None:
-    # 105 tables; `python -m tests.rig.value_channel_study 840 2`: all of 840
+    # 105 tables; `python -m tests.series.value_channel_study 840 2`: all of 840
     found = detections(105, seed)
     assert all(refused == tables for tables, refused in found.values())
 

@@ -1,8 +1,8 @@
 """Thermocouples of types E, J, K, N and T on ITS-90: emf from temperature, temperature from emf.
 
-Used by :mod:`tcdyn.rig.opened_log` and :mod:`tcdyn.sensors.units` for columns in millivolts, and by
+Used by :mod:`tcdyn.rig.opened_log` and :mod:`tcdyn.series.units` for columns in millivolts, and by
 ``tcdyn verify``. Source of the coefficients: NIST Monograph 175 (ITS-90). Tests:
-``tests/rig/test_thermocouple_types.py``.
+``tests/series/test_thermocouple_types.py``.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def emf_mV(temperature_degC: ArrayLike, thermocouple_type: str = "J") -> Array:
     E = sum c_i T^i (ITS-90).
 
     To add a type, add it to ``REFERENCES``. The emf must rise over its whole range, or the inverse
-    fails: ``tests/rig/test_thermocouple_types.py``.
+    fails: ``tests/series/test_thermocouple_types.py``.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Implausible readings: out of range, overload and drop-out codes, changes too fast for a chain.
 
 Used for any table (:mod:`tcdyn.sensors.table`, :mod:`tcdyn.identification.tables`), by
-:mod:`tcdyn.smoothing.record` and by live compensation. Tests: ``tests/rig/test_plausible.py``.
+:mod:`tcdyn.smoothing.record` and by live compensation. Tests: ``tests/series/test_plausible.py``.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def overload_codes(values: Array) -> Flags:
     -----
     The usual size is the median, or a thousandth of the 90 % quantile, and at least 1, so
     that a code is above 1e6 in any unit. A smaller ``OVERLOAD_RATIO`` would flag signals over many
-    decades. Test: ``tests/rig/test_plausible.py``.
+    decades. Test: ``tests/series/test_plausible.py``.
     """
     size = np.abs(values)
     finite = size[np.isfinite(size)]
@@ -112,7 +112,7 @@ def dropout_codes(values: Array) -> Flags:
 
     Notes
     -----
-    Test: ``tests/rig/test_plausible.py``: states of a process are no codes, repeated codes in a
+    Test: ``tests/series/test_plausible.py``: states of a process are no codes, repeated codes in a
     plunge are found. Check both when a ``CODE_`` constant changes.
 
     Examples
@@ -214,7 +214,7 @@ def impossible_changes(
     Notes
     -----
     A larger ``direct_share`` or a shorter lag allows larger changes. Test:
-    ``tests/rig/test_plausible.py``: no reading of a physical input is rejected.
+    ``tests/series/test_plausible.py``: no reading of a physical input is rejected.
     """
     out = np.zeros(len(values_degC), dtype=bool)
     index = np.flatnonzero(np.isfinite(values_degC))

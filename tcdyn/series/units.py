@@ -17,7 +17,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.table import missing_column_error
 from tcdyn.io.unit_names import UNITS, unit_in, without_unit, written_unit
-from tcdyn.rig.thermocouple_types import to_degC
+from tcdyn.series.thermocouple_types import to_degC
 
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
 # by judgement.

@@ -13,7 +13,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.rigfile import parse_rig, rig_toml
-from tcdyn.rig.thermocouple_types import emf_mV, temperature_degC
+from tcdyn.series.thermocouple_types import emf_mV, temperature_degC
 from tests.rig.log_cases import ehl_frame, immersion_frame, oven_frame
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.scaled_readings import RangeCheck
-from tcdyn.rig.thermocouple_types import emf_mV, to_degC
+from tcdyn.series.scaled_readings import RangeCheck
+from tcdyn.series.thermocouple_types import emf_mV, to_degC
 
 TIME = np.arange(300.0)
 DEGC = 21 + 63 * -np.expm1(-np.maximum(TIME - 60, 0) / 12)

@@ -12,10 +12,10 @@ import pytest
 from tcdyn import compensate_frame
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.estimation.updates import find_updates
 from tcdyn.sensors import sensor_file
 from tcdyn.sensors.pair import pair_sensor
 from tcdyn.sensors.sparse_rows import find_intervals, interval_residuals
+from tcdyn.series.updates import find_updates
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import Array, two_in_a_gas, write
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tcdyn.rig.plausible import dropout_codes, impossible_changes, out_of_range, overload_codes
+from tcdyn.series.plausible import dropout_codes, impossible_changes, out_of_range, overload_codes
 
 
 def first_order(x: np.ndarray, dt_s: float, tau_s: float) -> np.ndarray:

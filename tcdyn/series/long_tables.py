@@ -1,7 +1,7 @@
 """Refuse tables in which several channels share the columns of values (long, or "tidy", tables).
 
 ``check_one_channel`` is called wherever a table with a time is opened; what is a channel is decided
-by :mod:`tcdyn.rig.value_channels`. Tests: ``tests/cli/test_long_tables.py``.
+by :mod:`tcdyn.series.value_channels`. Tests: ``tests/cli/test_long_tables.py``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tcdyn.io.pandas_lines import pandas_line
 from tcdyn.io.read import CsvTable, read_labels
 from tcdyn.io.stamps import is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Table
-from tcdyn.rig.value_channels import (
+from tcdyn.series.value_channels import (
     MAX_LABELS,
     Codes,
     LabelColumn,
@@ -151,7 +151,7 @@ def _refuse_channels(
     columns
         Columns of labels.
     time_s, readings, stamps
-        As for ``tcdyn.rig.value_channels.find_channels``.
+        As for ``tcdyn.series.value_channels.find_channels``.
     runs
         Index of the run of each row (N,); None: the table is one run.
     where, table

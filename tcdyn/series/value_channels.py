@@ -1,10 +1,10 @@
 """Several channels in one column of values: a long ("tidy") table, found by its column of labels.
 
 A long table has one row for each channel and instant, and a column that names the channel. Its
-readings are no record of one sensor. ``tcdyn.rig.long_tables`` looks for such columns wherever a
+readings are no record of one sensor. ``tcdyn.series.long_tables`` looks for such columns wherever a
 table is opened. Columns of modes, of states and of notes are none. Tests:
-``tests/rig/test_value_channels.py``; false alarms and detection: ``python -m
-tests.rig.value_channel_study``.
+``tests/series/test_value_channels.py``; false alarms and detection: ``python -m
+tests.series.value_channel_study``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Rows with a new value: a slower source is repeated, or blank, between its values.
 
 ``tcdyn.sensors.pair``, ``tcdyn.sensors.channels`` and ``tcdyn.identification.repeats`` use it. The
-limits come from simulated pairs, see the comments; ``tests/sensors/test_pair_updates.py`` checks a
+limits come from simulated pairs, see the comments; ``tests/series/test_updates.py`` checks a
 quantised signal, even spacings and slower channels.
 """
 
@@ -89,7 +89,7 @@ def find_updates(y: Array) -> Updates:
     or more.
 
     The limits trade columns without repeats taken for slow ones against slow columns that are not
-    recognised. ``tests/sensors/test_pair_updates.py`` fails in either case.
+    recognised. ``tests/series/test_updates.py`` fails in either case.
     """
     rows = np.flatnonzero(np.isfinite(y))
     change = np.abs(np.diff(y[rows]))

@@ -1,8 +1,8 @@
 """False alarms and detection of several channels in one column of values.
 
-``python -m tests.rig.value_channel_study 300 1`` makes so many tables of one channel with columns
-of modes, states and notes, and so many of two to eight channels, with this seed, and prints how
-many of each kind are refused.
+``python -m tests.series.value_channel_study 300 1`` makes so many tables of one channel with
+columns of modes, states and notes, and so many of two to eight channels, with this seed, and
+prints how many of each kind are refused.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pandas as pd
 from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.long_tables import check_frame
+from tcdyn.series.long_tables import check_frame
 
 Rng = np.random.Generator
 

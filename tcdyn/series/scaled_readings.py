@@ -2,7 +2,7 @@
 
 Loggers and buses write temperatures as integers in thousandths, hundredths or tenths of a degree. A
 record of such numbers is not one of drop-outs, which are few and have one value or some
-(:mod:`tcdyn.rig.plausible`). Tests: ``tests/rig/test_scaled_readings.py``.
+(:mod:`tcdyn.series.plausible`). Tests: ``tests/series/test_scaled_readings.py``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.io.pandas_lines import pandas_line
 from tcdyn.io.table import Table
 from tcdyn.io.unit_names import unit_in, written_unit
-from tcdyn.rig.plausible import HIGHEST_DEGC, LOWEST_DEGC, MAX_CODES, out_of_range
+from tcdyn.series.plausible import HIGHEST_DEGC, LOWEST_DEGC, MAX_CODES, out_of_range
 
 # Share of the readings beyond the range of a thermocouple from which they are no drop-outs, if they
 # are many different ones that follow each other without jumps. By judgement.
