@@ -21,7 +21,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import autocorrelation_factor
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
-from tcdyn.rig.check_clock import sample_interval_s
+from tcdyn.series.clock import mean_interval_s
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import Log
 from tcdyn.rig.static_line import StaticLine, smallest_uncertainty
@@ -91,7 +91,7 @@ class PlungeRun:
     @property
     def dt_s(self) -> float:
         """Sampling interval [s]."""
-        return sample_interval_s(self.time_s)
+        return mean_interval_s(self.time_s)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.io.endings import CSV, JSON, PAGE
 
 if TYPE_CHECKING:
-    from tcdyn.workflows.log_source import RawLog
+    from tcdyn.workflows.raw_log import RawLog
 
 
 @options_from_docstring

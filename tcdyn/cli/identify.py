@@ -187,7 +187,7 @@ def identify(
         time_unit=time_unit,
         dt_s=dt_s,
         resample_s=resample_s,
-        hold=holds if len(holds) > 1 else holds[0],
+        hold=holds if len(holds) > 1 else holds[0],  # type: ignore[arg-type]
     )
     inputs = list(record.input_names)  # with the units that the file states
     filter_ = NO_CONDITIONING

@@ -17,7 +17,7 @@ from tcdyn.cli.common import Reporter, stage_progress
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
-    from tcdyn.workflows.log_source import Calibrations
+    from tcdyn.workflows.raw_log import Calibrations
 
 SensorFiles = Annotated[
     list[Path] | None,
@@ -181,7 +181,7 @@ def compensate_any_table(
     verbose
         Print a line for each stage.
     """
-    from tcdyn.sensors.table import unique_by_subject
+    from tcdyn.core.findings import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table
 
     with stage_progress(reporter.is_silent, verbose) as progress:

@@ -324,6 +324,17 @@ def unique(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(dict.fromkeys(findings))
 
 
+def unique_by_subject(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return the first finding of each code about each subject.
+
+    The parts of one table repeat them.
+    """
+    first: dict[tuple[str, str], Finding] = {}
+    for finding in findings:
+        first.setdefault((finding.code, finding.subject), finding)
+    return tuple(first.values())
+
+
 def messages(findings: Iterable[Finding]) -> tuple[str, ...]:
     """The messages of the findings without repetitions, in order."""
     return tuple(dict.fromkeys(f.sentence for f in findings))

@@ -15,9 +15,6 @@ import pandas as pd
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 
-# Largest departure of an index from even times, in intervals; chosen by judgement.
-MAX_JITTER = 0.05
-
 
 def common_index(values: Sequence[Any], where: str) -> pd.Index[Any] | None:
     """Index of the Series and DataFrames among ``values``; None if there is none.
@@ -66,36 +63,6 @@ def seconds_of_index(index: pd.Index[Any]) -> Array:
     if kind == "f" or (kind in "iu" and index.name is not None):
         return index.to_numpy(dtype=np.float64)
     return np.empty(0)
-
-
-def even_interval_s(index: pd.Index[Any], where: str) -> float | None:
-    """Interval of an index of even times [s]; None if it states no time.
-
-    Parameters
-    ----------
-    index
-        The index.
-    where
-        What an error names.
-
-    Raises
-    ------
-    InputError
-        For times that are not even.
-    """
-    time_s = seconds_of_index(index)
-    if len(time_s) < 2:
-        return None
-    interval_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    even_s = time_s[0] + interval_s * np.arange(len(time_s))
-    if not (interval_s > 0 and np.abs(time_s - even_s).max() <= MAX_JITTER * interval_s):
-        raise InputError(
-            "the times of the index are not even",
-            where=where,
-            expected="one sampling interval",
-            remedy="use DataFrame.resample(..).mean() of pandas, or give arrays",
-        )
-    return interval_s
 
 
 def with_labels(values: Array, template: Any) -> Any:

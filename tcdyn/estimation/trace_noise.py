@@ -17,17 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 
 from tcdyn.core import Array, Flags
-from tcdyn.core.errors import InputError
-from tcdyn.core.findings import SampleLocation
 
 # standard deviation of a normal distribution over its median absolute deviation
 MAD_TO_SD = 1.482602218505602
-# plausible temperatures [degC]; the upper limit is that of type J; the lower was
-# chosen by judgement
-COLDEST_DEGC = -60.0
-HOTTEST_DEGC = 760.0
 # share of a channel that may be missing; chosen by judgement
 MAX_MISSING_FRACTION = 0.05
+# fewest samples from which the noise is estimated: it is then known to a fifth, 1/sqrt(2 x 15)
+MIN_NOISE_SAMPLES = 15
 # share of repeats in short runs beyond which the step of the logger hides the noise; chosen by
 # judgement
 COARSE_REPEATS = 0.5
@@ -38,19 +34,12 @@ RECORDS_PER_LONG_RUN = 1000.0
 RUN_MARGIN = 8
 REPEAT_RANGE = (0.05, 0.98)
 USUAL_RUNS = 0.99
-# a column looks like kelvin if these quantiles of it lie within this range; chosen by judgement
-KELVIN_QUANTILES = (0.02, 0.98)
-KELVIN_RANGE = (250.0, 800.0)
-# larger values of any column are error codes; chosen by judgement
-LARGEST_VALUE = 1e6
 # noise of a trace from which it cannot be estimated, in the unit of the trace; above zero, so that
 # numbers can be divided by it; chosen by judgement
 UNKNOWN_NOISE = 1e-6
 # steps of a logger in the median second difference of readings whose noise is less than a step:
 # rounding itself makes none or one. Chosen by judgement
 COARSE_STEPS = 1.5
-# fewest samples from which the noise is estimated; chosen by judgement
-MIN_NOISE_SAMPLES = 15
 # share of samples with a fourth difference below which missing samples are skipped; chosen by
 # judgement
 MIN_DIFFERENCES_SHARE = 0.05
@@ -447,99 +436,3 @@ def _is_rounded_beyond_noise(trace: Array) -> bool:
         return False
     step = float(np.min(size[is_change]))
     return float(np.median(second)) < COARSE_STEPS * step
-
-
-def remove_impossible(name: str, values: Array, noise_K: float = np.inf) -> Array:
-    """Replace impossible values of a column by NaN.
-
-    Parameters
-    ----------
-    name
-        Name of the column; it is a temperature if it ends with "_degC".
-    values
-        Column, (N,).
-    noise_K
-        Noise for the spike rule, see ``spike_noise_K``; infinite for no spikes.
-
-    Returns
-    -------
-    Column, (N,), NaN for values beyond ``LARGEST_VALUE`` or, in a temperature, out of range, and
-    spikes.
-    """
-    if not name.endswith("_degC"):
-        with np.errstate(invalid="ignore"):
-            return np.where(np.abs(values) <= LARGEST_VALUE, values, np.nan)
-    out = np.where(outside_range(values), np.nan, values)
-    out[find_spikes(out, SPIKES["reading"], noise_K)] = np.nan
-    return out
-
-
-def spike_noise_K(
-    name: str, sample: Array, rows: NDArray[np.int64], location: SampleLocation
-) -> float:
-    """Noise [K] of a column for its spike rule, from a decimated sample of it.
-
-    Parameters
-    ----------
-    name
-        Name of the column.
-    sample, rows
-        Decimated values (M,) and their rows (M,).
-    location
-        Location in messages, with the sampling interval.
-
-    Returns
-    -------
-    float
-        Infinite where no spikes are searched, or there are too few samples.
-
-    Raises
-    ------
-    InputError
-        For a temperature without numbers, for kelvin, and for values that no thermocouple gives.
-    """
-    if not name.endswith("_degC"):
-        return np.inf
-    finite = sample[np.isfinite(sample)]
-    if not len(finite):
-        raise InputError(
-            f"column {name} holds no numbers",
-            where=location.where,
-            expected="degrees Celsius",
-            column=name,
-        )
-    low, high = np.quantile(finite, KELVIN_QUANTILES)
-    if low > KELVIN_RANGE[0] and high < KELVIN_RANGE[1]:
-        raise InputError(
-            f"column {name} lies between {low:.4g} and {high:.4g}: this looks like kelvin",
-            where=location.where,
-            expected="degrees Celsius",
-            remedy=f"call it {name.removesuffix('degC')}K, in the file or in rig.toml [columns]",
-        )
-    out_of_range = outside_range(sample)
-    if out_of_range.mean() > MAX_MISSING_FRACTION:
-        i = int(np.argmax(out_of_range))
-        more = int(out_of_range.sum()) - 1
-        raise InputError(
-            f"{location.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values "
-            "that no junction has",
-            where=location.where,
-            expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
-            remedy="check the unit and the wiring of this channel",
-            column=name,
-        )
-    good = sample[np.isfinite(sample) & ~out_of_range]
-    if location.dt_s is None or len(good) < MIN_NOISE_SAMPLES:
-        return np.inf
-    return float(white_noise_sd(good, 1))
-
-
-def outside_range(x: Array) -> Flags:
-    """Mark temperatures (N,) [degC] outside the range of a thermocouple.
-
-    Returns
-    -------
-    Mask, (N,); False for NaN.
-    """
-    with np.errstate(invalid="ignore"):
-        return np.asarray((x < COLDEST_DEGC) | (x > HOTTEST_DEGC))

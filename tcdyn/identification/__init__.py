@@ -45,9 +45,9 @@ from tcdyn.identification.models import (
 )
 from tcdyn.identification.nonparametric import impulse_response, spectral_estimate
 from tcdyn.identification.prediction import Prediction, predict
+from tcdyn.identification.recordings import from_csv, from_frame
 from tcdyn.identification.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identification.search import Fit
-from tcdyn.identification.tables import from_csv, from_frame
 from tcdyn.identification.validation import Validation, confirm, validate
 
 __all__ = [

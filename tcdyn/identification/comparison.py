@@ -49,10 +49,10 @@ from tcdyn.identification.recommendation import (
     recommend,
     responds_at_once,
 )
+from tcdyn.identification.recordings import from_csv, from_frame, with_hold
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting, average_noise, bic, setting_of
 from tcdyn.identification.shared_poles import best_common_pole_fit
-from tcdyn.identification.tables import from_csv, from_frame, with_hold
 from tcdyn.identification.validation import (
     Validation,
     centred_fit_percent,
@@ -342,6 +342,9 @@ def identify(
     run: str | None = None,
     dt_s: float | None = None,
     resample_s: float | None = None,
+    where: str | None = None,
+    on_change: float | None = None,
+    averages_s: float | None = None,
     hold: Holds | Literal["auto"] | None = None,
     **options: Any,
 ) -> Comparison:
@@ -355,7 +358,7 @@ def identify(
         IOData.
     models
         Models to compare; without any, process models of one to three lags.
-    input, output, time, time_unit, run, dt_s, resample_s
+    input, output, time, time_unit, run, dt_s, resample_s, where, on_change, averages_s
         As for :func:`tcdyn.identification.from_frame`; only of a table.
     hold
         The input between samples; by default that of IOData, else selected from the samples.
@@ -390,6 +393,9 @@ def identify(
         "run": run,
         "dt_s": dt_s,
         "resample_s": resample_s,
+        "where": where,
+        "on_change": on_change,
+        "averages_s": averages_s,
     }
     if isinstance(data, str | Path):
         data = from_csv(data, input=input, output=output, hold=hold or "auto", **columns)

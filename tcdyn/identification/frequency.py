@@ -35,9 +35,9 @@ from tcdyn.identification.recommendation import DECISIVE_BIC, MIN_FIT_PERCENT
 from tcdyn.identification.response_table import ResponseColumns
 from tcdyn.identification.search import criteria, search_findings
 from tcdyn.identification.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
-from tcdyn.identification.tables import numbers, read_columns
 from tcdyn.identification.validation import ALARM_P, NUMERICAL_ERROR, whiteness
-from tcdyn.io.read import open_table
+from tcdyn.io.read import open_table, read_all_rows
+from tcdyn.series.source import check_numbers
 
 # Grids and settings of the search, chosen by judgement.
 N_DELAYS = 13  # dead times of the starting values
@@ -278,13 +278,19 @@ class Response(Result):
         """
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
         source = open_table(path, names)
-        frame = read_columns(source, names)
         where = utf8(Path(path).name)
         for name in names:
-            if name not in frame:
-                expected = ", ".join(map(str, frame.columns))
+            if name not in source.names:
+                expected = ", ".join(source.names)
                 raise InputError(f"no column {name!r}", where=where, expected=expected)
-        table = {name: numbers(frame, name, where) for name in names}
+            if source.names.count(name) > 1:
+                raise InputError(
+                    f"column {name!r} stands twice", where=where, remedy="rename one of them"
+                )
+        cells = read_all_rows(source, names)
+        for name in names:
+            check_numbers(name, cells.stamps.get(name, cells.data[name]), where)
+        table = {name: cells.data[name] for name in names}
         complete = np.isfinite(list(table.values())).all(axis=0)
         table = {name: values[complete] for name, values in table.items()}
         stated = ResponseColumns(

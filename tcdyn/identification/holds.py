@@ -1,7 +1,7 @@
 """Hold of the inputs: held between samples (zoh) or a straight line (foh), as stated or selected.
 
-``tcdyn.identification.iodata`` and ``tables`` use it. ``tests/identify/test_identify_choose.py``
-checks the selection.
+``tcdyn.identification.iodata`` and ``recordings`` use it.
+``tests/identify/test_identify_choose.py`` checks the selection.
 """
 
 from __future__ import annotations

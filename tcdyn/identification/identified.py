@@ -33,13 +33,14 @@ from tcdyn.core.errors import (
 )
 from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
-from tcdyn.core.labels import common_index, even_interval_s
+from tcdyn.core.labels import common_index
 from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.identification.holds import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
 from tcdyn.io.read import check_no_device
 from tcdyn.rig.disk import Conditioning
+from tcdyn.series.index import even_interval_s
 
 if TYPE_CHECKING:
     import control

@@ -1,8 +1,8 @@
 """Sampled input-output data: inputs and outputs of one or several runs, with hold and units.
 
-All of ``tcdyn.identification`` works on it; ``tcdyn.identification.tables`` builds it from tables.
-The arrays are read-only. ``tests/identify/test_identify_data.py`` checks slicing, merging and the
-errors.
+All of ``tcdyn.identification`` works on it; ``tcdyn.identification.recordings`` builds it from
+tables. The arrays are read-only. ``tests/identify/test_identify_data.py`` checks slicing, merging
+and the errors.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scipy.ndimage import maximum_filter1d
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique
-from tcdyn.core.labels import common_index, even_interval_s, labels_of, seconds_of_index
+from tcdyn.core.labels import common_index, labels_of, seconds_of_index
 from tcdyn.core.result import Result
 from tcdyn.identification.holds import (
     Hold,
@@ -33,6 +33,8 @@ from tcdyn.identification.holds import (
     select_holds,
 )
 from tcdyn.io.unit_names import column_named
+from tcdyn.series.index import even_interval_s
+from tcdyn.series.report import SeriesReport
 
 # Jump over the range of the integer type, above which it is an overflow (chosen by judgement).
 MIN_WRAP_SHARE = 0.8
@@ -96,6 +98,8 @@ class IOData(Result):
         Name of the record.
     findings
         Findings about the record.
+    reading
+        What was understood of the table of each run; empty for arrays.
 
     Notes
     -----
@@ -119,6 +123,7 @@ class IOData(Result):
     output_units: tuple[str, ...] = ("",)
     name: str = ""
     findings: tuple[Finding, ...] = ()
+    reading: tuple[SeriesReport, ...] = ()
 
     @classmethod
     def from_arrays(

@@ -72,8 +72,6 @@ class Table:
         Types of the columns of instants and durations of a Parquet file, by column.
     date_columns
         Columns whose first cell is a date without a time.
-    texts
-        Cells (N,) of the columns of text of a table in memory; they are not among ``names``.
     """
 
     where: str
@@ -84,7 +82,6 @@ class Table:
     clock_columns: tuple[str, ...] = field(default=(), kw_only=True)
     types: Mapping[str, pa.DataType] = field(default_factory=dict, kw_only=True)
     date_columns: tuple[str, ...] = field(default=(), kw_only=True)
-    texts: Mapping[str, NDArray[Any]] = field(default_factory=dict, kw_only=True)
 
     def is_time(self, name: str) -> bool:
         """Whether a column holds dates, clock times or a time by its name (not "T" alone)."""
@@ -111,7 +108,7 @@ def in_chunks(
     for start in range(0, count, rows):
         chunk = slice(start, start + rows)
         data = {name: columns.data[name][chunk] for name in requested}
-        stamps = {name: cells[chunk] for name, cells in columns.stamps.items()}
+        stamps = {name: cells[chunk] for name, cells in columns.stamps.items() if name in requested}
         findings = columns.findings if start == 0 else ()
         yield Columns(data, columns.location, findings, stamps)
 

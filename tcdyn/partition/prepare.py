@@ -30,7 +30,6 @@ from tcdyn.partition.operating_conditions import (
     rig_constants,
     speeds_rpm,
 )
-from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import (
     MIN_ZERO_SAMPLES,
     NO_FRICTION_CORRECTION,
@@ -47,6 +46,7 @@ from tcdyn.rig.log import COMPENSATED, Log, simulated_findings
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, changed_keys
 from tcdyn.rig.tables import Constant
+from tcdyn.series.clock import mean_interval_s
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 
 # Tables of rig.toml that describe a disk: a change of them after the calibration gives a warning.
@@ -169,7 +169,7 @@ def prepare_test(
     half_range_by_ratio = 3**0.5 * exponent * ratio_rel / math.log(speeds.ratio)
     return EhlTest(
         time_s=time_s,
-        dt_s=sample_interval_s(time_s),
+        dt_s=mean_interval_s(time_s),
         events=events,
         power_W=forces.traction_N * (fast_m_s - slow_m_s),
         ambient_degC=air[logged_disks[0]].faces,

@@ -31,7 +31,7 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.follow import FollowRun
-from tcdyn.workflows.log_source import Calibrations, RawLog, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.raw_log import Calibrations, RawLog, TableOptions, open_log_table, raw_log
 from tcdyn.workflows.traces import compensated_traces
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement

@@ -25,12 +25,13 @@ from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
 from tcdyn.rig.rigfile import Rig
-from tcdyn.sensors.table import open_source
+from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.long_tables import check_one_channel
+from tcdyn.series.read import read_all
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.log_source import Calibrations, TableOptions, open_log_table, raw_log
-from tcdyn.workflows.traces import Trace, compensated_traces, read_all
+from tcdyn.workflows.raw_log import Calibrations, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.traces import Trace, compensated_traces
 
 MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
 
@@ -137,15 +138,16 @@ def view(
 
 def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     """Return all columns of numbers of a table."""
-    source = open_source(path, reading.get("time"), time_unit=reading.get("time_unit"))
-    names = [name for name in source.table.names if name != source.time]
-    names = list(reading.get("columns") or names)
+    options, others = ReadingOptions.split(reading)
+    source = open_source(path, (), options)
+    names = list(others.get("columns") or source.value_columns)
     source.check_columns(names)
-    check_one_channel(source.table, source.time, reading.get("columns") or None)
-    time_s, columns = read_all(source, names)
+    check_one_channel(source.table, source.time, others.get("columns") or None)
+    time_s, columns, _ = read_all(source, names)
     none = np.empty(0)
     traces = []
-    for name, values in columns.items():
+    for name in names:
+        values = columns[name]
         if values.dtype != object:
             unit = unit_in(name) or source.table.units.get(name, "")
             traces.append(Trace(name, unit, "", time_s, values, none, none, none))

@@ -20,8 +20,9 @@ from pandas.api.types import union_categoricals
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
-from tcdyn.estimation.trace_noise import MAX_MISSING_FRACTION, outside_range
+from tcdyn.estimation.trace_noise import MAX_MISSING_FRACTION
 from tcdyn.rig.columns import SWITCHES, is_air
+from tcdyn.series.plausible import out_of_range
 
 # Longest run of missing values [s] that is bridged. Chosen by judgement.
 MAX_MISSING_RUN_S = 0.5
@@ -182,12 +183,11 @@ class ColumnCheck:
         self.statistics["missing"].add(missing, values, offset)
         if not self._is_temperature:
             return
-        out_of_range = outside_range(values)
+        is_outside = out_of_range(values)
         absent = np.isnan(values)
-        self.statistics["impossible"].add(out_of_range, values, offset)
         self.statistics["absent"].add(absent, values, offset)
-        self.statistics["spikes"].add(missing & ~absent & ~out_of_range, values, offset)
-        possible = np.concatenate([[self.last], np.where(out_of_range, np.nan, values)])
+        self.statistics["spikes"].add(missing & ~absent & ~is_outside, values, offset)
+        possible = np.concatenate([[self.last], np.where(is_outside, np.nan, values)])
         self.statistics["constant"].add(np.diff(possible) == 0.0, possible[:-1], offset - 1)
         self.last = float(possible[-1])
         self.low = float(np.fmin.reduce(possible, initial=self.low))
@@ -203,7 +203,7 @@ class ColumnCheck:
         """
         if not self._is_temperature:
             return self._check_missing()
-        findings = self._check_impossible()
+        findings: list[Finding] = []
         dt_s = self.location.dt_s
         if dt_s is None:
             return findings
@@ -226,19 +226,6 @@ class ColumnCheck:
             return []
         numbers = {"count": missing.count, **self.location.numbers_at(missing.first)}
         return [info_or_warning(share, "values.missing", subject=self.name, **numbers)]
-
-    def _check_impossible(self) -> list[Finding]:
-        """Temperatures outside the range of a thermocouple."""
-        out_of_range = self.statistics["impossible"]
-        if not out_of_range.count:
-            return []
-        share = out_of_range.count / self.n_samples
-        numbers = {
-            "count": out_of_range.count,
-            "value": out_of_range.value,
-            **self.location.numbers_at(out_of_range.first),
-        }
-        return [info_or_warning(share, "values.impossible", subject=self.name, **numbers)]
 
     def _check_spikes(self) -> list[Finding]:
         """An info about removed spikes; InputError for too many."""

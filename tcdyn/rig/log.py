@@ -5,7 +5,7 @@ Bad data is an error, or a finding, with file, column, row and time.
 Used by all workflows. The order: open and match columns (:mod:`tcdyn.rig.opened_log`), walk once
 for time, switches and a decimated sample, check the clock, the noise and the kind of log, then read
 the chunks. ``read_log`` joins the chunks, so both give the same numbers. Tests:
-``tests/rig/test_long_log_chunks.py``, ``tests/rig/test_check_clock.py`` and
+``tests/rig/test_long_log_chunks.py``, ``tests/rig/test_uneven_logs.py`` and
 ``tests/rig/test_logger_conventions.py``.
 """
 
@@ -24,17 +24,24 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, SampleLocation, info, labelled_messages
+from tcdyn.core.findings import (
+    Finding,
+    SampleLocation,
+    info,
+    labelled_messages,
+    unique_by_subject,
+    warning,
+)
 from tcdyn.core.result import Result, jsonable
-from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
+from tcdyn.estimation.trace_noise import SPIKES
 from tcdyn.io.metadata import COMPENSATED, SIMULATED_KEY, START_TIME_KEY
 from tcdyn.io.read import Table, display_path, read_all_rows, sha256_of_file
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
-from tcdyn.rig.check_clock import Sampling, check_time, resample_to_grid, scale_jitter
 from tcdyn.rig.check_columns import MAX_MISSING_RUN_S, ColumnCheck, DecimatedLog
 from tcdyn.rig.check_kind import check_kind
+from tcdyn.rig.clean_columns import cleaned_column, kind_of_column, spike_noise_K
 from tcdyn.rig.columns import LAYOUTS, SWITCHES, Kind, junction_columns_in
 from tcdyn.rig.opened_log import (
     check_records_used,
@@ -47,7 +54,21 @@ from tcdyn.rig.opened_log import (
 from tcdyn.rig.oven_log import oven_frame
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
+from tcdyn.series.clock import MIN_STRAY
+from tcdyn.series.reading import Codes
+from tcdyn.series.reading import Kind as ColumnKind
+from tcdyn.series.real_share import at_grid_times
+from tcdyn.series.report import SeriesReport
+from tcdyn.series.series import ColumnRows, Context, Policy, clock_of
+from tcdyn.series.survey import Survey
 
+# Longest gap [s] that is bridged, and sampling from which lags of the rig cannot be determined [s].
+# Share of steps that are not one grid interval long above which there is no common rate: half a log
+# at a third of the rate of the other half has more. By judgement: the log is refused, and the user
+# cuts it.
+RIG_POLICY = Policy(longest_gap_s=0.5, longest_interval_s=1.0, max_uneven_share=0.2)
+# Slowest sampling [s] that gives no warning (20 Hz): a quarter of the lag of a rig's thermocouple.
+SLOW_INTERVAL_S = 0.05
 # Largest file, in rows, whose checked frame is kept in memory: 29 min at 75 Hz. Chosen by
 # judgement.
 MAX_ROWS_IN_MEMORY = 1 << 17
@@ -76,6 +97,8 @@ class Log(Result):
         Entries of the header of the file.
     findings
         Findings about the data.
+    reading
+        What was understood of the rows; None for an oven log.
     """
 
     frame: pd.DataFrame
@@ -85,6 +108,7 @@ class Log(Result):
     dt_s: float | None
     metadata: dict[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    reading: SeriesReport | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -144,6 +168,89 @@ def simulated_findings(log: Log) -> list[Finding]:
 
 
 @dataclass(frozen=True)
+class Sampling:
+    """Times of a log and their even grid.
+
+    Parameters
+    ----------
+    time_s
+        Time of each row, (N,) [s].
+    dt_s
+        Sample interval [s].
+    grid
+        Index of each row on the even grid, (N,). Several rows may share one.
+    late_s
+        How much later than its grid time each sample was taken, (N,) [s]; None where the stamps do
+        not stray.
+    """
+
+    time_s: Array
+    dt_s: float
+    grid: NDArray[np.int32]
+    late_s: Array | None = None
+
+    def at_even_times(self, name: str, values: Array, rows: slice) -> Array:
+        """Temperatures at the even times; other columns come back unchanged.
+
+        Parameters
+        ----------
+        name
+            Name of the column.
+        values
+            Samples of the column at ``rows``, (N,).
+        rows
+            Rows of the file that ``values`` hold.
+        """
+        if self.late_s is None or not name.endswith("_degC"):
+            return values
+        return at_grid_times(values, self.time_s[rows], self.late_s[rows])
+
+
+def _context(table: Table, names: Mapping[str, str]) -> Context:
+    """Where the rows of a log come from, and what is tolerated in them."""
+    return Context(table.where, time=names["time_s"], policy=RIG_POLICY, table=table)
+
+
+def _column_rows(names: Mapping[str, str], raw: Mapping[str, Any]) -> list[ColumnRows]:
+    """The columns of some rows of a log, by their names in the file; switches are left out."""
+    columns = []
+    for name, column in names.items():
+        if name == "time_s" or name in SWITCHES:
+            continue
+        kind = kind_of_column(name)
+        unit = "degC" if kind is ColumnKind.TEMPERATURE else ""
+        columns.append(ColumnRows(column, unit, kind, raw[column]))
+    return columns
+
+
+def _sampling(
+    stamps_s: Array, context: Context, report: SeriesReport | None
+) -> tuple[Sampling, list[Finding]]:
+    """Times of a log and their even grid, and findings about them.
+
+    Stamps that stray by more than ``MIN_STRAY``, or are rounded (0.013, 0.027, 0.040 at 75 Hz), are
+    replaced by the times of the grid.
+
+    Raises
+    ------
+    InputError
+        Time runs backward, a gap above 0.5 s, uneven sampling, or too few rows.
+    """
+    time_s, clock, findings = clock_of(stamps_s, context)
+    dt_s = clock.interval_s
+    if dt_s > SLOW_INTERVAL_S:
+        findings.append(
+            warning("time.slow", subject=context.time, rate_Hz=1 / dt_s, lost_s=2 * dt_s)
+        )
+    late_s = None
+    if clock.strays and report is not None:
+        late_s = report.real_share * clock.jitter_s
+    if clock.stray_s > MIN_STRAY * dt_s:
+        time_s = clock.even_s
+    return Sampling(time_s, dt_s, clock.index.astype(np.int32), late_s), findings
+
+
+@dataclass(frozen=True)
 class LogChunk:
     """A chunk of a log.
 
@@ -194,6 +301,8 @@ class LogChunks:
     _location: SampleLocation = field(repr=False)
     _chunk_rows: int = field(repr=False)
     _log: Log | None = field(repr=False, default=None)  # of a file that is kept in memory
+    reading: SeriesReport | None = None
+    _codes: Mapping[str, Codes] = field(repr=False, default_factory=dict)
 
     @property
     def dt_s(self) -> float:
@@ -242,9 +351,10 @@ class LogChunks:
             inside = slice(done - start, stop - start)
             columns: dict[str, Array] = {}
             for name, check in checks.items():
-                cleaned = remove_impossible(name, stored[name], self._noise_K[name])
+                codes = self._codes.get(self._names[name])
+                cleaned = cleaned_column(name, stored[name], self._noise_K[name], codes)
                 check.add(stored[name][inside], cleaned[inside])
-                resampled = resample_to_grid(name, cleaned, self.sampling, slice(start, end))
+                resampled = self.sampling.at_even_times(name, cleaned, slice(start, end))
                 columns[name] = resampled[inside]
             findings: list[Finding] = []
             if stop == total:
@@ -283,7 +393,9 @@ class LogChunks:
         even = np.arange(indices[0], end_index)
         names = [name for name in self._names if name != "time_s"]
         frame = pd.DataFrame(columns | switches, indices[: stop - start], names)
-        frame = frame[~frame.index.duplicated()].reindex(even)
+        if not frame.index.is_unique:
+            frame = frame.groupby(level=0).mean()
+        frame = frame.reindex(even)
         frame = frame.assign(**frame[[*switches]].ffill()).reset_index(drop=True)
         time_s = np.interp(even, indices, self.sampling.time_s[start : stop + 1])
         frame.insert(0, "time_s", time_s)
@@ -358,6 +470,7 @@ class LogChunks:
             self.dt_s,
             self.metadata,
             findings,
+            self.reading,
         )
 
     def _with_columns(self, columns: Collection[str]) -> LogChunks:
@@ -443,26 +556,30 @@ def iter_log(
         file, kind, rig, disk, allow_compensated=allow_compensated, without=without
     )
     chunks: list[Columns] = []  # of a short file, which is then read only once
-    clock = bytearray()  # grows in place; a list of arrays would need all of it twice
+    stamps = bytearray()  # grows in place; a list of arrays would need all of it twice
     findings: list[Finding] = []
     decimated = DecimatedLog()
     location = SampleLocation(table.where)
     metadata = dict(table.metadata)
+    survey = Survey(partial(_column_rows, names), _context(table, names))
     for chunk in table.chunks(list(dict.fromkeys(names.values())), rows):
-        if not clock:
+        if not stamps:
             start = start_time(chunk.stamps, names["time_s"], chunk.data[names["time_s"]])
             metadata |= {START_TIME_KEY: start} if start else {}
         location = chunk.location
         findings += chunk.findings
-        clock += chunk.data[names["time_s"]].tobytes()
+        stamps += chunk.data[names["time_s"]].tobytes()
+        raw = {column: chunk.data[column] for column in names.values()}
+        survey.add(raw[names["time_s"]], raw, chunk.findings)
         decimated.add({n: chunk.data[names[n]] for n in names if n != "time_s"})
         chunks.append(chunk)
         if decimated.rows * len(names) > MAX_VALUES_IN_MEMORY:
             chunks.clear()
     if not decimated.rows:
         raise InputError("no rows", where=table.where)
-    sampling = check_time(np.frombuffer(clock), location)
-    del clock
+    report = survey.report()
+    sampling, clock_findings = _sampling(np.frombuffer(stamps), survey.context, report)
+    del stamps
     location = replace(location, time_s=sampling.time_s, dt_s=sampling.dt_s)
     sample = decimated.frame()
     sample_rows = sample.index.to_numpy()
@@ -472,8 +589,8 @@ def iter_log(
             continue
         values = sample[name].to_numpy()
         noise_K[name] = spike_noise_K(name, values, sample_rows, location)
-        sample[name] = remove_impossible(name, values, noise_K[name])
-    sampling = scale_jitter(sampling, sample)
+        codes = survey.codes.get(names[name])
+        sample[name] = cleaned_column(name, values, noise_K[name], codes)
     switches, kind_findings = check_kind(
         kind,
         sample,
@@ -483,7 +600,8 @@ def iter_log(
         disk,
         needs_unloading=needs_unloading,
     )
-    findings = [*sampling.findings, *findings, *kind_findings]
+    row_findings = unique_by_subject([*clock_findings, *survey.findings])
+    findings = [*row_findings, *findings, *kind_findings]
     findings += missing_and_unused(kind, table, names, without)
     if chunks:
         stored = concatenate_columns(chunks, [*chunks[0].data], location)
@@ -502,6 +620,8 @@ def iter_log(
         noise_K,
         location,
         rows,
+        reading=report,
+        _codes=survey.codes,
     )
     if decimated.rows <= MAX_ROWS_IN_MEMORY:
         with suppress(InputError):  # raised again when the caller iterates

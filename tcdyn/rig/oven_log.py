@@ -16,9 +16,11 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.estimation.line_fit import fit_line
-from tcdyn.estimation.trace_noise import remove_impossible, spike_noise_K
 from tcdyn.rig.check_columns import ColumnCheck
+from tcdyn.rig.clean_columns import cleaned_column, spike_noise_K
 from tcdyn.rig.columns import junction_columns_in
+from tcdyn.series.reading import Kind, reasons_of
+from tcdyn.series.series import ColumnRows, value_findings
 
 # A channel further from the PRT gives a warning [K]. Chosen by judgement.
 MAX_DISTANCE_FROM_PRT_K = 15.0
@@ -188,8 +190,10 @@ def oven_frame(
         cleaned[name] = values
         if name.endswith("_degC") and name != "setpoint_degC":
             spike_noise_K(name, values, np.arange(len(values)), location)
+            rows = ColumnRows(name, "degC", Kind.TEMPERATURE, values)
+            findings += value_findings(rows, reasons_of(values, rows.kind))
             check = ColumnCheck(name, location)
-            cleaned[name] = remove_impossible(name, values)
+            cleaned[name] = cleaned_column(name, values)
             check.add(values, cleaned[name])
             findings += check.judge()
     no_prt = ~np.isfinite(cleaned["prt_degC"])

@@ -22,15 +22,9 @@ from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import (
-    TableSegment,
-    at_even_times,
-    check_numbers,
-    even_times,
-    on_grid,
-    without_repeats,
-)
-from tcdyn.series import Clock
+from tcdyn.sensors.segments import TableSegment
+from tcdyn.series.reading import CODE, RANGE
+from tcdyn.series.series import Context, Series, make_series, temperature_rows
 from tcdyn.series.units import Unit, match_columns, unit_findings, units_of
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
@@ -97,12 +91,12 @@ class TableChannels:
     ----------
     groups
         The channels, in groups.
-    where
-        The source, in messages.
+    context
+        Where the rows come from, and what is known of all of them.
     """
 
     groups: tuple[ChannelGroup, ...]
-    where: str
+    context: Context
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -115,6 +109,12 @@ class TableChannels:
         return {channel.column: channel.unit for channel in self.channels}
 
     @property
+    def raw_columns(self) -> list[str]:
+        """Columns that are read for the channels, with those of reference junctions."""
+        references = [unit.reference_junction for unit in self.units.values()]
+        return [*self.units, *(name for name in references if isinstance(name, str))]
+
+    @property
     def lag_s(self) -> float:
         """The largest lag [s]."""
         return max((channel.chain.lag_s for channel in self.channels), default=0.0)
@@ -125,61 +125,35 @@ class TableChannels:
         A group of many channels is divided, so that one block holds at most ``MAX_VALUES``.
         """
         findings = []
-        for channel in self.channels:
-            values = segment.data[channel.column]
-            check_numbers(channel.column, values, self.where)
-            junction = channel.unit.reference_junction
-            if isinstance(junction, str):
-                check_numbers(junction, segment.data[junction], self.where)
-            findings += unit_findings(channel.column, channel.unit, values)
+        rows = temperature_rows(self.units, segment.data, self.context.where)
+        for column in rows:
+            findings += unit_findings(column.name, self.units[column.name], column.raw)
         if len(segment.time_s) < MIN_ROWS:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
-        clock, clock_findings = even_times(segment.time_s, self.where)
-        findings += clock_findings
-        group_size = min(max(int(MAX_VALUES / clock.size), 1), MAX_COLUMNS)
+        series = make_series(segment.time_s, rows, self.context)
+        findings += series.findings
+        group_size = min(max(int(MAX_VALUES / series.clock.size), 1), MAX_COLUMNS)
         prepared = []
         for group in self.groups:
-            degC = [_readings_degC(channel, segment) for channel in group.channels]
-            if clock.strays:
-                columns_degC = {c.column: values for c, values in zip(group.channels, degC)}
-                columns_degC, jitter_findings = at_even_times(columns_degC, clock, "time")
-                degC = list(columns_degC.values())
-                findings += jitter_findings
             alive = []
             for i, channel in enumerate(group.channels):
-                if np.count_nonzero(np.isfinite(degC[i])) < MIN_ROWS:
+                if np.count_nonzero(np.isfinite(series.readings[channel.column])) < MIN_ROWS:
                     findings.append(warning("sensor.dead", subject=channel.column))
                     continue
                 alive.append(i)
                 lag_s = channel.chain.lag_s
-                dt_s = clock.interval_s
+                dt_s = series.interval_s
                 if dt_s > SLOW_ROWS_LAGS * lag_s:
                     findings.append(
                         warning("sensor.slow", subject=channel.column, dt_s=dt_s, lag_s=lag_s)
                     )
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
-                columns = [on_grid(degC[i], clock) for i in indices]
-                for k, i in enumerate(indices):
-                    column = group.channels[i].column
-                    columns[k], repeats = without_repeats(columns[k], column, clock.interval_s)
-                    findings += repeats
-                y = np.stack(columns, axis=1)
-                prepared.append(_readings_of(group, indices, y, clock))
+                prepared.append(_readings_of(group, indices, series))
         return prepared, findings
 
 
-def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
-    """Readings of a column (R,) [degC] after its static line."""
-    reference = channel.unit.reference_junction
-    cold = segment.data[reference] if isinstance(reference, str) else reference
-    degC = channel.unit.in_degC(segment.data[channel.column], cold)
-    return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
-
-
-def _readings_of(
-    group: ChannelGroup, indices: list[int], y: Array, clock: Clock
-) -> ChannelReadings:
+def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> ChannelReadings:
     """Readings of some channels of a group with their units, chains and uncertainties.
 
     Parameters
@@ -188,25 +162,25 @@ def _readings_of(
         Channels that are smoothed together.
     indices
         Indices (M,) in the group of the channels that have readings.
-    y
-        Their readings (N, M) [degC], NaN where missing.
-    clock
-        The clock of the rows.
+    series
+        Readings of all columns.
     """
     channels = [group.channels[i] for i in indices]
+    y = np.stack([_with_static_line(series, channel) for channel in channels], axis=1)
     static_u_K = np.zeros_like(y)
     shared_K = np.zeros(len(channels))
     for k, channel in enumerate(channels):
         if channel.line:
             static_u_K[:, k] = reading_u(channel.line, y[:, k])
             shared_K[k] = channel.line.shared_u_K
+    reasons = np.stack([series.reasons[channel.column] for channel in channels], axis=1)
     return ChannelReadings(
         tuple(channel.column for channel in channels),
         tuple(channel.unit for channel in channels),
         y,
-        clock.start_s,
-        clock.interval_s,
-        clock.index,
+        series.clock.start_s,
+        series.interval_s,
+        series.clock.index,
         tuple(channel.chain for channel in channels),
         group.lag_covariance_s2[np.ix_(indices, indices)],
         group.split_u_s[indices],
@@ -214,7 +188,14 @@ def _readings_of(
         shared_K,
         disk=group.disk,
         is_separable=True,
+        is_left_out=(reasons == RANGE) | (reasons == CODE),
     )
+
+
+def _with_static_line(series: Series, channel: Channel) -> Array:
+    """Readings of a channel at the samples (N,) [degC], after its static line."""
+    degC = series.on_grid(channel.column)
+    return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
 
 
 def sensor_channels(
@@ -283,4 +264,5 @@ def sensor_channels(
             other_number, other_index = sensor_of_column[other]
             if other_number == number:
                 covariance[i, j] = file.lag_covariance_s2[index, other_index]
-    return TableChannels((ChannelGroup(tuple(channels), covariance, split_u_s),), where), findings
+    group = ChannelGroup(tuple(channels), covariance, split_u_s)
+    return TableChannels((group,), Context(where)), findings

@@ -1,7 +1,7 @@
 """Compensation segment by segment: one engine for tables, rig logs and logs that still grow.
 
 ``compensated_segments`` reads a source of rows in overlapping segments
-(``tcdyn.sensors.table.read_segments``), smooths the channels of each, and yields the rows of the
+(``tcdyn.sensors.segments.read_segments``), smooths the channels of each, and yields the rows of the
 output. Where the readings and the chains come from is the matter of ``tcdyn.sensors.channels`` and
 ``tcdyn.workflows.rig_channels``.
 Used by ``compensate_table``, ``compensate_log`` (logs that are too long for the memory) and
@@ -22,20 +22,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
 from tcdyn.io.unit_names import without_unit
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
-from tcdyn.sensors.table import (
-    ChunkSource,
-    SegmentPosition,
-    TableSegment,
-    read_segments,
-    unique_by_subject,
-)
+from tcdyn.sensors.segments import SegmentPosition, TableSegment, read_segments
+from tcdyn.series.source import ChunkSource
 from tcdyn.series.units import Unit
 from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
@@ -106,6 +101,8 @@ class ChannelReadings:
         Disk of the channels, in messages; empty for a table.
     is_separable
         Whether the channels are smoothed one by one where they cannot be smoothed together.
+    is_left_out
+        Whether the value of each row (R, M) was left out as impossible or as a code; None: none.
     """
 
     columns: tuple[str, ...]
@@ -122,6 +119,7 @@ class ChannelReadings:
     noise_K: Array | None = None
     disk: str = ""
     is_separable: bool = False
+    is_left_out: Flags | None = None
 
     @property
     def names(self) -> list[str]:
@@ -144,6 +142,7 @@ class ChannelReadings:
             static_u_K=self.static_u_K[:, one],
             shared_u_K=self.shared_u_K[one],
             noise_K=None if self.noise_K is None else self.noise_K[one],
+            is_left_out=None if self.is_left_out is None else self.is_left_out[:, one],
         )
 
 
@@ -310,8 +309,10 @@ def compensate_segment(
             samples = readings.sample_of_row[segment.keep]
             sd = result.determined_estimates()[1][samples]
             for i, column in enumerate(readings.columns):
-                infinite = np.isinf(columns_read[column])
-                flags[column] = np.where(infinite, IMPLAUSIBLE, result.flags[samples, i])
+                flags[column] = result.flags[samples, i]
+                if readings.is_left_out is not None:
+                    is_left_out = readings.is_left_out[segment.keep, i]
+                    flags[column] = np.where(is_left_out, IMPLAUSIBLE, flags[column])
                 numbers[column] = np.full(3, np.nan)
                 if np.isfinite(sd[:, i]).any():
                     typical = np.nanmedian(sd[:, i])
@@ -386,7 +387,7 @@ def compensated_segments(
     events
         Listed events, see ``compensate_readings``.
     min_rows, delay_s, position
-        Of the segments, see ``tcdyn.sensors.table.read_segments``.
+        Of the segments, see ``tcdyn.sensors.segments.read_segments``.
 
     Notes
     -----

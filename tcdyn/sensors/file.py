@@ -120,6 +120,8 @@ class SensorFile(Result, StrictModel):
         By column, where there is a static line.
     fit
         Further results of the method.
+    reading
+        What was understood of each table: rows, interval, gaps, readings, and what was left out.
     findings
         Warnings and infos.
 
@@ -140,6 +142,7 @@ class SensorFile(Result, StrictModel):
     times: dict[str, dict[str, Estimate]] = Field(default_factory=dict)
     static: dict[str, StaticLine] = Field(default_factory=dict)
     fit: dict[str, Any] = Field(default_factory=dict)
+    reading: list[dict[str, Any]] = Field(default_factory=list)
     findings: list[Finding] = Field(default_factory=list)
 
     @model_validator(mode="before")

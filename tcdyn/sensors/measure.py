@@ -7,7 +7,7 @@ estimators are in the other modules of the package. Tests: ``tests/sensors/test_
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,21 +19,22 @@ from numpy.typing import ArrayLike
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.io.read import sha256_of_file
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import InputFile
 from tcdyn.sensors.current import current_sensor
 from tcdyn.sensors.dips import pool_dips
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.frame import frame_source
 from tcdyn.sensors.noise import noise_sensor
 from tcdyn.sensors.pair import EXPONENT, pair_sensor
 from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import BoundaryLayer
-from tcdyn.sensors.table import open_source, read_columns, unique_by_subject, without_repeats
-from tcdyn.series.units import cold_column, match_columns, units_of
+from tcdyn.series import ReadingOptions, SeriesReport, open_source
+from tcdyn.series.read import read_series
+from tcdyn.series.series import ONE_PIECE
+from tcdyn.series.units import cold_column, match_columns, unit_findings, units_of
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
 TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
@@ -49,9 +50,11 @@ class Readings:
     time_s
         Even times (N,) [s].
     values
-        Temperatures (N,) [degC], then other columns (N,) as they are.
+        Temperatures (N,) [degC], then other columns (N,) as they are; NaN without a reading.
     names
         Names of these columns.
+    report
+        What was understood of the table.
     findings
         Findings of the reader.
     inputs
@@ -61,15 +64,14 @@ class Readings:
     time_s: Array
     values: tuple[Array, ...]
     names: tuple[str, ...]
+    report: SeriesReport
     findings: tuple[Finding, ...]
     inputs: tuple[InputFile, ...]
 
-    def without_repeats(self) -> Readings:
-        """The readings without those of the first column that are only repeated."""
-        dt_s = float(self.time_s[1] - self.time_s[0])
-        first, repeats = without_repeats(self.values[0], self.names[0], dt_s)
-        values = (first, *self.values[1:])
-        return replace(self, values=values, findings=(*self.findings, *repeats))
+    def repeats_values(self, name: str) -> bool:
+        """Whether a column was repeated between its new values."""
+        of_column = [column for column in self.report.columns if column.name == name]
+        return any(each.reason == "repeat" for column in of_column for each in column.left_out)
 
 
 def read_readings(
@@ -77,12 +79,11 @@ def read_readings(
     columns: Sequence[str],
     others: Sequence[str] = (),
     *,
-    time: str | None = None,
-    time_unit: str | None = None,
     unit: Mapping[str, str] | str = "",
     couple: str = "",
     cold: float | str = 0.0,
     several: bool = False,
+    **reading: Any,
 ) -> Readings:
     """Read columns of a table of any kind.
 
@@ -95,10 +96,12 @@ def read_readings(
         Columns of temperatures, or patterns that match one each; none: the only column.
     others
         Columns that are not temperatures.
-    time, time_unit, unit, couple, cold
+    unit, couple, cold
         As for ``tcdyn.workflows.frames.compensate_frame``.
     several
         Whether a pattern may match several columns.
+    reading
+        How the rows are read, see :class:`tcdyn.series.ReadingOptions`.
 
     Raises
     ------
@@ -107,53 +110,48 @@ def read_readings(
     """
     if isinstance(data, tuple):
         data = _frame_of_arrays(data, [*columns, *others])
-    if isinstance(data, pd.Series):
-        data = data.to_frame("reading" if data.name is None else data.name)
+    options = ReadingOptions(**reading)
+    source = open_source(data, [*columns, *others], options)
     inputs: tuple[InputFile, ...] = ()
-    if isinstance(data, pd.DataFrame):
-        source = frame_source(data, time, time_unit)
-    elif isinstance(data, str | Path):
-        source = open_source(data, time, [*columns, *others], time_unit)
+    if isinstance(data, str | Path):
         inputs = (InputFile.of_path(Path(data), sha256_of_file(Path(data))),)
-    else:
-        raise InputError(
-            f"the data are a {type(data).__name__}",
-            expected="a file, a DataFrame, a Series over time, or a tuple of times and arrays",
-        )
-    where = source.table.where
-    candidates = [name for name in source.table.names if name != source.time]
+    table = source.table
+    candidates = source.value_columns
     if not columns:
-        columns = [name for name in candidates if name not in others]
+        columns = [name for name in candidates if name not in others and not table.is_time(name)]
         if len(columns) != 1:
             raise InputError(
                 f"{len(columns)} columns",
-                where=where,
+                where=table.where,
                 expected="the name of one",
                 remedy="give {column}",
                 parameters={"column": columns[0] if columns else "NAME"},
             )
     names: list[str] = []
     for pattern in (*columns, *others):
-        matches = match_columns(pattern, candidates, where)
+        matches = match_columns(pattern, candidates, table.where)
         if len(matches) > 1 and not several:
             raise InputError(
                 f"{pattern!r} matches {len(matches)} columns",
-                where=where,
+                where=table.where,
                 expected="one",
                 remedy=f"for example name {matches[0]!r}",
             )
         names += matches
     if several:
         names = list(dict.fromkeys(names))
-    reference = cold_column(cold, source.table.names, where)
+    reference = cold_column(cold, table.names, table.where)
     temperatures = names[: len(names) - len(others)]
-    units, unit_findings = units_of(temperatures, unit, couple, reference, source.table.units)
-    time_s, values, findings = read_columns(source, names, units)
+    units, findings = units_of(temperatures, unit, couple, reference, table.units)
+    series = read_series(source, units, names[len(temperatures) :], ONE_PIECE)
+    for name in temperatures:
+        findings += unit_findings(name, units[name], series.readings[name])
     return Readings(
-        time_s,
-        tuple(values[name] for name in names),
+        series.time_s,
+        tuple(series.on_grid(name) for name in names),
         tuple(names),
-        (*unit_findings, *findings),
+        series.report,
+        (*findings, *series.findings),
         inputs,
     )
 
@@ -216,8 +214,8 @@ def sensor_from_dip(
     conditioning
         A known filter after the sensor.
     reading
-        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
-        :func:`tcdyn.compensate_frame`.
+        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
+        are read, see :class:`tcdyn.series.ReadingOptions`.
 
     Returns
     -------
@@ -254,7 +252,7 @@ def sensor_from_dip(
         )
     dips = []
     for table, entry in zip(tables, entries):
-        dip = read_readings(table, _as_list(column), **reading).without_repeats()
+        dip = read_readings(table, _as_list(column), **reading)
 
         fit = partial(
             plunge_sensor,
@@ -270,7 +268,10 @@ def sensor_from_dip(
             inputs=list(dip.inputs),
         )
         dips.append(_with_reader_findings(dip, fit))
-    return dips[0] if len(dips) == 1 else pool_dips(dips, name, film)
+    if len(dips) == 1:
+        return dips[0]
+    pooled = pool_dips(dips, name, film)
+    return pooled.model_copy(update={"reading": [each for dip in dips for each in dip.reading]})
 
 
 def sensor_from_pair(
@@ -303,8 +304,8 @@ def sensor_from_pair(
     bare
         Both are bare wires, which have one lag each.
     reading
-        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
-        :func:`tcdyn.compensate_frame`.
+        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
+        are read, see :class:`tcdyn.series.ReadingOptions`.
 
     Returns
     -------
@@ -359,6 +360,7 @@ def sensor_from_pair(
         changes_s=flow_steps_s,
         exponent=EXPONENT if exponent is None else _with_u(exponent),
         bare=bare,
+        repeats_values=any(table.repeats_values(name) for name in table.names),
         inputs=list(table.inputs),
     )
     return _with_reader_findings(table, fit)
@@ -388,8 +390,8 @@ def sensor_from_current(
     off_only
         Use only rows without current, as a thermocouple cannot be read while heated.
     reading
-        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
-        :func:`tcdyn.compensate_frame`.
+        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
+        are read, see :class:`tcdyn.series.ReadingOptions`.
 
     Returns
     -------
@@ -413,7 +415,7 @@ def sensor_from_current(
     True
     """
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
-    table = read_readings(data, columns, [current], **reading).without_repeats()
+    table = read_readings(data, columns, [current], **reading)
 
     fit = partial(
         current_sensor,
@@ -442,8 +444,8 @@ def sensor_from_noise(
     name
         Name of the sensor.
     reading
-        ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold`` as for
-        :func:`tcdyn.compensate_frame`.
+        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
+        are read, see :class:`tcdyn.series.ReadingOptions`.
 
     Returns
     -------
@@ -465,7 +467,7 @@ def sensor_from_noise(
     >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
     True
     """
-    table = read_readings(data, _as_list(column), **reading).without_repeats()
+    table = read_readings(data, _as_list(column), **reading)
 
     fit = partial(
         noise_sensor,
@@ -552,4 +554,5 @@ def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> Sen
             findings.append(
                 warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
             )
-    return sensor.model_copy(update={"findings": [*unique_by_subject(findings), *sensor.findings]})
+    all_findings = [*unique_by_subject(findings), *sensor.findings]
+    return sensor.model_copy(update={"findings": all_findings, "reading": [table.report.to_dict()]})

@@ -35,7 +35,7 @@ from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
 from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residuals
 from tcdyn.sensors.step_fits import white_noise_K
-from tcdyn.series.updates import Updates, find_updates
+from tcdyn.series.updates import even_spacing
 
 # Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: mean and standard deviation
 # of its prior. h of a wire in crossflow rises about with the root of the speed; the standard
@@ -184,6 +184,7 @@ def pair_sensor(
     changes_s: Sequence[float] = (),
     exponent: tuple[float, float] = EXPONENT,
     bare: bool = False,
+    repeats_values: bool = False,
     **more: Any,
 ) -> SensorFile:
     """Lags of two sensors in one fluid from their readings.
@@ -206,6 +207,8 @@ def pair_sensor(
         Prior of n, mean and standard deviation.
     bare
         Both are bare wires, which have one lag each: second lags are not considered.
+    repeats_values
+        Whether a trace is NaN where its last value was repeated.
     more
         Other fields of the file.
 
@@ -259,10 +262,10 @@ def pair_sensor(
         segments=len(changes_s) + 1,
         exponent=exponent,
     )
-    data, findings = _with_new_values(data, columns)
+    data = _with_new_values(data, columns, repeats_values)
+    findings: list[Finding] = []
     if data.intervals is None:
-        data, cleaning_findings = _cleaned(data, columns)
-        findings += cleaning_findings
+        data, findings = _cleaned(data, columns)
     noise_K = data.noise_K if data.intervals is None else [min(data.noise_K)] * 2
     if np.nanstd(data.first - data.second) < 1.05 * np.hypot(noise_K[0], noise_K[1]):
         raise InputError(
@@ -418,48 +421,39 @@ def _log_speed(time_s: Array, speed: Array) -> Array:
     return np.log(filled / np.median(filled))
 
 
-def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
-    """Select the rows with new values of both channels, or the intervals between them.
+def _with_new_values(data: PairData, columns: tuple[str, str], repeats_values: bool) -> PairData:
+    """Select the rows with values of both channels, or the intervals between them.
 
     Parameters
     ----------
     data
-        The traces as logged.
+        The traces, NaN where there is no new value.
     columns
         Their names.
+    repeats_values
+        Whether one of the channels was repeated between its new values.
 
     Returns
     -------
     data
-        The traces at the rows of the denser channel; unchanged where neither repeats values.
-    findings
-        An info for each slower channel.
+        The traces at the rows of the denser channel; unchanged where most rows have both.
 
     Raises
     ------
     InputError
         Where too few rows have a new value of both.
     """
-    traces = (data.first, data.second)
-    updates = [find_updates(y) for y in traces]
-    finite = np.isfinite(data.first) & np.isfinite(data.second)
-    usable_share = float(np.mean(finite[1:] & finite[:-1]))
-    if not any(u.repeats_values for u in updates) and usable_share >= MIN_USABLE_SHARE:
-        return data, []
-    findings: list[Finding] = []
-    for column, update in zip(columns, updates):
-        if update.share < COMPLETE_SHARE:
-            slower = info(
-                "sensor.repeats",
-                subject=column,
-                percent=100 * update.share,
-                interval_s=data.dt_s / update.share,
-            )
-            findings.append(slower)
-    dense = updates[int(np.argmax([u.share for u in updates]))]
-    period = max(dense.period, 1)
-    rows = slice(dense.first if period > 1 else 0, None, period)
-    new = [u.new[rows] for u in updates]
+    finite = [np.isfinite(y) for y in (data.first, data.second)]
+    both = finite[0] & finite[1]
+    usable_share = float(np.mean(both[1:] & both[:-1]))
+    if not repeats_values and usable_share >= MIN_USABLE_SHARE:
+        return data
+    shares = [float(np.mean(each)) for each in finite]
+    dense = finite[int(np.argmax(shares))]
+    spacing, first_row = even_spacing(np.flatnonzero(dense))
+    period = max(spacing, 1)
+    rows = slice(first_row if period > 1 else 0, None, period)
+    new = [each[rows] for each in finite]
     first = np.where(new[0], data.first[rows], np.nan)
     second = np.where(new[1], data.second[rows], np.nan)
     data = replace(
@@ -473,11 +467,11 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
     if min(float(np.mean(flags)) for flags in new) < COMPLETE_SHARE:
         data = replace(data, intervals=find_intervals((new[0], new[1]), data.segment))
     if usable_rows(data) < MIN_ROWS:
-        raise _too_few(data, columns, updates)
-    return replace(data, noise_K=(white_noise_K(first), white_noise_K(second))), findings
+        raise _too_few(data, columns, shares)
+    return replace(data, noise_K=(white_noise_K(first), white_noise_K(second)))
 
 
-def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates]) -> InputError:
+def _too_few(data: PairData, columns: tuple[str, str], shares: Sequence[float]) -> InputError:
     """Return the error for channels that have new values in different rows, or seldom.
 
     Parameters
@@ -486,20 +480,20 @@ def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates
         The traces.
     columns
         Their names.
-    updates
-        New values of each.
+    shares
+        Share of the rows with a new value of each.
 
     Returns
     -------
     InputError
         The error.
     """
-    shares = [
-        f"{name} has a new value in {100 * u.share:.3g} % of the rows"
-        for name, u in zip(columns, updates)
+    texts = [
+        f"{name} has a new value in {100 * share:.3g} % of the rows"
+        for name, share in zip(columns, shares)
     ]
     return InputError(
-        f"{' and '.join(shares)} (repeated or blank in the others); "
+        f"{' and '.join(texts)} (repeated or blank in the others); "
         f"{usable_rows(data) - 1} rows can be used",
         expected=f"at least {MIN_ROWS} rows with a new value of both "
         "in each segment of constant flow",

@@ -10,7 +10,7 @@ Tests: ``tests/series/test_clock.py``; study: ``python -m tests.series.clock_stu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +111,12 @@ class Clock:
         """Whether stamps deviate from the grid by more than rounding and ``MIN_STRAY`` explain."""
         explained_s = max(self.resolution_s, MIN_STRAY * self.interval_s)
         return not self.is_coarse and float(np.std(self.jitter_s)) > explained_s
+
+    def without_long_gaps(self, longest: int) -> Clock:
+        """The clock with gaps of at most ``longest`` samples: longer ones are shortened."""
+        steps = np.minimum(np.diff(self.index), longest + 1)
+        index = np.concatenate([[0], np.cumsum(steps)]).astype(np.intp)
+        return replace(self, index=index)
 
     @property
     def even_s(self) -> Array:
@@ -298,3 +304,14 @@ def _slope_uncertainty_s(samples: NDArray[np.intp], deviation_s: Array, rounding
             wandering = max(wandering, float(np.sqrt(scores @ scores) / lever))
     rounded = rounding_s / np.sqrt(6) / (samples[-1] - samples[0])
     return float(max(independent, wandering, rounded))
+
+
+def mean_interval_s(time_s: Array) -> float:
+    """Sampling interval [s] of even times (N,).
+
+    The mean step is used: stamps may be rounded, and then the median of the steps is rounded, too.
+
+    >>> round(75 * mean_interval_s(np.round(np.arange(10.0) / 75, 3)), 9)
+    1.0
+    """
+    return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)

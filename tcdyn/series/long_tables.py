@@ -51,7 +51,7 @@ def check_one_channel(
     Parameters
     ----------
     table
-        The table; ``texts`` of one in memory are looked at, too.
+        The table.
     time
         Its time column; None: it has none.
     readings
@@ -239,14 +239,12 @@ def _is_whole(text: str) -> bool:
 
 def _label_columns(table: Table, names: Sequence[str]) -> list[LabelColumn]:
     """Columns of a table that may hold labels, by its first rows, with all their rows."""
-    texts = {name: _labels_of_cells(cells) for name, cells in table.texts.items()}
     if isinstance(table, CsvTable):  # a name that stands twice got another one
         names = [name for name in names if name in table.dialect.names]
     head = _labels(table, names, HEAD_ROWS) if names else {}
     some = [name for name, labels in head.items() if _may_name(labels)]
     all_rows = _labels(table, some) if some else {}
-    candidates = {**texts, **all_rows}
-    return [LabelColumn(name, *labels) for name, labels in candidates.items() if _may_name(labels)]
+    return [LabelColumn(name, *labels) for name, labels in all_rows.items() if _may_name(labels)]
 
 
 def _labels(table: Table, names: Sequence[str], rows: int | None = None) -> dict[str, Labels]:

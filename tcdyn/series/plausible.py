@@ -67,8 +67,8 @@ def out_of_range(values_degC: Array) -> Flags:
     return (values_degC < LOWEST_DEGC) | (values_degC > HIGHEST_DEGC)
 
 
-def overload_codes(values: Array) -> Flags:
-    """Whether values of a column in any unit are overload codes: a million times its usual size.
+def overload_limit(values: Array) -> float:
+    """Magnitude above which values of a column in any unit are overload codes.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def overload_codes(values: Array) -> Flags:
 
     Returns
     -------
-    flags
-        (N,).
+    float
+        A million times the usual size of the values.
 
     Notes
     -----
@@ -89,9 +89,9 @@ def overload_codes(values: Array) -> Flags:
     size = np.abs(values)
     finite = size[np.isfinite(size)]
     if len(finite) == 0:
-        return np.zeros(len(values), dtype=bool)
-    usual = max(float(np.median(finite)), 1e-3 * float(np.quantile(finite, 0.9)), 1e-30)
-    return np.isinf(size) | (size > OVERLOAD_RATIO * max(usual, 1.0))
+        return np.inf
+    usual = max(float(np.median(finite)), 1e-3 * float(np.quantile(finite, 0.9)))
+    return OVERLOAD_RATIO * max(usual, 1.0)
 
 
 def dropout_codes(values: Array) -> Flags:

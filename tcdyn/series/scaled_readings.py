@@ -8,11 +8,9 @@ record of such numbers is not one of drop-outs, which are few and have one value
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import pandas as pd
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -207,9 +205,9 @@ class RangeCheck:
         possible = []
         scales = SCALES_DEGF if self.unit == "degF" else SCALES
         for divisor, unit in scales:
-            low, high = _in_degC(self.limits / divisor, unit)
+            low, high = in_degC(self.limits / divisor, unit)
             if low >= USUAL_LOWEST_DEGC and high <= USUAL_HIGHEST_DEGC:
-                first = _in_degC(np.array([self.first / divisor]), unit)
+                first = in_degC(np.array([self.first / divisor]), unit)
                 possible.append((float(abs(first[0] - ROOM_DEGC)), divisor, unit))
         return [(divisor, unit) for _, divisor, unit in sorted(possible)[:LISTED]]
 
@@ -217,46 +215,11 @@ class RangeCheck:
         """A scale, with the temperatures that it gives."""
         if unit == "mV":
             return f"{1 / divisor:g} mV"
-        low, high = _in_degC(self.limits / divisor, unit)
+        low, high = in_degC(self.limits / divisor, unit)
         return f"{1 / divisor:g} {unit} ({low:.1f} to {high:.1f} degC)"
 
 
-def check_temperatures(
-    frame: pd.DataFrame,
-    columns: Sequence[str],
-    where: str,
-    table: Table | None = None,
-) -> None:
-    """Check that columns of a frame which are temperatures by their names are in a known unit.
-
-    Parameters
-    ----------
-    frame
-        The table; units by column may be in its ``attrs["units"]``.
-    columns
-        Columns to check; those of other quantities are left out.
-    where
-        Its name, for the message.
-    table
-        The opened file; None for a table in memory.
-
-    Raises
-    ------
-    InputError
-        As ``RangeCheck.check`` does.
-    """
-    units = frame.attrs.get("units", {})
-    for column in columns:
-        unit = unit_in(column) or written_unit(units.get(column, ""))
-        if not names_temperature(column, units.get(column, "")):
-            continue
-        values = pd.to_numeric(frame[column], errors="coerce").to_numpy(float)
-        check = RangeCheck(column, unit or "degC")
-        check.add(values, _in_degC(values, unit))
-        check.check(where, table)
-
-
-def _in_degC(values: Array, unit: str) -> Array:
+def in_degC(values: Array, unit: str) -> Array:
     """Temperatures in degC, K or degF as degrees Celsius."""
     if unit == "K":
         return values - ZERO_DEGC_K

@@ -17,6 +17,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.table import missing_column_error
 from tcdyn.io.unit_names import UNITS, unit_in, without_unit, written_unit
+from tcdyn.series.reading import Kind
+from tcdyn.series.scaled_readings import names_temperature
 from tcdyn.series.thermocouple_types import to_degC
 
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
@@ -37,6 +39,8 @@ class Unit:
     reference_junction
         For mV: temperature of the reference junction [degC], or the name of the column that holds
         it.
+    is_assumed
+        Whether nobody stated the unit.
 
     Examples
     --------
@@ -49,6 +53,7 @@ class Unit:
     name: str = "degC"
     thermocouple_type: str = ""
     reference_junction: float | str = 0.0
+    is_assumed: bool = False
 
     def __post_init__(self) -> None:
         """Check the unit, and that millivolts have a type.
@@ -179,10 +184,11 @@ def units_of(
             )
         if in_file and in_file != unit:
             findings.append(warning("sensor.unit_contradicted", subject=name, unit=unit))
-        if not unit:
+        is_assumed = not unit
+        if is_assumed:
             assumed.append(name)
             unit = "degC"
-        units[name] = Unit(unit, couple if unit == "mV" else "", cold)
+        units[name] = Unit(unit, couple if unit == "mV" else "", cold, is_assumed)
     if (couple or cold) and not any(unit.name == "mV" for unit in units.values()):
         raise InputError(
             "a thermocouple type or a reference junction is given, but no column is in mV",
@@ -194,6 +200,20 @@ def units_of(
         subject = ", ".join(assumed)
         findings.append(info("sensor.unit_assumed", subject=subject, count=len(assumed)))
     return units, findings
+
+
+def kind_of(column: str, unit: Unit) -> Kind:
+    """Return what a column of readings holds, by its unit and name.
+
+    A column whose unit is only assumed is a temperature if its name says so: limits of a
+    thermocouple would judge other readings wrongly.
+
+    >>> kind_of("T1", Unit()), kind_of("level", Unit(is_assumed=True))
+    (<Kind.TEMPERATURE: 'temperature'>, <Kind.QUANTITY: 'quantity'>)
+    """
+    if unit.is_assumed and not names_temperature(column):
+        return Kind.QUANTITY
+    return Kind.TEMPERATURE
 
 
 def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:

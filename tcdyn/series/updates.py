@@ -96,12 +96,12 @@ def find_updates(y: Array) -> Updates:
     changed = change > ROUNDING_SHARE * np.max(change, initial=0.0)
     changed_rows = rows[1:][changed]
     repeats_values = _repeats_exceed_quantisation(change, changed)
-    period, first = _even_spacing(changed_rows)
+    period, first = even_spacing(changed_rows)
     if period > 1 and np.count_nonzero(changed) < len(changed):
-        spacing, _ = _even_spacing(rows)
+        spacing, _ = even_spacing(rows)
         repeats_values = repeats_values or period > spacing
     if not repeats_values:
-        period, first = _even_spacing(rows)
+        period, first = even_spacing(rows)
     new = np.zeros(len(y), dtype=bool)
     new[changed_rows if repeats_values else rows] = True
     if period > 1:
@@ -165,7 +165,7 @@ def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
     return repeats > max(MIN_REPEATS, MIN_REPEAT_SHARE * count, REPEAT_EXCESS * one_step)
 
 
-def _even_spacing(rows: NDArray[np.intp]) -> tuple[int, int]:
+def even_spacing(rows: NDArray[np.intp]) -> tuple[int, int]:
     """Return period and first row of the widest even spacing of nearly all rows.
 
     Period 1 means that there is a new value in nearly every row.

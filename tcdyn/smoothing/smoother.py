@@ -22,9 +22,10 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
-from tcdyn.core.labels import common_index, even_interval_s, labels_of
+from tcdyn.core.labels import common_index, labels_of
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
+from tcdyn.series.index import even_interval_s
 from tcdyn.smoothing.hidden_events import (
     HiddenEvent,
     PossibleEvent,

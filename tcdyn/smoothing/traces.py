@@ -24,12 +24,12 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps, rounding_sd, white_noise_sd
 from tcdyn.io.checksum import ALTERED_CODE
-from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DiskSetup, channels_left_out
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, UncertaintyTable
 from tcdyn.rig.static_line import StaticLine, apply_static, extrapolation_warnings, static_u
+from tcdyn.series.clock import mean_interval_s
 
 Rows = slice | NDArray[np.bool_]
 # chain without a lag, for readings whose lag does not matter
@@ -440,7 +440,7 @@ def disk_traces(
         findings.append(warning("traces.coarse", subject=disk, step_K=step_K, channels=coarse))
     y = np.column_stack(columns)
     missing = np.column_stack(bad)
-    dt_s = sample_interval_s(frame["time_s"].to_numpy(float))
+    dt_s = mean_interval_s(frame["time_s"].to_numpy(float))
     white_K = np.maximum(white_noise_sd(y, DIFFERENCE_ORDER), 1e-6)
     chains = channels.chains
     if not lag:

@@ -15,8 +15,8 @@ from scipy.linalg import block_diag
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.static_line import shared_u_K
+from tcdyn.series.clock import mean_interval_s
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import window_covariance
 from tcdyn.smoothing.traces import DiskTraces
@@ -84,7 +84,7 @@ def window_means(
             remedy="say from when on: {start_s}",
             parameters={"start_s": None},
         )
-    dt_s = sample_interval_s(time)
+    dt_s = mean_interval_s(time)
     start = events[-1] if start_s is None else start_s - time[0]
     first = max(int(np.ceil(start / dt_s - 1e-6)), 0)
     last = min(first + round(length_s / dt_s), len(time))

@@ -19,7 +19,7 @@ import pandas as pd
 from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, info, labelled_messages, warning
+from tcdyn.core.findings import Finding, info, labelled_messages, unique_by_subject, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
@@ -36,7 +36,6 @@ from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.prepare import prepare_test
 from tcdyn.partition.steady import with_inner_row_at_one_radius
-from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import Events
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import COMPENSATED, Log, LogChunks, open_log_for_records
@@ -50,7 +49,7 @@ from tcdyn.sensors.compensation import (
     output_columns,
     write_segments,
 )
-from tcdyn.sensors.table import unique_by_subject
+from tcdyn.series.clock import mean_interval_s
 from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
@@ -294,7 +293,7 @@ class CompensatedLog(Result):
     @property
     def _dt_s(self) -> float:
         """Sampling interval [s] of ``frame``."""
-        return sample_interval_s(self.frame["time_s"].to_numpy(dtype=float))
+        return mean_interval_s(self.frame["time_s"].to_numpy(dtype=float))
 
 
 @one_blas_thread

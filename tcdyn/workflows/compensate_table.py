@@ -14,7 +14,7 @@ from typing import Any, Unpack
 import pandas as pd
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, error, info, warning
+from tcdyn.core.findings import Finding, error, info, unique_by_subject, warning
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
@@ -25,15 +25,20 @@ from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
 from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
-from tcdyn.sensors.table import RisingRows, Source, unique_by_subject
-from tcdyn.workflows.log_source import (
+from tcdyn.series import Source
+from tcdyn.series.report import SeriesReport
+from tcdyn.series.source import RisingRows
+from tcdyn.series.survey import SurveyedSource
+from tcdyn.workflows.raw_log import (
     Calibrations,
     RawLog,
     TableOptions,
-    check_readings,
+    checked_before_following,
     open_log_table,
     raw_log,
     raw_table,
+    survey_of,
+    surveyed,
 )
 
 # Progress is reported after so many rows, then each time the count has doubled.
@@ -64,6 +69,8 @@ class CompensatedTable(Result):
         Metadata of the file that was written.
     findings
         Findings about the log and the compensation, without repetitions.
+    reading
+        What was understood of the rows; None where there are fewer than two.
     """
 
     path: Path
@@ -73,6 +80,7 @@ class CompensatedTable(Result):
     numbers: pd.DataFrame
     metadata: dict[str, str]
     findings: tuple[Finding, ...]
+    reading: SeriesReport | None = None
 
     def summary(self) -> str:
         """Number of rows and output, then one line a column.
@@ -102,6 +110,7 @@ class CompensatedTable(Result):
             "columns": self.numbers.to_dict("records"),
             "carried": list(self.carried),
             "metadata": self.metadata,
+            "reading": None if self.reading is None else self.reading.to_dict(),
             "warnings": list(self.warnings),
             "findings": [f.to_dict() for f in self.findings],
         }
@@ -146,7 +155,7 @@ def compensate_table(
     progress
         Called with the row that was reached.
     **options
-        How the table is read, see ``tcdyn.workflows.log_source.TableOptions``.
+        How the table is read, see ``tcdyn.workflows.raw_log.TableOptions``.
 
     Raises
     ------
@@ -160,7 +169,7 @@ def compensate_table(
     out_path = Path() if callable(out) else Path(out)
     if not callable(out):
         check_ending(out_path, LONG_TABLE)
-    raw = _open_log(log, calibrations, rig, options)
+    raw, report_of_rows = _open_log(log, calibrations, rig, options, delay_s is not None)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
     style = output_style(dialect, comments, raw.source.table, out_path)
@@ -177,8 +186,10 @@ def compensate_table(
             next_row = rows + max(rows, PROGRESS_ROWS)
 
     rising = RisingRows(raw.source)
+    # rows of a log with a delay are surveyed as they come, as those of a log that is followed
+    seen = SurveyedSource(rising, raw.channels.raw_columns, survey_of(raw))
     segments = compensated_segments(
-        raw.source if delay_s is None else rising,
+        raw.source if delay_s is None else seen,
         raw.source.table.names,
         raw.channels,
         delay_s=delay_s,
@@ -190,6 +201,7 @@ def compensate_table(
         findings = [*raw.findings, *totals.findings]
     else:
         findings = delayed_findings(raw, rising, totals)
+        report_of_rows = seen.report()
     for channel in raw.channels.channels:
         duration_s = max(totals.last_s - totals.first_s, 0.0)
         lag_s = channel.chain.lag_s
@@ -208,13 +220,22 @@ def compensate_table(
         uncertainties,
         totals.metadata,
         unique_by_subject(findings),
+        report_of_rows,
     )
 
 
 def _open_log(
-    log: str | Path | Source, calibrations: Calibrations, rig: Rig | None, options: TableOptions
-) -> RawLog:
-    """The raw columns, channels and output of a log; parameters as for ``compensate_table``."""
+    log: str | Path | Source,
+    calibrations: Calibrations,
+    rig: Rig | None,
+    options: TableOptions,
+    is_delayed: bool,
+) -> tuple[RawLog, SeriesReport | None]:
+    """The raw columns, channels and output of a log, and what was understood of its rows.
+
+    The parameters are those of ``compensate_table``. A log with a delay is not looked at before: a
+    log that is followed has no later rows.
+    """
     if not isinstance(log, Source):
         path = Path(log)
         table = open_log_table(path, calibrations, rig)
@@ -223,9 +244,9 @@ def _open_log(
         raise InputError("records with an opened table", expected="the file of a log of the rig")
     else:
         raw = raw_table(log, calibrations, options)
-    if not isinstance(calibrations, Mapping):
-        check_readings(raw.source.table, raw)
-    return raw
+    if is_delayed:
+        return checked_before_following(raw, raw.source.table), None
+    return surveyed(raw, raw.source.table)
 
 
 def check_delay(delay_s: float | None) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.errors import InputError, utf8
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.appended import AppendedFile, digest
@@ -45,15 +45,19 @@ from tcdyn.sensors.compensation import (
     compensated_segments,
     text_columns,
 )
-from tcdyn.sensors.table import RisingRows, SegmentPosition, unique_by_subject
+from tcdyn.sensors.segments import SegmentPosition
+from tcdyn.series.report import SeriesReport
+from tcdyn.series.source import RisingRows
+from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.compensate_table import check_delay, delayed_findings
-from tcdyn.workflows.log_source import (
+from tcdyn.workflows.raw_log import (
     Calibrations,
     RawLog,
     TableOptions,
-    check_readings,
+    checked_before_following,
     open_log_table,
     raw_log,
+    survey_of,
 )
 
 STATE_SCHEMA = "tcdyn.follow/7"
@@ -86,6 +90,8 @@ class FollowRun(Result):
         Noise and standard deviation of each column in this run.
     findings
         Findings.
+    reading
+        What was understood of the rows of this run; None where there are fewer than two.
     """
 
     rows_read: int
@@ -97,6 +103,7 @@ class FollowRun(Result):
     log: RawLog | None
     numbers: pd.DataFrame
     findings: tuple[Finding, ...]
+    reading: SeriesReport | None = None
 
     def summary(self) -> str:
         """Why it ended, and how many rows there were."""
@@ -115,6 +122,7 @@ class FollowRun(Result):
             "delay_s": self.delay_s,
             "ended": self.ended,
             "columns": self.numbers.to_dict("records"),
+            "reading": None if self.reading is None else self.reading.to_dict(),
             "warnings": list(self.warnings),
         }
 
@@ -227,6 +235,7 @@ def follow(
         stand = _Stand(growing.offset, None, 0, out_bytes)
     announce(raw, delay_s)
     rising = RisingRows(raw.source)
+    seen = SurveyedSource(rising, raw.channels.raw_columns, survey_of(raw))
     totals = Totals()
     with (
         _removed_without_rows(out, state) if is_new else nullcontext(),
@@ -234,7 +243,7 @@ def follow(
     ):
         growing.go_on = lambda has_new: patience.goes_on(has_new, output)
         segments = compensated_segments(
-            rising,
+            seen,
             [*raw.source.table.names, ROW_END],
             raw.channels,
             delay_s=delay_s,
@@ -280,6 +289,7 @@ def follow(
         _without_reader(raw),
         totals.table(list(raw.channels.units)),
         unique_by_subject(findings),
+        seen.report(),
     )
 
 
@@ -395,8 +405,7 @@ def _wait_for_rows(
                 if opened is not None:
                     growing, table = opened
                     raw = raw_log(log, table, calibrations, rig, options)
-                    if not isinstance(calibrations, Mapping):
-                        check_readings(complete, raw)
+                    raw = checked_before_following(raw, complete)
                     _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
                     return growing, raw

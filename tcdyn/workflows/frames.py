@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +18,8 @@ import pandas as pd
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages, warnings_and_errors
 from tcdyn.sensors.file import SensorFile, read_sensor
-from tcdyn.sensors.frame import frame_source
-from tcdyn.sensors.table import Source
-from tcdyn.series.units import match_columns
+from tcdyn.series import ReadingOptions, open_source
+from tcdyn.series.frame import UNITS_KEY, rows_with
 from tcdyn.workflows.compensate_table import compensate_table
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def compensate_frame(
     unit: Mapping[str, str] | str = "",
     couple: str = "",
     cold: float | str = 0.0,
+    **reading: Any,
 ) -> pd.DataFrame:
     """Compensate the columns of a DataFrame, or a Series, that sensors cover.
 
@@ -61,6 +62,9 @@ def compensate_frame(
         "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names say.
     couple, cold
         Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
+    reading
+        ``dt_s``, ``where``, ``on_change`` and ``averages_s`` as in
+        :class:`tcdyn.series.ReadingOptions`.
 
     Returns
     -------
@@ -99,7 +103,8 @@ def compensate_frame(
         data = data.to_frame(name)
         columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
     options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
-    return _compensate_frame(data, files, time, time_unit, {}, options)
+    rows = ReadingOptions(time, time_unit, **reading)
+    return _compensate_frame(data, files, rows, {}, options)
 
 
 def compensate_dataset(
@@ -157,7 +162,8 @@ def compensate_dataset(
     frame.attrs = dict(data.attrs)
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
     options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
-    done = _compensate_frame(frame, files, None, time_unit, units, options)
+    rows = ReadingOptions(time_unit=time_unit)
+    done = _compensate_frame(frame, files, rows, units, options)
     result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
     for name, variable in data.data_vars.items():
         if name in done.columns:
@@ -180,8 +186,7 @@ def _single_column(files: Sequence[SensorFile]) -> str:
 def _compensate_frame(
     frame: pd.DataFrame,
     files: Sequence[SensorFile],
-    time: str | None,
-    time_unit: str | None,
+    reading: ReadingOptions,
     units: Mapping[str, str],
     options: Mapping[str, Any],
 ) -> pd.DataFrame:
@@ -193,21 +198,22 @@ def _compensate_frame(
         The table.
     files
         The sensors.
-    time, time_unit
-        Column of the time, and its unit.
+    reading
+        How its rows are read.
     units
         Units by column, from attributes of xarray.
     options
         Further arguments of ``compensate_table``.
     """
     names = [str(label) for label in frame.columns]
-    duplicates = [name for name in names if names.count(name) > 1]
-    if duplicates:
-        raise InputError(f"column {duplicates[0]!r} stands twice", remedy="rename one of them")
     if not len(frame):
         raise InputError("no rows", where="the DataFrame", expected="a table with readings")
-    source = frame_source(frame, time, time_unit, units)
-    _check_numeric(source, names, files, options["columns"])
+    if reading.where is not None:
+        frame = rows_with(frame, *reading.condition)
+        reading = replace(reading, where=None)
+    table = frame.copy(deep=False)
+    table.attrs = {**frame.attrs, UNITS_KEY: {**frame.attrs.get(UNITS_KEY, {}), **units}}
+    source = open_source(table, options=reading)
     parts: list[pd.DataFrame] = []
     done = compensate_table(source, files, parts.append, **options)
     serious = messages(warnings_and_errors(done.findings))
@@ -229,36 +235,3 @@ def _compensate_frame(
     result.attrs.update(metadata)
     result.attrs[WARNINGS_KEY] = list(serious)
     return result
-
-
-def _check_numeric(
-    source: Source, names: Sequence[str], files: Sequence[SensorFile], columns: Sequence[str]
-) -> None:
-    """Check that no column with a sensor holds something else than numbers.
-
-    Parameters
-    ----------
-    source
-        The source, with the numeric columns only.
-    names
-        Names of all columns.
-    files
-        The sensors.
-    columns
-        Columns named by the caller.
-
-    Raises
-    ------
-    InputError
-        With the first such column.
-    """
-    patterns = columns or [pattern for file in files for pattern in file.columns]
-    where = source.table.where
-    for pattern in patterns:
-        for name in match_columns(pattern, names, where):
-            if name not in source.table.names:
-                raise InputError(
-                    f"column {name!r} holds no numbers",
-                    where=where,
-                    remedy="convert it, for example with pandas.to_numeric",
-                )

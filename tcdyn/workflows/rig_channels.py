@@ -19,20 +19,21 @@ from tcdyn.core.findings import Finding
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.partition.cooling import lag_covariance_with_common_u, refined_chains
 from tcdyn.partition.joint import DiskFit
-from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import shared_u_K
 from tcdyn.sensors.channels import Channel, ChannelGroup, TableChannels
 from tcdyn.sensors.compensation import ChannelReadings
-from tcdyn.sensors.table import TableSegment
+from tcdyn.sensors.segments import TableSegment
+from tcdyn.series.clock import mean_interval_s
+from tcdyn.series.series import Context
 from tcdyn.series.units import Unit
 from tcdyn.smoothing.traces import DiskTraces, disk_channels, disk_traces, summarise_spikes
 
 
 def record_channels(
-    records: Mapping[str, DiskRecord], rig: Rig, prefixed: bool, where: str
+    records: Mapping[str, DiskRecord], rig: Rig, prefixed: bool, context: Context
 ) -> tuple[TableChannels, list[Finding]]:
     """The channels of the disks that have a record; those of a disk are smoothed together.
 
@@ -44,8 +45,8 @@ def record_channels(
         Gives the setups of the disks.
     prefixed
         Whether the columns contain the name of the disk.
-    where
-        The log, for messages.
+    context
+        The log.
 
     Returns
     -------
@@ -70,7 +71,7 @@ def record_channels(
         groups.append(
             ChannelGroup(channels, described.lag_covariance_s2, described.split_u_s, disk)
         )
-    return TableChannels(tuple(groups), where), findings
+    return TableChannels(tuple(groups), context), findings
 
 
 def with_common_lag(
@@ -116,7 +117,7 @@ def disk_readings(traces: DiskTraces, time_s: Array) -> ChannelReadings:
         (Unit(),) * len(traces.columns),
         traces.measured_degC,
         float(time_s[0]),
-        sample_interval_s(time_s),
+        mean_interval_s(time_s),
         np.arange(len(time_s)),
         traces.chains,
         traces.lag_covariance_s2,

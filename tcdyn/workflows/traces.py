@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from tcdyn.core import Array
 from tcdyn.io.read import open_table
-from tcdyn.sensors.table import Source
-from tcdyn.workflows.log_source import RawLog
+from tcdyn.series.read import read_all
+from tcdyn.series.source import Source
+from tcdyn.workflows.raw_log import RawLog
 
 
 @dataclass(frozen=True)
@@ -69,10 +68,10 @@ def compensated_traces(log: RawLog, out: Path, columns: Sequence[str] = ()) -> l
         for unit in units.values()
         if isinstance(unit.reference_junction, str)
     ]
-    time_s, logged = read_all(log.source, [*units, *references])
+    time_s, logged, _ = read_all(log.source, [*units, *references])
     output_names = [name for column, unit in units.items() for name in unit.names(column)]
     result = Source(out, open_table(out, output_names), log.source.clock)
-    compensated_s, compensated = read_all(result, output_names)
+    compensated_s, compensated, _ = read_all(result, output_names)
     traces = []
     for column, unit in units.items():
         reference = unit.reference_junction
@@ -93,14 +92,3 @@ def compensated_traces(log: RawLog, out: Path, columns: Sequence[str] = ()) -> l
             )
         )
     return traces
-
-
-def read_all(source: Source, columns: Sequence[str]) -> tuple[Array, dict[str, Array]]:
-    """Return the times (N,) [s] of all rows of a table, and its columns (N,)."""
-    times_s = []
-    data: dict[str, list[Array]] = {name: [] for name in columns}
-    for chunk_s, chunk, _ in source.read_chunks(columns):
-        times_s.append(chunk_s)
-        for name, parts in data.items():
-            parts.append(chunk[name])
-    return np.concatenate(times_s), {name: np.concatenate(parts) for name, parts in data.items()}

@@ -203,7 +203,7 @@ def test_a_few_drop_outs_in_a_sound_dip_remain_drop_outs(folder: Path) -> None:
     pd.DataFrame({"time_s": TIME_S, "Temp": y}).to_csv(folder / "codes.csv", index=False)
     sensor = sensor_from_dip(folder / "codes.csv", "Temp")
     assert sensor.chain.channels["Temp"].lag_s.contains(12.0)
-    assert "sensor.codes" in {finding.code for finding in sensor.findings}
+    assert "series.codes" in {finding.code for finding in sensor.findings}
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared cases are not here")

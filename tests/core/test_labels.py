@@ -8,7 +8,8 @@ import pytest
 
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.core.labels import common_index, even_interval_s, labels_of, seconds_of_index
+from tcdyn.core.labels import common_index, labels_of, seconds_of_index
+from tcdyn.series.index import even_interval_s
 from tcdyn.smoothing import deconvolve, invert, smooth
 
 

@@ -120,7 +120,7 @@ KINDS = [
 def test_repeated_values_are_left_out(kind: str) -> None:
     data = from_frame(record(kind, 1), input="u_degC", output="T_degC")
     codes = {finding.code for finding in data.findings}
-    assert ("record.repeats" in codes) is ("blank" not in kind)
+    assert ("series.repeats" in codes) is ("blank" not in kind)
     error_s, u_s = lag_error(fit(data, "P1D"))
     assert abs(error_s) < 4 * u_s
     assert 0.0005 < u_s < 0.02
@@ -202,7 +202,7 @@ def test_the_command_reports_a_slow_column(
     message = "T_degC has a new value in 20 % of the rows (every 0.5 s on average)"
     assert message in capsys.readouterr().err
     codes = [f["code"] for f in json.loads((tmp_path / "model.json").read_text())["findings"]]
-    assert "record.repeats" in codes
+    assert "series.repeats" in codes
 
 
 if __name__ == "__main__":

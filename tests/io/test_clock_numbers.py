@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.identification.tables import from_csv
+from tcdyn.identification import from_csv
 from tcdyn.io.clock_numbers import Midnights, clock_unit, seconds_of_day
-from tcdyn.sensors.table import open_source, read_columns
 from tests.sensors.sensor_world import Array
+from tests.series.reading import read_columns
+from tests.series.reading import source_of as open_source
 
 
 def as_number(time_s: Array, unit: str) -> Array:

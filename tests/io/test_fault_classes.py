@@ -13,10 +13,11 @@ from nptdms import ChannelObject, TdmsWriter
 from tcdyn.core.errors import InputError
 from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.sensors import specified_sensor
-from tcdyn.sensors.table import open_source, read_columns
 from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.series.units import cold_column, units_of
 from tcdyn.workflows.compensate_table import compensate_table
+from tests.series.reading import read_columns
+from tests.series.reading import source_of as open_source
 
 ROWS = 60
 K = np.arange(ROWS)
@@ -129,9 +130,9 @@ def test_a_unit_of_temperature_is_read_wherever_it_stands(
         ("OVLD", "text.error_word"),
         ("Off", "text.error_word"),  # not 0 degC
         ("+++++", "text.error_word"),
-        ("9.91E+37", "sensor.codes"),
-        ("-200", "sensor.codes"),
-        ("9999", "sensor.codes"),
+        ("9.91E+37", "series.codes"),
+        ("-200", "series.codes"),
+        ("9999", "series.codes"),
     ],
 )
 def test_a_code_instead_of_a_reading_is_missing(tmp_path: Path, word: str, code: str) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.sensors.table import open_source, read_columns
 from tcdyn.series.units import units_of
 from tests.io.logger_families import FILES, SOURCES, Array, LoggerFile, first_degC
+from tests.series.reading import read_columns
+from tests.series.reading import source_of as open_source
 
 
 def read(file: LoggerFile, path: Path) -> tuple[Array, list[Array]]:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.identification.tables import from_csv
+from tcdyn.identification import from_csv
 from tcdyn.io.read import open_table
 from tcdyn.io.stamps import Stamps, is_stamp
-from tcdyn.sensors.table import open_source, read_columns
+from tests.series.reading import read_columns
+from tests.series.reading import source_of as open_source
 
 DATES = ("", "4/13/2022 ", "13.04.2022 ", "2022-4-13 ", "2022/04/13 ", "13-Apr-2022 ", "2022-4-13T")
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.identification.tables import from_csv
+from tcdyn.identification import from_csv
 from tcdyn.io.times import find_time_column, is_time_name
-from tcdyn.sensors.table import open_source, read_columns
 from tests.sensors.sensor_world import Array
+from tests.series.reading import read_columns
+from tests.series.reading import source_of as open_source
 
 
 @pytest.mark.parametrize("name", ["t", "t [s]", "T [s]", "T/ms", "TIME", "Time", "t_min"])

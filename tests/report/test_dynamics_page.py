@@ -14,7 +14,7 @@ from tcdyn.report.compensate import _followed_channel_section
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import specified_sensor
-from tcdyn.workflows.log_source import open_log_table, raw_log
+from tcdyn.workflows.raw_log import open_log_table, raw_log
 from tests.identify.identify_cases import PLAIN, case_a
 
 

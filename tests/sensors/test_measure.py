@@ -103,7 +103,7 @@ def test_a_dip_of_a_column_with_repeated_values_has_the_true_lag(
     lag = sensor.chain.channels["T1"].lag_s
     assert abs(lag.value - LAG_S) < 3 * lag.u
     assert lag.u < 0.06
-    assert "sensor.repeats" in {f.code for f in sensor.findings}
+    assert "series.repeats" in {f.code for f in sensor.findings}
 
 
 def test_the_noise_of_a_column_with_repeated_values_is_that_of_its_new_values() -> None:

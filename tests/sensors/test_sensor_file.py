@@ -376,7 +376,7 @@ def test_a_clock_of_few_decimals_and_a_dead_column_are_told(tmp_path: Path) -> N
         log, [specified_sensor("s", ["T1", "T2"], [(1.5, 0.1)])], tmp_path / "out.csv"
     )
     out = written(done.path)
-    assert {"sensor.few_decimals", "sensor.left"} <= {f.code for f in done.findings}
+    assert {"series.few_decimals", "sensor.left"} <= {f.code for f in done.findings}
     assert out["T2_degC"].isna().all()
     assert held(out, "T1_degC", "T1_u_K", x)[1] > 0.9
 

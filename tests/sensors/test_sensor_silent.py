@@ -12,8 +12,8 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.identification import from_csv, from_frame
 from tcdyn.sensors import specified_sensor
-from tcdyn.sensors.table import read_columns
 from tcdyn.workflows.compensate_table import CompensatedTable, compensate_table
+from tests.series.reading import read_columns
 
 TAU_S = 25.0
 U_S = 1.0
@@ -217,7 +217,7 @@ def test_identify_takes_overload_and_drop_outs_as_missing() -> None:
     )
     assert np.flatnonzero(np.isnan(data.runs[0].y[:, 0])).tolist() == [20, 90, 91, 150, 200]
     assert [(f.code, f.subject, f.numbers["count"]) for f in data.select(output="y").findings] == [
-        ("record.codes", "y", 5)
+        ("series.codes", "y", 5)
     ]
 
 
@@ -246,7 +246,7 @@ def test_drop_outs_in_a_sensor_record_are_missing_and_reported(tmp_path: Path) -
 
     _, columns, findings = read_columns(tmp_path / "log.csv", ["TC1_degC"], {"TC1_degC": Unit()})
     assert np.nanmax(columns["TC1_degC"]) < 90
-    assert "sensor.codes" in {f.code for f in findings}
+    assert "series.codes" in {f.code for f in findings}
 
 
 def test_identify_reads_channels_of_different_start_from_one_tdms_file(tmp_path: Path) -> None:

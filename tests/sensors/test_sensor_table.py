@@ -10,25 +10,34 @@ import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain, sensors
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import SampleLocation
+from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.io.table import Columns, Table
 from tcdyn.io.times import find_time_column
-from tcdyn.sensors.table import (
-    Source,
-    at_even_times,
-    even_times,
-    on_grid,
-    open_source,
-    read_columns,
-    read_segments,
-)
+from tcdyn.sensors.segments import read_segments
+from tcdyn.series import Clock, Context, ReadingOptions, Series, Source, make_series, open_source
+from tcdyn.series.reading import Kind
+from tcdyn.series.series import ColumnRows, clock_of, on_grid
 from tcdyn.smoothing import Intensity
 from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.process_noise import FLOOR
 from tests.cli.test_main_job import tcdyn
 from tests.sensors.sensor_world import Array
+from tests.series.reading import read_columns
 
 T = np.arange(60) / 8  # eighths of a second are exact
+
+
+def even_times(stamps: Array, where: str, dt_s: float | None = None) -> tuple[Clock, list[Finding]]:
+    """The clock of stamps, and findings about it."""
+    context = Context(where, options=ReadingOptions(dt_s=dt_s))
+    _, clock, findings = clock_of(stamps, context)
+    return clock, findings
+
+
+def series_of(stamps: Array, values: Array, dt_s: float | None = None) -> Series:
+    """One column of temperatures on even times."""
+    rows = ColumnRows("T1", "degC", Kind.TEMPERATURE, values)
+    return make_series(stamps, [rows], Context("log.csv", options=ReadingOptions(dt_s=dt_s)))
 
 
 def rows_of(text: str) -> str:
@@ -48,8 +57,9 @@ def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
 
 def test_rows_lost_leave_their_places_empty(tmp_path: Path) -> None:
     kept = np.r_[0:20, 23:60]
-    grid, found = even_times(T[kept], "log.csv")
-    assert (grid.interval_s, found) == (pytest.approx(0.125), [])
+    grid, (found,) = even_times(T[kept], "log.csv")
+    assert (grid.interval_s, found.code) == (pytest.approx(0.125), "series.lost")
+    assert found.numbers == {"count": 3, "places": 1, "first_s": T[19]}
     assert grid.index.tolist() == kept.tolist()
     values = on_grid(10.0 * kept, grid)
     assert np.flatnonzero(np.isnan(values)).tolist() == [20, 21, 22]
@@ -76,18 +86,15 @@ def test_readings_taken_far_off_even_times_are_told_with_how_far(stray: float, t
     """Every other row late by this part of an interval: their sd is half of it."""
     late = stray * 0.125 * (np.arange(400) % 2)
     stamps = 100 + np.arange(400) / 8 + late
-    clock, found = even_times(stamps, "log.csv", 0.125)
-    assert clock.index.tolist() == list(range(400))
-    assert not found
-    columns = {"T1": 20 + 5 * np.sin(stamps / 2)}
-    shifted, found = at_even_times(columns, clock, "t")
-    assert ("sensor.uneven" in [f.code for f in found]) == told
-    for f in found:
+    series = series_of(stamps, 20 + 5 * np.sin(stamps / 2), 0.125)
+    assert series.clock.index.tolist() == list(range(400))
+    assert ("series.uneven" in [f.code for f in series.findings]) == told
+    for f in series.findings:
         assert f.numbers["rate_Hz"] == pytest.approx(8.0)
         assert f.numbers["stray_s"] == pytest.approx(stray * 0.125 / 2, rel=0.02)
-    even_degC = 20 + 5 * np.sin(clock.even_s / 2)
+    even_degC = 20 + 5 * np.sin(series.clock.even_s / 2)
     inside = slice(5, -5)  # the ends have neighbours on one side only
-    assert shifted["T1"][inside] == pytest.approx(even_degC[inside], abs=3e-3)
+    assert series.readings["T1"][inside] == pytest.approx(even_degC[inside], abs=3e-3)
 
 
 def test_a_clock_of_few_decimals_counts_its_rows() -> None:
@@ -96,7 +103,7 @@ def test_a_clock_of_few_decimals_counts_its_rows() -> None:
     assert grid.interval_s == pytest.approx(
         0.125
     )  # the rows' own interval, not the span of the stamps over their number
-    assert (found.code, found.numbers["rate_Hz"]) == ("sensor.few_decimals", pytest.approx(8.0))
+    assert (found.code, found.numbers["rate_Hz"]) == ("series.few_decimals", pytest.approx(8.0))
 
 
 def test_a_clock_of_whole_seconds_gives_an_interval_of_one_and_a_half() -> None:
@@ -104,7 +111,7 @@ def test_a_clock_of_whole_seconds_gives_an_interval_of_one_and_a_half() -> None:
     grid, (found,) = even_times(100 + np.floor(12 * T), "log.csv")
     assert grid.index.tolist() == list(range(60))
     assert grid.interval_s == pytest.approx(1.5, rel=1e-3)
-    assert found.code == "sensor.few_decimals"
+    assert found.code == "series.few_decimals"
 
 
 def test_a_stamp_that_stands_twice_leaves_rate_and_rows_as_they_are() -> None:
@@ -120,7 +127,7 @@ def test_a_stamp_that_stands_twice_leaves_rate_and_rows_as_they_are() -> None:
     ("stamps", "words"),
     [
         (T[:9], "only 9 rows"),
-        (np.where(T == 0.5, np.nan, T), "no time in row 5 below the header"),
+        (np.where((T == 0.5) | (T == 0.625), np.nan, T), "no time in row 5 below the header"),
         (
             np.where(np.arange(60) == 7, 0.25, T),
             r"backward at row 8 below the header \(0.75 s, then 0.25 s\)",

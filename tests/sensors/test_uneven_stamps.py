@@ -63,7 +63,7 @@ def test_a_pair_is_right_where_its_stamps_stray(
     for lag, true_s in zip(lags, LAGS_S):
         assert abs(lag.value - true_s) < 3.5 * lag.u
         assert lag.u < 0.02 * true_s
-    percents = [f.numbers["percent"] for f in sensor.findings if f.code == "time.strays"]
+    percents = [f.numbers["percent"] for f in sensor.findings if f.code == "series.strays"]
     assert len(percents) == 1
     for percent in percents:
         assert percent > 80 if samples_stray else percent < 20

@@ -80,7 +80,7 @@ def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[n
         lag = made.chain.channels[name].lag_s
         assert abs(lag.value - tau) < 4 * lag.u
         assert 0 < lag.u < 0.15 * tau
-    assert "sensor.repeats" in {f.code for f in made.findings}
+    assert "series.repeats" in {f.code for f in made.findings}
 
 
 @pytest.mark.parametrize("gaps", [held, blank])

@@ -15,7 +15,7 @@ import pytest
 
 from tcdyn.core.findings import Finding
 from tcdyn.sensors import specified_sensor, write_sensor
-from tcdyn.sensors.table import START_ROWS, SegmentPosition, TableSegment, read_segments
+from tcdyn.sensors.segments import START_ROWS, SegmentPosition, TableSegment, read_segments
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.follow import follow
 from tests.sensors.sensor_world import Array, lagged, written

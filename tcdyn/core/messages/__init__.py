@@ -20,6 +20,7 @@ from tcdyn.core.messages.partition import PARTITION
 from tcdyn.core.messages.phrases import Message, location_text
 from tcdyn.core.messages.plunge import PLUNGE
 from tcdyn.core.messages.sensors import SENSOR
+from tcdyn.core.messages.series import SERIES
 from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
 
 # a message read from a file that has no codes
@@ -39,6 +40,7 @@ MESSAGES: dict[str, Message] = {
     **PIPELINE,
     **CAMPAIGN,
     **SENSOR,
+    **SERIES,
 }
 
 

@@ -683,13 +683,9 @@ IDENTIFY: dict[str, Message] = {
     "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): "
     "dynamics are missing, or the uncertainty was stated too small; the intervals were widened by "
     "this factor.",
-    "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as "
-    "missing: check the wiring.",
     "record.hold": _hold,
     "record.noisy_levels": _noisy_levels,
     "record.slow_input": _slow_input,
-    "record.repeats": "Column {subject} has a new value in {percent:.3g} % of the rows (every "
-    "{interval_s:.3g} s on average) and is repeated in the others: only its new values are used.",
     "record.other_hold": _other_hold,
     "record.nonlinear": _nonlinear,
     "record.changing": _changing,

@@ -82,19 +82,9 @@ READER: dict[str, Message] = {
     "log.long": "of {count} rows, only those from {begin_s:.7g} to {end_s:.7g} s, around one "
     "unloading, are analysed",
     "log.simulated": "{subject} is simulated: its metadata say so",
-    "time.filled": "{place}: {count} missing time(s) interpolated from the rows before and after",
-    "time.few_decimals": "column {subject}: the time stamps have few decimals; rows are taken as "
-    "evenly sampled at {rate_Hz:.5g} Hz",
     "time.taken": "column {subject} is taken as the time; if it is not, name the time column",
-    "time.strays": "column {subject}: the time stamps deviate from even sampling at "
-    "{rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd); according to the readings, {percent:.0f} % of "
-    "this are real shifts of the sampling instants, and are corrected",
-    "time.lost": "{place}: {count} samples are missing at {places} location(s), first at "
-    "{first_s:.6g} s; replaced by NaN",
     "time.slow": "column {subject}: sampled at {rate_Hz:.3g} Hz, the rate of the rig is 75 Hz; "
     "lags below {lost_s:.2g} s cannot be determined",
-    "values.impossible": "{place}: {count} impossible value(s) such as {value:.4g}; taken as "
-    "missing",
     "values.missing": "{place}: {count} value(s) missing or impossible; taken as missing",
     "values.absent": _absent,
     "spikes.removed": "{place}: {count} spike(s); taken as missing",

@@ -14,10 +14,6 @@ from typing import Any
 
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
-# Relative standard uncertainty of a sampling rate [%] from which a message states it: the lags have
-# the same, and below it is small against the other contributions. Chosen by judgement.
-NOTABLE_RATE_U_PERCENT = 1.0
-
 
 def _carried_columns(columns: Sequence[str], **_: Any) -> str:
     """Message of ``sensor.carried``.
@@ -36,17 +32,6 @@ def _unit_assumed(subject: str, count: int = 1, **_: Any) -> str:
     if count == 1:
         return f"column {subject} states no unit: read as degrees Celsius"
     return f"columns {subject} state no unit: read as degrees Celsius"
-
-
-def _few_decimals(rate_Hz: float, percent: float = 0.0, **_: Any) -> str:
-    """Message of ``sensor.few_decimals``.
-
-    ``rate_Hz`` is the estimated sampling rate, ``percent`` its relative standard uncertainty.
-    """
-    text = f"the clock has few decimals: rows are taken as evenly sampled at {rate_Hz:.5g} Hz"
-    if percent > NOTABLE_RATE_U_PERCENT:
-        text += f". This rate has a standard uncertainty of {percent:.2g} %, and so have the lags"
-    return text
 
 
 def _noise_driving(subject: str, lags: int, **_: Any) -> str:
@@ -103,16 +88,9 @@ SENSOR: dict[str, Message] = {
     "lag, but not the gain",
     "sensor.carried": _carried_columns,
     "sensor.unit_assumed": _unit_assumed,
-    "sensor.codes": "column {subject}: {count} reading(s) such as {value:.4g} degC are drop-outs "
-    "or outside the physical range of a thermocouple; taken as missing: check the wiring",
     "sensor.undetermined": "column {subject}: the standard uncertainty of the lag, {u_s:.2g} s, "
     "exceeds the length of the record, {duration_s:.3g} s: the record does not determine the lag",
     "sensor.unit_doubt": "the median of column {subject} is {value:.4g} {unit}; is that its unit?",
-    "sensor.few_decimals": _few_decimals,
-    "sensor.repeated": "{count} time stamp(s) are repeated, first in row {row} below the header; "
-    "rows with the same time are averaged",
-    "sensor.uneven": "rows deviate from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s "
-    "(1 sd): the times of the results have this uncertainty",
     "sensor.short": "a segment of {count} rows is too short to be compensated: its results are "
     "empty",
     "sensor.dead": "column {subject} has too few readings in a segment: its results there are "
@@ -174,9 +152,6 @@ SENSOR: dict[str, Message] = {
     "does not help. Bare wires have none (option bare); otherwise use a plunge",
     "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
     "larger than that of {other}: the lags are those of two sensors of different gain",
-    "sensor.repeats": "{subject} has a new value in {percent:.3g} % of the rows (every "
-    "{interval_s:.3g} s on average) and is repeated or blank in the others: only new values are "
-    "used, as sampled at the time of their row",
     "sensor.pair_misfit": "{subject}: the two sensors do not measure one fluid through one lag "
     "or two each: the residuals are {ratio:.2g} times the noise",
     "sensor.pair_flow": "{subject}: the lags change with the flow; the file contains those of "

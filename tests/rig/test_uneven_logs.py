@@ -10,10 +10,9 @@ from scipy.signal import lfilter
 
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import SampleLocation
-from tcdyn.rig.check_clock import check_time, scale_jitter
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.log import Log, read_log
+from tcdyn.series import fit_clock, real_share
 from tcdyn.smoothing import smooth
 from tests.rig.log_cases import immersion_frame
 
@@ -92,7 +91,7 @@ def read_jittered_log(
 
 def jitter_numbers(log: Log) -> dict[str, float]:
     """Numbers of the finding on irregular stamps."""
-    return next(f.numbers for f in log.findings if f.code == "time.strays")
+    return next(f.numbers for f in log.findings if f.code == "series.strays")
 
 
 def test_lost_samples_are_missing_at_their_times_and_nowhere_else(tmp_path):
@@ -128,13 +127,8 @@ def test_real_share_of_the_jitter_does_not_depend_on_the_unit_of_the_readings():
     jitter_s = 0.003 * rng.standard_normal(n)
     y = 100 + 10 * np.sin(2 * np.pi * t / 5) + 0.05 * rng.standard_normal(n)
     y += 0.5 * jitter_s * 4 * np.pi * np.cos(2 * np.pi * t / 5)
-    sampling = check_time(t + jitter_s, SampleLocation("log.csv"))
-    assert sampling.late_s is not None
-    late_s = sampling.late_s[7]
-    shares = [
-        scale_jitter(sampling, pd.DataFrame({"a_degC": k * y})).late_s[7] / late_s
-        for k in (1.0, 1e-3, 1e3)
-    ]
+    clock = fit_clock(t + jitter_s)
+    shares = [real_share(clock, [k * y]).value for k in (1.0, 1e-3, 1e3)]
     assert shares == pytest.approx([shares[0]] * 3, rel=1e-9)
     assert 0.2 < shares[0] < 0.8
 
@@ -181,15 +175,13 @@ def test_compensation_loses_little_accuracy_with_jitter_and_lost_samples(
 
 def test_irregular_stamps_give_one_rate_for_any_start_time():
     _, stamps = sampling_and_stamp_times("samples, evenly spread", 0)
-    from_zero, a_day_later = (
-        check_time(start_s + stamps, SampleLocation("log.csv")) for start_s in (0.0, 86_400.0)
-    )
-    assert from_zero.late_s is not None
-    assert a_day_later.dt_s == pytest.approx(from_zero.dt_s, rel=1e-9)
+    from_zero, a_day_later = (fit_clock(start_s + stamps) for start_s in (0.0, 86_400.0))
+    assert from_zero.strays
+    assert a_day_later.interval_s == pytest.approx(from_zero.interval_s, rel=1e-9)
     # the ends stray by a fifth of an interval, of 2900
-    assert from_zero.dt_s == pytest.approx(DT, rel=1e-4)
-    assert np.array_equal(a_day_later.grid, from_zero.grid)
-    assert a_day_later.time_s == pytest.approx(86_400.0 + from_zero.time_s, abs=1e-6)
+    assert from_zero.interval_s == pytest.approx(DT, rel=1e-4)
+    assert np.array_equal(a_day_later.index, from_zero.index)
+    assert a_day_later.even_s == pytest.approx(86_400.0 + from_zero.even_s, abs=1e-6)
 
 
 def test_two_sampling_rates_in_one_log_raise(tmp_path):

@@ -31,9 +31,14 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import Source, source_of_table
+from tcdyn.series import ReadingOptions
 from tcdyn.series.long_tables import check_one_channel
+from tcdyn.series.reading import Kind
+from tcdyn.series.report import SeriesReport
 from tcdyn.series.scaled_readings import RangeCheck
+from tcdyn.series.series import Context, temperature_rows
+from tcdyn.series.source import Source, source_of_table
+from tcdyn.series.survey import Survey
 from tcdyn.series.thermocouple_types import convert_columns
 from tcdyn.series.units import cold_column
 from tcdyn.workflows.rig_channels import record_channels
@@ -48,10 +53,8 @@ class TableOptions(TypedDict, total=False):
     ----------
     columns
         Columns that a single sensor covers, instead of those in its file.
-    time
-        The time column, where its name does not say so.
-    time_unit
-        Its unit (s, ms, us, ns, min, h or days), where neither its name nor a row of units says so.
+    time, time_unit, dt_s, where, on_change, averages_s
+        As in ``tcdyn.series.ReadingOptions``.
     unit
         "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names or a
         row of units say.
@@ -62,6 +65,10 @@ class TableOptions(TypedDict, total=False):
     columns: Sequence[str]
     time: str | None
     time_unit: str | None
+    dt_s: float | None
+    where: str | None
+    on_change: float | None
+    averages_s: float | None
     unit: Mapping[str, str] | str
     couple: str
     cold: float | str
@@ -146,7 +153,8 @@ def raw_log(
     check_any_given(calibrations)
     if isinstance(calibrations, Mapping):
         return _rig_log(path, table, calibrations, rig or rig_from_records(calibrations))
-    source = source_of_table(path, table, options.get("time"), options.get("time_unit"))
+    reading, _ = ReadingOptions.split(options)
+    source = source_of_table(path, table, (), reading)
     return raw_table(source, calibrations, options)
 
 
@@ -157,7 +165,7 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
     """
     table = source.table
     cold = cold_column(options.get("cold", 0.0), table.names, table.where)
-    value_columns = [n for n in table.names if n != source.time]
+    value_columns = source.value_columns
     channels, findings = sensor_channels(
         value_columns,
         table.where,
@@ -168,6 +176,8 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
         cold,
         table.units,
     )
+    context = replace(channels.context, time=source.time, options=source.options, table=table)
+    channels = replace(channels, context=context)
     carried = tuple(n for n in value_columns if n not in channels.units)
     without_sensor = [name for name in carried if not table.is_time(name)]
     if without_sensor:
@@ -175,15 +185,27 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
     return _with_output(source, source.time, source.time, channels, carried, findings)
 
 
-def check_readings(table: Table, raw: RawLog) -> None:
-    """Check that the columns of a log are the readings of one channel each, in a known unit.
+def survey_of(raw: RawLog) -> Survey:
+    """A survey of the channels of a log, without rows yet."""
+    channels = raw.channels
+    where = channels.context.where
+    return Survey(lambda rows: temperature_rows(channels.units, rows, where), channels.context)
+
+
+def checked_before_following(raw: RawLog, table: Table) -> RawLog:
+    """Check the rows of a log that may grow, before its first row is compensated.
 
     Parameters
     ----------
-    table
-        The table with the rows that are there.
     raw
-        Its columns and channels.
+        The log.
+    table
+        Its table with the rows that are there.
+
+    Returns
+    -------
+    raw
+        The log, whose units are known to be checked.
 
     Raises
     ------
@@ -191,22 +213,58 @@ def check_readings(table: Table, raw: RawLog) -> None:
         For a long table, in which several channels share a column, and for readings that no
         thermocouple can have because they are in another unit.
     """
-    units = raw.channels.units
-    check_one_channel(table, raw.source.time, list(units))
-    references = [u.reference_junction for u in units.values()]
-    names = [*units, *(name for name in references if isinstance(name, str))]
-    checks = {name: RangeCheck(name, unit.name) for name, unit in units.items()}
+    channels = raw.channels
+    check_one_channel(table, raw.source.time, list(channels.units))
+    checks = {name: RangeCheck(name, unit.name) for name, unit in channels.units.items()}
     try:
-        for chunk in table.chunks(names, CHUNK_ROWS):
-            for name, unit in units.items():
-                junction = unit.reference_junction
-                cold = chunk.data[junction] if isinstance(junction, str) else junction
-                values = chunk.data[name]
-                checks[name].add(values, unit.in_degC(values, cold))
+        for chunk in table.chunks(channels.raw_columns, CHUNK_ROWS):
+            for column in temperature_rows(channels.units, chunk.data, table.where):
+                if column.kind is Kind.TEMPERATURE:
+                    checks[column.name].add(column.raw, column.judged)
     except InputError:  # the caller reads the rows as well, and says more or passes over them
-        return
+        checks = {}
     for check in checks.values():
         check.check(table.where, table)
+    context = replace(channels.context, is_surveyed=True)
+    return replace(raw, channels=replace(channels, context=context))
+
+
+def surveyed(raw: RawLog, table: Table) -> tuple[RawLog, SeriesReport | None]:
+    """Look at all rows of a log that is there, so that a decision does not depend on its parts.
+
+    Parameters
+    ----------
+    raw
+        The log.
+    table
+        Its table with all rows.
+
+    Returns
+    -------
+    raw
+        The log, whose channels know its codes.
+    report
+        What was understood; None of fewer than two rows.
+
+    Raises
+    ------
+    InputError
+        For a long table, in which several channels share a column; for time that runs backward;
+        and for readings that no thermocouple can have because they are in another unit.
+    """
+    channels = raw.channels
+    units = channels.units
+    check_one_channel(table, raw.source.time, list(units))
+    source = replace(raw.source, table=table)
+    look = survey_of(raw)
+    names = channels.raw_columns
+    for time_s, columns, findings in source.read_chunks(names):
+        look.add(time_s, {name: columns[name] for name in names}, findings)
+    report = look.report()
+    context = replace(channels.context, codes=look.codes, is_surveyed=True)
+    findings = (*raw.findings, *look.findings)
+    channels = replace(channels, context=context)
+    return replace(raw, channels=channels, findings=findings), report
 
 
 def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: Rig) -> RawLog:
@@ -228,7 +286,8 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
     names = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
     canonical = _rename_columns(convert_columns(table, conversions), names, stamps)
     source = Source(path, canonical, TimeColumn("time_s", 1.0, True, "s", where))
-    channels, findings = record_channels(records, rig, kind == "ehl", where)
+    context = Context(where, table=canonical)
+    channels, findings = record_channels(records, rig, kind == "ehl", context)
     carried = tuple(n for n in canonical.names if n not in channels.units and n != "time_s")
     return _with_output(source, time_in_log, stamps, channels, carried, findings)
 

@@ -1,0 +1,68 @@
+"""Messages about the rows of a table: times, gaps, and values that are no readings.
+
+A function here makes the text of one finding whose wording depends on its numbers; its arguments
+are the fields of the finding (see ``tcdyn.core.messages``).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tcdyn.core.messages.phrases import Message
+
+# Relative standard uncertainty of a sampling rate [%] from which a message states it: the lags have
+# the same, and below it is small against the other contributions. No result depends on it.
+NOTABLE_RATE_U_PERCENT = 1.0
+
+
+def _few_decimals(subject: str, rate_Hz: float, percent: float = 0.0, **_: Any) -> str:
+    """Message of ``series.few_decimals``.
+
+    ``rate_Hz`` is the estimated sampling rate, ``percent`` its relative standard uncertainty.
+    """
+    text = (
+        f"column {subject}: the clock has few decimals: rows are taken as evenly sampled at "
+        f"{rate_Hz:.5g} Hz"
+    )
+    if percent > NOTABLE_RATE_U_PERCENT:
+        text += f". This rate has a standard uncertainty of {percent:.2g} %, and so have the lags"
+    return text
+
+
+def _range(subject: str, count: int, value: float, unit: str = "degC", **_: Any) -> str:
+    """Message of ``series.range``; ``value`` is the first of ``count`` such values, in ``unit``."""
+    return (
+        f"column {subject}: {count} value(s) such as {value:.4g} {unit or 'degC'} are beyond the "
+        "range of a thermocouple (-273 to 3000 degC); they are left out: check the wiring"
+    )
+
+
+def _codes(subject: str, count: int, value: float, unit: str = "", **_: Any) -> str:
+    """Message of ``series.codes``; ``value`` is the first of ``count`` such values, in ``unit``."""
+    written = f"{value:.4g} {unit}".strip()
+    return (
+        f"column {subject}: {count} value(s) such as {written} are overload or drop-out codes of "
+        "the logger; they are left out: check the wiring"
+    )
+
+
+SERIES: dict[str, Message] = {
+    "series.few_decimals": _few_decimals,
+    "series.filled_time": "column {subject}: {count} missing time(s), first in row {row} below the "
+    "header, are interpolated from the rows before and after",
+    "series.repeated_time": "column {subject}: {count} row(s) have the time of the row before, "
+    "first in row {row} below the header; rows with one time are averaged",
+    "series.strays": "column {subject}: the time stamps deviate from even sampling at "
+    "{rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd); according to the readings, {percent:.0f} % of "
+    "this are real shifts of the sampling instants, and are corrected",
+    "series.uneven": "column {subject}: rows were taken at times that deviate from even sampling "
+    "at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): readings cannot be shifted to even times "
+    "exactly, and the times of the results have this uncertainty",
+    "series.lost": "column {subject}: {count} sample(s) have no row in the table, at {places} "
+    "place(s), first after {first_s:.6g} s; no reading was left out there",
+    "series.range": _range,
+    "series.codes": _codes,
+    "series.repeats": "column {subject} has a new value in {percent:.3g} % of the rows (every "
+    "{interval_s:.3g} s on average) and is repeated in the others: only its new values are used, "
+    "as read at the time of their row",
+}

@@ -1,0 +1,478 @@
+"""Input-output data from tables of any kind: columns, runs, and the hold of the inputs.
+
+``tcdyn.identification.from_csv`` and ``from_frame`` are the public functions; ``tcdyn identify``
+reads with them. Rows, times and readings are decided by :mod:`tcdyn.series`.
+``tests/identify/test_identify_data.py`` checks tables and errors,
+``tests/identify/test_identify_choose.py`` the hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError, utf8
+from tcdyn.core.findings import Finding, unique_by_subject
+from tcdyn.identification.held_inputs import with_new_values_of_inputs
+from tcdyn.identification.holds import (
+    HOLD_CODES,
+    Hold,
+    Holds,
+    check_hold,
+    hold_of_each,
+    select_holds,
+)
+from tcdyn.identification.iodata import IOData
+from tcdyn.io.table import missing_column_error
+from tcdyn.io.unit_names import column_named, unit_in, written_unit
+from tcdyn.series import Context, ReadingOptions, Series, Source, make_series, open_source
+from tcdyn.series.long_tables import check_one_channel
+from tcdyn.series.read import read_all
+from tcdyn.series.reading import READING, REPEAT, Kind
+from tcdyn.series.scaled_readings import in_degC, names_temperature
+from tcdyn.series.series import SHIFTED_ONLY, ColumnRows, Policy
+from tcdyn.series.source import check_numbers
+
+MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
+# A record may be short, and its readings must be on even times well enough to be shifted there.
+EVEN_RECORD = Policy(min_rows=2, max_stray=SHIFTED_ONLY)
+# Rows that are resampled may have any times.
+ANY_TIMES = Policy(min_rows=2)
+
+
+def from_frame(
+    frame: pd.DataFrame,
+    *,
+    input: str | Sequence[str],
+    output: str | Sequence[str],
+    run: str | None = None,
+    hold: Holds | Literal["auto"] = "auto",
+    resample_s: float | None = None,
+    name: str = "",
+    **reading: Any,
+) -> IOData:
+    """Input-output data from a table, one row for each sample.
+
+    Samples without a row become NaN outputs (a gap). Overload and drop-out codes become NaN. So do
+    outputs that only repeat an old value, because their sensor has a new one less often than the
+    table has rows; not with ``resample_s``.
+
+    Parameters
+    ----------
+    frame
+        The table. Its time is a column called time_s, Time [ms], t and the like, or the index.
+    input, output
+        Columns of the inputs and of the outputs.
+    run
+        Column whose values name separate runs.
+    hold
+        "zoh", "foh", one of them for each input, or "auto": "zoh" for each input that stays
+        constant and jumps as if set by a computer. Where the input alone cannot tell
+        (:func:`tcdyn.identification.holds.is_setpoint`), there is a finding.
+    resample_s
+        Sampling interval [s] of an even grid for uneven times: held inputs are averaged over its
+        intervals, all else is interpolated linearly.
+    name
+        Name of the record.
+    reading
+        How the rows are read: ``time``, ``time_unit``, ``dt_s`` (needed without a time), ``where``,
+        ``on_change`` and ``averages_s``, see :class:`tcdyn.series.ReadingOptions`.
+
+    Returns
+    -------
+    IOData
+        The data, with findings about the rows and the hold.
+
+    Raises
+    ------
+    InputError
+        With column, row and remedy.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
+    >>> from_frame(table, input="u", output="y").dt_s
+    1.0
+    """
+    options = ReadingOptions(**reading)
+    columns = [*map(str, frame.columns)]
+    roles = _Roles.of(columns, input, output, run, name or "table")
+    roles.check(columns, options.time, name or "table")
+    source = open_source(frame, roles.named, options)
+    epoch = None
+    if isinstance(frame.index, pd.DatetimeIndex) and source.time not in columns and len(frame):
+        epoch = frame.index[0]
+    data = _record(source, roles, hold, resample_s, name)
+    return replace(data, runs=tuple(replace(each, epoch=epoch) for each in data.runs))
+
+
+def from_csv(
+    path: str | Path,
+    *,
+    input: str | Sequence[str],
+    output: str | Sequence[str],
+    run: str | None = None,
+    hold: Holds | Literal["auto"] = "auto",
+    resample_s: float | None = None,
+    **reading: Any,
+) -> IOData:
+    """Read input-output data from a file: text of any dialect, TDMS, LVM or Parquet.
+
+    Parameters
+    ----------
+    path
+        The file.
+    input, output, run, hold, resample_s, reading
+        As for :func:`from_frame`.
+
+    Returns
+    -------
+    IOData
+        The data, named after the file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "log.csv"
+    ...     rows = ["time_s;u;T", "0,0;0;20,0", "0,5;1;20,0", "1,0;1;23,9", ""]
+    ...     _ = path.write_text("\\n".join(rows), encoding="utf-8")
+    ...     from_csv(path, input="u", output="T").dt_s
+    0.5
+    """
+    options = ReadingOptions(**reading)
+    known = [*_as_list(input), *_as_list(output), *_as_list(run)]
+    source = open_source(path, known, options)
+    roles = _Roles.of(source.table.names, input, output, run, source.table.where)
+    roles.check(source.table.names, options.time, source.table.where)
+    return _record(source, roles, hold, resample_s, utf8(Path(path).name))
+
+
+@dataclass(frozen=True)
+class _Roles:
+    """Columns of a table by their role.
+
+    Attributes
+    ----------
+    inputs, outputs
+        Names of the columns.
+    run
+        Column of runs, or None.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    run: str | None
+
+    @classmethod
+    def of(
+        cls,
+        columns: Sequence[str],
+        input: str | Sequence[str],
+        output: str | Sequence[str],
+        run: str | None,
+        where: str,
+    ) -> _Roles:
+        """The columns of names that may lack their units."""
+        inputs = tuple(column_named(name, columns) for name in _as_list(input))
+        outputs = tuple(column_named(name, columns) for name in _as_list(output))
+        return cls(inputs, outputs, run)
+
+    @property
+    def named(self) -> list[str]:
+        """Names of all columns."""
+        return [*self.inputs, *self.outputs, *_as_list(self.run)]
+
+    def check(self, columns: Sequence[str], time: str | None, where: str) -> None:
+        """Check that the columns are there, and none is both input and output.
+
+        Parameters
+        ----------
+        columns
+            Columns of the table.
+        time
+            Column of the time, or None.
+        where
+            Table that errors name.
+
+        Raises
+        ------
+        InputError
+            For columns that are missing, or named twice.
+        """
+        signals = [*self.inputs, *self.outputs]
+        for column in signals:
+            if signals.count(column) > 1:
+                raise InputError(
+                    f"column {column!r} is named twice",
+                    where=where,
+                    expected="other columns as inputs and outputs",
+                )
+        if not self.inputs or not self.outputs:
+            raise InputError(
+                "no input or no output is named", where=where, expected="at least one of each"
+            )
+        roles: list[tuple[str, str | None]] = [
+            *(("input", column) for column in self.inputs),
+            *(("output", column) for column in self.outputs),
+            ("time", time),
+            ("run", self.run),
+        ]
+        for role, name in roles:
+            if name is not None and name not in columns:
+                raise missing_column_error(f"{role} column", name, list(columns), where)
+
+
+def _as_list(names: str | Collection[str] | None) -> list[str]:
+    """One name, several or none as a list."""
+    if names is None:
+        return []
+    return [names] if isinstance(names, str) else list(names)
+
+
+def _record(
+    source: Source,
+    roles: _Roles,
+    hold: Holds | Literal["auto"],
+    resample_s: float | None,
+    name: str,
+) -> IOData:
+    """The runs of an open table as input-output data; the parameters are those of ``from_frame``.
+
+    Notes
+    -----
+    A clock belongs to a run. The interval of the data is the time of all runs over their samples.
+    """
+    where = name or source.table.where
+    check_one_channel(
+        source.table, source.time, roles.outputs, [*roles.inputs, *_as_list(roles.run)], roles.run
+    )
+    time_s, raw, findings = read_all(source, roles.named)
+    for column in (*roles.inputs, *roles.outputs):
+        check_numbers(column, raw[column], where)
+    runs = []
+    all_findings = [*findings]
+    selected: Holds | Literal["auto"] = hold
+    hold_findings: list[Finding] = []
+    if resample_s is not None:
+        _check_interval(resample_s, where)
+        # resampled inputs have other values, so their hold is that of the rows
+        inputs = np.column_stack([raw[column] for column in roles.inputs])
+        selected, hold_findings = select_holds(hold, roles.inputs, inputs, resample_s)
+        selected = check_hold(selected, len(roles.inputs), where)
+    all_series = []
+    for label, rows in _rows_of_runs(raw, roles.run):
+        location = f"{where}, run {label}" if label else where
+        columns = _column_rows(source, roles, {n: raw[n][rows] for n in roles.named})
+        context = Context(
+            location,
+            time=source.time,
+            options=source.options,
+            policy=EVEN_RECORD if resample_s is None else ANY_TIMES,
+            findings=findings,
+            table=source.table,
+        )
+        run_s = time_s[rows]
+        if source.options.dt_s is not None and source.options.time is None:
+            run_s = source.options.dt_s * np.arange(len(rows), dtype=float)
+        series = make_series(run_s, columns, context)
+        all_series.append(series)
+        all_findings += series.findings
+        if resample_s is None:
+            inputs = np.column_stack([series.on_grid(column) for column in roles.inputs])
+            outputs = np.column_stack([series.on_grid(column) for column in roles.outputs])
+        else:
+            held = hold_of_each(selected, len(roles.inputs))  # type: ignore[arg-type]
+            inputs, outputs = _resampled_run(series, columns, run_s, resample_s, held, roles, where)
+        runs.append((inputs, outputs, float(run_s[0]), label or name))
+    interval_s = resample_s or _mean_interval_s(all_series)
+    parts = [
+        IOData.from_arrays(
+            inputs,
+            outputs,
+            interval_s,
+            hold="foh",  # that of all runs together is set below
+            start_s=start_s,
+            input_names=roles.inputs,
+            output_names=roles.outputs,
+            name=label,
+        )
+        for inputs, outputs, start_s, label in runs
+    ]
+    data = parts[0].merge(*parts[1:])
+    data = replace(
+        data,
+        name=name,
+        findings=unique_by_subject([*all_findings, *hold_findings]),
+        reading=tuple(series.report for series in all_series),
+    )
+    if resample_s is not None:
+        return with_hold(data, selected)
+    return with_hold(with_new_values_of_inputs(data, hold), hold)
+
+
+def _check_interval(interval_s: float, where: str) -> None:
+    """Raise InputError for a sampling interval that is no positive number."""
+    if not 0 < interval_s < np.inf:
+        raise InputError(
+            f"the sampling interval is {interval_s:g} s",
+            where=where,
+            expected="a number above zero",
+        )
+
+
+def _rows_of_runs(
+    raw: Mapping[str, NDArray[Any]], run: str | None
+) -> list[tuple[str, NDArray[np.intp]]]:
+    """Label and rows of each run, in their order; rows without a label belong to none."""
+    count = len(next(iter(raw.values())))
+    if run is None:
+        return [("", np.arange(count))]
+    codes, values = pd.factorize(raw[run])
+    labelled = [(k, value) for k, value in enumerate(values) if value != ""]
+    return [(_run_label(value), np.flatnonzero(codes == k)) for k, value in labelled]
+
+
+def _run_label(value: Any) -> str:
+    """A label of a run as text; whole numbers without a point."""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value)
+
+
+def _column_rows(
+    source: Source, roles: _Roles, raw: Mapping[str, NDArray[Any]]
+) -> list[ColumnRows]:
+    """Inputs and outputs of a run in their own units; temperatures are judged in degC."""
+    columns = [ColumnRows(name, "", Kind.INPUT, raw[name]) for name in roles.inputs]
+    for name in roles.outputs:
+        unit_row = source.table.units.get(name, "")
+        unit = unit_in(name) or written_unit(unit_row)
+        if names_temperature(name, unit_row):
+            degC = in_degC(raw[name], unit)
+            columns.append(
+                ColumnRows(name, unit or "degC", Kind.TEMPERATURE, raw[name], degC, True)
+            )
+        else:
+            columns.append(ColumnRows(name, unit or unit_row, Kind.QUANTITY, raw[name]))
+    return columns
+
+
+def _mean_interval_s(all_series: Sequence[Series]) -> float:
+    """Sampling interval [s] of several runs: their time over their samples."""
+    n_steps = np.array([series.clock.size - 1 for series in all_series])
+    intervals_s = np.array([series.interval_s for series in all_series])
+    return float(n_steps @ intervals_s / n_steps.sum())
+
+
+def _resampled_run(
+    series: Series,
+    columns: Sequence[ColumnRows],
+    run_s: Array,
+    interval_s: float,
+    holds: Sequence[Hold],
+    roles: _Roles,
+    where: str,
+) -> tuple[Array, Array]:
+    """Inputs and outputs of a run on another grid, from the values at the stamps of their rows."""
+    values = {}
+    for column in columns:
+        reasons = series.reasons[column.name]
+        is_used = (reasons == READING) | (reasons == REPEAT)
+        values[column.name] = np.where(is_used, column.raw, np.nan)
+    row_times_s = series.clock.even_s if series.clock.is_coarse else run_s
+    inputs = np.column_stack([values[name] for name in roles.inputs])
+    outputs = np.column_stack([values[name] for name in roles.outputs])
+    return resampled(row_times_s, inputs, outputs, interval_s, holds, where)
+
+
+def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
+    """Return the data with another hold, and findings about it if it is selected.
+
+    Parameters
+    ----------
+    data
+        The record.
+    hold
+        As in :func:`from_frame`.
+    """
+    earlier = [f for f in data.findings if f.code not in HOLD_CODES]
+    inputs = np.concatenate([run.u for run in data.runs])
+    selected, findings = select_holds(hold, data.input_names, inputs, data.dt_s)
+    checked = check_hold(selected, len(data.input_names), data.name or "table")
+    return replace(data, hold=checked, findings=(*earlier, *findings))
+
+
+def _grid_positions(t: Array, dt_s: float, where: str) -> Array:
+    """Times (N,) in intervals from the first one; an error for a grid of too many samples."""
+    position = np.asarray((t - t[0]) / dt_s)
+    if position[-1] > MAX_GRID_SAMPLES:
+        raise InputError(
+            f"a grid of {dt_s:g} s over {t[-1] - t[0]:g} s has {position[-1]:.2g} samples",
+            where=where,
+            expected=f"at most {MAX_GRID_SAMPLES:.0e}",
+            remedy="give a longer sampling interval in seconds",
+        )
+    return position
+
+
+def resampled(
+    t: Array, u: Array, y: Array, dt_s: float, holds: Sequence[Hold], where: str
+) -> tuple[Array, Array]:
+    """Inputs and outputs of any times on an even grid.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s], which rise.
+    u, y
+        Inputs (N, K) and outputs (N, L).
+    dt_s
+        Sampling interval of the grid [s].
+    holds
+        Hold of each input (K,).
+    where
+        File that errors name.
+
+    Returns
+    -------
+    u, y
+        Inputs and outputs on the grid. A held input has its mean over each interval, so that its
+        steps keep their times on average; all else is interpolated linearly.
+
+    Raises
+    ------
+    InputError
+        For a grid of too many samples.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 1.5, 4.0])
+    >>> u = np.array([[0.0], [100.0], [100.0]])
+    >>> resampled(t, u, u, 1.0, ["zoh"], "table")[0].ravel()
+    array([  0.,  50., 100., 100., 100.])
+    """
+    last = int(np.floor(_grid_positions(t, dt_s, where)[-1] + 1e-9))
+    grid = t[0] + dt_s * np.arange(last + 2)
+    inputs = []
+    for values, hold in zip(u.T, holds):
+        finite = np.isfinite(values)
+        times = t[finite]
+        known = values[finite]
+        if hold == "zoh":
+            ends = np.append(times, grid[-1] + dt_s)
+            steps = known * np.diff(ends)
+            integral = np.interp(grid, ends, np.concatenate([[0.0], np.cumsum(steps)]))
+            integral -= known[0] * np.maximum(times[0] - grid, 0.0)
+            inputs.append(np.diff(integral) / dt_s)
+        else:
+            inputs.append(np.interp(grid[:-1], times, known))
+    outputs = [np.interp(grid[:-1], t, values) for values in y.T]
+    return np.column_stack(inputs), np.column_stack(outputs)

@@ -1,0 +1,130 @@
+"""Which values of a column are readings, and why the others are none.
+
+This is the only place that decides about values before the chain of a sensor is known: every
+command asks :func:`reasons_of`. What a chain cannot produce is decided later
+(``tcdyn.series.plausible.impossible_changes``). Tests: ``tests/series/test_reading.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcdyn.core import Array
+from tcdyn.series.plausible import dropout_codes, out_of_range, overload_limit
+
+Reasons = NDArray[np.uint8]
+
+# Values of ``Reasons``.
+READING = 0
+EMPTY = 1
+RANGE = 2
+CODE = 3
+REPEAT = 4
+REASON_NAMES = {EMPTY: "empty", RANGE: "range", CODE: "code", REPEAT: "repeat"}
+
+
+class Kind(StrEnum):
+    """What a column holds, which decides how its values may be judged."""
+
+    TEMPERATURE = "temperature"  # of a thermocouple or the like [degC]
+    QUANTITY = "quantity"  # any other reading
+    INPUT = "input"  # set by somebody: short states are no drop-outs
+
+
+@dataclass(frozen=True)
+class Codes:
+    """Values of a column that are codes of the logger.
+
+    Attributes
+    ----------
+    values
+        Drop-out codes.
+    beyond
+        Magnitude above which any value is an overload code.
+    """
+
+    values: tuple[float, ...] = ()
+    beyond: float = np.inf
+
+    def joined(self, other: Codes) -> Codes:
+        """The codes of two parts of a column."""
+        values = tuple(sorted({*self.values, *other.values}))
+        return Codes(values, min(self.beyond, other.beyond))
+
+
+def find_codes(values: Array, kind: Kind) -> Codes:
+    """Find the codes of a column.
+
+    Parameters
+    ----------
+    values
+        Values (N,), NaN where there is no number; temperatures in degC.
+    kind
+        What the column holds.
+
+    Examples
+    --------
+    >>> y = 40 + np.sin(np.arange(100.0))
+    >>> y[[10, 40, 70]] = 85.0
+    >>> find_codes(y, Kind.TEMPERATURE).values
+    (85.0,)
+    """
+    finite = np.where(np.isfinite(values), values, np.nan)
+    beyond = np.inf
+    if kind is Kind.TEMPERATURE:
+        possible = np.where(out_of_range(finite), np.nan, finite)
+    else:
+        beyond = overload_limit(finite)
+        possible = np.where(np.abs(finite) > beyond, np.nan, finite)
+    if kind is Kind.INPUT:
+        return Codes((), beyond)
+    is_code = dropout_codes(possible)
+    return Codes(tuple(np.unique(possible[is_code]).tolist()), beyond)
+
+
+def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons:
+    """Why each value of a column is no reading.
+
+    Parameters
+    ----------
+    values
+        Values (N,), NaN where there is no number; temperatures in degC.
+    kind
+        What the column holds.
+    codes
+        Its codes; None: those in these values.
+
+    Returns
+    -------
+    array
+        ``READING``, ``EMPTY``, ``RANGE`` or ``CODE`` for each value (N,).
+
+    Examples
+    --------
+    >>> reasons_of(np.array([20.0, np.nan, 1e5, np.inf]), Kind.TEMPERATURE).tolist()
+    [0, 1, 2, 2]
+    """
+    known = find_codes(values, kind) if codes is None else codes
+    reasons = np.full(len(values), READING, dtype=np.uint8)
+    with np.errstate(invalid="ignore"):
+        is_code = np.isinf(values) | (np.abs(values) > known.beyond)
+    for code in known.values:
+        is_code |= values == code
+    reasons[is_code] = CODE
+    if kind is Kind.TEMPERATURE:
+        reasons[out_of_range(values)] = RANGE
+    reasons[np.isnan(values)] = EMPTY
+    return reasons
+
+
+def joined_codes(parts: Iterable[Codes]) -> Codes:
+    """The codes of all parts of a column."""
+    result = Codes()
+    for part in parts:
+        result = result.joined(part)
+    return result

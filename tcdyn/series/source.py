@@ -1,0 +1,414 @@
+"""Tables of any kind as rows with a time: files, DataFrames, and the parts of a growing file.
+
+``open_source`` is where every command and function opens its table; :mod:`tcdyn.series.series`
+decides about the rows. Tests: ``tests/series/test_source.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding
+from tcdyn.io.clock_numbers import Midnights
+from tcdyn.io.metadata import check_not_compensated
+from tcdyn.io.read import Table, open_table
+from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
+from tcdyn.io.times import (
+    TIME_COLUMN_NAMES,
+    TimeColumn,
+    find_time_column,
+    has_time_name,
+    is_time_name,
+)
+from tcdyn.series.cells import has_cell, missing_cell_error
+from tcdyn.series.frame import table_of_frame
+from tcdyn.series.options import ReadingOptions
+from tcdyn.series.units import is_match
+
+# Name of the time of rows that have a sampling interval and no column of time.
+ROW_TIME = "time_s"
+
+Chunk = tuple[Array, dict[str, Array], tuple[Finding, ...]]
+
+
+class ChunkSource(Protocol):
+    """Source of columns in chunks: an opened table, or a log."""
+
+    def read_chunks(self, columns: Sequence[str]) -> Iterator[Chunk]:
+        """Yield time (N,) [s], columns (N,) and findings of each chunk."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """An opened table and its time column.
+
+    Attributes
+    ----------
+    path
+        The file.
+    table
+        The opened table.
+    clock
+        Its time column.
+    options
+        How its rows are read.
+    """
+
+    path: Path
+    table: Table
+    clock: TimeColumn
+    options: ReadingOptions = field(default=ReadingOptions())
+
+    @property
+    def time(self) -> str:
+        """Name of the time column."""
+        return self.clock.name
+
+    @property
+    def value_columns(self) -> list[str]:
+        """Names of the other columns."""
+        return [name for name in self.table.names if name != self.time]
+
+    def check_columns(self, columns: Sequence[str]) -> None:
+        """Raise InputError for a column that the table does not have."""
+        for name in columns:
+            if name not in self.table.names:
+                raise missing_column_error("column", name, self.table.names, self.table.where)
+
+    def read_chunks(self, columns: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Chunk]:
+        """Yield the table in chunks.
+
+        A time column of clock stamps is among the columns as it is in the file.
+
+        Parameters
+        ----------
+        columns
+            Columns to read.
+        rows
+            Rows of a chunk.
+
+        Returns
+        -------
+        time_s
+            Times (N,) [s].
+        columns
+            Columns (N,) as in the file, without conversion; clock stamps are among them.
+        findings
+            Findings of the reader.
+
+        Raises
+        ------
+        InputError
+            Where the unit of time is not clear.
+        """
+        names = list(dict.fromkeys([self.time, *columns]))
+        checked = False
+        clock = self.clock
+        midnights = Midnights()
+        guess = tuple(self.clock.findings())
+        chunks = self.table.chunks(names, rows)
+        try:
+            for chunk in chunks:
+                values = chunk.data[self.time]
+                # a chunk without rows, which carries findings, has no stamps
+                is_clock = self.time in chunk.stamps or len(values) == 0
+                if len(values) > 1 and not is_clock:
+                    recognised = clock.recognised(values, is_clock)
+                    if checked and recognised is not clock:
+                        raise self._late_clock_error(recognised)
+                    clock = recognised
+                times_s = clock.in_seconds(values, is_clock)
+                if clock.clock_unit and not is_clock:
+                    times_s = midnights.continued(times_s)
+                if not checked and len(times_s) > 1:
+                    clock.check_step(times_s, is_clock)
+                    clock.check_bursts(times_s)
+                    checked = True
+                yield times_s, {**chunk.data, **chunk.stamps}, (*guess, *chunk.findings)
+                guess = ()
+        finally:
+            if isinstance(chunks, Generator):
+                chunks.close()  # an error leaves no reader of the file behind
+
+    def _late_clock_error(self, clock: TimeColumn) -> InputError:
+        """Error for a clock written as numbers that the first rows do not show."""
+        return InputError(
+            f"column {clock.name!r} holds clock times as numbers, which its first rows do not show",
+            where=clock.where,
+            remedy="name the unit, {time_unit}",
+            parameters={"time_unit": clock.clock_unit},
+        )
+
+
+@dataclass
+class RisingRows:
+    """A source without the rows whose time is missing, or before that of an earlier row.
+
+    A log that is followed may have such rows where the clock of the logger is set; a table that is
+    complete may not.
+
+    Attributes
+    ----------
+    source
+        The source.
+    rows, left_out
+        Rows read so far, and those of them that were left out.
+    """
+
+    source: ChunkSource
+    rows: int = 0
+    left_out: int = 0
+
+    def read_chunks(
+        self, columns: Sequence[str]
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        """Time (N,) [s] and columns (N,) of each chunk, and findings."""
+        latest_s = -np.inf
+        for time_s, data, findings in self.source.read_chunks(columns):
+            before = np.fmax.accumulate(np.concatenate([[latest_s], time_s]))
+            used = np.isfinite(time_s) & (time_s >= before[:-1])
+            latest_s = float(before[-1])
+            self.rows += len(time_s)
+            self.left_out += int(np.count_nonzero(~used))
+            yield time_s[used], {name: data[name][used] for name in columns}, findings
+
+
+def open_source(
+    data: str | Path | pd.DataFrame | pd.Series,
+    known: Sequence[str] = (),
+    options: ReadingOptions | None = None,
+) -> Source:
+    """Open a table.
+
+    Parameters
+    ----------
+    data
+        A file, a DataFrame, or a Series over time.
+    known
+        Names or patterns of the columns that the caller needs; they help to find the header of a
+        file. Other columns may have one name; it gets a number.
+    options
+        How the rows are read.
+
+    Raises
+    ------
+    InputError
+        Without a time column, for a needed column that stands twice (any column, if none is
+        named), and for a table that is compensated already.
+    """
+    options = options or ReadingOptions()
+    if isinstance(data, pd.Series):
+        data = data.to_frame("reading" if data.name is None else data.name)
+    if isinstance(data, pd.DataFrame):
+        table, time, time_unit = table_of_frame(data, options)
+        options = replace(options, time=time, time_unit=time_unit)
+        return source_of_table(Path("DataFrame"), table, known, options)
+    if not isinstance(data, str | Path):
+        raise InputError(
+            f"the data are a {type(data).__name__}",
+            expected="a file, a DataFrame, a Series over time, or a tuple of times and arrays",
+        )
+    table = open_table(data, (*TIME_COLUMN_NAMES, *known))
+    return source_of_table(Path(data), table, known, options)
+
+
+def source_of_table(
+    path: Path,
+    table: Table,
+    known: Sequence[str] = (),
+    options: ReadingOptions | None = None,
+) -> Source:
+    """Find the time column of an open table; ``path`` is its file.
+
+    The other parameters, and the errors, are those of ``open_source``.
+    """
+    options = options or ReadingOptions()
+    check_not_compensated(table.names, table.metadata, table.where)
+    label, cell = options.condition
+    table = _with_unique_names(table, [*known, *filter(None, (options.time, label))])
+    if label:
+        table = _rows_with(table, label, cell)
+    if options.dt_s is not None and options.time is None:
+        table, name = _with_row_times(table, options.dt_s)
+        return Source(path, table, TimeColumn(name, 1.0, True, "s", table.where), options)
+    units = table.units
+    has_time = options.time is not None or table.clock_columns
+    if not has_time and not any(has_time_name(name, units) for name in table.names):
+        raise InputError(
+            "no time column found",
+            where=table.where,
+            expected=f"one of {', '.join(map(repr, table.names))}",
+            remedy="name it ({time}), or give the sampling interval ({dt_s})",
+            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
+        )
+    clock = find_time_column(
+        table.names,
+        table.where,
+        requested=options.time,
+        unit=options.time_unit,
+        unit_row=units,
+        clock_columns=table.clock_columns,
+    )
+    return Source(path, table, clock, options)
+
+
+def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:
+    """The table with a number behind each name that stands twice.
+
+    Parameters
+    ----------
+    table
+        The table.
+    needed
+        Names or patterns of the columns that are needed; none: all.
+
+    Raises
+    ------
+    InputError
+        If a needed column or one of time stands twice.
+    """
+    duplicates = [name for name in dict.fromkeys(table.names) if table.names.count(name) > 1]
+    for name in duplicates:
+        is_needed = not needed or is_time_name(name)
+        if is_needed or any(is_match(pattern, name) for pattern in needed):
+            raise InputError(
+                f"column {name!r} stands twice", where=table.where, remedy="rename one of them"
+            )
+    if not duplicates:
+        return table
+    names = []
+    for k, name in enumerate(table.names):
+        count = table.names[: k + 1].count(name)
+        names.append(f"{name} ({count})" if count > 1 else name)
+
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        yield from table.chunks([name for name in requested if name in table.names], rows)
+
+    return replace(table, names=tuple(names), chunks=chunks)
+
+
+def _rows_with(table: Table, label: str, cell: str) -> Table:
+    """The rows of a table whose column ``label`` holds ``cell``; both text and numbers.
+
+    Raises
+    ------
+    InputError
+        For a column that is missing, and, when the table is read, for a cell that no row has.
+    """
+    if label not in table.names:
+        raise missing_column_error("column", label, table.names, table.where)
+
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        """Yield the chunks of the table with these rows only."""
+        names = list(dict.fromkeys([*requested, label]))
+        seen: list[NDArray[Any]] = []
+        n_kept = 0
+        for chunk in table.chunks(names, rows):
+            cells = chunk.stamps.get(label, chunk.data[label])
+            is_kept = has_cell(cells, cell)
+            n_kept += int(np.count_nonzero(is_kept))
+            if not n_kept:
+                seen.append(pd.unique(cells))
+            data = {name: chunk.data[name][is_kept] for name in requested}
+            stamps = {
+                name: values[is_kept] for name, values in chunk.stamps.items() if name in requested
+            }
+            yield replace(chunk, data=data, stamps=stamps)
+        if not n_kept:
+            cells_of_all = np.concatenate([np.empty(0, dtype=object), *seen])
+            raise missing_cell_error(label, cell, cells_of_all, table.where)
+
+    # a plain table: the reader of labels of a text file would see the other rows
+    return Table(
+        table.where,
+        table.names,
+        table.metadata,
+        chunks,
+        units=table.units,
+        clock_columns=table.clock_columns,
+        types=table.types,
+        date_columns=table.date_columns,
+    )
+
+
+def _with_row_times(table: Table, dt_s: float) -> tuple[Table, str]:
+    """The table with a first column of even times [s], and the name of this column."""
+    name = ROW_TIME
+    while name in table.names:
+        name = f"row_{name}"
+
+    def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        """Yield the chunks of the table with the times of their rows."""
+        in_table = [column for column in requested if column != name]
+        # the number of rows is that of any column
+        read = in_table or [table.names[0]]
+        first = 0
+        for chunk in table.chunks(read, rows):
+            count = len(next(iter(chunk.data.values())))
+            data = {column: chunk.data[column] for column in in_table}
+            if name in requested:
+                data[name] = dt_s * np.arange(first, first + count, dtype=float)
+            first += count
+            stamps = {column: x for column, x in chunk.stamps.items() if column in in_table}
+            yield replace(chunk, data=data, stamps=stamps)
+
+    return replace(table, names=(name, *table.names), chunks=chunks), name
+
+
+def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
+    """Check that a column holds numbers.
+
+    Parameters
+    ----------
+    column
+        Its name.
+    values
+        Its values (N,), from the first row of the table on.
+    where
+        The table, in the message.
+
+    Raises
+    ------
+    InputError
+        For a column of text, with its first cell.
+
+    Examples
+    --------
+    >>> check_numbers("T1", np.array([20.0, 20.1]), "log.csv")
+    """
+    if values.dtype != object:
+        return
+    row = next((k for k, cell in enumerate(values) if cell), 0)
+    raise InputError(
+        f"column {column!r} holds text, such as {values[row]!r} in row {row + 1} below the header",
+        where=where,
+        expected="numbers",
+    )
+
+
+def frame_of_arrays(times_s: Any, columns: Mapping[str, Any]) -> pd.DataFrame:
+    """Times [s] and arrays (N,) as a table.
+
+    Raises
+    ------
+    InputError
+        For arrays of unequal lengths.
+    """
+    arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
+    index = np.asarray(times_s, dtype=float)
+    shapes = [np.shape(index), *(np.shape(values) for values in arrays.values())]
+    if len(set(shapes)) != 1 or len(shapes[0]) != 1:
+        raise InputError(
+            f"{len(shapes)} arrays of the shapes {', '.join(map(str, shapes))}",
+            expected=f"times in seconds and {len(arrays)} more of the same length (N,)",
+        )
+    return pd.DataFrame(arrays, pd.Index(index, name="time_s"))
