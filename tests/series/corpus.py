@@ -737,7 +737,7 @@ def _loggers() -> None:
         kind,
         "Excel: UTF-16 and tabs, minutes, kelvin",
         make_log(400, 0.5, 1111, unit="K"),
-        seconds(log, 5, 0.0, 60.0),
+        seconds(log, 6, 0.0, 60.0),
         "Zeit [min]",
         names=("Ofen [K]", "Bad [K]"),
         separator="\t",

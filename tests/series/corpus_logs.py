@@ -62,6 +62,8 @@ class Log:
         Unit of the temperatures.
     knows_samples
         Whether there is a true sample of each row; not for a clock without a grid.
+    tick_s
+        Step of the clock [s]; 0: none.
     """
 
     interval_s: float
@@ -72,6 +74,7 @@ class Log:
     reasons: dict[str, tuple[str, ...]]
     unit: str = "degC"
     knows_samples: bool = True
+    tick_s: float = 0.0
 
     @property
     def rows(self) -> int:
@@ -157,14 +160,14 @@ def make_log(
         cells[column] = tuple(f"{value:.{digits}f}" for value in in_unit(noisy, unit))
     cells["u"] = tuple(f"{HEATER_PERCENT:.1f}" if is_on else "0.0" for is_on in on)
     reasons = dict.fromkeys(("fine", "coarse"), ("",) * n)
-    return Log(
-        interval_s, float(rtol), sample, stamp_s, cells, reasons, unit, knows_samples=not loop
-    )
+    return Log(interval_s, float(rtol), sample, stamp_s, cells, reasons, unit, not loop, tick_s)
 
 
 def _deviates(rng: np.random.Generator, count: int) -> Array:
-    """Standard normal numbers without the rare large ones, which would exchange rows."""
-    return np.clip(rng.normal(size=count), -LARGEST_JITTER, LARGEST_JITTER)
+    """Standard normal numbers without the rare large ones, which would exchange rows; 0 first."""
+    deviates = np.clip(rng.normal(size=count), -LARGEST_JITTER, LARGEST_JITTER)
+    deviates[0] = 0.0
+    return deviates
 
 
 def _process(t: Array, duration_s: float, interval_s: float) -> tuple[Array, Array, Any]:
@@ -261,14 +264,16 @@ def truth_of(log: Log, names: dict[str, str], start_s: float = 0.0) -> dict[str,
     -------
     dict
         ``interval_s`` with ``interval_rtol``, ``rows``, ``samples``, ``rows_lost``,
-        ``repeated_rows``, ``gaps`` (each place without a row: ``after_row``, ``start_s``,
-        ``rows``) and ``columns``. Rows are counted from 1. A row that stands twice counts twice in
+        ``repeated_rows``, ``gaps`` (each place without a row: ``after_row``, the row before it;
+        ``start_s``, the instant of that row, within ``instant_tolerance_s``; ``rows``) and
+        ``columns``. Rows are counted from 1. A row that stands twice counts twice in
         the columns, so the readings, the empty cells and those left out are all rows. Of a clock
         without a grid only the interval, the rows and the columns are known.
     """
     truth: dict[str, Any] = {
         "interval_s": log.interval_s,
         "interval_rtol": log.interval_rtol,
+        "instant_tolerance_s": 2 * log.interval_s + log.tick_s,
         "rows": log.rows,
     }
     if log.knows_samples:
