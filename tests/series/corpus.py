@@ -26,6 +26,7 @@ from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet as pq
 
 from tests.series.corpus_logs import (
+    INTERVAL_RTOL,
     Log,
     clock,
     make_log,
@@ -69,6 +70,8 @@ class CorpusFile:
     time
         Name of the time column, which the rig file states; empty for a file whose time has no
         column of its own.
+    refused
+        Why each command must refuse the file; empty: each must read it.
     """
 
     kind: str
@@ -80,6 +83,7 @@ class CorpusFile:
     options: dict[str, str] = field(default_factory=dict)
     grows: bool = True
     time: str = "time_s"
+    refused: str = ""
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,8 @@ def add_csv(
     encoding: str = "utf-8",
     end: str = "\n",
     file: str = "log.csv",
+    grows: bool = True,
+    refused: str = "",
 ) -> None:
     """Add a table of text with the time in its first column.
 
@@ -181,7 +187,7 @@ def add_csv(
         Lines above the header, and lines between header and rows.
     separator, decimal
         Marks of the file.
-    start_s, options
+    start_s, options, grows, refused
         As for ``add``.
     encoding, end, file
         As for ``text_file``.
@@ -203,6 +209,8 @@ def add_csv(
         columns=unquoted,
         input=input.strip('"'),
         options=options or {},
+        grows=grows,
+        refused=refused,
         time=time.strip('"'),
     )
 
@@ -256,7 +264,15 @@ def _rounded() -> None:
     add_csv(kind, "10 Hz, stamps with a date", log, clock(log, ISO), "timestamp")
     log = make_log(600, 0.2, 314, tick_s=1.0)
     times = [f"{1710151190 + stamp:.0f}" for stamp in log.stamp_s]
-    add_csv(kind, "5 Hz, seconds since 1970", log, times, "epoch_s", start_s=1710151190.0)
+    add_csv(
+        kind,
+        "5 Hz, seconds since 1970",
+        log,
+        times,
+        "epoch_s",
+        start_s=1710151190.0,
+        options={"time": "epoch_s"},
+    )
     log = make_log(900, 0.1, 315, tick_s=1.0, gaps=[(500, 80)])
     add_csv(kind, "10 Hz in whole seconds, a gap of 80 rows", log, seconds(log, 0))
     log = make_log(600, 0.5, 316, tick_s=5.0)
@@ -353,7 +369,8 @@ def _cells_without_readings() -> None:
 
 def _slow() -> None:
     for k, every in enumerate((2, 5, 10)):
-        log = slow(make_log(800, 0.1, 700 + k), "coarse", every, held=True)
+        column = "fine" if every == 5 else "coarse"
+        log = slow(make_log(800, 0.1, 700 + k), column, every, held=True)
         name = f"a new value every {every} rows"
         add_csv("slow column, held", name, log, seconds(log, 1))
     for k, every in enumerate((5, 10, 30)):
@@ -439,7 +456,15 @@ def _stamp_forms() -> None:
     add_csv(kind, "UTC as Z", log, clock(log, "%Y-%m-%dT%H:%M:%SZ"), "time")
     log = make_log(400, 0.25, 908)
     times = [f"{1710151190000 + 1000 * stamp:.0f}" for stamp in log.stamp_s]
-    add_csv(kind, "milliseconds since 1970", log, times, "epoch_ms", start_s=1710151190.0)
+    add_csv(
+        kind,
+        "milliseconds since 1970",
+        log,
+        times,
+        "epoch_ms",
+        start_s=1710151190.0,
+        options={"time": "epoch_ms"},
+    )
     log = make_log(400, 1.0, 909)
     times = [f"{1710151190 + stamp:.0f}" for stamp in log.stamp_s]
     add_csv(kind, "seconds since 1970 in a column Time", log, times, "Time", start_s=1710151190.0)
@@ -743,6 +768,7 @@ def _loggers() -> None:
         separator="\t",
         decimal=",",
         encoding="utf-16",
+        grows=False,
     )
     log = make_log(300, 15.0, 1112)
     number = [str(k) for k in range(log.rows)]
@@ -863,6 +889,24 @@ def _binary_and_lvm() -> None:
     )
 
 
+def _refused() -> None:
+    """Files of which no clock can be read."""
+    kind = "no clock"
+    log = make_log(400, 0.5, 1300)
+    batch_s = 10.0
+    arrivals = [
+        f"{batch_s * (sample // 20 + 1) + 0.002 * (sample % 20):.4f}" for sample in log.sample
+    ]
+    add_csv(kind, "batches of twenty, stamps 2 ms apart", log, arrivals, refused="arrival times")
+    log = make_log(400, 1.0, 1301)
+    times = [f"{1.710151190e12 + 1000 * stamp:.5E}" for stamp in log.stamp_s]
+    name = "milliseconds since 1970 with six digits"
+    add_csv(kind, name, log, times, "timestamp_ms", refused="all rows have one time")
+    log = make_log(400, 10.0, 1302)
+    times = seconds(log, 0)
+    add_csv(kind, "rows every 10 in no unit", log, times, "Time", refused="the unit is not clear")
+
+
 def _tdms(log: Log, time: str) -> Writer:
     """Writer of a TDMS file whose time is a track of each channel, or a channel of stamps."""
     start = np.datetime64("2024-03-11T09:59:50.000000")
@@ -917,14 +961,16 @@ def as_rig_log(file: CorpusFile, path: Path) -> RigLog | None:
     -------
     RigLog or None
         The columns are named in the rig file: T_fine and T_coarse are the junctions ``t1`` and
-        ``t2``, and T_coarse is also the fluid. None: rows slower than 1 Hz, repeated rows, a gap
+        ``t2``, and T_coarse is also the fluid. None: rows slower than 1 Hz, equal stamps, a gap
         or a run of cells without readings above 0.5 s, or too many cells without readings, or a
         time that has no column to name.
     """
     truth = file.truth
     interval_s = truth["interval_s"]
     longest = max(RIG_LONGEST_GAP_S / interval_s, RIG_LONGEST_GAP_INTERVALS)
-    if interval_s > RIG_LONGEST_INTERVAL_S or truth.get("repeated_rows") or not file.time:
+    # an estimate of 1 s may be longer
+    longest_s = interval_s * (1 + truth["interval_rtol"] - INTERVAL_RTOL)
+    if longest_s > RIG_LONGEST_INTERVAL_S or truth["has_equal_stamps"] or not file.time:
         return None
     if any(gap["rows"] + 1 > longest for gap in truth.get("gaps", ())):
         return None
@@ -932,7 +978,9 @@ def as_rig_log(file: CorpusFile, path: Path) -> RigLog | None:
         if truth["rows"] - column["readings"] > RIG_MISSING_SHARE * truth["rows"]:
             return None
     fine, coarse = file.columns
-    names = {"time_s": file.time, "t1_degC": fine, "t2_degC": coarse, "fluid_degC": coarse}
+    names = {"time_s": file.time}
+    for canonical, column in (("t1", fine), ("t2", coarse), ("fluid", coarse)):
+        names[f"{canonical}_{truth['columns'][column]['unit']}"] = column
     lines = ["[columns]", *[f"{key} = {_toml_text(name)}" for key, name in names.items()]]
     lines += ["[thermocouples]", "t1 = { depth_mm = 3.0, z_mm = 2.0 }"]
     lines += ["t2 = { depth_mm = 6.0, z_mm = 2.0 }"]
@@ -956,3 +1004,4 @@ _wandering()
 _stamp_forms()
 _names_and_units()
 _loggers()
+_refused()

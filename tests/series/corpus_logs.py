@@ -35,6 +35,8 @@ WAVES = ((0.4, 2.3), (0.25, 5.7), (0.15, 11.1))
 INTERVAL_SIGMAS = 6.0
 # Relative error of an interval of stamps without any error: rounding in the file.
 INTERVAL_RTOL = 1e-6
+# Amplitude of a wave of the clock, in intervals, from which rows pass those of an even grid.
+LARGEST_WAVE = 0.5
 # Standard deviations of jitter that occur.
 LARGEST_JITTER = 2.5
 
@@ -159,8 +161,9 @@ def make_log(
         noisy = degC + NOISE_K * rng.normal(size=n)
         cells[column] = tuple(f"{value:.{digits}f}" for value in in_unit(noisy, unit))
     cells["u"] = tuple(f"{HEATER_PERCENT:.1f}" if is_on else "0.0" for is_on in on)
+    has_grid = not loop and wander < LARGEST_WAVE
     reasons = dict.fromkeys(("fine", "coarse"), ("",) * n)
-    return Log(interval_s, float(rtol), sample, stamp_s, cells, reasons, unit, not loop, tick_s)
+    return Log(interval_s, float(rtol), sample, stamp_s, cells, reasons, unit, has_grid, tick_s)
 
 
 def _deviates(rng: np.random.Generator, count: int) -> Array:
@@ -266,7 +269,9 @@ def truth_of(log: Log, names: dict[str, str], start_s: float = 0.0) -> dict[str,
         ``interval_s`` with ``interval_rtol``, ``rows``, ``samples``, ``rows_lost``,
         ``repeated_rows``, ``gaps`` (each place without a row: ``after_row``, the row before it;
         ``start_s``, the instant of that row, within ``instant_tolerance_s``; ``rows``) and
-        ``columns``. Rows are counted from 1. A row that stands twice counts twice in
+        ``columns``; and whether it ``has_equal_stamps``.
+
+        Rows are counted from 1. A row that stands twice counts twice in
         the columns, so the readings, the empty cells and those left out are all rows. Of a clock
         without a grid only the interval, the rows and the columns are known.
     """
@@ -274,6 +279,7 @@ def truth_of(log: Log, names: dict[str, str], start_s: float = 0.0) -> dict[str,
         "interval_s": log.interval_s,
         "interval_rtol": log.interval_rtol,
         "instant_tolerance_s": 2 * log.interval_s + log.tick_s,
+        "has_equal_stamps": bool(np.any(np.diff(log.stamp_s) == 0)),
         "rows": log.rows,
     }
     if log.knows_samples:

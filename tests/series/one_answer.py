@@ -35,6 +35,8 @@ SAME_INTERVAL = 1e-9
 SAME_INSTANT = 1e-6
 # Relative standard uncertainty of the stated lags; no reading depends on it.
 LAG_U = 0.02
+# Delay of ``follow``, in rows: longer than any of the files.
+DELAY_ROWS = 2000
 EXACT = ("rows", "samples", "rows_lost", "repeated_rows")
 
 
@@ -62,7 +64,11 @@ def read_follow(file: CorpusFile, path: Path) -> Report:
     """The report of ``tcdyn follow``."""
     out = path.with_name("live.csv")
     options: Any = dict(file.options)
-    done: Any = follow(path, sensors_of(file), out, options=options, idle_s=0.0, poll_s=0.0)
+    # so all rows are one block, which is quicker
+    delay_s = DELAY_ROWS * file.truth["interval_s"]
+    done: Any = follow(
+        path, sensors_of(file), out, delay_s=delay_s, options=options, idle_s=0.0, poll_s=0.0
+    )
     return done.reading.to_dict()
 
 
@@ -202,6 +208,8 @@ def _same_gaps(a: list[Any], b: list[Any], tolerance_s: float) -> bool:
 def errors(file: CorpusFile, flow: str, report: Report) -> list[str]:
     """Where the report of a flow differs from what the maker of the file knows."""
     truth = file.truth
+    if file.refused:
+        return [] if REFUSED in report else [f"{flow} reads the file, but {file.refused}"]
     if REFUSED in report:
         return [f"{flow} refuses the file: {report[REFUSED]}"]
     found = []
