@@ -300,6 +300,13 @@ def _lost() -> None:
     add_csv("one gap", "80 rows, samples stray by 5 %", log, seconds(log, 4))
     log = make_log(600, 1.0, 413, gaps=[(380, 80)])
     add_csv("one gap", "80 rows of a clock", log, clock(log, "%d.%m.%Y %H:%M:%S"), "Datum Uhrzeit")
+    # longer than ten lags: ``compensate`` and ``follow`` divide the log there
+    log = make_log(1100, 0.1, 417, gaps=[(500, 300)], stamp_jitter=0.05)
+    add_csv("one gap", "300 rows, stamps stray by 5 %", log, seconds(log, 4))
+    log = make_log(1200, 0.1, 418, gaps=[(600, 300)], tick_s=1.0)
+    add_csv("one gap", "300 rows of 10 Hz in whole seconds", log, seconds(log, 0))
+    log = make_log(1200, 1 / 75, 419, gaps=[(500, 5)], tick_s=1e-3, cut=False, wander=0.1)
+    add_csv("several gaps", "5 rows at 75 Hz in ms, a clock that wanders", log)
     log = make_log(700, 0.1, 414, gaps=[(260, 3), (350, 25), (500, 60)])
     add_csv("several gaps", "3, 25 and 60 rows", log, seconds(log, 1))
     log = make_log(700, 0.2, 415, gaps=[(250, 8), (420, 40)], lost=0.01)

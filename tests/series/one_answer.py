@@ -35,8 +35,8 @@ SAME_INTERVAL = 1e-9
 SAME_INSTANT = 1e-6
 # Relative standard uncertainty of the stated lags; no reading depends on it.
 LAG_U = 0.02
-# Delay of ``follow``, in rows: longer than any of the files.
-DELAY_ROWS = 2000
+# Delay of ``follow``, in rows: a file is read in several blocks, but not in so many that it is slow.
+DELAY_ROWS = 200
 EXACT = ("rows", "samples", "rows_lost", "repeated_rows")
 
 
@@ -64,7 +64,6 @@ def read_follow(file: CorpusFile, path: Path) -> Report:
     """The report of ``tcdyn follow``."""
     out = path.with_name("live.csv")
     options: Any = dict(file.options)
-    # so all rows are one block, which is quicker
     delay_s = DELAY_ROWS * file.truth["interval_s"]
     done: Any = follow(
         path, sensors_of(file), out, delay_s=delay_s, options=options, idle_s=0.0, poll_s=0.0

@@ -46,6 +46,7 @@ QUICK = (
     "10 Hz in whole seconds, a gap of 80 rows",
     "1% of rows every 0.1 s",
     "80 rows of 0.1 s",
+    "300 rows, stamps stray by 5 %",
     "3, 25 and 60 rows",
     "8.0% of the rows twice",
     "3 % of both columns, semicolons",
