@@ -35,7 +35,7 @@ SAME_INTERVAL = 1e-9
 SAME_INSTANT = 1e-6
 # Relative standard uncertainty of the stated lags; no reading depends on it.
 LAG_U = 0.02
-# Delay of ``follow``, in rows: a file is read in several blocks, but not in so many that it is slow.
+# Delay of ``follow``, in rows: a file is read in several blocks, but not in many, which is slow.
 DELAY_ROWS = 200
 EXACT = ("rows", "samples", "rows_lost", "repeated_rows")
 

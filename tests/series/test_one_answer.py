@@ -8,6 +8,7 @@ as they report what they read (``tcdyn.series.report``).
 from __future__ import annotations
 
 import importlib.util
+import tomllib
 from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
@@ -17,12 +18,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tcdyn.rig.log import read_log
+from tcdyn.rig.rigfile import parse_rig
 from tcdyn.sensors import compensation, measure, specified_sensor
 from tcdyn.sensors.file import SensorFile
 from tcdyn.series import clock as clock_module
 from tcdyn.series import fit_clock, plausible, updates
 from tcdyn.smoothing.inverse import invert
-from tests.series.corpus import FILES, CorpusFile
+from tests.series.corpus import FILES, CorpusFile, as_rig_log
+from tests.series.corpus_logs import START_DEGC, STEP_K
 from tests.series.one_answer import (
     FLOWS,
     REFUSED,
@@ -300,6 +304,44 @@ def test_a_mechanism_that_is_changed_for_one_reader_is_a_difference(
         reports["identify"] = read_plainly(file, path)
     assert differences(reports)
     assert errors(file, "identify", reports["identify"])
+
+
+RIG_NAMES = (
+    "rows every 0.25 s",
+    "75 Hz in ms",
+    "commas in quoted names",
+    "Campbell TOA5",
+    "kelvin in the names",
+    "Fahrenheit in the names",
+    "TDMS with stamps, 1 % lost",
+    "LVM, tabs",
+)
+
+
+@pytest.mark.parametrize("name", RIG_NAMES)
+def test_the_reader_of_the_rig_reads_a_file_by_the_names_in_its_rig_file(
+    name: str, tmp_path: Path
+) -> None:
+    file = BY_NAME[name]
+    rig_log = as_rig_log(file, file.write(tmp_path))
+    assert rig_log is not None
+    rig = parse_rig(tomllib.loads(rig_log.rig), "rig.toml")
+    log = read_log(rig_log.path, rig_log.kind, rig)  # type: ignore[arg-type]
+    assert len(log.frame) == file.truth["samples"]
+    for column in file.columns:
+        readings = log.frame[rig_log.columns[column]]
+        assert readings.iloc[0] == pytest.approx(START_DEGC, abs=1.0)
+        assert readings.iloc[-1] == pytest.approx(START_DEGC + STEP_K, abs=1.0)
+
+
+def test_the_rig_takes_no_file_that_its_rules_refuse() -> None:
+    refused = (
+        "2 Hz in whole seconds",
+        "80 rows of 0.1 s",
+        "sixty in a row",
+        "ThingSpeak: UTC behind the stamps",
+    )
+    assert all(as_rig_log(BY_NAME[name], Path("log.csv")) is None for name in refused)
 
 
 def inverse_instead_of_smoother(y: Any, dt_s: float, chains: Any, **options: Any) -> Any:
