@@ -60,6 +60,7 @@ from tcdyn.series.reading import Kind as ColumnKind
 from tcdyn.series.real_share import at_grid_times
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.series import ColumnRows, Context, Policy, clock_of
+from tcdyn.series.source import Source
 from tcdyn.series.survey import Survey
 
 # Longest gap [s] that is bridged, and sampling from which lags of the rig cannot be determined [s].
@@ -206,9 +207,10 @@ class Sampling:
         return at_grid_times(values, self.time_s[rows], self.late_s[rows])
 
 
-def _context(table: Table, names: Mapping[str, str]) -> Context:
+def _context(source: Source) -> Context:
     """Where the rows of a log come from, and what is tolerated in them."""
-    return Context(table.where, time=names["time_s"], policy=RIG_POLICY, table=table)
+    table = source.table
+    return Context(table.where, source.time, source.options, policy=RIG_POLICY, table=table)
 
 
 def _column_rows(names: Mapping[str, str], raw: Mapping[str, Any]) -> list[ColumnRows]:
@@ -552,25 +554,26 @@ def iter_log(
         )
     rig_or_default = rig or load_rig()
     file = Path(path)
-    table, names = open_log(
+    source, names = open_log(
         file, kind, rig, disk, allow_compensated=allow_compensated, without=without
     )
+    table = source.table
     chunks: list[Columns] = []  # of a short file, which is then read only once
     stamps = bytearray()  # grows in place; a list of arrays would need all of it twice
     findings: list[Finding] = []
     decimated = DecimatedLog()
     location = SampleLocation(table.where)
     metadata = dict(table.metadata)
-    survey = Survey(partial(_column_rows, names), _context(table, names))
-    for chunk in table.chunks(list(dict.fromkeys(names.values())), rows):
+    survey = Survey(partial(_column_rows, names), _context(source))
+    for time_s, chunk in source.timed_chunks(list(dict.fromkeys(names.values())), rows):
         if not stamps:
             start = start_time(chunk.stamps, names["time_s"], chunk.data[names["time_s"]])
             metadata |= {START_TIME_KEY: start} if start else {}
         location = chunk.location
         findings += chunk.findings
-        stamps += chunk.data[names["time_s"]].tobytes()
+        stamps += time_s.tobytes()
         raw = {column: chunk.data[column] for column in names.values()}
-        survey.add(raw[names["time_s"]], raw, chunk.findings)
+        survey.add(time_s, raw, chunk.findings)
         decimated.add({n: chunk.data[names[n]] for n in names if n != "time_s"})
         chunks.append(chunk)
         if decimated.rows * len(names) > MAX_VALUES_IN_MEMORY:
@@ -730,9 +733,13 @@ def read_log(
             without=without,
         )
         return log.to_log()
-    table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+    source, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+    table = source.table
     raw = read_all_rows(table, list(dict.fromkeys(names.values())))
     columns = {canonical: raw.data[name] for canonical, name in names.items()}
+    if "time_s" in columns:
+        is_clock = names["time_s"] in raw.stamps
+        columns["time_s"] = source.clock.in_seconds(columns["time_s"], is_clock)
     frame, findings = oven_frame(columns, raw.location)
     findings = [*raw.findings, *findings, *missing_and_unused(kind, table, names)]
     located = tuple(finding.at(table.where) for finding in findings)

@@ -9,6 +9,7 @@ Used by :mod:`tcdyn.rig.log` and by the workflows and commands that read a log w
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +21,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, open_table
+from tcdyn.io.times import TimeColumn
+from tcdyn.io.unit_names import unit_in, written_unit
 from tcdyn.rig.columns import (
     EHL_RUNNING,
     KNOWN_COLUMNS,
@@ -38,6 +41,7 @@ from tcdyn.rig.columns import (
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
+from tcdyn.series.source import Source, selected_rows, time_of_table
 from tcdyn.series.thermocouple_types import convert_columns, to_degC
 
 
@@ -170,7 +174,7 @@ def open_log(
     *,
     allow_compensated: bool = False,
     without: Collection[str] = (),
-) -> tuple[Table, dict[str, str]]:
+) -> tuple[Source, dict[str, str]]:
     """Open the file of a log.
 
     Parameters
@@ -190,7 +194,10 @@ def open_log(
 
     Returns
     -------
-    The table in canonical units, and canonical name to name in the file.
+    source
+        The table in canonical units with its time.
+    names
+        Canonical name to name in the file.
 
     Raises
     ------
@@ -209,15 +216,31 @@ def open_log(
     if kind == "ehl":
         air = {name: column for name, column in rig.air_columns().items() if name not in without}
     layouts = rig_layouts(rig, disk)
+    options = rig.reading
+    time = {"time_s": options.time} if options.time else {}
+    mapping = {**mapping, **time}
     table = open_table(file, (*all_column_names(layouts), *mapping.values(), *air.values()))
+    table, row_time = selected_rows(table, options)
+    if row_time:
+        mapping = {**mapping, "time_s": row_time}
     if not allow_compensated:
         check_not_compensated(table.names, table.metadata, table.where)
     names = match_columns(
         table.names, kind, table.where, mapping, without, rig.replaced_columns(), air, layouts
     )
-    conversions = unit_conversions(names, table.names, rig, disk or "", mapping)
+    conversions = unit_conversions(names, table, rig, disk or "", mapping)
     canonical = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
-    return convert_columns(table, conversions), canonical
+    return Source(
+        file, convert_columns(table, conversions), _time(table, names, rig, row_time)
+    ), canonical
+
+
+def _time(table: Table, names: Mapping[str, str], rig: Rig, row_time: str) -> TimeColumn:
+    """The time column of a log; of one without a time, any column: it is not read."""
+    if "time_s" not in names:
+        return TimeColumn("", 1.0, True, "s", table.where)
+    options = replace(rig.reading, time=names["time_s"])
+    return time_of_table(table, options, row_time)
 
 
 def column_names(file: str | Path, rig: Rig, disk: str | None = None) -> tuple[str, ...]:
@@ -334,7 +357,7 @@ def check_records_used(
 
 
 def unit_conversions(
-    names: Mapping[str, str], file: Collection[str], rig: Rig, disk: str, mapping: Mapping[str, str]
+    names: Mapping[str, str], table: Table, rig: Rig, disk: str, mapping: Mapping[str, str]
 ) -> dict[str, Callable[[Array], Array]]:
     """Conversions to canonical units, by the names of the columns in the ``file``.
 
@@ -345,8 +368,8 @@ def unit_conversions(
     ----------
     names
         Canonical name to name in the file.
-    file
-        All names in the file.
+    table
+        The table.
     rig
         The rig.
     disk
@@ -363,8 +386,10 @@ def unit_conversions(
     for name, column in names.items():
         of_disk = next((d for d in DISKS if name.startswith(f"{d}_")), disk)
         logger = rig.tables(of_disk).logger
-        match = find_column(name, mapping, file)
+        match = find_column(name, mapping, table.names)
+        in_file = unit_in(column) or written_unit(table.units.get(column, ""))
         unit = match[1] if match else column.rpartition("_")[2]
+        unit = in_file or unit
         if logger.millivolts and is_junction_column(name):
             unit = "mV"
         if name.endswith("_degC") and unit in UNITS:

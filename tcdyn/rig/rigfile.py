@@ -53,6 +53,7 @@ from tcdyn.rig.tables import (
     inner_row,
     layout_junctions,
 )
+from tcdyn.series.options import ReadingOptions
 
 # A key of more than 32 parts: tomllib needs time with the square of the depth.
 DEEP_KEY = re.compile(r"""(?:\.[ \t]*["'\w-]+[ \t]*){32}""")
@@ -196,13 +197,26 @@ class RigTables(RigTable):
 
 
 class Rig(Result, BaseModel):
-    """A rig: the common tables, and those of the fast and the slow disk."""
+    """A rig: the common tables, those of the fast and the slow disk, and how its logs are read.
+
+    Attributes
+    ----------
+    common, fast, slow
+        The tables.
+    reading
+        How the rows of a log are read, where the log does not say it itself; no part of a rig file.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     common: RigTables
     fast: RigTables
     slow: RigTables
+    reading: ReadingOptions = Field(default=ReadingOptions(), exclude=True, repr=False)
+
+    def with_reading(self, reading: ReadingOptions) -> Rig:
+        """The rig whose logs are read so."""
+        return self.model_copy(update={"reading": reading})
 
     def summary(self) -> str:
         """Size, steel and conditioning of each disk, one line each."""
@@ -371,7 +385,7 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
         except ValidationError as problem:
             what = first_validation_error(problem, name)
             raise InputError(what, where=where, remedy=SHOW_REMEDY) from None
-    return Rig(**tables)
+    return Rig(common=tables["common"], fast=tables["fast"], slow=tables["slow"])
 
 
 def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:

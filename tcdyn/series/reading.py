@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.series.plausible import dropout_codes, out_of_range, overload_limit
+from tcdyn.series.plausible import MAX_CODES, dropout_codes, out_of_range, overload_limit
 
 Reasons = NDArray[np.uint8]
 
@@ -67,6 +67,11 @@ def find_codes(values: Array, kind: Kind) -> Codes:
     kind
         What the column holds.
 
+    Notes
+    -----
+    A drop-out code is isolated and recurs (``tcdyn.series.plausible.dropout_codes``); so are values
+    beyond the range of a thermocouple where they are at most ``MAX_CODES`` different ones.
+
     Examples
     --------
     >>> y = 40 + np.sin(np.arange(100.0))
@@ -76,15 +81,21 @@ def find_codes(values: Array, kind: Kind) -> Codes:
     """
     finite = np.where(np.isfinite(values), values, np.nan)
     beyond = np.inf
+    outside = np.empty(0)
     if kind is Kind.TEMPERATURE:
-        possible = np.where(out_of_range(finite), np.nan, finite)
+        is_outside = out_of_range(finite)
+        outside = np.unique(finite[is_outside])
+        if len(outside) > MAX_CODES:  # so many different values are no codes
+            outside = np.empty(0)
+        possible = np.where(is_outside, np.nan, finite)
     else:
         beyond = overload_limit(finite)
         possible = np.where(np.abs(finite) > beyond, np.nan, finite)
     if kind is Kind.INPUT:
         return Codes((), beyond)
     is_code = dropout_codes(possible)
-    return Codes(tuple(np.unique(possible[is_code]).tolist()), beyond)
+    codes = np.concatenate([outside, np.unique(possible[is_code])])
+    return Codes(tuple(np.sort(codes).tolist()), beyond)
 
 
 def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons:
@@ -107,7 +118,7 @@ def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons
     Examples
     --------
     >>> reasons_of(np.array([20.0, np.nan, 1e5, np.inf]), Kind.TEMPERATURE).tolist()
-    [0, 1, 2, 2]
+    [0, 1, 3, 3]
     """
     known = find_codes(values, kind) if codes is None else codes
     reasons = np.full(len(values), READING, dtype=np.uint8)
@@ -115,9 +126,9 @@ def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons
         is_code = np.isinf(values) | (np.abs(values) > known.beyond)
     for code in known.values:
         is_code |= values == code
-    reasons[is_code] = CODE
     if kind is Kind.TEMPERATURE:
         reasons[out_of_range(values)] = RANGE
+    reasons[is_code] = CODE
     reasons[np.isnan(values)] = EMPTY
     return reasons
 

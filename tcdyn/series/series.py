@@ -327,7 +327,7 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
     >>> rows = ColumnRows("T1", "degC", Kind.TEMPERATURE, np.array([20.0, 20.5, 9e9] + [21.0] * 9))
     >>> series = make_series(np.arange(12.0), [rows], Context("log.csv"))
     >>> series.report.columns[0].readings, series.report.columns[0].left_out[0].reason
-    (11, 'range')
+    (11, 'code')
     """
     time_s, clock, findings = clock_of(time_s, context)
     reasons: dict[str, Reasons] = {}

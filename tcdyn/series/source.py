@@ -110,6 +110,13 @@ class Source:
         InputError
             Where the unit of time is not clear.
         """
+        for time_s, chunk in self.timed_chunks(columns, rows):
+            yield time_s, {**chunk.data, **chunk.stamps}, chunk.findings
+
+    def timed_chunks(
+        self, columns: Sequence[str], rows: int = CHUNK_ROWS
+    ) -> Iterator[tuple[Array, Columns]]:
+        """Yield the times (N,) [s] and the columns of each chunk, as ``read_chunks`` does."""
         names = list(dict.fromkeys([self.time, *columns]))
         checked = False
         clock = self.clock
@@ -133,7 +140,7 @@ class Source:
                     clock.check_step(times_s, is_clock)
                     clock.check_bursts(times_s)
                     checked = True
-                yield times_s, {**chunk.data, **chunk.stamps}, (*guess, *chunk.findings)
+                yield times_s, replace(chunk, findings=(*guess, *chunk.findings))
                 guess = ()
         finally:
             if isinstance(chunks, Generator):
@@ -233,13 +240,57 @@ def source_of_table(
     """
     options = options or ReadingOptions()
     check_not_compensated(table.names, table.metadata, table.where)
-    label, cell = options.condition
+    label, _ = options.condition
     table = _with_unique_names(table, [*known, *filter(None, (options.time, label))])
+    table, row_time = selected_rows(table, options)
+    return Source(path, table, time_of_table(table, options, row_time), options)
+
+
+def selected_rows(table: Table, options: ReadingOptions) -> tuple[Table, str]:
+    """The rows of a table that the options mean.
+
+    Parameters
+    ----------
+    table
+        The table.
+    options
+        How its rows are read.
+
+    Returns
+    -------
+    table
+        Only the rows with the cell of ``where``; with a column of times where only a sampling
+        interval is given.
+    row_time
+        Name of this column; empty where there is none.
+    """
+    label, cell = options.condition
     if label:
         table = _rows_with(table, label, cell)
     if options.dt_s is not None and options.time is None:
-        table, name = _with_row_times(table, options.dt_s)
-        return Source(path, table, TimeColumn(name, 1.0, True, "s", table.where), options)
+        return _with_row_times(table, options.dt_s)
+    return table, ""
+
+
+def time_of_table(table: Table, options: ReadingOptions, row_time: str = "") -> TimeColumn:
+    """The time column of a table, and its unit.
+
+    Parameters
+    ----------
+    table
+        The table.
+    options
+        How its rows are read.
+    row_time
+        Column of times of ``selected_rows``; empty where there is none.
+
+    Raises
+    ------
+    InputError
+        Without a time column.
+    """
+    if row_time:
+        return TimeColumn(row_time, 1.0, True, "s", table.where)
     units = table.units
     has_time = options.time is not None or table.clock_columns
     if not has_time and not any(has_time_name(name, units) for name in table.names):
@@ -250,7 +301,7 @@ def source_of_table(
             remedy="name it ({time}), or give the sampling interval ({dt_s})",
             parameters={"time": "COLUMN", "dt_s": "SECONDS"},
         )
-    clock = find_time_column(
+    return find_time_column(
         table.names,
         table.where,
         requested=options.time,
@@ -258,7 +309,6 @@ def source_of_table(
         unit_row=units,
         clock_columns=table.clock_columns,
     )
-    return Source(path, table, clock, options)
 
 
 def _with_unique_names(table: Table, needed: Sequence[str]) -> Table:

@@ -17,7 +17,7 @@ from tcdyn.core.findings import Finding, info
 from tcdyn.io.metadata import COMPENSATED, check_not_compensated
 from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
-from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn
+from tcdyn.io.times import TIME_COLUMN_NAMES
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
 from tcdyn.rig.opened_log import (
     all_column_names,
@@ -37,7 +37,7 @@ from tcdyn.series.reading import Kind
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.scaled_readings import RangeCheck
 from tcdyn.series.series import Context, temperature_rows
-from tcdyn.series.source import Source, source_of_table
+from tcdyn.series.source import Source, selected_rows, source_of_table, time_of_table
 from tcdyn.series.survey import Survey
 from tcdyn.series.thermocouple_types import convert_columns
 from tcdyn.series.units import cold_column
@@ -225,7 +225,7 @@ def checked_before_following(raw: RawLog, table: Table) -> RawLog:
         checks = {}
     for check in checks.values():
         check.check(table.where, table)
-    context = replace(channels.context, is_surveyed=True)
+    context = replace(channels.context, is_surveyed=True, table=None)
     return replace(raw, channels=replace(channels, context=context))
 
 
@@ -261,7 +261,7 @@ def surveyed(raw: RawLog, table: Table) -> tuple[RawLog, SeriesReport | None]:
     for time_s, columns, findings in source.read_chunks(names):
         look.add(time_s, {name: columns[name] for name in names}, findings)
     report = look.report()
-    context = replace(channels.context, codes=look.codes, is_surveyed=True)
+    context = replace(channels.context, codes=look.codes, is_surveyed=True, table=None)
     findings = (*raw.findings, *look.findings)
     channels = replace(channels, context=context)
     return replace(raw, channels=channels, findings=findings), report
@@ -271,13 +271,15 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
     """A log of the rig: its canonical columns, temperatures in degrees Celsius."""
     where = display_path(path)
     check_not_compensated(table.names, table.metadata, where)
+    table, row_time = selected_rows(table, rig.reading)
     kind, disk = log_kind(table.names, rig, records, where)
-    mapping = rig.columns(disk)
+    time = row_time or rig.reading.time
+    mapping = {**rig.columns(disk), **({"time_s": time} if time else {})}
     layouts = rig_layouts(rig, disk)
     names = match_columns(
         table.names, kind, where, mapping, replaced=rig.replaced_columns(), layouts=layouts
     )
-    conversions = unit_conversions(names, table.names, rig, disk or "", mapping)
+    conversions = unit_conversions(names, table, rig, disk or "", mapping)
     time_in_log = names["time_s"]
     stamps = ""
     if time_in_log in table.clock_columns:
@@ -285,8 +287,9 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
         names = {"time_s": time_in_log, stamps: time_in_log, **names}
     names = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
     canonical = _rename_columns(convert_columns(table, conversions), names, stamps)
-    source = Source(path, canonical, TimeColumn("time_s", 1.0, True, "s", where))
-    context = Context(where, table=canonical)
+    clock = time_of_table(table, replace(rig.reading, time=time_in_log), row_time)
+    source = Source(path, canonical, replace(clock, name="time_s"), rig.reading)
+    context = Context(where, time_in_log, rig.reading, table=canonical)
     channels, findings = record_channels(records, rig, kind == "ehl", context)
     carried = tuple(n for n in canonical.names if n not in channels.units and n != "time_s")
     return _with_output(source, time_in_log, stamps, channels, carried, findings)

@@ -25,7 +25,7 @@ from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors import channels as channel_module
 from tcdyn.sensors import compensation as engine
-from tcdyn.sensors import read_sensor, specified_sensor, step_times, table, write_sensor
+from tcdyn.sensors import read_sensor, segments, specified_sensor, step_times, write_sensor
 from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.series.units import uncertainty_column
 from tcdyn.smoothing import smooth
@@ -215,9 +215,9 @@ def test_a_table_in_stretches_is_the_table_at_once(
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y, n=np.arange(len(t)))
     sensor = specified_sensor("s", ["T1"], [(0.5, 0.02)])
     whole = written(compensate_table(log, [sensor], tmp_path / "whole.csv").path)
-    monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
-    monkeypatch.setattr(table, "MARGIN_ROWS", 10)
-    monkeypatch.setattr(table, "FLOOR", 0.01)
+    monkeypatch.setattr(segments, "SEGMENT_ROWS", 1000)
+    monkeypatch.setattr(segments, "MARGIN_ROWS", 10)
+    monkeypatch.setattr(segments, "FLOOR", 0.01)
     monkeypatch.setattr(channel_module, "MAX_VALUES", 1500)
     parts = written(compensate_table(log, [sensor], tmp_path / "parts.csv").path)
     assert np.array_equal(parts["n"], np.arange(len(t)))  # each row once
@@ -246,9 +246,9 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
     The tolerance is exp(-10), what margins leave of an error, times a standard deviation of 0.1 K.
     """
     monkeypatch.setattr(engine, "DECIMALS", 12)
-    monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
-    monkeypatch.setattr(table, "MARGIN_ROWS", 10)
-    monkeypatch.setattr(table, "FLOOR", 1.0)  # noise variances per second cubed: 0.01 K2/s3
+    monkeypatch.setattr(segments, "SEGMENT_ROWS", 1000)
+    monkeypatch.setattr(segments, "MARGIN_ROWS", 10)
+    monkeypatch.setattr(segments, "FLOOR", 1.0)  # noise variances per second cubed: 0.01 K2/s3
     monkeypatch.setattr(pipeline, "PROGRESS_ROWS", 1)
     t, _, y = logged((0.5,), 0.05, 9000, 0.1, 2)
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y)

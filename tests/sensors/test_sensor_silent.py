@@ -120,7 +120,7 @@ def test_readings_that_no_input_could_produce_are_not_inverted(tmp_path: Path, f
     assert (error < 2 * out["TC1_u_K"]).mean() > 0.9
     assert error.max() < 10  # the gas moves by 18 K in the longest gap
     codes = {f.code for f in done.findings}
-    assert codes & {"trace.unreachable", "trace.outside", "trace.codes"}
+    assert codes & {"trace.unreachable", "series.range", "series.codes"}
 
 
 def test_what_a_record_does_not_determine_is_left_empty(tmp_path: Path) -> None:
@@ -280,10 +280,13 @@ def test_a_steady_record_of_a_coarse_logger_is_determined(tmp_path: Path) -> Non
     assert (np.abs(out["TC1_degC"] - 25.2) < 3 * out["TC1_u_K"]).mean() > 0.9
 
 
-def test_a_blank_stamp_is_an_error_in_one_sentence(tmp_path: Path) -> None:
+def test_a_blank_stamp_is_interpolated_and_two_are_an_error(tmp_path: Path) -> None:
     _, y = kiln(300)
     time = stamps("2021-11-26", 300)
     time[50] = ""
+    done, _ = compensated(table(tmp_path / "log.csv", time, y, "Time"))
+    assert "series.filled_time" in {f.code for f in done.findings}
+    time[51] = ""
     with pytest.raises(InputError, match="no time in row 51"):
         compensated(table(tmp_path / "log.csv", time, y, "Time"))
 

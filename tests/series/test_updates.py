@@ -4,6 +4,7 @@ ones."""
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,14 +13,19 @@ import pytest
 from tcdyn import compensate_frame
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.sensors import sensor_file
-from tcdyn.sensors.pair import pair_sensor
+from tcdyn.sensors import SensorFile, sensor_file
+from tcdyn.sensors.measure import sensor_from_pair
 from tcdyn.sensors.sparse_rows import find_intervals, interval_residuals
 from tcdyn.series.updates import find_updates
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import Array, two_in_a_gas, write
 
 TAUS_S = (0.15, 0.5)
+
+
+def pair(t: Array, a: Array, b: Array, names: tuple[str, str], **options: Any) -> SensorFile:
+    """The lags of a pair as a user gets them: repeated values are found on the way."""
+    return sensor_from_pair((t, a, b), names, **options)
 
 
 def rows_of_updates(count: int, period: float, first: int = 0) -> Array:
@@ -75,7 +81,7 @@ def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[n
     of 0.6 to 1.3."""
     t, a, b = recorded(1)
     first, second = make(a, b)
-    made = pair_sensor(t, first, second, ("A", "B"), bare=True)
+    made = pair(t, first, second, ("A", "B"), bare=True)
     for name, tau in zip("AB", TAUS_S, strict=True):
         lag = made.chain.channels[name].lag_s
         assert abs(lag.value - tau) < 4 * lag.u
@@ -123,10 +129,7 @@ def test_a_slow_column_is_as_good_as_a_table_of_its_new_values(gaps) -> None:  #
 
 def test_repeats_and_blanks_at_the_same_rows_give_the_same_lags() -> None:
     t, a, b = recorded(2)
-    lags = [
-        pair_sensor(t, a, y, ("A", "B"), bare=True).chain.channels
-        for y in (held(b, 5), blank(b, 5))
-    ]
+    lags = [pair(t, a, y, ("A", "B"), bare=True).chain.channels for y in (held(b, 5), blank(b, 5))]
     for name in "AB":
         assert lags[0][name].lag_s.value == pytest.approx(lags[1][name].lag_s.value, rel=1e-9)
 
@@ -137,15 +140,15 @@ def test_new_values_that_alternate_as_a_scanner_s_are_an_error_with_the_remedy(g
     with pytest.raises(
         InputError, match=r"A has a new value in 50 % .* B has a new value in 50 % .*at one rate"
     ):
-        pair_sensor(t, gaps(a, 2), gaps(b, 2, 1), ("A", "B"))
+        pair(t, gaps(a, 2), gaps(b, 2, 1), ("A", "B"))
 
 
 def test_new_values_that_are_too_rare_for_the_shorter_lag_are_an_error() -> None:
     t, a, b = recorded(4)
     with pytest.raises(InputError, match=r"new value every 0\.1 s only .*faster"):
-        pair_sensor(t, held(a, 5), held(b, 5), ("A", "B"))
+        pair(t, held(a, 5), held(b, 5), ("A", "B"))
     with pytest.raises(InputError, match="rows can be used"):
-        pair_sensor(t, a, held(b, 100), ("A", "B"))
+        pair(t, a, held(b, 100), ("A", "B"))
 
 
 def test_missing_values_in_all_steps_of_one_channel_are_an_error_not_an_uncertainty_of_zero() -> (
@@ -158,7 +161,7 @@ def test_missing_values_in_all_steps_of_one_channel_are_an_error_not_an_uncertai
     a = np.where(rng.random(len(a)) < 0.1, a, np.nan)
     b = np.where(rng.random(len(b)) < 0.1, b, np.nan)
     with pytest.raises(InputError, match="rows can be used"):
-        pair_sensor(t, a, b, ("A", "B"))
+        pair(t, a, b, ("A", "B"))
 
 
 @pytest.mark.parametrize("step_K", [0.02, 0.25, 0.5, 1.5])
