@@ -1,0 +1,428 @@
+"""Rows that are written on change: a missing row means that the reading is within a dead band.
+
+Loggers and home-automation systems poll a sensor, and write a row only when the reading has moved
+by a dead band since the last row; some also write a row ("heartbeat") after a long time without
+one. :func:`find_dead_band` recognises such a column, and :func:`unchanged_values` gives the values
+at the polls that were not written, with their uncertainty.
+
+Tests: ``tests/series/test_on_change.py``; study: ``python -m tests.series.on_change_study``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom, norm, rankdata
+
+from tcdyn.core import Array, Flags
+from tcdyn.series.clock import Clock, fit_clock
+from tcdyn.series.descriptions import find_resolution_s
+
+# Largest probability of an ordinary log that looks like a report on change, by each of the two
+# tests; one table in a million, as for channels in one column (`tcdyn.series.value_channels`).
+CHANCE = 1e-6
+# A change of up to so many dead bands is near the dead band. Study: `on_change_study`.
+NEAR = 1.5
+# Largest probability that waits which have no part in the rate of change agree with it so well. It
+# is a second condition, beside ``CHANCE``. Study: `on_change_study`.
+WAIT_CHANCE = 1e-3
+# Prior probability of a row whose change is below the dead band, after a restart for example.
+STRAY_ROWS = 1e-3
+MAX_STRAYS = 0.01  # largest share of such rows; by judgement
+# Steps of the clock from which a row waited for a change: after one, any change is possible.
+WAITED = 1.5
+# Least share of the rows that waited whose change is near the dead band. Study: `on_change_study`.
+# Where some change is below the dead band, it is larger: such a log can be one with a faster rate in
+# events.
+NEAR_SHARE = 0.25
+NEAR_SHARE_WITH_STRAYS = 0.5
+# Dead bands of up to so many steps of the readings are one step.
+ONE_STEP = 1.5
+# A row is a heartbeat from this share of the longest wait, if that is so many usual waits. By
+# judgement: an ordinary log has few rows that are so late, so that they decide nothing.
+HEARTBEAT_SHARE = 0.9
+HEARTBEAT_WAITS = 3.0
+# Levels of an input that is held: more are readings. By judgement: stages of a heater.
+MAX_LEVELS = 5
+# Readings from which an input of two levels without a repeated one is held, whatever its levels;
+# an input of 0 and one other level is a switch, of which two are enough. By judgement: nothing
+# lies between the two levels, so that no other value could be meant.
+MIN_SWITCHES = 4
+# Share of the rows of the table without a reading, from which an input can be held. By judgement.
+HELD_BLANKS = 0.5
+# The numbers below are means and standard deviations of readings between two rows, in dead bands, in
+# `python -m tests.series.on_change_study fill` (random walks, ramps, dips, rest with noise, sines,
+# smooth random signals, with noise of 0 to 0.4 dead bands): see `unchanged_values` for their use.
+NEARBY = 6  # changes on each side that tell how noisy the readings are
+EXPECTED_TURNS = 0.1  # share of reversals where nothing is known
+STEADY_ROUGHNESS = 0.5  # mean excess of a steady change, whose excess is anything up to one poll's
+MIN_POLLS = 3  # polls of a wait from which its excess tells the noise
+MAX_EXCESS = 0.5  # a larger excess is a step, not noise
+MAX_ROUGHNESS = 5.0
+ROUNDING_D = 1e-6  # of the dead band: rounding errors of the values
+LATE = 1.5  # excess over that of a steady change from which a change came late
+TURN = 0.6  # height of the arc after a change in the other direction
+TURN_SD = 0.8  # standard deviation of its bridge
+BRIDGE_SD = 0.3  # that of a change that goes on
+MAX_POWER = 2.3  # largest factor on it where the change came late
+OFFSET = 0.11  # for each unit of roughness
+MAX_OFFSET = 0.22
+NOISE_SD = 0.16  # for each unit of roughness above NO_NOISE
+NO_NOISE = 0.1
+MIN_NOISE_SD = 0.05
+MAX_NOISE_SD = 0.25
+TURN_LEVEL = 0.44  # level of noise between two rows on its two sides
+SAME_LEVEL = 0.1  # between two rows on the same side
+LEVEL_SD = 0.34
+BEYOND_U = 3**-0.5  # after the last row: anything within the dead band
+# Shortest wait, in steps of the stamps, up to which the step is the poll: rows 20 polls apart or
+# nearer are found in any change of some dead bands within a hundred polls. By judgement.
+LONGEST_WAIT = 20.0
+FINER = 0.75  # of the interval: polls that are as long as it need no other clock
+MAX_PLACES = 1e6  # of a grid: days at one second; more takes long and tells no more
+
+
+@dataclass(frozen=True)
+class DeadBand:
+    """How a column is reported on change.
+
+    Attributes
+    ----------
+    value
+        Dead band, in the unit of the column; 0 for an input that is held.
+    is_held
+        Whether the column is an input of few levels: between two rows it has the first one's.
+    n_readings
+        Readings of the column.
+    n_changes
+        Readings that differ from the one before by the dead band or more.
+    n_heartbeats
+        Readings that do not, since they were written after a long time.
+    """
+
+    value: float
+    is_held: bool = False
+    n_readings: int = 0
+    n_changes: int = 0
+    n_heartbeats: int = 0
+
+
+def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
+    y, times_s = _readings(values, clock)
+    if len(y) < 2:
+        return None
+    held = _held_input(y, len(values))
+    if held is not None:
+        return held
+    wait_s = np.diff(times_s)
+    change = np.abs(np.diff(y))
+    resolution = find_resolution_s(y)
+    return _dead_band_of(change, wait_s, resolution)
+
+
+def _readings(values: Array, clock: Clock) -> tuple[Array, Array]:
+    stamps_s = clock.even_s + clock.deviation_s
+    is_reading = np.isfinite(values)
+    is_reading[1:] &= np.diff(clock.index) > 0 if not clock.is_wandering else True
+    return values[is_reading], stamps_s[is_reading]
+
+
+def _held_input(y: Array, n_rows: int) -> DeadBand | None:
+    levels = np.unique(y)
+    n_changes = int(np.count_nonzero(np.diff(y)))
+    n_repeats = len(y) - 1 - n_changes
+    if not 2 <= len(levels) <= MAX_LEVELS or n_repeats or len(y) > (1 - HELD_BLANKS) * n_rows:
+        return None
+    is_switch = len(levels) == 2 and (len(y) >= MIN_SWITCHES or 0.0 in levels)
+    by_chance = (1 - 1 / len(levels)) ** n_changes
+    if is_switch or by_chance < CHANCE:
+        return DeadBand(0.0, True, len(y), n_changes, n_repeats)
+    return None
+
+
+def _dead_band_of(change: Array, wait_s: Array, resolution: float) -> DeadBand | None:
+    rounding = 1e-6 * resolution if resolution else 1e-9 * float(change.max(initial=0.0))
+    candidates = np.unique(change[change > rounding])
+    if not len(candidates):
+        return None
+    log_chances = np.zeros(len(candidates))
+    for k, dead_band in enumerate(candidates):
+        is_below = change < dead_band - rounding
+        if dead_band > ONE_STEP * resolution:
+            is_below &= ~_are_heartbeats(wait_s, is_below)
+        is_near = (change >= dead_band - rounding) & (change <= NEAR * dead_band + rounding)
+        n_below = int(np.count_nonzero(is_below))
+        n_tried = n_below + int(np.count_nonzero(is_near))
+        log_chances[k] = binom.logcdf(n_below, n_tried, _share_below(dead_band, resolution))
+    best = int(np.argmin(log_chances))
+    is_significant = log_chances + np.log(len(candidates)) < np.log(CHANCE)
+    if not is_significant.any():
+        return None
+    is_changed = change > rounding
+    if _chance_of_waits(change[is_changed], wait_s[is_changed]) > WAIT_CHANCE:
+        return None
+    largest = NEAR * float(candidates[best]) + rounding
+    dead_band = _likeliest(candidates[is_significant], change, wait_s, largest, resolution)
+    is_below = change < dead_band - rounding
+    is_heartbeat = is_below & _are_heartbeats(wait_s, is_below)
+    n_heartbeats = int(np.count_nonzero(is_heartbeat))
+    n_strays = int(np.count_nonzero(is_below)) - n_heartbeats
+    if binom.sf(n_strays - 1, len(change), MAX_STRAYS) < WAIT_CHANCE:
+        return None
+    has_waited = (wait_s > WAITED * wait_s.min()) & ~is_heartbeat
+    is_near = ~is_below & (change <= NEAR * dead_band + rounding)
+    least_share = NEAR_SHARE_WITH_STRAYS if n_strays else NEAR_SHARE
+    if np.count_nonzero(is_near & has_waited) < least_share * np.count_nonzero(has_waited):
+        return None
+    n_changes = int(np.count_nonzero(~is_below))
+    return DeadBand(dead_band, False, len(change) + 1, n_changes, n_heartbeats)
+
+
+def _likeliest(
+    candidates: Array, change: Array, wait_s: Array, largest: float, resolution: float
+) -> float:
+    log_likelihoods = np.full(len(candidates), -np.inf)
+    rounding = 1e-6 * resolution
+    for k, dead_band in enumerate(candidates):
+        is_below = change < dead_band - rounding
+        n_below = int(np.count_nonzero(is_below & ~_are_heartbeats(wait_s, is_below)))
+        excess = change[~is_below & (change <= largest)] - dead_band
+        if len(excess):
+            mean = float(np.mean(excess)) + 0.5 * resolution + 1e-9 * largest
+            log_likelihoods[k] = -len(excess) * (1 + np.log(mean / largest))
+            log_likelihoods[k] += n_below * np.log(STRAY_ROWS)
+    return float(candidates[int(np.argmax(log_likelihoods))])
+
+
+def _are_heartbeats(wait_s: Array, is_below: Flags) -> Flags:
+    longest_s = float(wait_s.max())
+    others = wait_s[~is_below]
+    if longest_s < HEARTBEAT_WAITS * float(np.median(others)):
+        return np.zeros(len(wait_s), dtype=bool)
+    return wait_s >= HEARTBEAT_SHARE * longest_s
+
+
+def _share_below(dead_band: float, resolution: float) -> float:
+    if not resolution:
+        return 1 / NEAR
+    first = round(dead_band / resolution)
+    last = int(NEAR * first + 1e-6)
+    return (2 * first - 1) / (2 * last + 1)
+
+
+def _chance_of_waits(change: Array, wait_s: Array) -> float:
+    n = len(change)
+    if n < 3:
+        return 1.0
+    rate_rank = rankdata(change / wait_s)
+    wait_rank = rankdata(np.round(wait_s, 9))
+    if np.ptp(wait_rank) == 0 or np.ptp(rate_rank) == 0:
+        return 1.0
+    correlation = float(np.corrcoef(rate_rank, wait_rank)[0, 1])
+    return float(norm.cdf(correlation * np.sqrt(n - 1)))
+
+
+class FilledValues(NamedTuple):
+    """A column at every place of its grid.
+
+    Attributes
+    ----------
+    values
+        Readings, and estimates between them (clock.size,), in the unit of the column; NaN before
+        the first reading.
+    u
+        Standard uncertainty of the estimates, and 0 at the readings (clock.size,).
+    is_filled
+        Whether a place has no reading, and an estimate (clock.size,).
+    """
+
+    values: Array
+    u: Array
+    is_filled: Flags
+
+
+def unchanged_values(values: Array, clock: Clock, dead_band: DeadBand) -> FilledValues:
+    """Estimate a column that is reported on change at the places of the grid without a row.
+
+    Parameters
+    ----------
+    values
+        The column at the rows of the table (R,), in any unit; NaN where the cell is blank.
+    clock
+        The clock of these rows; its interval should be that of the polls (``poll_clock``).
+    dead_band
+        What :func:`find_dead_band` found, or the dead band that the user states.
+
+    Returns
+    -------
+    FilledValues
+        Values, standard uncertainties, and where they are estimates.
+
+    Notes
+    -----
+    Between a row with the value v and the next one, with the value v + g a after n polls (g = +-1,
+    a >= D), the readings at the polls are within D of v. In units of D, and in the direction of g,
+    the estimate at the share t of the wait is the mean of two descriptions.
+
+    *Motion.* A steady change passes D within the last poll: its excess e = a - 1 is at most
+    1 / (n - 1). The value then runs on a straight line to the new row, limited to 1, and the error
+    is that of a bridge, c^2 t(1 - t). A larger excess, x = e (n - 1) > 1, is a late change, and one
+    within the last poll for a large x: end t^m with m = sqrt(x / 1.5) and the end 1 - e, since the
+    limit lies on average in the middle of the last change. After a change in the other direction
+    the value first went on: an arc ``TURN`` 4 t(1 - t) is taken off. Where changes are noisy, which
+    their excess shows, a row stands at an excursion of the noise: an offset is taken off.
+
+    *Noise about a level.* Rows are then written at the largest excursions, to alternate sides; the
+    others have their level in the middle.
+
+    The share of reversals among the changes nearby is the probability of the second description.
+    The variance includes the difference of the two means. All numbers are means and standard
+    deviations in ``python -m tests.series.on_change_study fill``.
+    """
+    n_places = clock.size
+    grid = np.full(n_places, np.nan)
+    u = np.full(n_places, np.nan)
+    rows = np.flatnonzero(np.isfinite(values))
+    grid[clock.index[rows]] = values[rows]
+    places = np.flatnonzero(np.isfinite(grid))
+    if not len(places):
+        return FilledValues(grid, u, np.zeros(n_places, dtype=bool))
+    u[places] = 0.0
+    written = grid[places]
+    empty = np.flatnonzero(~np.isfinite(grid))
+    empty = empty[empty > places[0]]
+    before = np.searchsorted(places, empty) - 1
+    grid[empty] = written[before]
+    u[empty] = 0.0 if dead_band.is_held else BEYOND_U * dead_band.value
+    inside = before < len(places) - 1
+    if not dead_band.is_held and inside.any():
+        waits = _waits_of(written, places, dead_band.value)
+        q = before[inside]
+        share = (empty[inside] - places[q]) / waits.n_polls[q]
+        mean, sd = _within_wait(waits, q, share)
+        grid[empty[inside]] += dead_band.value * waits.direction[q] * mean
+        u[empty[inside]] = dead_band.value * sd
+    is_filled = np.zeros(n_places, dtype=bool)
+    is_filled[empty] = True
+    return FilledValues(grid, u, is_filled)
+
+
+@dataclass(frozen=True)
+class _Waits:
+    """Times between two rows, (Q,) each; changes in units of the dead band.
+
+    Attributes
+    ----------
+    n_polls
+        Polls from one row to the next.
+    direction
+        Sign of the change.
+    change
+        Its size.
+    is_heartbeat
+        Whether it is below one.
+    is_turn
+        Whether the change before had the other direction.
+    turn_share
+        Share of reversals among the changes nearby.
+    roughness
+        Mean excess of the changes nearby, over that of one poll of a steady change.
+    """
+
+    n_polls: Array
+    direction: Array
+    change: Array
+    is_heartbeat: Flags
+    is_turn: Flags
+    turn_share: Array
+    roughness: Array
+
+
+def _waits_of(written: Array, places: NDArray[np.intp], dead_band: float) -> _Waits:
+    """The waits between rows with these values (M,) at these places (M,)."""
+    n_polls = np.diff(places).astype(float)
+    signed = np.diff(written) / dead_band
+    change = np.abs(signed)
+    is_heartbeat = change < 1 - ROUNDING_D
+    is_turn = np.append(False, signed[1:] * signed[:-1] < 0)
+    is_turn[1:] &= ~(is_heartbeat[1:] | is_heartbeat[:-1])
+    turn_share = _mean_nearby(is_turn.astype(float), ~is_heartbeat, EXPECTED_TURNS)
+    excess = np.maximum(change - 1, 0.0)
+    is_telling = ~is_heartbeat & (n_polls >= MIN_POLLS) & (excess < MAX_EXCESS)
+    roughness = np.minimum(excess * n_polls / np.maximum(change, 1.0), MAX_ROUGHNESS)
+    roughness = _mean_nearby(roughness, is_telling, STEADY_ROUGHNESS)
+    return _Waits(
+        n_polls, np.sign(signed), change, is_heartbeat, is_turn, turn_share, roughness
+    )
+
+
+def _mean_nearby(quantity: Array, counts: Flags, expected: float) -> Array:
+    """Means of a quantity (Q,) over the neighbours that count, and one of the expected value."""
+    kernel = np.ones(2 * NEARBY + 1)
+    inside = slice(NEARBY, NEARBY + len(quantity))
+    total = np.convolve(np.where(counts, quantity, 0.0), kernel)[inside]
+    number = np.convolve(counts.astype(float), kernel)[inside]
+    return np.asarray((total + expected) / (number + 1))
+
+
+def _within_wait(waits: _Waits, q: NDArray[np.intp], share: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation of the readings after a share (P,) of their waits ``q`` (P,).
+
+    Both in units of the dead band, the mean from the last row in the direction of the change.
+    """
+    n_polls = waits.n_polls[q]
+    change = waits.change[q]
+    is_heartbeat = waits.is_heartbeat[q]
+    is_turn = waits.is_turn[q]
+    excess = np.maximum(change - 1, 0.0)
+    lateness = excess * (n_polls - 1)
+    power = np.sqrt(np.maximum(lateness / LATE, 1.0))
+    line = np.minimum(change * share, 1.0)
+    late = np.maximum(1 - excess, 0.0) * share**power
+    mean = np.where(lateness > LATE, late, line)
+    arch = 4 * share * (1 - share)
+    mean -= np.where(is_turn, TURN * arch / power, 0.0)
+    offset = np.clip(OFFSET * (waits.roughness[q] - STEADY_ROUGHNESS), 0.0, MAX_OFFSET)
+    mean -= np.where(is_heartbeat, 0.0, offset)
+    bridge_sd = np.where(is_turn, TURN_SD, BRIDGE_SD * np.minimum(power, MAX_POWER))
+    noise_sd = np.clip(NOISE_SD * (waits.roughness[q] - NO_NOISE), MIN_NOISE_SD, MAX_NOISE_SD)
+    variance = 0.25 * bridge_sd**2 * arch + noise_sd**2
+    level = np.where(is_turn, TURN_LEVEL, SAME_LEVEL)
+    weight = waits.turn_share[q]
+    total = (1 - weight) * mean + weight * level
+    variance = (1 - weight) * variance + weight * LEVEL_SD**2
+    variance += weight * (1 - weight) * (level - mean) ** 2
+    return total, np.sqrt(variance)
+
+
+def poll_clock(clock: Clock) -> Clock:
+    """The clock of the polls, for a table whose rows were all written on change.
+
+    Parameters
+    ----------
+    clock
+        The clock of the rows, as :func:`tcdyn.series.clock.fit_clock` finds it.
+
+    Returns
+    -------
+    Clock
+        The same one where its interval is that of the polls.
+
+    Notes
+    -----
+    Where hardly any row follows another one at the next poll, the typical wait looks like the
+    interval. The polls are then the step of which all stamps are multiples; where the stamps have
+    finer decimals than the polls, they are as long as the shortest wait, or shorter.
+    """
+    stamps_s = clock.even_s + clock.deviation_s
+    waits_s = np.diff(stamps_s)
+    shortest_s = float(np.min(waits_s[waits_s > ROUNDING_D * clock.interval_s]))
+    has_polls = 0 < clock.resolution_s and shortest_s <= LONGEST_WAIT * clock.resolution_s
+    interval_s = clock.resolution_s if has_polls else shortest_s
+    n_places = (stamps_s[-1] - stamps_s[0]) / interval_s
+    if interval_s > FINER * clock.interval_s or n_places > MAX_PLACES:
+        return clock
+    return fit_clock(stamps_s, interval_s=interval_s)
