@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.stats import binom, norm, rankdata
 
 from tcdyn.core import Array, Flags
@@ -302,7 +303,9 @@ def unchanged_values(values: Array, clock: Clock, dead_band: DeadBand) -> Filled
         waits = _waits_of(written, places, dead_band.value)
         q = before[inside]
         share = (empty[inside] - places[q]) / waits.n_polls[q]
-        mean, sd = _within_wait(waits, q, share)
+        steady = PchipInterpolator(places, written)(empty[inside]) - written[q]
+        steady *= waits.direction[q] / dead_band.value
+        mean, sd = _within_wait(waits, q, share, steady)
         grid[empty[inside]] += dead_band.value * waits.direction[q] * mean
         u[empty[inside]] = dead_band.value * sd
     is_filled = np.zeros(n_places, dtype=bool)
@@ -368,7 +371,9 @@ def _mean_nearby(quantity: Array, counts: Flags, expected: float) -> Array:
     return np.asarray((total + expected) / (number + 1))
 
 
-def _within_wait(waits: _Waits, q: NDArray[np.intp], share: Array) -> tuple[Array, Array]:
+def _within_wait(
+    waits: _Waits, q: NDArray[np.intp], share: Array, steady: Array
+) -> tuple[Array, Array]:
     """Mean and standard deviation of the readings after a share (P,) of their waits ``q`` (P,).
 
     Both in units of the dead band, the mean from the last row in the direction of the change.
@@ -380,9 +385,9 @@ def _within_wait(waits: _Waits, q: NDArray[np.intp], share: Array) -> tuple[Arra
     excess = np.maximum(change - 1, 0.0)
     lateness = excess * (n_polls - 1)
     power = np.sqrt(np.maximum(lateness / LATE, 1.0))
-    line = np.minimum(change * share, 1.0)
+    steady = np.where(is_turn, change * share, steady)
     late = np.maximum(1 - excess, 0.0) * share**power
-    mean = np.where(lateness > LATE, late, line)
+    mean = np.where(lateness > LATE, late, np.minimum(steady, 1.0))
     arch = 4 * share * (1 - share)
     mean -= np.where(is_turn, TURN * arch / power, 0.0)
     offset = np.clip(OFFSET * (waits.roughness[q] - STEADY_ROUGHNESS), 0.0, MAX_OFFSET)
