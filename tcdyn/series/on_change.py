@@ -64,6 +64,10 @@ MIN_POLLS = 3  # polls of a wait from which its excess tells the noise
 MAX_EXCESS = 0.5  # a larger excess is a step, not noise
 MAX_ROUGHNESS = 5.0
 ROUNDING_D = 1e-6  # of the dead band: rounding errors of the values
+# Rise of the rate to the next change from which the change came late: one that starts from rest with
+# a constant acceleration has 2.4.
+MIN_RISE = 3.0
+SUDDEN_RISE = 8.0  # from which it is a rest and then the next rate
 LATE = 1.5  # excess over that of a steady change from which a change came late
 TURN = 0.6  # height of the arc after a change in the other direction
 TURN_SD = 0.8  # standard deviation of its bridge
@@ -82,6 +86,10 @@ BEYOND_U = 3**-0.5  # after the last row: anything within the dead band
 # Shortest wait, in steps of the stamps, up to which the step is the poll: rows 20 polls apart or
 # nearer are found in any change of some dead bands within a hundred polls. By judgement.
 LONGEST_WAIT = 20.0
+# Readings, and dead bands to choose from, that the search uses at most: more take long.
+MAX_READINGS = 20000
+MAX_CANDIDATES = 400
+SMALLEST_CHANGE = 1e-9  # of the largest change: smaller ones are rounding errors
 FINER = 0.75  # of the interval: polls that are as long as it need no other clock
 MAX_PLACES = 1e6  # of a grid: days at one second; more takes long and tells no more
 
@@ -112,31 +120,104 @@ class DeadBand:
 
 
 def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
-    y, times_s = _readings(values, clock)
-    if len(y) < 2:
-        return None
-    held = _held_input(y, len(values))
-    if held is not None:
-        return held
-    wait_s = np.diff(times_s)
-    change = np.abs(np.diff(y))
-    resolution = find_resolution_s(y)
-    return _dead_band_of(change, wait_s, resolution)
+    """Recognise a column that is reported on change.
 
+    Parameters
+    ----------
+    values
+        The column at the rows of the table (R,), in any unit; NaN where the cell is blank.
+    clock
+        The clock of these rows.
 
-def _readings(values: Array, clock: Clock) -> tuple[Array, Array]:
+    Returns
+    -------
+    DeadBand or None
+        The dead band; None for an ordinary column, and where there are too few changes to tell.
+
+    Notes
+    -----
+    Two kinds of ordinary logs could look like it, and both have to be excluded.
+
+    The changes of a log whose times have no part in its values have their largest density at zero.
+    Of those up to ``NEAR`` D, at least the share 1 / ``NEAR`` is then below D, whatever D is. So the
+    number of changes below D, of those up to ``NEAR`` D, has a binomial distribution, and its lower
+    tail is the chance of so few. Heartbeats are left out.
+
+    The changes of a smooth signal need not pass zero, but are its rate times the wait. Rate and
+    wait are independent where rows were lost. A report on change waits until the rate has made up
+    the dead band: the ranks of rates and waits are opposite.
+
+    A log that is faster in events has the second sign, too. Its changes are not near any dead band,
+    and some are below it: the shares are limited.
+
+    A column of two or a few levels without a repeated one, in a table whose other rows are blank,
+    is an input that was written when it was switched. Heartbeats are allowed.
+
+    Examples
+    --------
+    >>> from tcdyn.series.clock import fit_clock
+    >>> temperature = 20 + 60 * (1 - np.exp(-np.arange(600) / 120))
+    >>> rows = [0]
+    >>> for k in range(600):
+    ...     if abs(temperature[k] - temperature[rows[-1]]) >= 0.5:
+    ...         rows.append(k)
+    >>> found = find_dead_band(temperature[rows], fit_clock(np.array(rows, dtype=float)))
+    >>> round(found.value, 2)
+    0.5
+    """
     stamps_s = clock.even_s + clock.deviation_s
     is_reading = np.isfinite(values)
-    is_reading[1:] &= np.diff(clock.index) > 0 if not clock.is_wandering else True
-    return values[is_reading], stamps_s[is_reading]
-
-
-def _held_input(y: Array, n_rows: int) -> DeadBand | None:
-    levels = np.unique(y)
-    n_changes = int(np.count_nonzero(np.diff(y)))
-    n_repeats = len(y) - 1 - n_changes
-    if not 2 <= len(levels) <= MAX_LEVELS or n_repeats or len(y) > (1 - HELD_BLANKS) * n_rows:
+    y = values[is_reading]
+    wait_s = np.diff(stamps_s[is_reading])
+    is_last = np.append(wait_s > 0, True)[: len(y)]  # of the readings with one stamp
+    y = y[is_last]
+    wait_s = np.diff(stamps_s[is_reading][is_last])
+    if len(y) < 2:
         return None
+    held = _held_input(y, wait_s, len(values))
+    if held is not None:
+        return held
+    change = np.abs(np.diff(y[:MAX_READINGS]))
+    found = _dead_band_of(change, wait_s[:MAX_READINGS], find_resolution_s(y))
+    if found is None or len(y) <= MAX_READINGS:
+        return found
+    return stated_dead_band(values, clock, found.value)
+
+
+def stated_dead_band(values: Array, clock: Clock, value: float) -> DeadBand:
+    """The dead band that the user states, with the numbers of changes and of other readings.
+
+    Parameters
+    ----------
+    values
+        The column at the rows of the table (R,), in any unit; NaN where the cell is blank.
+    clock
+        The clock of these rows.
+    value
+        The dead band; 0 for an input that is held.
+
+    Returns
+    -------
+    DeadBand
+        Readings that differ by less than the dead band count as heartbeats.
+    """
+    y = values[np.isfinite(values)]
+    least = value * (1 - ROUNDING_D)
+    change = np.abs(np.diff(y))
+    n_changes = int(np.count_nonzero((change >= least) & (change > 0)))
+    return DeadBand(value, value == 0.0, len(y), n_changes, max(len(y) - 1 - n_changes, 0))
+
+
+def _held_input(y: Array, wait_s: Array, n_rows: int) -> DeadBand | None:
+    """An input of few levels among readings (M,) after waits (M - 1,) in a table of so many rows."""
+    levels = np.unique(y)
+    if not 2 <= len(levels) <= MAX_LEVELS or len(y) > (1 - HELD_BLANKS) * n_rows:
+        return None
+    is_repeat = np.diff(y) == 0
+    n_repeats = int(np.count_nonzero(is_repeat))
+    if np.any(is_repeat & ~_are_heartbeats(wait_s, is_repeat)):
+        return None
+    n_changes = len(y) - 1 - n_repeats
     is_switch = len(levels) == 2 and (len(y) >= MIN_SWITCHES or 0.0 in levels)
     by_chance = (1 - 1 / len(levels)) ** n_changes
     if is_switch or by_chance < CHANCE:
@@ -145,27 +226,28 @@ def _held_input(y: Array, n_rows: int) -> DeadBand | None:
 
 
 def _dead_band_of(change: Array, wait_s: Array, resolution: float) -> DeadBand | None:
-    rounding = 1e-6 * resolution if resolution else 1e-9 * float(change.max(initial=0.0))
-    candidates = np.unique(change[change > rounding])
-    if not len(candidates):
-        return None
+    """The dead band of changes (Q,) after waits (Q,) [s] of readings with this resolution."""
+    rounding = max(ROUNDING_D * resolution, SMALLEST_CHANGE * float(change.max()))
+    is_changed = change > rounding
+    candidates = np.unique(change[is_changed])
+    if len(candidates) > MAX_CANDIDATES:
+        shares = np.linspace(0, 1, MAX_CANDIDATES)
+        candidates = np.unique(np.quantile(change[is_changed], shares, method="lower"))
     log_chances = np.zeros(len(candidates))
     for k, dead_band in enumerate(candidates):
         is_below = change < dead_band - rounding
+        is_near = ~is_below & (change <= NEAR * dead_band + rounding)
         if dead_band > ONE_STEP * resolution:
             is_below &= ~_are_heartbeats(wait_s, is_below)
-        is_near = (change >= dead_band - rounding) & (change <= NEAR * dead_band + rounding)
         n_below = int(np.count_nonzero(is_below))
         n_tried = n_below + int(np.count_nonzero(is_near))
-        log_chances[k] = binom.logcdf(n_below, n_tried, _share_below(dead_band, resolution))
-    best = int(np.argmin(log_chances))
-    is_significant = log_chances + np.log(len(candidates)) < np.log(CHANCE)
+        log_chances[k] = binom.logcdf(n_below, n_tried, _least_below(dead_band, resolution))
+    is_significant = log_chances + np.log(max(len(candidates), 1)) < np.log(CHANCE)
     if not is_significant.any():
         return None
-    is_changed = change > rounding
     if _chance_of_waits(change[is_changed], wait_s[is_changed]) > WAIT_CHANCE:
         return None
-    largest = NEAR * float(candidates[best]) + rounding
+    largest = NEAR * float(candidates[int(np.argmin(log_chances))]) + rounding
     dead_band = _likeliest(candidates[is_significant], change, wait_s, largest, resolution)
     is_below = change < dead_band - rounding
     is_heartbeat = is_below & _are_heartbeats(wait_s, is_below)
@@ -178,52 +260,77 @@ def _dead_band_of(change: Array, wait_s: Array, resolution: float) -> DeadBand |
     least_share = NEAR_SHARE_WITH_STRAYS if n_strays else NEAR_SHARE
     if np.count_nonzero(is_near & has_waited) < least_share * np.count_nonzero(has_waited):
         return None
-    n_changes = int(np.count_nonzero(~is_below))
+    n_changes = len(change) - n_heartbeats - n_strays
     return DeadBand(dead_band, False, len(change) + 1, n_changes, n_heartbeats)
 
 
 def _likeliest(
     candidates: Array, change: Array, wait_s: Array, largest: float, resolution: float
 ) -> float:
+    """The dead band of greatest likelihood.
+
+    Parameters
+    ----------
+    candidates
+        Dead bands to choose from (K,).
+    change, wait_s
+        Changes (Q,) and the waits before them (Q,) [s].
+    largest
+        Changes up to this one have an exponential distribution above the dead band.
+    resolution
+        Step of the readings; 0 where there is none.
+
+    Returns
+    -------
+    float
+        One of the candidates.
+
+    Notes
+    -----
+    A change below the dead band that is no heartbeat has the prior probability ``STRAY_ROWS``.
+    """
     log_likelihoods = np.full(len(candidates), -np.inf)
-    rounding = 1e-6 * resolution
+    rounding = max(ROUNDING_D * resolution, SMALLEST_CHANGE * largest)
     for k, dead_band in enumerate(candidates):
         is_below = change < dead_band - rounding
         n_below = int(np.count_nonzero(is_below & ~_are_heartbeats(wait_s, is_below)))
         excess = change[~is_below & (change <= largest)] - dead_band
         if len(excess):
-            mean = float(np.mean(excess)) + 0.5 * resolution + 1e-9 * largest
+            mean = float(np.mean(excess)) + 0.5 * resolution + rounding
             log_likelihoods[k] = -len(excess) * (1 + np.log(mean / largest))
             log_likelihoods[k] += n_below * np.log(STRAY_ROWS)
     return float(candidates[int(np.argmax(log_likelihoods))])
 
 
 def _are_heartbeats(wait_s: Array, is_below: Flags) -> Flags:
+    """Which waits (Q,) end with a heartbeat, if the changes ``is_below`` (Q,) are below D."""
     longest_s = float(wait_s.max())
-    others = wait_s[~is_below]
-    if longest_s < HEARTBEAT_WAITS * float(np.median(others)):
+    others_s = wait_s[~is_below]
+    if not len(others_s) or longest_s < HEARTBEAT_WAITS * float(np.median(others_s)):
         return np.zeros(len(wait_s), dtype=bool)
     return wait_s >= HEARTBEAT_SHARE * longest_s
 
 
-def _share_below(dead_band: float, resolution: float) -> float:
-    if not resolution:
+def _least_below(dead_band: float, resolution: float) -> float:
+    """Least share of changes below D, of those up to ``NEAR`` D, for a density highest at zero.
+
+    Readings with a resolution have changes that are multiples of it, zero included.
+    """
+    if dead_band * ROUNDING_D > resolution:
         return 1 / NEAR
     first = round(dead_band / resolution)
-    last = int(NEAR * first + 1e-6)
+    last = int(NEAR * first + ROUNDING_D)
     return (2 * first - 1) / (2 * last + 1)
 
 
 def _chance_of_waits(change: Array, wait_s: Array) -> float:
-    n = len(change)
-    if n < 3:
-        return 1.0
+    """Chance that rates and waits (Q,), if independent, have ranks as opposite as these."""
     rate_rank = rankdata(change / wait_s)
-    wait_rank = rankdata(np.round(wait_s, 9))
+    wait_rank = rankdata(np.round(wait_s / wait_s.min(), 2))
     if np.ptp(wait_rank) == 0 or np.ptp(rate_rank) == 0:
         return 1.0
     correlation = float(np.corrcoef(rate_rank, wait_rank)[0, 1])
-    return float(norm.cdf(correlation * np.sqrt(n - 1)))
+    return float(norm.cdf(correlation * np.sqrt(len(change) - 1)))
 
 
 class FilledValues(NamedTuple):
@@ -332,7 +439,9 @@ class _Waits:
     turn_share
         Share of reversals among the changes nearby.
     roughness
-        Mean excess of the changes nearby, over that of one poll of a steady change.
+        Mean excess of the changes nearby, over the change from poll to poll.
+    rise
+        Rate of the next change, if it has the same direction, over that of this one; else 1.
     """
 
     n_polls: Array
@@ -342,6 +451,7 @@ class _Waits:
     is_turn: Flags
     turn_share: Array
     roughness: Array
+    rise: Array
 
 
 def _waits_of(written: Array, places: NDArray[np.intp], dead_band: float) -> _Waits:
@@ -353,13 +463,15 @@ def _waits_of(written: Array, places: NDArray[np.intp], dead_band: float) -> _Wa
     is_turn = np.append(False, signed[1:] * signed[:-1] < 0)
     is_turn[1:] &= ~(is_heartbeat[1:] | is_heartbeat[:-1])
     turn_share = _mean_nearby(is_turn.astype(float), ~is_heartbeat, EXPECTED_TURNS)
+    rate = change / n_polls
+    rise = np.ones(len(rate))
+    goes_on = ~is_heartbeat[:-1] & (signed[1:] * signed[:-1] > 0)
+    rise[:-1][goes_on] = rate[1:][goes_on] / rate[:-1][goes_on]
     excess = np.maximum(change - 1, 0.0)
     is_telling = ~is_heartbeat & (n_polls >= MIN_POLLS) & (excess < MAX_EXCESS)
     roughness = np.minimum(excess * n_polls / np.maximum(change, 1.0), MAX_ROUGHNESS)
     roughness = _mean_nearby(roughness, is_telling, STEADY_ROUGHNESS)
-    return _Waits(
-        n_polls, np.sign(signed), change, is_heartbeat, is_turn, turn_share, roughness
-    )
+    return _Waits(n_polls, np.sign(signed), change, is_heartbeat, is_turn, turn_share, roughness, rise)
 
 
 def _mean_nearby(quantity: Array, counts: Flags, expected: float) -> Array:
@@ -386,8 +498,15 @@ def _within_wait(
     lateness = excess * (n_polls - 1)
     power = np.sqrt(np.maximum(lateness / LATE, 1.0))
     steady = np.where(is_turn, change * share, steady)
-    late = np.maximum(1 - excess, 0.0) * share**power
-    mean = np.where(lateness > LATE, late, np.minimum(steady, 1.0))
+    rises_next = waits.rise[q]
+    is_late = lateness > LATE
+    end = np.where(rises_next > MIN_RISE, change, np.maximum(1 - excess, 0.0))
+    power = np.where(rises_next > MIN_RISE, np.maximum(power, rises_next), power)
+    is_late |= rises_next > MIN_RISE
+    late = end * share**power
+    kink = np.maximum(change * (1 - rises_next * (1 - share)), 0.0)
+    late = np.where(rises_next > SUDDEN_RISE, kink, late)
+    mean = np.minimum(np.where(is_late, late, steady), 1.0)
     arch = 4 * share * (1 - share)
     mean -= np.where(is_turn, TURN * arch / power, 0.0)
     offset = np.clip(OFFSET * (waits.roughness[q] - STEADY_ROUGHNESS), 0.0, MAX_OFFSET)
