@@ -54,6 +54,8 @@ MAX_LEVELS = 5
 MIN_SWITCHES = 4
 # Share of the rows of the table without a reading, from which an input can be held. By judgement.
 HELD_BLANKS = 0.5
+# Chance of an input of more levels whose readings, at times that have no part in it, never repeat.
+HELD_CHANCE = 1e-3
 # The numbers below are means and standard deviations of readings between two rows, in dead bands, in
 # `python -m tests.series.on_change_study fill` (random walks, ramps, dips, rest with noise, sines,
 # smooth random signals, with noise of 0 to 0.4 dead bands): see `unchanged_values` for their use.
@@ -220,7 +222,7 @@ def _held_input(y: Array, wait_s: Array, n_rows: int) -> DeadBand | None:
     n_changes = len(y) - 1 - n_repeats
     is_switch = len(levels) == 2 and (len(y) >= MIN_SWITCHES or 0.0 in levels)
     by_chance = (1 - 1 / len(levels)) ** n_changes
-    if is_switch or by_chance < CHANCE:
+    if is_switch or by_chance < HELD_CHANCE:
         return DeadBand(0.0, True, len(y), n_changes, n_repeats)
     return None
 

@@ -1,6 +1,8 @@
 """How often report on change is recognised, and how often an ordinary log is taken for it.
 
-``python -m tests.series.on_change_study 300 1`` makes so many logs of each sort with this seed.
+``python -m tests.series.on_change_study find 300 1`` makes so many logs of each sort with this seed.
+``python -m tests.series.on_change_study fill 50 1`` makes so many logs of each signal, and prints the
+errors of the values that were not written over their standard uncertainties.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.series import fit_clock
-from tcdyn.series.on_change import DeadBand, find_dead_band
+from tcdyn.series.on_change import DeadBand, find_dead_band, unchanged_values
 
 Rng = np.random.Generator
 POLLS_S = (0.1, 0.5, 1.0, 2.0, 10.0, 60.0)
@@ -164,7 +166,79 @@ def on_change(rng: Rng) -> tuple[str, float, int, DeadBand | None]:
     return name, dead_band, len(rows), find_dead_band(values, fit_clock(stamps_s))
 
 
-def main(n_logs: int, seed: int) -> None:
+def held(rng: Rng) -> tuple[bool, DeadBand | None]:
+    """Whether an input of two or three levels is written when it is switched, and what is found."""
+    n = int(rng.choice([500, 2000, 6000]))
+    is_on_change = bool(rng.random() < 0.5)
+    levels = np.arange(float(rng.integers(2, 4))) * rng.choice([1.0, 25.0])
+    places = np.unique(rng.integers(0, n, int(rng.integers(3, 60))))
+    steps = rng.integers(1, len(levels), len(places) + 1)
+    x = levels[np.cumsum(steps)[np.searchsorted(places, np.arange(n), side="right")] % len(levels)]
+    if is_on_change:
+        rows = written_rows(x, 0.5, 0)
+    else:
+        rows = ordinary_rows(rng, str(rng.choice(ORDINARY)), x)
+    values = np.full(n, np.nan)
+    values[rows] = x[rows]
+    return is_on_change, find_dead_band(values, fit_clock(np.arange(n, dtype=float)))
+
+
+FILLED = ("random walk", "ramps", "dips", "rest", "sines", "smooth random")
+
+
+def filled_log(rng: Rng, kind: str) -> tuple[Array, NDArray[np.intp], float]:
+    """Readings at all polls in units of the dead band, rows that are written, and the noise."""
+    while True:
+        n = int(rng.choice([600, 2000, 6000]))
+        x = signal(rng, kind, n)
+        if kind != "rest":
+            x *= 10 ** rng.uniform(0.5, 2.3) / np.ptp(x)
+        noise = rng.uniform(0.22, 0.4) if kind == "rest" else float(rng.choice([0, 0.05, 0.1, 0.25]))
+        y = np.round(x + noise * rng.normal(0, 1, n), 2)
+        rows = written_rows(y, 1.0, int(rng.choice([0, 0, n // 20])))
+        if 10 <= len(rows) <= 0.7 * n:
+            return y, rows, noise
+
+
+def filled_errors(rng: Rng, kind: str, most: int = 400) -> tuple[Array, Array, float]:
+    """Errors of some of the values that were not written, over their u and as they are; noise."""
+    y, rows, noise = filled_log(rng, kind)
+    poll_s = float(rng.choice(POLLS_S))
+    clock = fit_clock(poll_s * rows, interval_s=poll_s)
+    filled = unchanged_values(y[rows], clock, DeadBand(1.0))
+    places = np.flatnonzero(filled.is_filled)
+    if len(places) > most:
+        places = rng.choice(places, most, replace=False)
+    error = filled.values[places] - y[places]
+    return error / filled.u[places], error, noise
+
+
+def study_fill(n_logs: int, seed: int) -> None:
+    """Print how honest the uncertainties of the values are that were not written."""
+    print("signal: mean square of error over u, share within 1.96 u, rms error in dead bands,")
+    print("mean square with noise of 0, 0.05, 0.1, 0.25 dead bands")
+    pooled = []
+    for number, kind in enumerate(FILLED):
+        logs = [
+            filled_errors(np.random.default_rng([seed, number, k]), kind) for k in range(n_logs)
+        ]
+        z = np.concatenate([log[0] for log in logs])
+        error = np.concatenate([log[1] for log in logs])
+        pooled.append(z)
+        by_noise = []
+        for noise in (0.0, 0.05, 0.1, 0.25):
+            chosen = [log[0] for log in logs if log[2] == noise]
+            by_noise.append(float(np.mean(np.concatenate(chosen) ** 2)) if chosen else np.nan)
+        print(
+            f"{kind:14s} {np.mean(z**2):.2f} {100 * np.mean(np.abs(z) < 1.96):.1f} % "
+            f"{np.sqrt(np.mean(error**2)):.3f}",
+            *(f"{value:.2f}" for value in by_noise),
+        )
+    z = np.concatenate(pooled)
+    print(f"pooled         {np.mean(z**2):.2f} {100 * np.mean(np.abs(z) < 1.96):.1f} %")
+
+
+def study_find(n_logs: int, seed: int) -> None:
     """Print counts of false alarms and of detections.
 
     Parameters
@@ -193,7 +267,13 @@ def main(n_logs: int, seed: int) -> None:
     for name, count in sorted(counts.items()):
         print(f"{name:16s}", *count)
     print("all", *np.sum(list(counts.values()), axis=0))
+    inputs = [held(np.random.default_rng([seed, 2, k])) for k in range(n_logs)]
+    for is_on_change, label in ((True, "written when switched"), (False, "ordinary")):
+        chosen = [found for each, found in inputs if each == is_on_change]
+        n_held = sum(found is not None and found.is_held for found in chosen)
+        print(f"inputs of two or three levels, {label}: {n_held} of {len(chosen)} are held")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    study = {"find": study_find, "fill": study_fill}[sys.argv[1]]
+    study(int(sys.argv[2]), int(sys.argv[3]))
