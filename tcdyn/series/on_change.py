@@ -35,9 +35,8 @@ STRAY_ROWS = 1e-3
 MAX_STRAYS = 0.01  # largest share of such rows; by judgement
 # Steps of the clock from which a row waited for a change: after one, any change is possible.
 WAITED = 1.5
-# Least share of the rows that waited whose change is near the dead band. Study: `on_change_study`.
-# Where some change is below the dead band, it is larger: such a log can be one with a faster rate in
-# events.
+# Least share of the rows that waited whose change is near the dead band, and where some change is
+# below it: such a log can be one with a faster rate in events. Study: `on_change_study`.
 NEAR_SHARE = 0.25
 NEAR_SHARE_WITH_STRAYS = 0.5
 # Dead bands of up to so many steps of the readings are one step.
@@ -56,9 +55,10 @@ MIN_SWITCHES = 4
 HELD_BLANKS = 0.5
 # Chance of an input of more levels whose readings, at times that have no part in it, never repeat.
 HELD_CHANCE = 1e-3
-# The numbers below are means and standard deviations of readings between two rows, in dead bands, in
-# `python -m tests.series.on_change_study fill` (random walks, ramps, dips, rest with noise, sines,
-# smooth random signals, with noise of 0 to 0.4 dead bands): see `unchanged_values` for their use.
+# The numbers below describe means and standard deviations of readings between two rows, in dead
+# bands, of random walks, ramps, dips, rest, sines and smooth random signals with noise of 0 to 0.4
+# dead bands. `unchanged_values` uses them; `python -m tests.series.on_change_study fill` checks them
+# with other seeds.
 NEARBY = 6  # changes on each side that tell how noisy the readings are
 EXPECTED_TURNS = 0.1  # share of reversals where nothing is known
 STEADY_ROUGHNESS = 0.5  # mean excess of a steady change, whose excess is anything up to one poll's
@@ -66,8 +66,8 @@ MIN_POLLS = 3  # polls of a wait from which its excess tells the noise
 MAX_EXCESS = 0.5  # a larger excess is a step, not noise
 MAX_ROUGHNESS = 5.0
 ROUNDING_D = 1e-6  # of the dead band: rounding errors of the values
-# Rise of the rate to the next change from which the change came late: one that starts from rest with
-# a constant acceleration has 2.4.
+# Rise of the rate to the next change from which the change came late: a change that starts from
+# rest with a constant acceleration has 2.4.
 MIN_RISE = 3.0
 SUDDEN_RISE = 8.0  # from which it is a rest and then the next rate
 LATE = 1.5  # excess over that of a steady change from which a change came late
@@ -141,9 +141,8 @@ def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
     Two kinds of ordinary logs could look like it, and both have to be excluded.
 
     The changes of a log whose times have no part in its values have their largest density at zero.
-    Of those up to ``NEAR`` D, at least the share 1 / ``NEAR`` is then below D, whatever D is. So the
-    number of changes below D, of those up to ``NEAR`` D, has a binomial distribution, and its lower
-    tail is the chance of so few. Heartbeats are left out.
+    Of those up to ``NEAR`` D, at least the share 1 / ``NEAR`` is then below D, whatever D is. Their
+    number is binomial, and its lower tail is the chance of so few. Heartbeats are left out.
 
     The changes of a smooth signal need not pass zero, but are its rate times the wait. Rate and
     wait are independent where rows were lost. A report on change waits until the rate has made up
@@ -211,7 +210,7 @@ def stated_dead_band(values: Array, clock: Clock, value: float) -> DeadBand:
 
 
 def _held_input(y: Array, wait_s: Array, n_rows: int) -> DeadBand | None:
-    """An input of few levels among readings (M,) after waits (M - 1,) in a table of so many rows."""
+    """An input of few levels: readings (M,) after waits (M - 1,) in a table of ``n_rows`` rows."""
     levels = np.unique(y)
     if not 2 <= len(levels) <= MAX_LEVELS or len(y) > (1 - HELD_BLANKS) * n_rows:
         return None
@@ -378,11 +377,13 @@ def unchanged_values(values: Array, clock: Clock, dead_band: DeadBand) -> Filled
     the estimate at the share t of the wait is the mean of two descriptions.
 
     *Motion.* A steady change passes D within the last poll: its excess e = a - 1 is at most
-    1 / (n - 1). The value then runs on a straight line to the new row, limited to 1, and the error
+    1 / (n - 1). The value then runs on a
+    line to the new row, limited to 1 (a cubic that keeps the shape of the changes around it), and the error
     is that of a bridge, c^2 t(1 - t). A larger excess, x = e (n - 1) > 1, is a late change, and one
     within the last poll for a large x: end t^m with m = sqrt(x / 1.5) and the end 1 - e, since the
-    limit lies on average in the middle of the last change. After a change in the other direction
-    the value first went on: an arc ``TURN`` 4 t(1 - t) is taken off. Where changes are noisy, which
+    limit lies on average in the middle of the last change. Where the next change has a much higher
+    rate, the value rested and then had this rate. After a change in the other direction the value
+    first went on: an arc ``TURN`` 4 t(1 - t) is taken off. Where changes are noisy, which
     their excess shows, a row stands at an excursion of the noise: an offset is taken off.
 
     *Noise about a level.* Rows are then written at the largest excursions, to alternate sides; the
@@ -473,7 +474,9 @@ def _waits_of(written: Array, places: NDArray[np.intp], dead_band: float) -> _Wa
     is_telling = ~is_heartbeat & (n_polls >= MIN_POLLS) & (excess < MAX_EXCESS)
     roughness = np.minimum(excess * n_polls / np.maximum(change, 1.0), MAX_ROUGHNESS)
     roughness = _mean_nearby(roughness, is_telling, STEADY_ROUGHNESS)
-    return _Waits(n_polls, np.sign(signed), change, is_heartbeat, is_turn, turn_share, roughness, rise)
+    return _Waits(
+        n_polls, np.sign(signed), change, is_heartbeat, is_turn, turn_share, roughness, rise
+    )
 
 
 def _mean_nearby(quantity: Array, counts: Flags, expected: float) -> Array:
@@ -546,7 +549,7 @@ def poll_clock(clock: Clock) -> Clock:
     stamps_s = clock.even_s + clock.deviation_s
     waits_s = np.diff(stamps_s)
     shortest_s = float(np.min(waits_s[waits_s > ROUNDING_D * clock.interval_s]))
-    has_polls = 0 < clock.resolution_s and shortest_s <= LONGEST_WAIT * clock.resolution_s
+    has_polls = clock.resolution_s > 0 and shortest_s <= LONGEST_WAIT * clock.resolution_s
     interval_s = clock.resolution_s if has_polls else shortest_s
     n_places = (stamps_s[-1] - stamps_s[0]) / interval_s
     if interval_s > FINER * clock.interval_s or n_places > MAX_PLACES:

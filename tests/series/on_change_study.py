@@ -193,7 +193,9 @@ def filled_log(rng: Rng, kind: str) -> tuple[Array, NDArray[np.intp], float]:
         x = signal(rng, kind, n)
         if kind != "rest":
             x *= 10 ** rng.uniform(0.5, 2.3) / np.ptp(x)
-        noise = rng.uniform(0.22, 0.4) if kind == "rest" else float(rng.choice([0, 0.05, 0.1, 0.25]))
+        noise = (
+            rng.uniform(0.22, 0.4) if kind == "rest" else float(rng.choice([0, 0.05, 0.1, 0.25]))
+        )
         y = np.round(x + noise * rng.normal(0, 1, n), 2)
         rows = written_rows(y, 1.0, int(rng.choice([0, 0, n // 20])))
         if 10 <= len(rows) <= 0.7 * n:
