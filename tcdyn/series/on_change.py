@@ -57,8 +57,8 @@ HELD_BLANKS = 0.5
 HELD_CHANCE = 1e-3
 # The numbers below describe means and standard deviations of readings between two rows, in dead
 # bands, of random walks, ramps, dips, rest, sines and smooth random signals with noise of 0 to 0.4
-# dead bands. `unchanged_values` uses them; `python -m tests.series.on_change_study fill` checks them
-# with other seeds.
+# dead bands. `unchanged_values` uses them; `python -m tests.series.on_change_study fill` checks
+# them with other seeds.
 NEARBY = 6  # changes on each side that tell how noisy the readings are
 EXPECTED_TURNS = 0.1  # share of reversals where nothing is known
 STEADY_ROUGHNESS = 0.5  # mean excess of a steady change, whose excess is anything up to one poll's
@@ -85,9 +85,9 @@ TURN_LEVEL = 0.44  # level of noise between two rows on its two sides
 SAME_LEVEL = 0.1  # between two rows on the same side
 LEVEL_SD = 0.34
 BEYOND_U = 3**-0.5  # after the last row: anything within the dead band
-# Shortest wait, in steps of the stamps, up to which the step is the poll: rows 20 polls apart or
-# nearer are found in any change of some dead bands within a hundred polls. By judgement.
-LONGEST_WAIT = 20.0
+# Shortest wait, in steps of the stamps, up to which the step is the poll. A longer one is more
+# likely a clock with finer decimals than the polls. By judgement.
+LONGEST_WAIT = 50.0
 # Readings, and dead bands to choose from, that the search uses at most: more take long.
 MAX_READINGS = 20000
 MAX_CANDIDATES = 400
@@ -377,21 +377,22 @@ def unchanged_values(values: Array, clock: Clock, dead_band: DeadBand) -> Filled
     the estimate at the share t of the wait is the mean of two descriptions.
 
     *Motion.* A steady change passes D within the last poll: its excess e = a - 1 is at most
-    1 / (n - 1). The value then runs on a
-    line to the new row, limited to 1 (a cubic that keeps the shape of the changes around it), and the error
-    is that of a bridge, c^2 t(1 - t). A larger excess, x = e (n - 1) > 1, is a late change, and one
-    within the last poll for a large x: end t^m with m = sqrt(x / 1.5) and the end 1 - e, since the
-    limit lies on average in the middle of the last change. Where the next change has a much higher
-    rate, the value rested and then had this rate. After a change in the other direction the value
-    first went on: an arc ``TURN`` 4 t(1 - t) is taken off. Where changes are noisy, which
-    their excess shows, a row stands at an excursion of the noise: an offset is taken off.
+    1 / (n - 1). The value then runs on a line to the new row, a cubic that keeps the shape of the
+    changes around it, limited to 1. The variance is that of a bridge, c^2 t(1 - t). A larger
+    excess, x = e (n - 1) > 1, is a late change, and one within the last poll for a large x: end t^m
+    with m = sqrt(x / 1.5) and the end 1 - e, since the limit lies on average in the middle of the
+    last change. Where the next change has a much higher rate, the value rested and then had this
+    rate. After a change in the other direction the value first went on: an arc ``TURN`` 4 t(1 - t)
+    is taken off. Where changes are noisy, which their excess shows, a row stands at an excursion of
+    the noise: an offset is taken off.
 
     *Noise about a level.* Rows are then written at the largest excursions, to alternate sides; the
     others have their level in the middle.
 
     The share of reversals among the changes nearby is the probability of the second description.
-    The variance includes the difference of the two means. All numbers are means and standard
-    deviations in ``python -m tests.series.on_change_study fill``.
+    The variance includes the difference of the two means. ``python -m tests.series.on_change_study
+    fill`` compares errors and standard uncertainties. Errors nearby are not independent: those of
+    one wait have mostly one sign.
     """
     n_places = clock.size
     grid = np.full(n_places, np.nan)

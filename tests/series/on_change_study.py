@@ -1,8 +1,8 @@
-"""How often report on change is recognised, and how often an ordinary log is taken for it.
+"""How often report on change is recognised, and how honest the values are that were not written.
 
-``python -m tests.series.on_change_study find 300 1`` makes so many logs of each sort with this seed.
-``python -m tests.series.on_change_study fill 50 1`` makes so many logs of each signal, and prints the
-errors of the values that were not written over their standard uncertainties.
+``python -m tests.series.on_change_study find 300 1`` makes so many logs of each sort with this
+seed. ``python -m tests.series.on_change_study fill 50 1`` makes so many logs of each signal, and
+prints the errors of the values that were not written over their standard uncertainties.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ def filled_errors(rng: Rng, kind: str, most: int = 400) -> tuple[Array, Array, f
     """Errors of some of the values that were not written, over their u and as they are; noise."""
     y, rows, noise = filled_log(rng, kind)
     poll_s = float(rng.choice(POLLS_S))
-    clock = fit_clock(poll_s * rows, interval_s=poll_s)
+    clock = fit_clock(np.asarray(poll_s * rows, dtype=np.float64), interval_s=poll_s)
     filled = unchanged_values(y[rows], clock, DeadBand(1.0))
     places = np.flatnonzero(filled.is_filled)
     if len(places) > most:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tcdyn.core import Array
 from tcdyn.series import fit_clock
 from tcdyn.series.on_change import (
     DeadBand,
@@ -15,7 +16,12 @@ from tests.series.on_change_study import FILLED, filled_errors, held, on_change,
 from tests.series.on_change_study import written_rows as rows_on_change
 
 
-def dip(n: int = 1200, entry: float = 300.4, lag: float = 120.0) -> np.ndarray:
+def times(n: int) -> Array:
+    """Whole seconds."""
+    return np.arange(n, dtype=np.float64)
+
+
+def dip(n: int = 1200, entry: float = 300.4, lag: float = 120.0) -> Array:
     """A reading in two decimals that rises by 60 K."""
     i = np.arange(n)
     return np.round(20 + np.where(i > entry, 60 * (1 - np.exp(-(i - entry) / lag)), 0.0), 2)
@@ -24,8 +30,9 @@ def dip(n: int = 1200, entry: float = 300.4, lag: float = 120.0) -> np.ndarray:
 def test_the_dead_band_of_a_dip_is_found() -> None:
     y = dip()
     rows = rows_on_change(y, 0.5, 0)
-    found = find_dead_band(y[rows], fit_clock(rows.astype(float)))
-    assert found is not None and not found.is_held
+    found = find_dead_band(y[rows], fit_clock(rows.astype(np.float64)))
+    assert found is not None
+    assert not found.is_held
     assert found.value == pytest.approx(0.5, abs=0.011)  # of the resolution
     assert (found.n_readings, found.n_changes, found.n_heartbeats) == (len(rows), len(rows) - 1, 0)
 
@@ -33,7 +40,7 @@ def test_the_dead_band_of_a_dip_is_found() -> None:
 def test_heartbeats_are_counted_apart() -> None:
     y = dip(3000)
     rows = rows_on_change(y, 0.5, 200)
-    found = find_dead_band(y[rows], fit_clock(rows.astype(float)))
+    found = find_dead_band(y[rows], fit_clock(rows.astype(np.float64)))
     assert found is not None
     assert found.value == pytest.approx(0.5, abs=0.011)
     is_heartbeat = np.abs(np.diff(y[rows])) < 0.5 - 1e-9
@@ -45,7 +52,7 @@ def test_a_column_with_blanks_in_a_shared_table_is_found() -> None:
     values = np.full(len(y), np.nan)
     rows = rows_on_change(y, 0.5, 0)
     values[rows] = y[rows]
-    found = find_dead_band(values, fit_clock(np.arange(len(y), dtype=float)))
+    found = find_dead_band(values, fit_clock(times(len(y))))
     assert found is not None
     assert found.value == pytest.approx(0.5, abs=0.011)
 
@@ -53,10 +60,10 @@ def test_a_column_with_blanks_in_a_shared_table_is_found() -> None:
 def test_a_dip_that_was_sampled_evenly_has_no_dead_band() -> None:
     rng = np.random.default_rng(1)
     y = dip()
-    clock = fit_clock(np.arange(len(y), dtype=float))
+    clock = fit_clock(times(len(y)))
     assert find_dead_band(y, clock) is None
     rows = np.flatnonzero(rng.random(len(y)) > 0.5)
-    assert find_dead_band(y[rows], fit_clock(rows.astype(float))) is None
+    assert find_dead_band(y[rows], fit_clock(rows.astype(np.float64))) is None
     slow = np.where(np.arange(len(y)) % 10 == 0, y, np.nan)
     assert find_dead_band(slow, clock) is None
 
@@ -64,11 +71,11 @@ def test_a_dip_that_was_sampled_evenly_has_no_dead_band() -> None:
 def test_quantised_ramps_have_no_dead_band() -> None:
     i = np.arange(800)
     y = 20 + 0.5 * np.round(0.3 * i)
-    assert find_dead_band(y, fit_clock(i.astype(float))) is None
+    assert find_dead_band(y, fit_clock(i.astype(np.float64))) is None
 
 
 def test_too_few_readings_have_no_dead_band() -> None:
-    clock = fit_clock(np.arange(4.0))
+    clock = fit_clock(times(4))
     nan = np.nan
     assert find_dead_band(np.full(4, nan), clock) is None
     assert find_dead_band(np.array([nan, 20.0, nan, nan]), clock) is None
@@ -79,7 +86,7 @@ def test_too_few_readings_have_no_dead_band() -> None:
 def test_a_switch_with_blanks_is_held() -> None:
     values = np.full(100, np.nan)
     values[[0, 20, 50]] = [0.0, 1.0, 0.0]
-    clock = fit_clock(np.arange(100.0))
+    clock = fit_clock(times(100))
     found = find_dead_band(values, clock)
     assert found == DeadBand(0.0, True, 3, 2, 0)
     filled = unchanged_values(values, clock, found)
@@ -90,7 +97,7 @@ def test_a_switch_with_blanks_is_held() -> None:
 
 def test_a_switch_that_is_written_in_every_row_is_no_report_on_change() -> None:
     values = (np.arange(100) // 20 % 2).astype(float)
-    assert find_dead_band(values, fit_clock(np.arange(100.0))) is None
+    assert find_dead_band(values, fit_clock(times(100))) is None
 
 
 def test_ordinary_logs_are_not_taken_for_it_and_logs_on_change_are_recognised() -> None:
@@ -108,9 +115,9 @@ def test_ordinary_logs_are_not_taken_for_it_and_logs_on_change_are_recognised() 
 
 
 def test_a_steady_ramp_is_filled_by_its_line() -> None:
-    y = 20 + 0.013 * np.arange(2000)
+    y = np.asarray(20 + 0.013 * times(2000), dtype=np.float64)
     rows = rows_on_change(y, 0.5, 0)
-    filled = unchanged_values(y[rows], fit_clock(rows.astype(float), 1.0), DeadBand(0.5))
+    filled = unchanged_values(y[rows], fit_clock(rows.astype(np.float64), 1.0), DeadBand(0.5))
     end = rows[-1] + 1
     error = filled.values - y[:end]
     assert np.abs(error).max() < 0.1 * 0.5  # a tenth is the share of noise about a level
@@ -122,7 +129,7 @@ def test_a_steady_ramp_is_filled_by_its_line() -> None:
 def test_a_sudden_entry_after_a_rest_is_no_line() -> None:
     y = dip()
     rows = rows_on_change(y, 0.5, 0)
-    clock = fit_clock(rows.astype(float))
+    clock = fit_clock(rows.astype(np.float64))
     filled = unchanged_values(y[rows], clock, DeadBand(0.5))
     before = filled.values[1:300] - 20.0
     assert np.abs(before).max() < 0.1 * 0.5
@@ -131,8 +138,9 @@ def test_a_sudden_entry_after_a_rest_is_no_line() -> None:
 def test_values_after_the_last_reading_are_held_and_those_before_the_first_are_unknown() -> None:
     values = np.full(20, np.nan)
     values[[5, 10]] = [20.0, 20.6]
-    filled = unchanged_values(values, fit_clock(np.arange(20.0)), DeadBand(0.5))
-    assert np.isnan(filled.values[:5]).all() and np.isnan(filled.u[:5]).all()
+    filled = unchanged_values(values, fit_clock(times(20)), DeadBand(0.5))
+    assert np.isnan(filled.values[:5]).all()
+    assert np.isnan(filled.u[:5]).all()
     np.testing.assert_allclose(filled.values[10:], 20.6)
     np.testing.assert_allclose(filled.u[11:], 0.5 / np.sqrt(3))
     assert filled.is_filled.tolist() == [False] * 6 + [True] * 4 + [False] + [True] * 9
@@ -142,7 +150,7 @@ def test_estimates_stay_within_the_dead_band() -> None:
     rng = np.random.default_rng(3)
     y = np.cumsum(rng.normal(0, 0.2, 2000))
     rows = rows_on_change(y, 1.0, 0)
-    filled = unchanged_values(y[rows], fit_clock(rows.astype(float), 1.0), DeadBand(1.0))
+    filled = unchanged_values(y[rows], fit_clock(rows.astype(np.float64), 1.0), DeadBand(1.0))
     last = np.repeat(y[rows][:-1], np.diff(rows))
     assert np.abs(filled.values[:-1] - last).max() <= 1.0 + 1e-9
 
@@ -172,16 +180,16 @@ def test_the_pooled_intervals_cover() -> None:
 
 def test_a_stated_dead_band_is_counted_and_not_searched() -> None:
     values = np.array([20.0, 20.6, 20.7, np.nan, 21.4])
-    stated = stated_dead_band(values, fit_clock(np.arange(5.0)), 0.5)
+    stated = stated_dead_band(values, fit_clock(times(5)), 0.5)
     assert stated == DeadBand(0.5, False, 4, 2, 1)
-    assert stated_dead_band(values, fit_clock(np.arange(5.0)), 0.0).is_held
+    assert stated_dead_band(values, fit_clock(times(5)), 0.0).is_held
 
 
 def test_the_polls_of_a_slow_signal_are_found() -> None:
     rng = np.random.default_rng(4)
     y = np.cumsum(rng.normal(0, 0.05, 20000))
     rows = rows_on_change(y, 0.5, 0)
-    clock = poll_clock(fit_clock(2.0 * rows))
+    clock = poll_clock(fit_clock(np.asarray(2.0 * rows, dtype=np.float64)))
     assert clock.interval_s == pytest.approx(2.0)
     np.testing.assert_array_equal(clock.index, rows)
 
