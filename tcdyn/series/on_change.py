@@ -178,7 +178,7 @@ def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
     held = _held_input(y, wait_s, len(values))
     if held is not None:
         return held
-    change = np.abs(np.diff(y[:MAX_READINGS]))
+    change = np.abs(np.diff(y))[:MAX_READINGS]
     found = _dead_band_of(change, wait_s[:MAX_READINGS], find_resolution_s(y))
     if found is None or len(y) <= MAX_READINGS:
         return found

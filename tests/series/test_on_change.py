@@ -197,3 +197,14 @@ def test_the_polls_of_a_slow_signal_are_found() -> None:
 def test_an_ordinary_clock_is_the_poll_clock() -> None:
     clock = fit_clock(np.array([0.0, 1.0, 2.0, 3.0, 5.0, 6.0]))
     assert poll_clock(clock) is clock
+
+
+def test_of_a_long_column_the_first_readings_decide() -> None:
+    rng = np.random.default_rng(5)
+    y = np.round(np.cumsum(rng.normal(0, 0.1, 160_000)), 3)
+    rows = rows_on_change(y, 0.2, 0)
+    assert len(rows) > 20_000
+    found = find_dead_band(y[rows], fit_clock(rows.astype(np.float64)))
+    assert found is not None
+    assert found.value == pytest.approx(0.2, abs=0.002)
+    assert found.n_readings == len(rows)
