@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, utf8
-from tcdyn.core.findings import Finding, unique_by_subject
+from tcdyn.core.findings import unique_by_subject
 from tcdyn.identification.held_inputs import with_new_values_of_inputs
 from tcdyn.identification.holds import (
     HOLD_CODES,
@@ -257,17 +257,10 @@ def _record(
     time_s, raw, findings = read_all(source, roles.named)
     for column in (*roles.inputs, *roles.outputs):
         check_numbers(column, raw[column], where)
-    runs = []
-    all_findings = [*findings]
-    selected: Holds | Literal["auto"] = hold
-    hold_findings: list[Finding] = []
     if resample_s is not None:
         _check_interval(resample_s, where)
-        # resampled inputs have other values, so their hold is that of the rows
-        inputs = np.column_stack([raw[column] for column in roles.inputs])
-        selected, hold_findings = select_holds(hold, roles.inputs, inputs, resample_s)
-        selected = check_hold(selected, len(roles.inputs), where)
-    all_series = []
+    policy = EVEN_RECORD if resample_s is None else ANY_TIMES
+    recorded = []
     for label, rows in _rows_of_runs(raw, roles.run):
         location = f"{where}, run {label}" if label else where
         columns = _column_rows(source, roles, {n: raw[n][rows] for n in roles.named})
@@ -275,23 +268,27 @@ def _record(
             location,
             time=source.time,
             options=source.options,
-            policy=EVEN_RECORD if resample_s is None else ANY_TIMES,
+            policy=policy,
             findings=findings,
             table=source.table,
         )
         run_s = time_s[rows]
         if source.options.dt_s is not None and source.options.time is None:
             run_s = source.options.dt_s * np.arange(len(rows), dtype=float)
-        series = make_series(run_s, columns, context)
-        all_series.append(series)
-        all_findings += series.findings
-        if resample_s is None:
-            inputs = np.column_stack([series.on_grid(column) for column in roles.inputs])
-            outputs = np.column_stack([series.on_grid(column) for column in roles.outputs])
-        else:
-            held = hold_of_each(selected, len(roles.inputs))  # type: ignore[arg-type]
-            inputs, outputs = _resampled_run(series, columns, run_s, resample_s, held, roles, where)
-        runs.append((inputs, outputs, float(run_s[0]), label or name))
+        recorded.append(_Run(label or name, run_s, columns, make_series(run_s, columns, context)))
+    all_series = [each.series for each in recorded]
+    all_findings = [finding for series in all_series for finding in series.findings]
+    selected: Holds | Literal["auto"] = hold
+    if resample_s is None:
+        values = [each.on_grid(roles) for each in recorded]
+    else:
+        # resampled inputs have other values, so their hold is that of the rows
+        inputs = np.concatenate([each.on_grid(roles)[0] for each in recorded])
+        selected, hold_findings = select_holds(hold, roles.inputs, inputs, resample_s)
+        all_findings += hold_findings
+        selected = check_hold(selected, len(roles.inputs), where)
+        held = hold_of_each(selected, len(roles.inputs))
+        values = [each.resampled(resample_s, held, roles, where) for each in recorded]
     interval_s = resample_s or _mean_interval_s(all_series)
     parts = [
         IOData.from_arrays(
@@ -299,18 +296,18 @@ def _record(
             outputs,
             interval_s,
             hold="foh",  # that of all runs together is set below
-            start_s=start_s,
+            start_s=float(each.time_s[0]),
             input_names=roles.inputs,
             output_names=roles.outputs,
-            name=label,
+            name=each.label,
         )
-        for inputs, outputs, start_s, label in runs
+        for (inputs, outputs), each in zip(values, recorded)
     ]
     data = parts[0].merge(*parts[1:])
     data = replace(
         data,
         name=name,
-        findings=unique_by_subject([*all_findings, *hold_findings]),
+        findings=unique_by_subject(all_findings),
         reading=tuple(series.report for series in all_series),
     )
     if resample_s is not None:
@@ -372,25 +369,62 @@ def _mean_interval_s(all_series: Sequence[Series]) -> float:
     return float(n_steps @ intervals_s / n_steps.sum())
 
 
-def _resampled_run(
-    series: Series,
-    columns: Sequence[ColumnRows],
-    run_s: Array,
-    interval_s: float,
-    holds: Sequence[Hold],
-    roles: _Roles,
-    where: str,
-) -> tuple[Array, Array]:
-    """Inputs and outputs of a run on another grid, from the values at the stamps of their rows."""
-    values = {}
-    for column in columns:
-        reasons = series.reasons[column.name]
-        is_used = (reasons == READING) | (reasons == REPEAT)
-        values[column.name] = np.where(is_used, column.raw, np.nan)
-    row_times_s = series.clock.even_s if series.clock.is_coarse else run_s
-    inputs = np.column_stack([values[name] for name in roles.inputs])
-    outputs = np.column_stack([values[name] for name in roles.outputs])
-    return resampled(row_times_s, inputs, outputs, interval_s, holds, where)
+@dataclass(frozen=True)
+class _Run:
+    """A run as it is in the table.
+
+    Attributes
+    ----------
+    label
+        Its label, or the name of the record.
+    time_s
+        Times of its rows (R,) [s].
+    columns, series
+        Inputs and outputs at its rows, and on even times.
+    """
+
+    label: str
+    time_s: Array
+    columns: Sequence[ColumnRows]
+    series: Series
+
+    def on_grid(self, roles: _Roles) -> tuple[Array, Array]:
+        """Inputs (N, K) and outputs (N, L) at the samples of the clock."""
+        inputs = np.column_stack([self.series.on_grid(name) for name in roles.inputs])
+        outputs = np.column_stack([self.series.on_grid(name) for name in roles.outputs])
+        return inputs, outputs
+
+    def resampled(
+        self, interval_s: float, holds: Sequence[Hold], roles: _Roles, where: str
+    ) -> tuple[Array, Array]:
+        """Inputs and outputs on another grid, from the values at the stamps of their rows.
+
+        Parameters
+        ----------
+        interval_s
+            Sampling interval of the grid [s].
+        holds
+            Hold of each input.
+        roles
+            Columns by their role.
+        where
+            Table that errors name.
+        """
+        clock = self.series.clock
+        row_times_s = clock.even_s if clock.is_coarse else self.time_s
+        values = {}
+        for column in self.columns:
+            name = column.name
+            if name in self.series.bands:
+                samples = self.series.unchanged(name).values
+                values[name] = np.interp(row_times_s, self.series.time_s, samples)
+                continue
+            reasons = self.series.reasons[name]
+            is_used = (reasons == READING) | (reasons == REPEAT)
+            values[name] = np.where(is_used, column.raw, np.nan)
+        inputs = np.column_stack([values[name] for name in roles.inputs])
+        outputs = np.column_stack([values[name] for name in roles.outputs])
+        return resampled(row_times_s, inputs, outputs, interval_s, holds, where)
 
 
 def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:

@@ -59,7 +59,7 @@ from tcdyn.series.reading import Codes
 from tcdyn.series.reading import Kind as ColumnKind
 from tcdyn.series.real_share import at_grid_times
 from tcdyn.series.report import SeriesReport
-from tcdyn.series.series import ColumnRows, Context, Policy, clock_of
+from tcdyn.series.series import ColumnRows, Context, Policy, check_gaps, clock_of
 from tcdyn.series.source import Source
 from tcdyn.series.survey import Survey
 
@@ -239,6 +239,7 @@ def _sampling(
         Time runs backward, a gap above 0.5 s, uneven sampling, or too few rows.
     """
     time_s, clock, findings = clock_of(stamps_s, context)
+    check_gaps(time_s, clock, context)
     dt_s = clock.interval_s
     if dt_s > SLOW_INTERVAL_S:
         findings.append(

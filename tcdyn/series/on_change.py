@@ -84,6 +84,11 @@ MAX_NOISE_SD = 0.25
 TURN_LEVEL = 0.44  # level of noise between two rows on its two sides
 SAME_LEVEL = 0.1  # between two rows on the same side
 LEVEL_SD = 0.34
+# Changes beyond so many dead bands are jumps: the value was at rest until the last polls. A steady
+# change is at most one dead band and that of one poll. Samples of such a wait: their errors are
+# then about independent. Study: lags of dips in ``tests/series/on_change_study.py``.
+JUMP = 1.5
+REST_SAMPLES = 9
 BEYOND_U = 3**-0.5  # after the last row: anything within the dead band
 # Shortest wait, in steps of the stamps, up to which the step is the poll. A longer one is more
 # likely a clock with finer decimals than the polls. By judgement.
@@ -422,6 +427,43 @@ def unchanged_values(values: Array, clock: Clock, dead_band: DeadBand) -> Filled
     is_filled = np.zeros(n_places, dtype=bool)
     is_filled[empty] = True
     return FilledValues(grid, u, is_filled)
+
+
+def samples_at_rest(values: Array, clock: Clock, dead_band: DeadBand) -> Array:
+    """Readings, and some samples of the waits that end with a jump.
+
+    Parameters
+    ----------
+    values, clock, dead_band
+        As for :func:`unchanged_values`.
+
+    Returns
+    -------
+    array
+        Readings at the samples (clock.size,), NaN where nothing was read; in each wait that ends
+        with a change of more than ``JUMP`` dead bands also ``REST_SAMPLES`` estimates, evenly
+        spaced. An input that is held has its level at all samples.
+
+    Notes
+    -----
+    Before a jump the reading did not move, and no row says so. Nearly all other estimates stay out:
+    their errors have one sign within a wait, and an estimator that takes them as readings with
+    white noise finds lags that are wrong by more than it states
+    (``tests/series/on_change_study.py``). The last estimate is a tenth of the wait before the row,
+    since the jump may have begun before its last poll.
+    """
+    filled = unchanged_values(values, clock, dead_band)
+    if dead_band.is_held:
+        return filled.values
+    keep = ~filled.is_filled
+    places = np.flatnonzero(keep)
+    written = filled.values[places]
+    n_polls = np.diff(places)
+    is_jump = np.abs(np.diff(written)) > JUMP * dead_band.value
+    for k in np.flatnonzero(is_jump & (n_polls > REST_SAMPLES)).tolist():
+        step = int(n_polls[k]) // (REST_SAMPLES + 1)
+        keep[places[k + 1] - step * np.arange(1, REST_SAMPLES + 1)] = True
+    return np.where(keep, filled.values, np.nan)
 
 
 @dataclass(frozen=True)

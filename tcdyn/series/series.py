@@ -23,6 +23,15 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
 from tcdyn.io.table import Table
 from tcdyn.series.clock import Clock, fit_clock
+from tcdyn.series.on_change import (
+    DeadBand,
+    FilledValues,
+    find_dead_band,
+    poll_clock,
+    samples_at_rest,
+    stated_dead_band,
+    unchanged_values,
+)
 from tcdyn.series.options import ReadingOptions
 from tcdyn.series.reading import CODE, RANGE, READING, REPEAT, Codes, Kind, Reasons, reasons_of
 from tcdyn.series.real_share import RealShare, at_grid_times, real_share
@@ -66,6 +75,9 @@ MIN_DISTINCT_SHARE = 0.2
 # Samples of a gap that the search for repeated values keeps: memory. No column has its new values
 # so far apart that the search would see it (``tcdyn.series.updates.MIN_REGULAR_CHANGES``).
 LONGEST_EMPTY = 1000
+# Least share of the samples without a row from which rows may have been written on change: such a
+# logger leaves out most rows. Study: ``tests/series/on_change_study.py``.
+LEAST_LOST_SHARE = 0.05
 TINY_NOISE = 1e-9  # of a trace without noise: the spike rule needs a positive one
 
 
@@ -194,6 +206,8 @@ class Series:
         What was understood.
     findings
         Findings about times and values.
+    bands
+        By column whose rows were written on change: its dead band.
     """
 
     clock: Clock
@@ -202,6 +216,7 @@ class Series:
     u_time_s: Array
     report: SeriesReport
     findings: tuple[Finding, ...] = ()
+    bands: Mapping[str, DeadBand] = field(default_factory=dict)
 
     @property
     def time_s(self) -> Array:
@@ -221,9 +236,17 @@ class Series:
         Returns
         -------
         array
-            Readings (N,); NaN where there is none, the mean where several rows are one sample.
+            Readings (N,); NaN where there is none, the mean where several rows are one sample. Of a
+            column whose rows were written on change also values before a jump, and of an input
+            that is held its level at all samples.
         """
+        if name in self.bands:
+            return samples_at_rest(self.readings[name], self.clock, self.bands[name])
         return on_grid(self.readings[name], self.clock)
+
+    def unchanged(self, name: str) -> FilledValues:
+        """Values of a column whose rows were written on change at all samples, with their u."""
+        return unchanged_values(self.readings[name], self.clock, self.bands[name])
 
 
 def on_grid(values: Array, clock: Clock) -> Array:
@@ -341,9 +364,16 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
         findings += value_findings(column, of_column)
         reasons[column.name] = of_column
         readings[column.name] = np.where(of_column == READING, column.values, np.nan)
+    bands = _dead_bands(columns, readings, clock, context.options.on_change)
+    if bands:
+        clock = poll_clock(clock)
+        findings = [each for each in findings if each.code != "series.lost"]
+        findings += [_on_change(name, band, columns) for name, band in bands.items()]
+    else:
+        check_gaps(time_s, clock, context)
     share = None
     u_time_s = np.zeros(len(time_s))
-    if clock.strays:
+    if clock.strays and not bands:
         measured = {c.name: readings[c.name] for c in columns if c.kind is not Kind.INPUT}
         share, shifted, stray_findings = _at_even_times(measured, clock, context)
         findings += stray_findings
@@ -357,7 +387,9 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
     for column in columns:
         name = column.name
         count = ColumnCount(name, column.unit, column.kind.value)
-        if column.kind is not Kind.INPUT:
+        if name in bands:
+            count.dead_band = bands[name].value
+        elif column.kind is not Kind.INPUT:
             is_repeat, repeat_findings = _repeats(readings[name], name, clock)
             findings += repeat_findings
             readings[name] = np.where(is_repeat, np.nan, readings[name])
@@ -374,7 +406,51 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
         start_time=context.start_time,
         first_row=context.first_row,
     )
-    return Series(clock, readings, reasons, u_time_s, report, (*context.findings, *findings))
+    all_findings = (*context.findings, *findings)
+    return Series(clock, readings, reasons, u_time_s, report, all_findings, bands)
+
+
+def _dead_bands(
+    columns: Sequence[ColumnRows],
+    readings: Mapping[str, Array],
+    clock: Clock,
+    stated: float | None,
+) -> dict[str, DeadBand]:
+    """Dead bands of the columns whose rows were written on change.
+
+    Parameters
+    ----------
+    columns
+        The columns.
+    readings
+        Their readings (R,).
+    clock
+        The clock of the rows.
+    stated
+        Dead band that the user states, for readings; None: it is looked for.
+    """
+    bands = {}
+    for column in columns:
+        y = readings[column.name]
+        is_input = column.kind is Kind.INPUT
+        if stated is not None and not is_input:
+            bands[column.name] = stated_dead_band(y, clock, stated)
+            continue
+        if clock.n_lost < LEAST_LOST_SHARE * clock.size and np.isfinite(y).all():
+            continue
+        found = find_dead_band(y, clock)
+        if found is not None and found.is_held == is_input:
+            bands[column.name] = found
+    return bands
+
+
+def _on_change(name: str, band: DeadBand, columns: Sequence[ColumnRows]) -> Finding:
+    """An info about a column whose rows were written on change."""
+    unit = next(column.unit for column in columns if column.name == name)
+    numbers = {"dead_band": band.value, "unit": unit, "count": band.n_readings}
+    if band.is_held:
+        return info("series.held", subject=name, **numbers)
+    return warning("series.on_change", subject=name, **numbers)
 
 
 def clock_of(time_s: Array, context: Context) -> tuple[Array, Clock, list[Finding]]:
@@ -515,21 +591,6 @@ def _check_clock(time_s: Array, clock: Clock, context: Context) -> list[Finding]
             where=where,
             expected=f"an interval of at most {policy.longest_interval_s:g} s",
         )
-    longest = int(np.argmax(np.diff(time_s)))
-    gap_s = float(time_s[longest + 1] - time_s[longest])
-    limit_s = max(policy.longest_gap_s, 3 * dt_s)
-    if policy.gap_rows is not None:
-        limit_s = min(limit_s, max(n, policy.gap_rows) * dt_s)
-    if gap_s > limit_s:
-        raise InputError(
-            f"{gap_s:.6g} s are missing after row {longest + context.first_row} below the header, "
-            f"at {time_s[longest]:.6g} s",
-            where=where,
-            expected=f"gaps of at most {limit_s:.3g} s",
-            remedy="cut the table there and give one part; if the logger writes rows only when a "
-            "reading has changed, state its dead band, {on_change}",
-            parameters={"on_change": "DEADBAND"},
-        )
     uneven = np.diff(clock.index) != 1
     if float(np.mean(uneven)) > policy.max_uneven_share:
         row = int(np.argmax(uneven)) + 1 + context.first_row
@@ -551,6 +612,38 @@ def _check_clock(time_s: Array, clock: Clock, context: Context) -> list[Finding]
         row = int(np.argmax(np.diff(time_s) == 0)) + 1 + context.first_row
         return [info("series.repeated_time", subject=context.time, count=clock.n_repeated, row=row)]
     return []
+
+
+def check_gaps(time_s: Array, clock: Clock, context: Context) -> None:
+    """Raise InputError for a gap between two rows that the policy does not tolerate.
+
+    Parameters
+    ----------
+    time_s
+        Times of the rows (R,) [s].
+    clock
+        Their clock.
+    context
+        Where they come from.
+    """
+    policy = context.policy
+    dt_s = clock.interval_s
+    n = len(time_s)
+    longest = int(np.argmax(np.diff(time_s)))
+    gap_s = float(time_s[longest + 1] - time_s[longest])
+    limit_s = max(policy.longest_gap_s, 3 * dt_s)
+    if policy.gap_rows is not None:
+        limit_s = min(limit_s, max(n, policy.gap_rows) * dt_s)
+    if gap_s > limit_s:
+        raise InputError(
+            f"{gap_s:.6g} s are missing after row {longest + context.first_row} below the header, "
+            f"at {time_s[longest]:.6g} s",
+            where=context.where,
+            expected=f"gaps of at most {limit_s:.3g} s",
+            remedy="cut the table there and give one part; if the logger writes rows only when a "
+            "reading has changed, state its dead band, {on_change}",
+            parameters={"on_change": "DEADBAND"},
+        )
 
 
 def _check_repeated(clock: Clock, where: str) -> None:

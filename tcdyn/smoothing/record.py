@@ -35,13 +35,8 @@ from tcdyn.estimation.trace_noise import (
     trace_noise_sd,
 )
 from tcdyn.io.unit_names import unit_in, without_unit
-from tcdyn.series.plausible import (
-    HIGHEST_DEGC,
-    LOWEST_DEGC,
-    dropout_codes,
-    impossible_changes,
-    out_of_range,
-)
+from tcdyn.series.plausible import HIGHEST_DEGC, LOWEST_DEGC, impossible_changes, out_of_range
+from tcdyn.series.reading import CODE, RANGE, Kind, reasons_of
 from tcdyn.series.updates import usual_spacing
 from tcdyn.smoothing.noise_levels import Intensity
 
@@ -67,7 +62,7 @@ NEAR_SAMPLES = 5.0
 LONG_GAP = 10.0
 # share of a trace up to which implausible samples are left to the spike rule; chosen by judgement
 FEW_IMPLAUSIBLE = 0.01
-# share of bad samples from which on the user is informed; chosen by judgement
+# share of readings that are not used, from which on the user is informed; no result depends on it
 REPORTED_BAD_SHARE = 0.01
 
 
@@ -349,10 +344,8 @@ def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
         percent = 100 * float(np.mean(stuck))
         first = int(np.argmax(stuck))
         return [warning("trace.stuck", subject=name, percent=percent, first_sample=first)]
-    good_rows = np.flatnonzero(flag == GOOD)
-    # a channel that is sampled in each n-th row misses none of the others
-    expected = len(flag) / usual_spacing([good_rows])
-    bad = 1 - min(len(good_rows) / expected, 1.0)
+    is_read = flag & MISSING == 0
+    bad = 1 - np.count_nonzero(flag == GOOD) / max(np.count_nonzero(is_read), 1)
     if bad > REPORTED_BAD_SHARE:
         return [info_or_warning(bad, "trace.bad", subject=name, percent=100 * bad)]
     return []
@@ -392,10 +385,11 @@ def _implausible_readings(
     findings = []
     for c, (chain, name) in enumerate(zip(chains, names)):
         y = data[:, c]
-        outside = out_of_range(y)
+        reasons = reasons_of(y, Kind.TEMPERATURE)
+        outside = (reasons == RANGE) | (out_of_range(y) & (reasons == CODE))
+        codes = (reasons == CODE) & ~outside
         inside = np.where(outside, np.nan, y)
         lag_s = max(chain.taus_s, default=0.0)
-        codes = dropout_codes(inside)
         remaining = np.where(codes, np.nan, inside)
         # share of a step that passes the chain at once
         feedthrough = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0

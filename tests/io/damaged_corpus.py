@@ -297,17 +297,17 @@ CORPUS: tuple[Damage, ...] = (
     ),
     # time
     Damage(
-        "time repeats",
+        "a time repeats and one is lost",
         "ehl",
-        REFUSED,
-        f"{ROW_1000}.*repeats",
+        FLAGGED,
+        "1 row.* have the time of the row before, first in row 1001",
         _csv("ehl", lambda f: _set(1000, "time_s", f["time_s"][999])(f)),
     ),
     Damage(
         "time runs backward",
         "ehl",
         REFUSED,
-        f"{ROW_1000}.*backward",
+        "backward at row 1001 below the header",
         _csv("ehl", _set(1000, "time_s", 3.0)),
     ),
     Damage(
@@ -319,7 +319,11 @@ CORPUS: tuple[Damage, ...] = (
     ),
     Damage("rows reversed", "ehl", REFUSED, "backward", _csv("ehl", lambda f: f.iloc[::-1])),
     Damage(
-        "rows twice", "ehl", REFUSED, "repeats", _csv("ehl", lambda f: f.loc[f.index.repeat(2)])
+        "rows twice",
+        "ehl",
+        REFUSED,
+        "stamps are repeated",
+        _csv("ehl", lambda f: f.loc[f.index.repeat(2)]),
     ),
     Damage(
         "a hole of 3 s",
@@ -332,7 +336,7 @@ CORPUS: tuple[Damage, ...] = (
         "five samples lost",
         "ehl",
         FLAGGED,
-        "5 samples are missing",
+        r"5 sample.* have no row in the table",
         _csv("ehl", lambda f: f.drop(index=range(1000, 1005))),
     ),
     Damage(
@@ -353,7 +357,7 @@ CORPUS: tuple[Damage, ...] = (
         "times missing",
         "ehl",
         REFUSED,
-        "times are missing",
+        "no time in row 1001 below the header",
         _csv("ehl", lambda f: _nan(f, "time_s", 1000, 1020)),
     ),
     Damage(
@@ -476,13 +480,17 @@ CORPUS: tuple[Damage, ...] = (
         _csv("ehl", lambda f: _set([700, 1000], "fast_e_degC", 150.0)(f)),
     ),
     Damage(
-        "a huge value", "ehl", FLAGGED, "impossible", _csv("ehl", _set(1000, "fast_e_degC", 1e30))
+        "a huge value",
+        "ehl",
+        FLAGGED,
+        "drop-out codes",
+        _csv("ehl", _set(1000, "fast_e_degC", 1e30)),
     ),
     Damage(
         "an infinite value",
         "ehl",
         FLAGGED,
-        "impossible",
+        "drop-out codes",
         _csv("ehl", _set(1000, "fast_e_degC", np.inf)),
     ),
     Damage(

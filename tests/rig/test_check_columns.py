@@ -89,13 +89,6 @@ def test_severity_of_missing_values_depends_on_their_share() -> None:
         assert (junction.severity.value, force.severity.value) == (severity, severity)
         assert junction.numbers["count"] == force.numbers["count"] == count
         assert (force.code, force.numbers["row"]) == ("values.missing", 7)
-        impossible = NOISY_COLUMN.copy()
-        impossible[rows] = 5e3
-        findings = column_findings(impossible, with_missing(*rows))
-        assert [(f.code, f.severity.value, f.numbers["count"]) for f in findings] == [
-            ("values.impossible", severity, count)
-        ]
-        assert (findings[0].numbers["value"], findings[0].numbers["row"]) == (5e3, 7)
     rows = range(5, 5 + 10 * 21, 10)
     with pytest.raises(InputError, match=r"column load_N, row 7 .*: nan; 5 % of the column"):
         column_findings(with_missing(*rows), name="load_N")

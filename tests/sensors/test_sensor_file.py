@@ -26,6 +26,8 @@ from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors import channels as channel_module
 from tcdyn.sensors import compensation as engine
 from tcdyn.sensors import read_sensor, segments, specified_sensor, step_times, write_sensor
+from tcdyn.series import Context
+from tcdyn.series.series import clock_of
 from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.series.units import uncertainty_column
 from tcdyn.smoothing import smooth
@@ -319,15 +321,15 @@ def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> N
 @pytest.mark.parametrize("dt_s", [0.05, 2.5])
 def test_the_interval_of_a_table_with_lost_rows_is_that_of_its_rows(dt_s: float) -> None:
     row = np.flatnonzero(np.arange(400) % 50 > 3)
-    grid, found = table.even_times(7.0 + dt_s * row, "here")
+    _, grid, (found,) = clock_of(7.0 + dt_s * row, Context("here"))
     assert grid.interval_s == pytest.approx(dt_s, rel=1e-12)
     assert (grid.index == row - row[0]).all()
-    assert not found
+    assert (found.code, found.numbers["places"]) == ("series.lost", 7)
 
 
 def test_steps_that_do_not_add_up_put_each_row_where_its_time_is() -> None:
     t = np.concatenate([np.arange(300.0), 300.0 + 1.02 * np.arange(300)])
-    clock, _ = table.even_times(t, "here")
+    _, clock, _ = clock_of(t, Context("here"))
     away = t - clock.even_s
     assert clock.interval_s == pytest.approx(t[-1] / 599)
     assert np.abs(away).max() <= 0.5 * clock.interval_s + 1e-9
@@ -361,7 +363,7 @@ def test_a_silence_parts_where_it_is_longer_than_ten_lags_and_sixty_rows(
 ) -> None:
     t = 0.05 * np.arange(400.0)
     t[200:] += silence_s
-    stretches = list(table.read_segments(OnePiece(t), ["x"], lag_s))
+    stretches = list(segments.read_segments(OnePiece(t), ["x"], lag_s))
     assert np.concatenate([s.time_s[s.keep] for s in stretches]) == pytest.approx(t)
     assert [len(s.time_s) for s in stretches] == ([200, 200] if parted else [400])
 

@@ -60,6 +60,11 @@ SERIES: dict[str, Message] = {
     "exactly, and the times of the results have this uncertainty",
     "series.lost": "column {subject}: {count} sample(s) have no row in the table, at {places} "
     "place(s), first after {first_s:.6g} s; no reading was left out there",
+    "series.on_change": "column {subject}: its {count} rows were written when the reading had "
+    "changed by {dead_band:.3g} {unit}: between two rows it is taken as within this dead band, "
+    "which the uncertainty of the results does not include",
+    "series.held": "column {subject}: its {count} values were written when they changed: between "
+    "two of them it has the first",
     "series.range": _range,
     "series.codes": _codes,
     "series.repeats": "column {subject} has a new value in {percent:.3g} % of the rows (every "
