@@ -447,7 +447,7 @@ def _dead_bands(
 def _on_change(name: str, band: DeadBand, columns: Sequence[ColumnRows]) -> Finding:
     """An info about a column whose rows were written on change."""
     unit = next(column.unit for column in columns if column.name == name)
-    numbers = {"dead_band": band.value, "unit": unit, "count": band.n_readings}
+    numbers: dict[str, Any] = {"dead_band": band.value, "unit": unit, "count": band.n_readings}
     if band.is_held:
         return info("series.held", subject=name, **numbers)
     return warning("series.on_change", subject=name, **numbers)

@@ -98,7 +98,8 @@ COMPENSATE: dict[str, Message] = {
     "{first_sample}, is not determined by it: there is no reading near, the standard uncertainty "
     "exceeds the range of the readings ({range_K:.3g} K), or the temperature is not possible; not "
     "reported there",
-    "trace.bad": "{subject}: {percent:.2g} % of the readings are spikes or implausible and are not used",
+    "trace.bad": "{subject}: {percent:.2g} % of the readings are spikes or implausible and are not "
+    "used",
     "inverse.noisy": _noisy_inverse,
     "inverse.near_nyquist": "a bandwidth of {bandwidth_Hz:.3g} Hz is near half of the "
     "{rate_Hz:.3g} Hz sampling rate: between samples the response differs from the formula",
