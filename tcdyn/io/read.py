@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -499,12 +500,26 @@ class TextReader:
         try:
             for batch in self.batches(CHUNK_ROWS, types):
                 for name in names:
-                    cells = Counter(_cells(batch.column(self.keys[name]), self.encoding))
-                    for cell, count in cells.items():
-                        counts[name][kind_of_cell(cell, self.dialect.decimal)] += count
+                    counts[name].update(_cells(batch.column(self.keys[name]), self.encoding))
         except pa.ArrowInvalid:
             pass  # the error comes again, with its row, when the columns are read
-        return {name for name in names if is_text(counts[name])}
+        texts = {name for name in names if is_text(counts[name], self.dialect.decimal)}
+        return {name for name in texts if not self._is_dead_channel(name, counts[name])}
+
+    def _is_dead_channel(self, name: str, counts: Counter[str]) -> bool:
+        """Whether a column of one word is a channel without readings, such as TC2 beside TC1.
+
+        Its name then differs from that of a column of numbers by its digits only.
+        """
+        words = [text for text in counts if text.lower() not in ABSENT]
+        stem = re.sub(r"\d+", "", name)
+        if len(words) != 1 or stem == name:
+            return False
+        others = zip(self.dialect.names, self.dialect.first_row)
+        return any(
+            re.sub(r"\d+", "", other) == stem and is_number(cell, self.dialect.decimal)
+            for other, cell in others
+        )
 
     def batches(self, rows: int, types: dict[str, Any]) -> Iterator[pa.RecordBatch]:
         """Yield columns of these types by key, in batches of about so many rows."""
