@@ -236,9 +236,9 @@ class TextColumn:
         cells = filled[:DECISION_CELLS]
         if not cells:
             return
-        counts = Counter(kind_of_cell(text, self.decimal) for text in cells)
         if self.clock is None:
-            self.clock = counts["stamp"] > 0.5 * len(cells)
+            n_stamps = sum(is_stamp(text) for text in cells)  # 20211126100559 is a number, too
+            self.clock = n_stamps > 0.5 * len(cells)
         if self.words is None:
             self.words = not self.clock and is_text(Counter(cells), self.decimal)
             if self.words and len(filled) > len(cells):  # its first readings may be missing

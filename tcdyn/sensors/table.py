@@ -326,7 +326,7 @@ def read_columns(
     for name, values in raw.items():
         check_numbers(name, values, source.table.where)
     findings = [finding for _, _, noted in chunks for finding in noted]
-    clock, clock_findings = even_times(t, where)
+    clock, clock_findings = even_times(t, where, other_times=source.clock.others)
     check_gaps(t, clock.interval_s, where)
     rows = {}
     for name in columns:
@@ -473,7 +473,9 @@ def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
         )
 
 
-def even_times(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Clock, list[Finding]]:
+def even_times(
+    time_s: Array, where: str, dt_s: float | None = None, other_times: Sequence[str] = ()
+) -> tuple[Clock, list[Finding]]:
     """Return the clock of the rows.
 
     Parameters
@@ -484,6 +486,8 @@ def even_times(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Cl
         Name of the table, for messages.
     dt_s
         Interval, if an earlier segment has determined it [s].
+    other_times
+        Other columns that may be the time, for messages.
 
     Returns
     -------
@@ -510,7 +514,7 @@ def even_times(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Cl
             expected=f"one row in {MAX_GRID_SHARE:g} at least",
             remedy="check the unit of the time, or cut the table at its gaps",
         )
-    _check_repeated(clock, where)
+    _check_repeated(clock, where, other_times)
     deviation_s = float(np.median(np.abs(clock.deviation_s)))
     if not clock.strays and deviation_s > COARSE_ROUNDING * dt:
         severity = warning if clock.u_interval_s > UNSURE_RATE * dt else info
@@ -522,7 +526,7 @@ def even_times(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Cl
     return clock, []
 
 
-def _check_repeated(clock: Clock, where: str) -> None:
+def _check_repeated(clock: Clock, where: str, other_times: Sequence[str]) -> None:
     """Raise InputError where most stamps repeat and the rows between them are not even."""
     is_uneven = clock.n_repeated > MOSTLY_REPEATED * len(clock.index)
     if clock.is_coarse:
@@ -530,11 +534,15 @@ def _check_repeated(clock: Clock, where: str) -> None:
         scatter = float(np.std(clock.deviation_s[first_rows])) / clock.interval_s
         is_uneven = scatter > UNEVEN_COARSE
     if is_uneven:
+        remedy = "log finer stamps, or cut the table where rows are missing"
+        if other_times:
+            remedy = f"try another column of time ({', '.join(other_times)}), {{time}}; or {remedy}"
         raise InputError(
             "most time stamps are repeated, and the rows between them are not even",
             where=where,
             expected="stamps as fine as the sampling interval",
-            remedy="log finer stamps, or cut the table where rows are missing",
+            remedy=remedy,
+            parameters={"time": other_times[0]} if other_times else {},
         )
 
 
