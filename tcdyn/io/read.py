@@ -73,6 +73,8 @@ MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
 LEAST_BLOCK_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 21
+# what the names of the channels of one logger differ by: "TC1 (°C)", "TC2", "TC3_degC"
+_DIGITS_AND_UNIT = re.compile(r"\d+|\s*[\[(][^\])]*[\])]\s*$|_(?:deg)?[CFK]$|_mV$")
 MILLISECONDS = 1000  # of a second
 # names of a column with the milliseconds of the stamps in another column
 MILLISECOND_COLUMNS = ("ms", "msec", "millis", "millisecond", "milliseconds", "millisekunden")
@@ -537,15 +539,15 @@ class TextReader:
     def _is_dead_channel(self, name: str, counts: Counter[str]) -> bool:
         """Whether a column of one word is a channel without readings, such as TC2 beside TC1.
 
-        Its name then differs from that of a column of numbers by its digits only.
+        Its name then differs from that of a column of numbers by its digits and its unit only.
         """
         words = [text for text in counts if text.lower() not in ABSENT]
-        stem = re.sub(r"\d+", "", name)
-        if len(words) != 1 or stem == name:
+        stem = _DIGITS_AND_UNIT.sub("", name)
+        if len(words) != 1 or not re.search(r"\d", name):
             return False
         others = zip(self.dialect.names, self.dialect.first_row)
         return any(
-            re.sub(r"\d+", "", other) == stem and is_number(cell, self.dialect.decimal)
+            _DIGITS_AND_UNIT.sub("", other) == stem and is_number(cell, self.dialect.decimal)
             for other, cell in others
         )
 

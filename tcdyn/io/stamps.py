@@ -348,8 +348,8 @@ class Stamps:
 
         Notes
         -----
-        From 12:59 to 1:00 the step is half a day less than the usual one; with a date, from 11:59 in
-        the evening to 12:00 it is a day more. The last time of the chunk before is kept.
+        From 12:59 to 1:00 the step is half a day less than the usual one; with a date, from 11:59
+        in the evening to 12:00 it is a day more. The last time of the chunk before is kept.
         """
         before = np.concatenate([[self._last_time_s], wall_s[:-1]])
         finite = wall_s[np.isfinite(wall_s)]
@@ -375,8 +375,8 @@ class Stamps:
                 "12 hours without AM and PM",
                 where=self.where,
                 expected="a clock of 24 hours, or AM and PM",
-                remedy="log AM and PM, or write 0 h for the 12 h of midnight and add 12 h to 1:00 to "
-                "11:59 of the afternoon",
+                remedy="log AM and PM, or write 0 h for the 12 h of midnight and add 12 h to 1:00 "
+                "to 11:59 of the afternoon",
             )
 
     def _check_fractions(self, wall_s: Array, texts: Sequence[str]) -> None:

@@ -63,7 +63,8 @@ UNIT_NAMES = frozenset(
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"t|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
+    r"t|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
+    r"|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
     r"|x_value"
     r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
     r"|(sample|sampling|scan|log|local|measurement|recording)[_ ]?time|created[_ ]?at"

@@ -122,6 +122,17 @@ def test_one_code_outside_the_range_of_the_readings_is_a_word(tmp_path: Path) ->
     assert [f.code for f in findings] == ["text.error_word"]
 
 
+@pytest.mark.parametrize(("first", "dead"), [("TC1 (°C)", "TC8"), ("T_1_degC", "T_2_degC")])
+def test_channels_may_have_units_in_their_names(tmp_path: Path, first: str, dead: str) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k},{t},OVLD,OK" for k, t in enumerate(T_DEGC)]
+    header = f"time_s,{first},{dead},{first} state"
+    path.write_text(header + "\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    columns = read_all_rows(open_table(path), header.split(","))
+    assert sorted(columns.stamps) == [f"{first} state"]
+    assert [(f.code, f.subject) for f in columns.findings] == [("text.error_word", dead)]
+
+
 @pytest.mark.parametrize("word", ["OPEN", "unavailable"])
 def test_a_channel_of_one_word_beside_others_is_without_readings(tmp_path: Path, word: str) -> None:
     path = tmp_path / "log.csv"
