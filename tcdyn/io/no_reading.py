@@ -25,8 +25,9 @@ from tcdyn.core.findings import Finding, SampleLocation, warning
 DAMAGED_SHARE = 0.01
 DAMAGED_CELLS = 3
 # Different texts that may stand for no reading in any number, and different texts with digits that
-# may stand for it at all. A logger writes one or two, Home Assistant and PI four. The study refuses
-# no readings and accepts no text at 6.
+# may stand for it at all. A logger writes one or two, Home Assistant and PI four. At 6 the study
+# (``python -m tests.io.word_study 400 1``) refuses no readings that are half of the cells or more,
+# and accepts no text.
 FEW_TEXTS = 6
 # Share of the filled cells up to which words without digits may all differ. By judgement: notes of
 # an operator between readings are no readings either.
@@ -35,6 +36,9 @@ RARE_SHARE = 0.1
 # for each word: a sensor that is open for most of the record. Labels such as 1, 2, A3, OK have
 # about one, codes of states in the study up to three.
 NUMBERS_PER_WORD = 10
+LIMIT_SIGNS = "<>≤≥"
+LEVELS = NUMBERS_PER_WORD * FEW_TEXTS  # different numbers of a column that are enough
+CELLS_OF_LEVELS = 1000  # numbers of a chunk in which they are looked for; time
 MAX_TEXTS = 1000  # different texts that are kept; memory
 SHOWN_TEXTS = 5  # in a message
 LONGEST_SHOWN = 40  # characters of a text in a message
@@ -96,7 +100,7 @@ class OtherCells:
     absent
         Number of cells without a value.
     levels
-        Different numbers of the column, up to ``MAX_TEXTS``.
+        Different numbers of the column, ``LEVELS`` or more if there are so many.
     low, high
         Range of its numbers.
     """
@@ -129,8 +133,9 @@ class OtherCells:
             return
         self.low = min(self.low, float(numbers.min()))
         self.high = max(self.high, float(numbers.max()))
-        if len(self.levels) < MAX_TEXTS:
-            self.levels.update(np.unique(numbers)[:MAX_TEXTS].tolist())
+        if len(self.levels) < LEVELS:
+            every = -(-len(numbers) // CELLS_OF_LEVELS)
+            self.levels.update(numbers[::every].tolist())
 
     def findings(self, cells: int, is_complete: bool) -> list[Finding]:
         """Warnings about words and damaged numbers.
@@ -180,8 +185,8 @@ class OtherCells:
     def _damaged(self) -> dict[str, int]:
         """The texts that are numbers in another notation, with their counts.
 
-        A code is none: one text that repeats, such as ">1372", where the numbers of the column do
-        not reach its number. No reading of the column is written so.
+        A code is none: one text that repeats, and that is a limit, such as ">1372", or whose number
+        is far outside of the numbers of the column, such as "9999 E". No reading is written so.
         """
         found = {text: count for text, count in self.counts.items() if is_number_like(text)}
         if len(found) != 1:
@@ -191,7 +196,9 @@ class OtherCells:
         if match is None or count == 1:
             return found
         value = float(match[0].replace(",", "."))
-        return found if self.low <= value <= self.high else {}
+        far = max(self.high - self.low, abs(self.low), abs(self.high))
+        is_outside = not self.low - far <= value <= self.high + far
+        return {} if is_outside or text[0] in LIMIT_SIGNS else found
 
     def _check_notation(self, damaged: Mapping[str, int], cells: int) -> None:
         """Raise InputError where many cells are numbers in another notation."""

@@ -116,8 +116,9 @@ def test_a_column_of_text_has_no_numbers(kind: str) -> None:
     assert not accepts(TEXTS[kind](np.random.default_rng(1), ROWS))
 
 
-def test_one_code_outside_the_range_of_the_readings_is_a_word(tmp_path: Path) -> None:
-    values, findings = read(tmp_path, replaced([">1372"], range(30, 60)))
+@pytest.mark.parametrize("code", [">1372", "<20", "9999 E", "-999.9*"])
+def test_one_code_for_a_limit_is_a_word(tmp_path: Path, code: str) -> None:
+    values, findings = read(tmp_path, replaced([code], range(30, 60)))
     assert np.isnan(values).sum() == 30
     assert [f.code for f in findings] == ["text.error_word"]
 

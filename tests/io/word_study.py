@@ -3,6 +3,10 @@
 ``python -m tests.io.word_study 400 1`` writes columns of readings with words for no reading, which
 must be read, and columns of text or of numbers in another notation, which must be refused. It
 prints the share of wrong decisions of each kind.
+
+Of 2400 columns of readings that command finds 18 refused: all have one word in 80 % of their cells,
+and fewer than ten different numbers. Of 10,000 columns of text and of other notations it finds none
+accepted.
 """
 
 from __future__ import annotations
