@@ -271,6 +271,7 @@ def _record(
             policy=policy,
             findings=findings,
             table=source.table,
+            other_times=source.clock.others,
         )
         run_s = time_s[rows]
         if source.options.dt_s is not None and source.options.time is None:

@@ -1,4 +1,4 @@
-"""Meaning of the cells of a text table: numbers, words for a switch, error words, clock times.
+"""Meaning of the cells of a text table: numbers, words for a switch, clock times.
 
 Used by :mod:`tcdyn.io.csv_dialect` to detect the dialect, and by :mod:`tcdyn.io.read` and
 :mod:`tcdyn.io.binary` to read columns of text. Guarded by ``tests/io/test_logger_families.py``.
@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
-from itertools import islice
-from typing import Any
 
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
+from tcdyn.io.no_reading import OtherCells, are_mostly_numbers
 from tcdyn.io.response_units import is_response_unit
 from tcdyn.io.stamps import Stamps, is_stamp
 from tcdyn.io.times import SECONDS_PER_UNIT
@@ -56,20 +54,10 @@ FLAGS = {  # lower-case words for a switch
     "no": 0.0,
     "low": 0.0,
 }
-# what loggers write instead of a reading: strokes, overload, open input
-ERROR_WORD = re.compile(
-    r"[-+*?#=_.]+|[-+]?\s?(over|under)\s?(flow|load|range|run|limit)?|[-+]?\s?(ovld|ovl|ovr|ovrg|ol)"
-    r"|open(\s?(tc|circuit|input|sensor))?|burn\s?out|[-+]?bo|err(or)?\W*\d*|fault|fail(ed|ure)?"
-    r"|invalid|bad|short(ed)?|break|off|no\s?data|missing|unplugged|calc\s?error|#div/0!|#value!"
-)
 # units as the cells of a row of units may write them, in lower case and without degree signs
 TEMPERATURE_UNITS = frozenset(
     ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
 )
-# a text column may have this share of cells that are no numbers, or this number of them if it is
-# short; more are an error. Chosen by judgement
-BAD_SHARE = 0.01
-BAD_CELLS = 3
 DECISION_CELLS = 1000  # filled cells that decide what a column holds; chosen by judgement
 
 
@@ -131,12 +119,14 @@ def number_and_unit(text: str, decimal: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=20_000)
 def kind_of_cell(text: str, decimal: str) -> str:
-    """Kind of a cell: "number", "stamp", "flag", "absent", "error", "word", or else "other".
+    """Kind of a cell: "number", "stamp", "flag", "absent", "filler", "word", or else "other".
+
+    A filler has neither letters nor digits.
 
     >>> [kind_of_cell(text, ".") for text in ("1.5", "10:00:00", "on", "")]
     ['number', 'stamp', 'flag', 'absent']
     >>> [kind_of_cell(text, ".") for text in ("--.--", "OK", "1,5")]
-    ['error', 'word', 'other']
+    ['filler', 'word', 'other']
     """
     lower = text.lower()
     if is_number(text, decimal):
@@ -147,17 +137,32 @@ def kind_of_cell(text: str, decimal: str) -> str:
         return "stamp"
     if lower in FLAGS:
         return "flag"
-    if ERROR_WORD.fullmatch(lower):
-        return "error"
+    if not re.search(r"[^\W_]", text):
+        return "filler"
     if number_and_unit(text, decimal)[1]:
         return "number"
     return "word" if re.search(r"[^\W\d_]", text) else "other"
 
 
-def is_text(counts: Mapping[str, int]) -> bool:
-    """Whether a column with these numbers of cells of each kind holds text."""
-    others = sum(counts.get(kind, 0) for kind in ("number", "flag", "stamp", "other"))
-    return counts.get("word", 0) > others
+def is_text(cells: Mapping[str, int], decimal: str) -> bool:
+    """Whether a column holds text, by the number of its cells of each text.
+
+    >>> is_text({"OK": 290, "12": 10}, "."), is_text({"OPEN": 9, "20.1": 1, "20.2": 1}, ".")
+    (True, True)
+    >>> is_text({"OPEN": 90, **{str(k): 1 for k in range(30)}}, ".")
+    False
+    """
+    counts: Counter[str] = Counter()
+    different: Counter[str] = Counter()
+    for text, count in cells.items():
+        kind = kind_of_cell(text, decimal)
+        counts["words" if kind == "word" else kind] += count
+        different["words" if kind == "word" else kind] += 1
+    others = sum(counts[kind] for kind in ("number", "flag", "stamp", "other"))
+    numbers = different["number"]
+    return not are_mostly_numbers(
+        counts["words"], others, {"words": different["words"], "numbers": numbers}
+    )
 
 
 class TextColumn:
@@ -201,9 +206,7 @@ class TextColumn:
         self.words = words
         self.is_switch: bool | None = None
         self.unit = ""
-        self.bad_cells = 0
-        self.error_cells = 0
-        self.first_cells: dict[str, dict[str, Any]] = {}
+        self.others = OtherCells(name, decimal, location)
         self.stamps = Stamps(name, location.where)
 
     def numbers(self, texts: list[str], first_index: int) -> Array:
@@ -217,7 +220,7 @@ class TextColumn:
             Index in the file of the first of them.
         """
         if self.is_switch is None:
-            self._decide_kind(text for text in texts if text.lower() not in ABSENT)
+            self._decide_kind([text for text in texts if text.lower() not in ABSENT])
         if self.words:
             return np.full(len(texts), np.nan)
         if self.clock:
@@ -225,18 +228,21 @@ class TextColumn:
         values = np.full(len(texts), np.nan)
         for i, text in enumerate(texts):
             values[i] = self._number(text, first_index + i)
+        self.others.add_numbers(values)
         return values
 
-    def _decide_kind(self, filled: Iterable[str]) -> None:
+    def _decide_kind(self, filled: list[str]) -> None:
         """Decide what the column holds, by the filled cells of a chunk; not if there is none."""
-        cells = list(islice(filled, DECISION_CELLS))
+        cells = filled[:DECISION_CELLS]
         if not cells:
             return
-        counts = Counter(kind_of_cell(text, self.decimal) for text in cells)
         if self.clock is None:
-            self.clock = counts["stamp"] > 0.5 * len(cells)
+            n_stamps = sum(is_stamp(text) for text in cells)  # 20211126100559 is a number, too
+            self.clock = n_stamps > 0.5 * len(cells)
         if self.words is None:
-            self.words = not self.clock and is_text(counts)
+            self.words = not self.clock and is_text(Counter(cells), self.decimal)
+            if self.words and len(filled) > len(cells):  # its first readings may be missing
+                self.words = is_text(Counter(filled), self.decimal)
         plain = [text for text in cells if is_number(text, self.decimal)]
         self.is_switch = all(to_number(text, self.decimal) in (0.0, 1.0) for text in plain)
         if not plain:
@@ -256,6 +262,7 @@ class TextColumn:
             return to_number(text, self.decimal)
         lower = text.lower()
         if lower in ABSENT:
+            self.others.absent += 1
             return np.inf if "inf" in lower else np.nan
         if self.is_switch and lower in FLAGS:
             return FLAGS[lower]
@@ -263,12 +270,7 @@ class TextColumn:
             number, unit = number_and_unit(text, self.decimal)
             if unit == self.unit:
                 return to_number(number, self.decimal)
-        kind = "error" if ERROR_WORD.fullmatch(lower) else "bad"
-        self.first_cells.setdefault(kind, {"row": self.location.row(index), "text": text[:40]})
-        if kind == "error":
-            self.error_cells += 1
-        else:
-            self.bad_cells += 1
+        self.others.add(text, index)
         return np.nan
 
     def findings(self, cells: int, is_complete: bool = True) -> list[Finding]:
@@ -284,30 +286,11 @@ class TextColumn:
         Raises
         ------
         InputError
-            If more than one cell in a hundred (and more than three) is no number. Error words of
-            loggers are missing values in any number.
+            For numbers in another notation, and for a column of text (``OtherCells``).
         """
         if self.clock:
             return self._clock_findings()
-        findings = []
-        if self.error_cells:
-            first = self.first_cells["error"]
-            findings.append(
-                warning("text.error_word", subject=self.name, count=self.error_cells, **first)
-            )
-        if not self.bad_cells:
-            return findings
-        first = self.first_cells["bad"]
-        if is_complete and self.bad_cells > max(BAD_CELLS, BAD_SHARE * cells):
-            mark = "comma" if self.decimal == "," else "point"
-            raise InputError(
-                f"column {self.name}, row {first['row']}: {first['text']!r} is no number "
-                f"({self.bad_cells} of {cells} cells)",
-                where=self.location.where,
-                expected=f"numbers with decimal {mark}",
-            )
-        bad = warning("text.no_number", subject=self.name, count=self.bad_cells, **first)
-        return [*findings, bad]
+        return self.others.findings(cells, is_complete)
 
     def _clock_findings(self) -> list[Finding]:
         """Findings about a column of clock times."""

@@ -35,6 +35,8 @@ UNREADABLE = ("word", "other")  # kinds of cells that are no data
 COMMENT = "#"  # begins a line of comment
 # physical lines that a quoted cell of the header may span; chosen by judgement
 LONGEST_CELL_LINES = 8
+# rows with a time and the same words are data: a sensor that gives no reading; by judgement
+ROWS_OF_ONE_WORD = 3
 ROW_NUMBERS = 5  # rows that must be numbered from 1 to take the first column for row names
 
 
@@ -405,6 +407,15 @@ def _is_data(cells: list[str], decimal: str) -> bool:
     return kinds[0] in ("number", "stamp") and sum(k in ("number", "stamp") for k in kinds) > 1
 
 
+def _words_of_row(cells: list[str], decimal: str) -> tuple[str, ...]:
+    """The words of a row that begins with a number or a stamp; none for any other row."""
+    if len(cells) < 2 or _kind(cells[0], decimal) not in ("number", "stamp"):
+        return ()
+    words = tuple(cell for cell in cells[1:] if kind_of_cell(cell, decimal) == "word")
+    is_other = any(kind_of_cell(cell, decimal) == "other" for cell in cells[1:])
+    return () if is_other else words
+
+
 def _find_layout(
     lines: Sequence[str], separator: str, decimal: str, known_names: Collection[str]
 ) -> _Layout | None:
@@ -432,6 +443,7 @@ def _find_layout(
     fields = max(set(widths), key=widths.count)
     complete = [k for k in data if len(rows[k][1]) == fields]
     first = _first_row(rows, complete, decimal)
+    first = _with_rows_of_words(rows, first, decimal)
     header = _header_index(rows[:first], fields, decimal, known_names)
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
@@ -505,6 +517,32 @@ def _first_row(rows: list[tuple[int, list[str]]], complete: list[int], decimal: 
     return next(k for k, kind in zip(complete, kinds) if kind in (usual, "absent"))
 
 
+def _with_rows_of_words(rows: list[tuple[int, list[str]]], first: int, decimal: str) -> int:
+    """Index of the first row of data, with the rows directly above that hold words for a reading.
+
+    They begin with a number or a stamp as the first row does.
+
+    Parameters
+    ----------
+    rows
+        Line number and cells of each row.
+    first
+        Index of the first row of data.
+    decimal
+        Decimal mark.
+    """
+    cells = rows[first][1]
+    kind = _kind(cells[0], decimal)
+    while first > 0 and kind in ("number", "stamp"):
+        above = rows[first - 1][1]
+        if len(above) != len(cells) or _kind(above[0], decimal) != kind:
+            break
+        if not _words_of_row(above, decimal):
+            break
+        first -= 1
+    return first
+
+
 def _rows_and_data(
     lines: Sequence[str], separator: str, decimal: str
 ) -> tuple[list[list[str]], list[tuple[int, list[str]]], list[int]]:
@@ -524,7 +562,8 @@ def _rows_and_data(
     rows
         Line number and cells of each row.
     data
-        Indices in ``rows`` of the rows of data, at most ``DATA_ROWS``.
+        Indices in ``rows`` of the rows of data: about ``DATA_ROWS``, with those in which the same
+        words stand for readings in at least ``ROWS_OF_ONE_WORD`` rows.
     """
     top = 0
     comments: list[list[str]] = []
@@ -534,16 +573,25 @@ def _rows_and_data(
         top += 1
     rows: list[tuple[int, list[str]]] = []
     data: list[int] = []
+    with_words: dict[tuple[str, ...], list[int]] = {}
     number = top
-    while number < len(lines) and len(data) < DATA_ROWS:
+    n_repeated = 0
+    while number < len(lines) and max(len(data), n_repeated) < DATA_ROWS:
         line, count = _join_quoted_lines(lines, number, separator)
         if line.strip() and not line.startswith(COMMENT):
             cells = split(line, separator)
             rows.append((number, cells))
             if len(cells) > 1 and _is_data(cells, decimal):
                 data.append(len(rows) - 1)
+            elif words := _words_of_row(cells, decimal):
+                alike = with_words.setdefault((str(len(cells)), *words), [])
+                alike.append(len(rows) - 1)
+                n_repeated = max(n_repeated, len(alike))
         number += count
-    return comments, rows, data
+    for alike in with_words.values():
+        if len(alike) >= ROWS_OF_ONE_WORD:
+            data += alike
+    return comments, rows, sorted(data)
 
 
 def _join_quoted_lines(lines: Sequence[str], number: int, separator: str) -> tuple[str, int]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -51,10 +52,30 @@ PARQUET_ENDINGS = (".parquet", ".pq")
 OTHER_ENDINGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 GZIP_FIRST_BYTES = b"\x1f\x8b"
 SPREADSHEET_FIRST_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # zip archive, old Excel
+# other kinds of files by their first bytes, with a remedy
+OTHER_FIRST_BYTES = {
+    b"SQLite format 3\x00": ("an SQLite database", "export its table to CSV"),
+    b"\x89HDF\r\n\x1a\n": ("an HDF5 file", "save its table as CSV or Parquet"),
+    b"MATLAB 5.0 MAT-file": ("a MATLAB file", "save its table with writetable to CSV"),
+    b"\x80\x04\x95": ("a pickle of Python", "save its table with to_csv or to_parquet"),
+    b"\x80\x05\x95": ("a pickle of Python", "save its table with to_csv or to_parquet"),
+    b"\x93NUMPY": ("an array of NumPy", "save it as CSV with a header row"),
+    b"CDF\x01": ("a NetCDF file", "save its table as CSV or Parquet"),
+    b"CDF\x02": ("a NetCDF file", "save its table as CSV or Parquet"),
+    b"ARROW1": ("an Arrow or Feather file", "save its table as Parquet"),
+    b"%PDF": ("a PDF document", "save its table as CSV"),
+    b"BZh": ("a compressed file", "decompress it first"),
+    b"\xfd7zXZ": ("a compressed file", "decompress it first"),
+    b"\x28\xb5\x2f\xfd": ("a compressed file", "decompress it first"),
+    b"7z\xbc\xaf\x27\x1c": ("an archive", "extract its files first"),
+}
 MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
 LEAST_BLOCK_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 21
+# what the names of the channels of one logger differ by: "TC1 (°C)", "TC2", "TC3_degC"
+_DIGITS_AND_UNIT = re.compile(r"\d+|\s*[\[(][^\])]*[\])]\s*$|_(?:deg)?[CFK]$|_mV$")
+MILLISECONDS = 1000  # of a second
 # names of a column with the milliseconds of the stamps in another column
 MILLISECOND_COLUMNS = ("ms", "msec", "millis", "millisecond", "milliseconds", "millisekunden")
 # spellings of a missing value that pyarrow reads as NaN; infinite ones it reads as numbers
@@ -146,6 +167,14 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         raise InputError(
             "this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV"
         )
+    for first_bytes, (kind, remedy) in OTHER_FIRST_BYTES.items():
+        if head.startswith(first_bytes):
+            raise InputError(
+                f"this is {kind}",
+                where=where,
+                expected="a log (CSV, LVM, TDMS or Parquet)",
+                remedy=remedy,
+            )
     if ending in OTHER_ENDINGS:
         raise InputError(
             f"is {OTHER_ENDINGS[ending]} by its ending",
@@ -473,6 +502,8 @@ class TextReader:
         if self.dated_columns:
             names += self.date_columns
         self.millisecond_column = _millisecond_column(first_cells)
+        if self.millisecond_column and self._is_counter(self.millisecond_column):
+            self.millisecond_column = ""
         if self.millisecond_column:
             names.append(self.millisecond_column)
         # names may repeat in a file, so pyarrow gets numbered ones
@@ -499,12 +530,36 @@ class TextReader:
         try:
             for batch in self.batches(CHUNK_ROWS, types):
                 for name in names:
-                    cells = Counter(_cells(batch.column(self.keys[name]), self.encoding))
-                    for cell, count in cells.items():
-                        counts[name][kind_of_cell(cell, self.dialect.decimal)] += count
+                    counts[name].update(_cells(batch.column(self.keys[name]), self.encoding))
         except pa.ArrowInvalid:
             pass  # the error comes again, with its row, when the columns are read
-        return {name for name in names if is_text(counts[name])}
+        texts = {name for name in names if is_text(counts[name], self.dialect.decimal)}
+        return {name for name in texts if not self._is_dead_channel(name, counts[name])}
+
+    def _is_dead_channel(self, name: str, counts: Counter[str]) -> bool:
+        """Whether a column of one word is a channel without readings, such as TC2 beside TC1.
+
+        Its name then differs from that of a column of numbers by its digits and its unit only.
+        """
+        words = [text for text in counts if text.lower() not in ABSENT]
+        stem = _DIGITS_AND_UNIT.sub("", name)
+        if len(words) != 1 or not re.search(r"\d", name):
+            return False
+        others = zip(self.dialect.names, self.dialect.first_row)
+        return any(
+            _DIGITS_AND_UNIT.sub("", other) == stem and is_number(cell, self.dialect.decimal)
+            for other, cell in others
+        )
+
+    def _is_counter(self, name: str) -> bool:
+        """Whether milliseconds go on beyond 999 in the first rows: no part of a second."""
+        key = f"c{self.dialect.names.index(name)}"
+        try:
+            first_rows = next(self.batches(CHUNK_ROWS, {key: pa.string()}))
+        except (pa.ArrowInvalid, StopIteration):
+            return False  # the error comes again, with its row, when the columns are read
+        cells = _cells(first_rows.column(key), self.encoding)
+        return any(cell.isdecimal() and int(cell) >= MILLISECONDS for cell in cells)
 
     def batches(self, rows: int, types: dict[str, Any]) -> Iterator[pa.RecordBatch]:
         """Yield columns of these types by key, in batches of about so many rows."""
@@ -689,7 +744,7 @@ def _millisecond_column(first_cells: dict[str, str]) -> str:
     columns = []
     for name, cell in first_cells.items():
         plain_name = name.strip().lower()
-        if plain_name in MILLISECOND_COLUMNS and cell.isdecimal() and int(cell) < 1000:
+        if plain_name in MILLISECOND_COLUMNS and cell.isdecimal() and int(cell) < MILLISECONDS:
             columns.append(name)
     return columns[0] if len(columns) == 1 else ""
 

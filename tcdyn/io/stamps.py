@@ -14,6 +14,7 @@ import pandas as pd
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
+from tcdyn.io.clock_numbers import lost_zeros
 
 SECONDS_PER_DAY = 86400.0
 SECONDS_PER_HOUR = 3600.0
@@ -100,10 +101,10 @@ _STAMP = re.compile(
     rf"\s*'?(?:{_WEEKDAY}(?P<date>{_DATE})(?:[T_:]|,?\s*-?\s+|,))?{_CLOCK}\s*", re.ASCII
 )
 _STAMP_UNICODE = re.compile(_STAMP.pattern)
-# 20211126T095950.5Z and 20211126095950, which is no number of seconds
+# 20211126T095950.5Z and 20211126095950, which is no number of seconds; 202111260959
 _COMPACT_STAMP = re.compile(
     r"\s*((?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01]))[T_ ]?"
-    r"([01]\d|2[0-3])([0-5]\d)([0-5]\d)([.,]\d+)?"
+    r"([01]\d|2[0-3])([0-5]\d)(?:([0-5]\d)([.,]\d+)?)?"
     rf"\s?({_ZONE})?\s*"
 )
 # Clocks that are read as such only behind a date: 8:1 is 8:01, 23.59.00 is 23:59:00
@@ -221,7 +222,7 @@ def _parse_compact(text: str) -> _Stamp:
         return _NO_STAMP
     day, hour, minute, second, fraction, zone = match.groups()
     part = float("0." + fraction[1:]) if fraction else 0.0
-    of_day_s = SECONDS_PER_HOUR * float(hour) + 60 * float(minute) + float(second) + part
+    of_day_s = SECONDS_PER_HOUR * float(hour) + 60 * float(minute) + float(second or 0) + part
     return _Stamp(day, of_day_s, _zone_s(zone))
 
 
@@ -330,12 +331,13 @@ class Stamps:
         else:
             wall_s = of_day + SECONDS_PER_DAY * self._days_by_midnights(of_day)
         self._check_half_days(wall_s, stamps, texts)
+        self._check_fractions(wall_s, texts)
         return np.asarray(np.round(wall_s - zone_s - self.first_s, 9))
 
     def _check_half_days(
         self, wall_s: Array, stamps: Sequence[_Stamp], texts: Sequence[str]
     ) -> None:
-        """Raise InputError where a clock of 12 hours without AM and PM goes from 12:59 to 1:00.
+        """Raise InputError where a clock of 12 hours without AM and PM shows itself.
 
         Parameters
         ----------
@@ -346,8 +348,8 @@ class Stamps:
 
         Notes
         -----
-        The step there is half a day less than the usual one. The last time of the chunk before is
-        kept.
+        From 12:59 to 1:00 the step is half a day less than the usual one; with a date, from 11:59
+        in the evening to 12:00 it is a day more. The last time of the chunk before is kept.
         """
         before = np.concatenate([[self._last_time_s], wall_s[:-1]])
         finite = wall_s[np.isfinite(wall_s)]
@@ -357,16 +359,39 @@ class Stamps:
         is_one_o_clock = np.floor(wall_s % SECONDS_PER_DAY / SECONDS_PER_HOUR) == 1
         was_noon = np.floor(before % SECONDS_PER_DAY / SECONDS_PER_HOUR) == HOURS_OF_HALF_DAY
         is_jump = is_one_o_clock & was_noon & (corrected > 0) & (corrected <= SECONDS_PER_HOUR)
-        for k in np.flatnonzero(is_jump):
+        # with a date, 11:59 in the evening is followed by 12:00 of the next day
+        rest = wall_s - before - SECONDS_PER_DAY
+        steps = np.diff(finite)
+        usual_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        was_eleven = np.floor(before % SECONDS_PER_DAY / SECONDS_PER_HOUR) == HOURS_OF_HALF_DAY - 1
+        is_noon = np.floor(wall_s % SECONDS_PER_DAY / SECONDS_PER_HOUR) == HOURS_OF_HALF_DAY
+        is_day_ahead = was_eleven & is_noon & (rest > 0) & (rest <= LONGEST_REST * usual_s)
+        for k in np.flatnonzero(is_jump | is_day_ahead):
             if stamps[k].has_half:
                 continue
+            jump = "back by nearly 12 h" if is_jump[k] else "from 11:59 to 12:00 of the next day"
             raise InputError(
-                f"column {self.column}: the clock goes back by nearly 12 h to {texts[k]!r}: it is "
-                "a clock of 12 hours without AM and PM",
+                f"column {self.column}: the clock goes {jump}, to {texts[k]!r}: it is a clock of "
+                "12 hours without AM and PM",
                 where=self.where,
                 expected="a clock of 24 hours, or AM and PM",
-                remedy="log AM and PM, or add 12 h to the stamps of the afternoon",
+                remedy="log AM and PM, or write 0 h for the 12 h of midnight and add 12 h to 1:00 "
+                "to 11:59 of the afternoon",
             )
+
+    def _check_fractions(self, wall_s: Array, texts: Sequence[str]) -> None:
+        """Raise InputError where fractions of a second have lost their leading zeros."""
+        finite = np.flatnonzero(np.isfinite(wall_s))
+        if not lost_zeros(wall_s[finite]):
+            return
+        k = int(finite[np.flatnonzero(np.diff(wall_s[finite]) < 0)[0] + 1])
+        raise InputError(
+            f"column {self.column}: the clock falls within each second, as to {texts[k]!r}: "
+            "fractions without their leading zeros",
+            where=self.where,
+            expected="time that rises",
+            remedy="write fractions of a second with all digits, 1.005 and not 1.5",
+        )
 
     def _with_two_fields(self, of_day: Array, stamps: Sequence[_Stamp]) -> Array:
         """Seconds of the day (N,), those of two fields as hours and minutes or minutes and seconds.

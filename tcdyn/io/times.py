@@ -18,7 +18,14 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
-from tcdyn.io.clock_numbers import CLOCK_UNITS, clock_unit, seconds_of_day
+from tcdyn.io.clock_numbers import (
+    CLOCK_UNITS,
+    DATED_UNITS,
+    cause_of_fall,
+    clock_unit,
+    seconds_of_day,
+    seconds_of_stamp,
+)
 
 # by seconds per unit; messages use the first spelling of each unit
 _SPELLINGS: dict[float, tuple[str, ...]] = {
@@ -45,11 +52,19 @@ _SPELLINGS: dict[float, tuple[str, ...]] = {
 SECONDS_PER_UNIT = {
     spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings
 }
+# spellings that name a column of time by themselves: "millis"; "minute" may be a part of a clock
+UNIT_NAMES = frozenset(
+    spelling
+    for seconds, spellings in _SPELLINGS.items()
+    for spelling in spellings
+    if seconds <= 1 and len(spelling) > 3 and spelling not in ("second", "seconde")
+)
 # units as messages name them
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"t|hhmm(ss)?|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
+    r"t|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
+    r"|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
     r"|x_value"
     r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
     r"|(sample|sampling|scan|log|local|measurement|recording)[_ ]?time|created[_ ]?at"
@@ -118,6 +133,8 @@ class TimeColumn:
     is_guess : bool
         Whether the column was chosen although its name alone does not say that it is the time: one
         letter, a column of clock times with another name, or one of several.
+    others : tuple of str
+        Other columns that may be the time, such as a counter of milliseconds.
     """
 
     name: str
@@ -126,12 +143,13 @@ class TimeColumn:
     unit_text: str
     where: str
     is_guess: bool = False
+    others: tuple[str, ...] = ()
 
     @property
     def clock_unit(self) -> str:
-        """HHMM or HHMMSS for a clock written as one number; empty for any other column."""
+        """Form of a clock written as one number, such as HHMMSS; empty for any other column."""
         unit = self.unit_text.upper()
-        return unit if unit.lower() in CLOCK_UNITS else ""
+        return unit if unit.lower() in (*CLOCK_UNITS, *DATED_UNITS) else ""
 
     def recognised(self, values: Array, is_clock: bool) -> TimeColumn:
         """The column with its unit, where its first values (N,) show a clock written as numbers.
@@ -146,14 +164,17 @@ class TimeColumn:
         clock_form = clock_unit(values)
         if not clock_form:
             return self
-        if clock_form == "HHMMSS" and not self.is_unit_stated:
+        is_clear = clock_form == "HHMMSS" or clock_form.lower() in DATED_UNITS
+        if is_clear and not self.is_unit_stated:
             return replace(self, seconds=1.0, is_unit_stated=True, unit_text=clock_form)
+        reason = "its numbers jump where a minute or an hour ends"
+        if clock_form.lower() in DATED_UNITS:
+            reason = "each of its numbers is a date and a clock"
         stated = f", and not in {self.unit_text!r}" if self.is_unit_stated else ""
         raise InputError(
-            f"column {self.name!r}: its numbers jump where a minute or an hour ends: they are "
-            f"clock times ({clock_form}){stated}",
+            f"column {self.name!r}: {reason}: they are clock times ({clock_form}){stated}",
             where=self.where,
-            expected="HHMM or HHMMSS as the unit of time",
+            expected="this form as the unit of time",
             remedy="name the unit, {time_unit}",
             parameters={"time_unit": clock_form.partition(" ")[0]},
         )
@@ -215,14 +236,24 @@ class TimeColumn:
         Raises
         ------
         InputError
-            If the column holds numbers and its unit is not known.
+            If the column holds numbers and its unit is not known, or a counter that starts again.
         """
         if is_clock:
             return values
+        if self.clock_unit.lower() in DATED_UNITS:
+            return seconds_of_stamp(values, self.clock_unit)
         if self.clock_unit:
             return seconds_of_day(values, self.clock_unit)
         if self.seconds is None:
             raise self._unit_request(f"its unit {self.unit_text!r} is not known")
+        cause, remedy = cause_of_fall(values)
+        if cause:
+            raise InputError(
+                f"column {self.name!r}: {cause}",
+                where=self.where,
+                expected="time that rises",
+                remedy=remedy,
+            )
         return values * self.seconds
 
     def check_step(self, times_s: Array, is_clock: bool) -> None:
@@ -391,6 +422,9 @@ def find_time_column(
         candidates = {n for n in names if has_time_name(n, units) or n in clock_columns}
         is_clear = name is not None and has_time_name(name, units)
         is_guess = len(candidates) > 1 or not is_clear or len(split_unit(name or "")[0]) == 1
+    others = tuple(
+        other for other in names if other != name and _may_be_time(other, units, clock_columns)
+    )
     if name is None:
         raise InputError(
             "no time column found",
@@ -400,14 +434,21 @@ def find_time_column(
             parameters={"time": "COLUMN"},
         )
     written = unit or split_unit(name)[1] or units.get(name, "")
-    if not written and name.strip().lower() in CLOCK_UNITS:
+    plain_name = name.strip().lower()
+    if not written and (plain_name in CLOCK_UNITS or plain_name in UNIT_NAMES):
         written = name.strip()
-    if written.lower() in CLOCK_UNITS:
-        return TimeColumn(name, 1.0, True, written, where, is_guess)
     if not written:
-        return TimeColumn(name, 1.0, False, "", where, is_guess)
+        return TimeColumn(name, 1.0, False, "", where, is_guess, others)
     seconds = SECONDS_PER_UNIT.get(written.lower())
-    return TimeColumn(name, seconds, True, written, where, is_guess)
+    if written.lower() in (*CLOCK_UNITS, *DATED_UNITS):
+        seconds = 1.0
+    return TimeColumn(name, seconds, True, written, where, is_guess, others)
+
+
+def _may_be_time(name: str, units: Mapping[str, str], clock_columns: Collection[str]) -> bool:
+    """Whether a column may be the time, by its name, its unit or its first cell."""
+    has_unit = is_time_unit(split_unit(name)[1]) or name.strip().lower() in UNIT_NAMES
+    return has_unit or name in clock_columns or has_time_name(name, units)
 
 
 def _time_column_name(
@@ -420,16 +461,17 @@ def _time_column_name(
         if name in clock_columns or is_time_unit(unit):
             return name
     clocks = [name for name in names if name in clock_columns]
-    return next(iter([*clocks, *named]), None)
+    by_unit = [name for name in names if name.strip().lower() in UNIT_NAMES]
+    return next(iter([*clocks, *named, *by_unit]), None)
 
 
 def is_time_unit(text: str) -> bool:
-    """Whether a text is a unit of time, or HHMM or HHMMSS for a clock written as one number.
+    """Whether a text is a unit of time, or a form such as HHMM of a clock written as one number.
 
     >>> is_time_unit("ms"), is_time_unit("HHMM"), is_time_unit("degC")
     (True, True, False)
     """
-    return text.lower() in SECONDS_PER_UNIT or text.lower() in CLOCK_UNITS
+    return text.lower() in (*SECONDS_PER_UNIT, *CLOCK_UNITS, *DATED_UNITS)
 
 
 def split_unit(name: str) -> tuple[str, str]:

@@ -78,6 +78,7 @@ def read_series(
         start_time=start_time(raw, source.time, time_s) if len(time_s) else "",
         findings=findings,
         table=source.table,
+        other_times=source.clock.others,
     )
     return make_series(time_s, columns, context)
 

@@ -303,6 +303,8 @@ class Context:
         The open table, for a message with a line that converts a column; None: in memory.
     is_surveyed
         Whether the units of the complete table were checked before.
+    other_times
+        Other columns that may be the time, for messages.
     """
 
     where: str
@@ -315,6 +317,7 @@ class Context:
     first_row: int = 1
     table: Table | None = None
     is_surveyed: bool = False
+    other_times: Sequence[str] = ()
 
 
 def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) -> Series:
@@ -582,7 +585,7 @@ def _check_clock(time_s: Array, clock: Clock, context: Context) -> list[Finding]
             expected=f"one row in {MAX_GRID_SHARE:g} at least",
             remedy="check the unit of the time, or cut the table at its gaps",
         )
-    _check_repeated(clock, where)
+    _check_repeated(clock, context)
     if dt_s > policy.longest_interval_s:
         is_milliseconds = dt_s * 1e-3 < 0.2 * policy.longest_interval_s
         hint = "; this looks like milliseconds" if is_milliseconds else ""
@@ -646,7 +649,7 @@ def check_gaps(time_s: Array, clock: Clock, context: Context) -> None:
         )
 
 
-def _check_repeated(clock: Clock, where: str) -> None:
+def _check_repeated(clock: Clock, context: Context) -> None:
     """Raise InputError where most stamps repeat and the rows between them are not even."""
     is_uneven = clock.n_repeated > MOSTLY_REPEATED * len(clock.index)
     if clock.is_coarse:
@@ -654,11 +657,16 @@ def _check_repeated(clock: Clock, where: str) -> None:
         scatter = float(np.std(clock.deviation_s[first_rows])) / clock.interval_s
         is_uneven = scatter > UNEVEN_COARSE
     if is_uneven:
+        remedy = "log finer stamps, or cut the table where rows are missing"
+        others = context.other_times
+        if others:
+            remedy = f"try another column of time ({', '.join(others)}), {{time}}; or {remedy}"
         raise InputError(
             "most time stamps are repeated, and the rows between them are not even",
-            where=where,
+            where=context.where,
             expected="stamps as fine as the sampling interval",
-            remedy="log finer stamps, or cut the table where rows are missing",
+            remedy=remedy,
+            parameters={"time": others[0]} if others else {},
         )
 
 

@@ -176,7 +176,13 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptio
         cold,
         table.units,
     )
-    context = replace(channels.context, time=source.time, options=source.options, table=table)
+    context = replace(
+        channels.context,
+        time=source.time,
+        options=source.options,
+        table=table,
+        other_times=source.clock.others,
+    )
     channels = replace(channels, context=context)
     carried = tuple(n for n in value_columns if n not in channels.units)
     without_sensor = [name for name in carried if not table.is_time(name)]

@@ -266,6 +266,44 @@ def pair_held() -> Lines:
     return table("time_s,fine,coarse", (0.02 * np.arange(rows)).round(3), readings[0], held)
 
 
+def with_words(*words: str) -> Lines:
+    """A dip of 2 s in which 12 readings are words, of an unlisted program."""
+    time_s, reading = stepped(400, 0.1, (2.0,))
+    for k in range(12):
+        reading[200 + 15 * k] = words[k % len(words)]
+    return table("time_s,T1_degC", time_s.round(1), reading)
+
+
+def open_at_first() -> Lines:
+    """A dip of 2 s behind 60 rows in which the sensor was not connected."""
+    time_s, reading = stepped(400, 0.1, (2.0,))
+    return table("time_s,T1_degC", time_s.round(1), [*["not connected"] * 20, *reading[20:]])
+
+
+def with_flags() -> Lines:
+    """A dip of 2 s in which 12 readings have a mark: another notation."""
+    time_s, reading = stepped(400, 0.1, (2.0,))
+    for k in range(200, 212):
+        reading[k] += "*"
+    return table("time_s,T1_degC", time_s.round(1), reading)
+
+
+def counted(name: str, start: int, per_second: float, size: int = 2**62) -> Lines:
+    """A dip of 2 s on a counter of a few bits."""
+    time_s, reading = stepped(400, 0.1, (2.0,))
+    counter = (start + np.rint(per_second * time_s).astype(np.int64)) % size
+    return table(f"{name},T1_degC", counter, reading)
+
+
+def coarse_beside_fine() -> Lines:
+    """A dip of 2 s with lost rows, a clock in steps of 2 s and a counter of milliseconds."""
+    time_s, reading = stepped(1600, 0.025, (2.0,))
+    rows = np.sort(np.random.default_rng(2).choice(1600, 500, replace=False))
+    clock = stamps(time_s[rows] // 2 * 2, "%Y-%m-%d %H:%M:%S")
+    counter = 5000 + np.rint(1000 * time_s[rows]).astype(int)
+    return table("timestamp,device_ms,T1_degC", clock, counter, np.array(reading)[rows])
+
+
 @dataclass(frozen=True)
 class Case:
     """A file, a command, and what must come of it.
@@ -365,6 +403,55 @@ CASES = {
     ),
     "stamps with names of months": Case(
         lambda: in_stamps("%d-%b-%Y %H:%M:%S.%f"), PLUNGE, values={LAG: (2.0, 0.01)}
+    ),
+    "one word for no reading": Case(
+        lambda: with_words("nicht bereit"),
+        PLUNGE,
+        (0, 1),
+        {LAG: (2.0, 0.06)},
+        r"12 cell\(s\).*'nicht bereit' \(12\)",
+    ),
+    "three words for no reading": Case(
+        lambda: with_words("unavailable", "Pt Created", "Err:502"),
+        PLUNGE,
+        (0, 1),
+        {LAG: (2.0, 0.06)},
+        r"'unavailable' \(4\), 'Pt Created' \(4\), 'Err:502' \(4\)",
+    ),
+    "words in the first rows": Case(
+        open_at_first, PLUNGE, (0, 1), {LAG: (2.0, 0.06)}, r"'not connected' \(20\)"
+    ),
+    "readings with a mark": Case(
+        with_flags, PLUNGE, (2,), message=r"row 202.*is no number \(12 of 400 cells\)"
+    ),
+    "a counter of 16 bits": Case(
+        lambda: counted("t_ms", 60_000, 1000.0, 2**16), PLUNGE, (2,), message="add 65536"
+    ),
+    "a counter of 32 bits": Case(
+        lambda: counted("micros", 4_294_000_000, 1e6, 2**32), PLUNGE, (2,), message="at 2.32"
+    ),
+    "a counter of microseconds": Case(
+        lambda: counted("micros", 4000, 1e6), PLUNGE, values={LAG: (2.0, 0.01)}
+    ),
+    "a clock of 12 hours": Case(
+        lambda: in_stamps("%Y-%m-%d %I:%M:%S.%f", "2021-11-26 23:59:50"),
+        PLUNGE,
+        (2,),
+        message="clock of 12 hours without AM and PM",
+    ),
+    "a finer column beside": Case(
+        coarse_beside_fine, PLUNGE, (2,), message="another column of time.*--time device_ms"
+    ),
+    "a finer column beside, as the message says": Case(
+        coarse_beside_fine, PLUNGE + " --time device_ms", values={LAG: (2.0, 0.01)}
+    ),
+    "stamps as numbers": Case(
+        lambda: in_stamps("%Y%m%d%H%M%S.%f"), PLUNGE, values={LAG: (2.0, 0.01)}
+    ),
+    "stamps without zeros": Case(
+        lambda: in_stamps("%-d.%-m.%Y %-H:%-M:%S.%f", "2021-01-06 08:05:50"),
+        PLUNGE,
+        values={LAG: (2.0, 0.01)},
     ),
     "stamps with milliseconds after a colon": Case(
         lambda: in_stamps("%H:%M:%S:%f"), PLUNGE, values={LAG: (2.0, 0.01)}

@@ -205,7 +205,7 @@ def test_a_channel_or_a_reference_junction_that_holds_only_text_is_refused(
 def test_a_followed_channel_that_turns_into_text_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`compensate` refuses such a log; the rows of `follow` are written when they come."""
+    """The word may be its word for no reading, so that the rows before it are used."""
     t = 0.1 * np.arange(200)
     rows = [f"{x:.1f},{20 + np.sin(x):.3f}" for x in t[:100]] + [f"{x:.1f},abc" for x in t[100:]]
     (tmp_path / "log.csv").write_text("\n".join(["time_s,T1_degC", *rows, ""]), encoding="utf-8")
@@ -214,7 +214,7 @@ def test_a_followed_channel_that_turns_into_text_is_reported(
     assert tcdyn(*new) == 0
     words = ("--sensor", sensor, "--out", tmp_path / "o.csv", "--idle-s", "0", "-q")
     assert tcdyn("follow", tmp_path / "log.csv", *words) == 0
-    assert "'abc' is no number (and 99 more)" in capsys.readouterr().err
+    assert "100 cell(s) hold a word instead of a reading: 'abc' (100)" in capsys.readouterr().err
 
 
 def test_one_wrong_value_of_a_current_is_no_internal_error(

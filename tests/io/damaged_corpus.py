@@ -217,7 +217,7 @@ CORPUS: tuple[Damage, ...] = (
         "a second header in the middle",
         "ehl",
         FLAGGED,
-        "row 1000.*no number",
+        "row 1000.*word instead of a reading",
         _text("ehl", lambda t: _line(1000, lambda r: t.split("\n")[0])(t)),
     ),
     Damage(

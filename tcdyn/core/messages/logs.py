@@ -25,8 +25,13 @@ def _no_number(place: str, text: str, count: int, **_: Any) -> str:
     return f"{place}: {text!r} is no number{others}; taken as missing"
 
 
-def _error_word(place: str, text: str, count: int, **_: Any) -> str:
-    return f"{place}: {count} cell(s) hold no reading but a word such as {text!r}; taken as missing"
+def _error_word(place: str, count: int, words: Sequence[str] = (), **_: Any) -> str:
+    """Message of ``text.error_word``.
+
+    ``place`` is the first of ``count`` such cells, ``words`` the texts, each with its own count.
+    """
+    texts = ", ".join(words)
+    return f"{place}: {count} cell(s) hold a word instead of a reading: {texts}; taken as missing"
 
 
 def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: Any) -> str:
