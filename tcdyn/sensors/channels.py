@@ -173,7 +173,7 @@ def _readings_degC(channel: Channel, segment: TableSegment) -> Array:
     """Readings of a column (R,) [degC] after its static line."""
     reference = channel.unit.reference_junction
     cold = segment.data[reference] if isinstance(reference, str) else reference
-    degC = channel.unit.in_degC(segment.data[channel.column], cold)
+    degC = channel.unit.to_base(segment.data[channel.column], cold)
     return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
 
 

@@ -27,7 +27,6 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
-from tcdyn.io.unit_names import without_unit
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
 from tcdyn.sensors.table import (
     ChunkSource,
@@ -42,8 +41,6 @@ from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth
 
-# Decimals of the output: 0.01 mK, far below the uncertainty of any sample.
-DECIMALS = 5
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -265,8 +262,8 @@ def output_columns(
     Returns
     -------
     dict
-        Arrays (R,), rounded to ``DECIMALS``: temperatures and u in the unit of the output, the
-        components of u in K.
+        Arrays (R,), rounded: values and u in the unit of the output, the components of u in K for
+        temperatures, in the unit of the column for other quantities.
     """
     samples = readings.sample_of_row[rows or slice(None)]
     temperature, sd = result.determined_estimates()
@@ -274,15 +271,15 @@ def output_columns(
     columns: dict[str, Array] = {}
     for i, (column, unit) in enumerate(zip(readings.columns, readings.units)):
         name, u_name = unit.names(column)
-        columns[name] = unit.from_degC(temperature[samples, i])
+        columns[name] = unit.rounded(unit.from_base(temperature[samples, i]))
         if not method.removes_lag:
             continue
-        columns[u_name] = unit.per_K * sd[samples, i]
+        columns[u_name] = unit.rounded(unit.per_base * sd[samples, i])
         if method.components:
-            stem = without_unit(column)
-            columns[f"{stem}_noise_u_K"] = result.sd_noise[samples, i]
-            columns[f"{stem}_common_u_K"] = common_u[samples, i]
-    return {name: np.round(values, DECIMALS) for name, values in columns.items()}
+            noise_u = unit.uncertainty_name(column, "noise")
+            columns[noise_u] = unit.rounded(result.sd_noise[samples, i])
+            columns[unit.uncertainty_name(column, "common")] = unit.rounded(common_u[samples, i])
+    return columns
 
 
 def compensate_segment(

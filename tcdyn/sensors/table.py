@@ -32,7 +32,7 @@ from tcdyn.io.times import (
 )
 from tcdyn.series import Clock, at_grid_times, fit_clock, real_share
 from tcdyn.series.long_tables import check_one_channel
-from tcdyn.series.plausible import dropout_codes, out_of_range
+from tcdyn.series.plausible import dropout_codes, out_of_range, overload_codes
 from tcdyn.series.scaled_readings import RangeCheck
 from tcdyn.series.units import Unit, is_match, unit_findings
 from tcdyn.series.updates import find_updates
@@ -339,11 +339,12 @@ def read_columns(
                 else unit.reference_junction
             )
             findings += unit_findings(name, unit, values)
-            degC = unit.in_degC(values, reference)
-            in_range = RangeCheck(name, unit.name)
-            in_range.add(values, degC)
-            in_range.check(source.table.where, source.table)
-            values, codes = _without_codes(name, degC)
+            base = unit.to_base(values, reference)
+            if unit.is_temperature:
+                in_range = RangeCheck(name, unit.name)
+                in_range.add(values, base)
+                in_range.check(source.table.where, source.table)
+            values, codes = _without_codes(name, base, unit)
             findings += codes
         rows[name] = values
     if clock.strays:
@@ -387,24 +388,26 @@ def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
     )
 
 
-def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
-    """Replace impossible temperatures and dropout codes by NaN.
+def _without_codes(column: str, values: Array, unit: Unit) -> tuple[Array, list[Finding]]:
+    """Replace impossible temperatures, overload codes and dropout codes by NaN.
 
     Parameters
     ----------
     column
         Name of the column.
     values
-        Temperatures (N,) [degC].
+        Temperatures (N,) [degC], or values in another unit.
+    unit
+        Its unit.
 
     Returns
     -------
     values
-        Temperatures (N,).
+        Values (N,).
     findings
         Empty, or one warning with their number.
     """
-    wrong = out_of_range(values)
+    wrong = out_of_range(values) if unit.is_temperature else overload_codes(values)
     wrong |= dropout_codes(np.where(wrong, np.nan, values))
     if not wrong.any():
         return values, []
@@ -413,6 +416,7 @@ def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
         subject=column,
         count=int(wrong.sum()),
         value=float(values[int(np.argmax(wrong))]),
+        unit=unit.base,
     )
     return np.where(wrong, np.nan, values), [codes]
 

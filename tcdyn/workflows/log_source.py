@@ -195,14 +195,17 @@ def check_readings(table: Table, raw: RawLog) -> None:
     check_one_channel(table, raw.source.time, list(units))
     references = [u.reference_junction for u in units.values()]
     names = [*units, *(name for name in references if isinstance(name, str))]
-    checks = {name: RangeCheck(name, unit.name) for name, unit in units.items()}
+    checks = {
+        name: RangeCheck(name, unit.name) for name, unit in units.items() if unit.is_temperature
+    }
     try:
         for chunk in table.chunks(names, CHUNK_ROWS):
-            for name, unit in units.items():
+            for name in checks:
+                unit = units[name]
                 junction = unit.reference_junction
                 cold = chunk.data[junction] if isinstance(junction, str) else junction
                 values = chunk.data[name]
-                checks[name].add(values, unit.in_degC(values, cold))
+                checks[name].add(values, unit.to_base(values, cold))
     except InputError:  # the caller reads the rows as well, and says more or passes over them
         return
     for check in checks.values():
