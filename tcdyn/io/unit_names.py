@@ -132,7 +132,7 @@ def plain_unit(text: str) -> str:
     ('f', 'c', 'c')
     """
     plain = text.lower().replace("℃", "c").replace("℉", "f")
-    return re.sub(r"[\s.°ºﾟ˚]|deg(rees?)?|grad", "", plain)
+    return re.sub(r"[\s._°ºﾟ˚]|deg(rees?)?|grad", "", plain)
 
 
 @lru_cache(maxsize=20_000)

@@ -268,6 +268,12 @@ def sensor_channels(
         number, index = sensor_of_column[name]
         file = sensors[number]
         pattern = file.columns[index]
+        if pattern in file.static and not units[name].is_temperature:
+            raise InputError(
+                f"column {name!r} is in {units[name].name}, but its static line is in degC",
+                where=where,
+                expected="a column of temperatures",
+            )
         channels.append(
             Channel(
                 name,

@@ -84,8 +84,9 @@ class ChannelReadings:
     ----------
     columns, units
         Columns of the source, and their units.
-    degC
-        Readings (N, M) after the static lines [degC], NaN where missing.
+    base
+        Readings (N, M) after the static lines, NaN where missing: temperatures in degC, other
+        quantities in their unit, as all fields below.
     start_s, dt_s
         Time of the first of them, and interval [s].
     sample_of_row
@@ -107,7 +108,7 @@ class ChannelReadings:
 
     columns: tuple[str, ...]
     units: tuple[Unit, ...]
-    degC: Array
+    base: Array
     start_s: float
     dt_s: float
     sample_of_row: NDArray[np.intp]
@@ -134,7 +135,7 @@ class ChannelReadings:
             self,
             columns=self.columns[one],
             units=self.units[one],
-            degC=self.degC[:, one],
+            base=self.base[:, one],
             chains=self.chains[one],
             lag_covariance_s2=self.lag_covariance_s2[one, one],
             split_u_s=self.split_u_s[one],
@@ -170,7 +171,8 @@ class CompensatedSegment:
     columns
         Columns (R,) of the output: those of the source, and the results.
     numbers
-        By column: noise, typical and largest standard deviation (3,) [K].
+        By column: noise, typical and largest standard deviation (3,) [K, or the unit of the column
+        if it is no temperature].
     flags
         By column: flags (R,) of the samples, see ``Compensated``.
     findings
@@ -210,13 +212,14 @@ def compensate_readings(
         Time [s] of each listed event on the clock of the source, and its standard uncertainty [s].
         With an empty mapping, or None, events are detected.
     """
-    y = readings.degC
+    y = readings.base
     dt = readings.dt_s
     options: dict[str, Any] = {
         "noise_sd": readings.noise_K,
         "lag_covariance": readings.lag_covariance_s2,
         "static_u": readings.static_u_K,
         "names": readings.names,
+        "units": [unit.base for unit in readings.units],
     }
     if method.method == "inverse":
         return invert(y, dt, readings.chains, method.bandwidth_Hz, **options)
@@ -437,22 +440,29 @@ class Totals:
                 self.not_used[column] = (count + int(np.count_nonzero(bad)), first_s)
         self.findings = unique_by_subject([*self.findings, *result.findings])
 
-    def table(self, columns: Sequence[str]) -> pd.DataFrame:
-        """Noise, typical and largest standard deviation [K] of each column; NaN without any."""
+    def table(self, units: Mapping[str, Unit]) -> pd.DataFrame:
+        """Noise, typical and largest standard deviation of each column; NaN without any.
+
+        They are in kelvins; if a column is no temperature, the names of the columns do not say so,
+        and ``unit`` is the unit of each.
+        """
         rows = []
-        for column in columns:
+        are_temperatures = all(unit.is_temperature for unit in units.values())
+        suffix = "_K" if are_temperatures else ""
+        for column, unit in units.items():
             each = np.array(self.numbers.get(column) or [np.full(3, np.nan)])
             determined = np.isfinite(each[:, 1])
             if determined.any():
                 each = each[determined]
-            rows.append(
-                {
-                    "column": column,
-                    "noise_sd_K": np.median(each[:, 0]),
-                    "sd_typical_K": np.median(each[:, 1]),
-                    "sd_max_K": np.max(each[:, 2]),
-                }
-            )
+            row = {
+                "column": column,
+                f"noise_sd{suffix}": np.median(each[:, 0]),
+                f"sd_typical{suffix}": np.median(each[:, 1]),
+                f"sd_max{suffix}": np.max(each[:, 2]),
+            }
+            if not are_temperatures:
+                row["unit"] = unit.base_difference
+            rows.append(row)
         return pd.DataFrame(rows)
 
 

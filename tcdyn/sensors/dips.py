@@ -17,7 +17,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, warning
-from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
+from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_size
 from tcdyn.sensors.plunge import MEDIUM_LIMIT, TAIL_LIMIT
 from tcdyn.sensors.surface_h import BoundaryLayer
 
@@ -217,7 +217,7 @@ def pool_dips(
         "noise and model of a dip": within,
         shared_limit: common_u,
     }
-    heating = [int(dip.fit["step_K"] > 0) for dip in dips]
+    heating = [int(step_size(dip.fit) > 0) for dip in dips]
     rows = [
         {
             "file": ", ".join(source.file for source in dip.inputs),

@@ -28,12 +28,12 @@ from tcdyn.sensors.dips import pool_dips
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.frame import frame_source
 from tcdyn.sensors.noise import noise_sensor
-from tcdyn.sensors.pair import EXPONENT, pair_sensor
+from tcdyn.sensors.pair import EXPONENT, OFFSET_SD_K, pair_sensor
 from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import BoundaryLayer
 from tcdyn.sensors.table import open_source, read_columns, unique_by_subject, without_repeats
-from tcdyn.series.units import cold_column, match_columns, units_of
+from tcdyn.series.units import Unit, cold_column, match_columns, units_of
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
 TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
@@ -49,13 +49,16 @@ class Readings:
     time_s
         Even times (N,) [s].
     values
-        Temperatures (N,) [degC], then other columns (N,) as they are.
+        Temperatures (N,) [degC] or other quantities in their unit, then other columns (N,) as they
+        are.
     names
         Names of these columns.
     findings
         Findings of the reader.
     inputs
         The file; empty for data in memory.
+    units
+        Units of the columns before the others.
     """
 
     time_s: Array
@@ -63,6 +66,12 @@ class Readings:
     names: tuple[str, ...]
     findings: tuple[Finding, ...]
     inputs: tuple[InputFile, ...]
+    units: tuple[Unit, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """Unit of differences of the first column: K for all temperatures."""
+        return self.units[0].base_difference if self.units else "K"
 
     def without_repeats(self) -> Readings:
         """The readings without those of the first column that are only repeated."""
@@ -92,9 +101,9 @@ def read_readings(
         A file, a DataFrame, a Series, or a tuple of times [s] and arrays (N,) that ``columns`` and
         ``others`` name.
     columns
-        Columns of temperatures, or patterns that match one each; none: the only column.
+        Columns of readings, or patterns that match one each; none: the only column.
     others
-        Columns that are not temperatures.
+        Other columns, such as a speed or a current.
     time, time_unit, unit, couple, cold
         As for ``tcdyn.workflows.frames.compensate_frame``.
     several
@@ -155,6 +164,7 @@ def read_readings(
         tuple(names),
         (*unit_findings, *findings),
         inputs,
+        tuple(units[name] for name in temperatures),
     )
 
 
@@ -255,6 +265,8 @@ def sensor_from_dip(
     dips = []
     for table, entry in zip(tables, entries):
         dip = read_readings(table, _as_list(column), **reading).without_repeats()
+        if film is not None or junction != "axis":
+            _check_temperature(dip, "{medium} or {junction}")
 
         fit = partial(
             plunge_sensor,
@@ -267,6 +279,7 @@ def sensor_from_dip(
             medium_s=_with_u(medium_s),
             film=film,
             junction=junction,
+            unit=dip.unit,
             inputs=list(dip.inputs),
         )
         dips.append(_with_reader_findings(dip, fit))
@@ -359,6 +372,7 @@ def sensor_from_pair(
         changes_s=flow_steps_s,
         exponent=EXPONENT if exponent is None else _with_u(exponent),
         bare=bare,
+        offset_sd=OFFSET_SD_K if table.units[0].is_temperature else None,
         inputs=list(table.inputs),
     )
     return _with_reader_findings(table, fit)
@@ -414,6 +428,7 @@ def sensor_from_current(
     """
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
     table = read_readings(data, columns, [current], **reading).without_repeats()
+    _check_temperature(table, "a loop current step")
 
     fit = partial(
         current_sensor,
@@ -523,6 +538,31 @@ def _boundary_layer(
     return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
 
 
+def _check_temperature(table: Readings, what: str) -> None:
+    """Check that a column is a temperature where a thermocouple is modelled.
+
+    Parameters
+    ----------
+    table
+        The columns.
+    what
+        What is modelled, for the message.
+
+    Raises
+    ------
+    InputError
+        For another quantity.
+    """
+    if table.units[0].is_temperature:
+        return
+    raise InputError(
+        f"{what} for column {table.names[0]!r}, which is in {table.units[0].name}",
+        expected="a temperature: heat transfer says nothing about another quantity",
+        remedy="leave it out",
+        parameters={"medium": None, "junction": None},
+    )
+
+
 def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
     """The result of a fit, with the findings of the reader in front.
 
@@ -552,4 +592,5 @@ def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> Sen
             findings.append(
                 warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
             )
-    return sensor.model_copy(update={"findings": [*unique_by_subject(findings), *sensor.findings]})
+    all_findings = [*unique_by_subject(findings), *sensor.findings]
+    return sensor.model_copy(update={"findings": all_findings}).in_unit(table.unit)

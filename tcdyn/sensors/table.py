@@ -416,9 +416,8 @@ def _without_codes(column: str, values: Array, unit: Unit) -> tuple[Array, list[
         subject=column,
         count=int(wrong.sum()),
         value=float(values[int(np.argmax(wrong))]),
-        unit=unit.base,
     )
-    return np.where(wrong, np.nan, values), [codes]
+    return np.where(wrong, np.nan, values), [codes.in_unit(unit.base)]
 
 
 def without_repeats(values: Array, column: str, dt_s: float) -> tuple[Array, list[Finding]]:

@@ -53,10 +53,11 @@ class TableOptions(TypedDict, total=False):
     time_unit
         Its unit (s, ms, us, ns, min, h or days), where neither its name nor a row of units says so.
     unit
-        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names or a
-        row of units say.
+        "degC", "K", "degF", "mV" or that of another quantity ("ppm", "%RH", "Pa", "V") for all
+        columns, or by column; otherwise as the names or a row of units say.
     couple, cold
-        Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
+        Of millivolts: the thermocouple's type ("none" if it is another voltage), and the reference
+        junction [degC] or its column.
     """
 
     columns: Sequence[str]

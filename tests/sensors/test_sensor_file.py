@@ -26,6 +26,7 @@ from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors import channels as channel_module
 from tcdyn.sensors import compensation as engine
 from tcdyn.sensors import read_sensor, specified_sensor, step_times, table, write_sensor
+from tcdyn.series import units as unit_module
 from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.series.units import uncertainty_column
 from tcdyn.smoothing import smooth
@@ -245,7 +246,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
 
     The tolerance is exp(-10), what margins leave of an error, times a standard deviation of 0.1 K.
     """
-    monkeypatch.setattr(engine, "DECIMALS", 12)
+    monkeypatch.setattr(unit_module, "DECIMALS", 12)
     monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
     monkeypatch.setattr(table, "FLOOR", 1.0)  # noise variances per second cubed: 0.01 K2/s3
@@ -511,7 +512,7 @@ BAD = {
     "no time": ({}, ["--time", "seconds"], "seconds"),
     "backward time": ({"time_s": -1}, [], "runs backward"),
     "millivolts of no type": ({}, ["--unit", "mV"], "--couple"),
-    "an unknown unit": ({}, ["--unit", "R"], "degC or K"),
+    "an unknown unit": ({}, ["--unit", "R"], "degC, K"),
     "a rig's option": ({}, ["--noise-only"], "--noise-only"),
 }
 
