@@ -310,6 +310,8 @@ def _is_unit_after(text: str, mark: str) -> bool:
         return re.search(r"[^\W\d]|[%°]", text) is not None
     if mark in ("(", "/", "in"):
         return bool(written_unit(text))
+    if text.startswith("1/"):  # "Run 1/A"
+        return False
     is_temperature = text in UNITS or _ATTACHED.fullmatch(text) is not None
     if is_temperature:
         return mark != " " or text not in ("K", "mV")
