@@ -74,10 +74,5 @@ def test_cells_hold_numbers_with_units_of_any_quantity() -> None:
     assert number_and_unit("412.5 ppm", ".") == ("412.5", "ppm")
     assert number_and_unit("101325 Pa", ".") == ("101325", "Pa")
     assert number_and_unit("7 OK", ".") == ("", "")
-    assert [is_unit(cell) for cell in ("ppm", "V", "A", "B", "T1")] == [
-        True,
-        True,
-        False,
-        False,
-        False,
-    ]
+    cells = ("ppm", "V", "A", "B", "T1")
+    assert [is_unit(cell) for cell in cells] == [True, True, False, False, False]
