@@ -253,6 +253,8 @@ def without_unit(column: str) -> str:
 def column_named(name: str, columns: Collection[str]) -> str:
     """The column that a name without its unit means; the name itself where none or several do.
 
+    Of a temperature and another quantity of one name, it is the temperature.
+
     Parameters
     ----------
     name
@@ -264,11 +266,36 @@ def column_named(name: str, columns: Collection[str]) -> str:
     --------
     >>> column_named("T1", ["time_s", "T1_degC"]), column_named("T1", ["T1_degC", "T1_K"])
     ('T1_degC', 'T1')
+    >>> column_named("gas", ["gas_kW", "gas_degC"]), column_named("gas_degC", ["gas_kW"])
+    ('gas_degC', 'gas_degC')
     """
     if name in columns:
         return name
-    same = [column for column in columns if without_unit(column) == without_unit(name)]
+    same = temperatures_first([column for column in columns if is_same_name(name, column)])
     return same[0] if len(same) == 1 else name
+
+
+def is_same_name(first: str, second: str) -> bool:
+    """Whether two names are one without their units, and may be of one quantity.
+
+    >>> is_same_name("T1", "T1_degC"), is_same_name("T1_K", "T1 (°C)"), is_same_name("p_Pa", "p")
+    (True, True, True)
+    >>> is_same_name("gas_kW", "gas_degC"), is_same_name("p_Pa", "p_kPa")
+    (False, True)
+    """
+    units = [unit_in(name) for name in (first, second)]
+    is_one_kind = "" in units or (units[0] in UNITS) == (units[1] in UNITS)
+    return is_one_kind and without_unit(first) == without_unit(second)
+
+
+def temperatures_first(names: Collection[str]) -> list[str]:
+    """The columns without those of another quantity; all of them where none is left.
+
+    >>> temperatures_first(["T1_degC", "T1_kW", "T1"]), temperatures_first(["CO2_ppm"])
+    (['T1_degC', 'T1'], ['CO2_ppm'])
+    """
+    temperatures = [name for name in names if not names_other_quantity(name)]
+    return temperatures or list(names)
 
 
 def names_other_quantity(column: str) -> bool:

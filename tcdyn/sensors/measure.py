@@ -266,7 +266,7 @@ def sensor_from_dip(
     for table, entry in zip(tables, entries):
         dip = read_readings(table, _as_list(column), **reading).without_repeats()
         if film is not None or junction != "axis":
-            _check_temperature(dip, "{medium} or {junction}")
+            check_temperatures(dip, "{medium} or {junction}")
 
         fit = partial(
             plunge_sensor,
@@ -428,7 +428,7 @@ def sensor_from_current(
     """
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
     table = read_readings(data, columns, [current], **reading).without_repeats()
-    _check_temperature(table, "a loop current step")
+    check_temperatures(table, "a loop current step")
 
     fit = partial(
         current_sensor,
@@ -538,8 +538,8 @@ def _boundary_layer(
     return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
 
 
-def _check_temperature(table: Readings, what: str) -> None:
-    """Check that a column is a temperature where a thermocouple is modelled.
+def check_temperatures(table: Readings, what: str) -> None:
+    """Check that columns are temperatures where a thermocouple is modelled.
 
     Parameters
     ----------
@@ -553,14 +553,14 @@ def _check_temperature(table: Readings, what: str) -> None:
     InputError
         For another quantity.
     """
-    if table.units[0].is_temperature:
-        return
-    raise InputError(
-        f"{what} for column {table.names[0]!r}, which is in {table.units[0].name}",
-        expected="a temperature: heat transfer says nothing about another quantity",
-        remedy="leave it out",
-        parameters={"medium": None, "junction": None},
-    )
+    for name, unit in zip(table.names, table.units):
+        if not unit.is_temperature:
+            raise InputError(
+                f"{what} for column {name!r}, which is in {unit.name}",
+                expected="a temperature: heat transfer says nothing about another quantity",
+                remedy="leave it out",
+                parameters={"medium": None, "junction": None},
+            )
 
 
 def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:

@@ -161,7 +161,11 @@ class RangeCheck:
         text = " or ".join(self._scale_text(*scale) for scale in scales)
         if not scales:
             raise InputError(
-                problem, where=where, expected="a temperature", remedy="convert the column"
+                problem,
+                where=where,
+                expected="a temperature",
+                remedy="convert the column, or state the unit of another quantity, {unit}",
+                parameters={"unit": "ppm"},
             )
         divisor, unit = scales[0]
         converted = f"d[{self.column!r}] / {divisor}"
@@ -175,7 +179,9 @@ class RangeCheck:
             problem,
             where=where,
             expected=f"a temperature; they may be in units of {text}",
-            remedy=f"convert them, for the first of these with: {line}",
+            remedy=f"convert them, for the first of these with: {line}; or state the unit of "
+            "another quantity, {unit}",
+            parameters={"unit": "ppm"},
         )
 
     def likely_scales(self) -> list[tuple[int, str]]:

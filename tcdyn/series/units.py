@@ -18,7 +18,15 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.table import missing_column_error
-from tcdyn.io.unit_names import TEMPERATURES, UNITS, unit_in, without_unit, written_unit
+from tcdyn.io.unit_names import (
+    TEMPERATURES,
+    UNITS,
+    is_same_name,
+    temperatures_first,
+    unit_in,
+    without_unit,
+    written_unit,
+)
 from tcdyn.series.thermocouple_types import to_degC
 
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
@@ -311,9 +319,8 @@ def is_match(pattern: str, name: str) -> bool:
     >>> is_match("TC*", "TC1 (°C)"), is_match("TC1", "TC1_degC"), is_match("TC1", "TC10")
     (True, True, False)
     """
-    plain = without_unit(name)
-    is_pattern = fnmatchcase(name, pattern) or fnmatchcase(plain, pattern)
-    return is_pattern or plain == without_unit(pattern)
+    is_pattern = fnmatchcase(name, pattern) or fnmatchcase(without_unit(name), pattern)
+    return is_pattern or is_same_name(name, pattern)
 
 
 def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
@@ -322,7 +329,8 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     Parameters
     ----------
     pattern
-        Name with or without unit; ``*`` is any text.
+        Name with or without unit, which means the temperature where another quantity has the same
+        name; ``*`` is any text.
     names
         Columns of the table.
     where
@@ -341,6 +349,8 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     if pattern in names:
         return [pattern]
     matches = [name for name in names if is_match(pattern, name)]
+    if "*" not in pattern:
+        matches = temperatures_first(matches)
     if not matches:
         raise missing_column_error("column", pattern, names, where)
     return list(dict.fromkeys(matches))

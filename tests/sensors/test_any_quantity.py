@@ -247,6 +247,14 @@ def test_a_unit_is_stated_in_python_and_xarray() -> None:
     assert list(in_other_unit) == ["gas", "gas_u_a.u."]
 
 
+def test_a_sensor_of_a_temperature_is_not_used_for_another_quantity_of_its_name() -> None:
+    t, _, y = logged((LAG_S,), DT_S, 300, 0.1, 8)
+    frame = pd.DataFrame({"time_s": t, "gas_kW": 5 + t / 100, "gas_degC": y})
+    assert list(tcdyn.compensate_frame(frame, probe("gas"))) == [*frame, "gas_u_K"]
+    power = tcdyn.compensate_frame(frame, probe("gas_MW"))
+    assert list(power) == [*frame, "gas_u_kW"]
+
+
 def test_a_unit_in_the_attributes_of_xarray_is_used() -> None:
     t, _, y = readings_in("%RH")
     xr = pytest.importorskip("xarray")
