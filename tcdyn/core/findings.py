@@ -156,7 +156,7 @@ class Finding:
         >>> hum.in_unit("ppm").sentence, hum.in_unit("K") is hum
         ('CO2: hum of 2 ppm at 50.00 Hz', True)
         """
-        if unit in ("degC", "K", "degF", "mV") or self.text:
+        if unit in ("degC", "K", "degF") or self.text:
             return self
         return replace(self, numbers={**self.numbers, "unit": unit})
 

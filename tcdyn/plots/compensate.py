@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from tcdyn.io.unit_names import TEMPERATURES, UNITS, without_unit
+from tcdyn.io.unit_names import TEMPERATURES, without_unit
 from tcdyn.plots.style import (
     DARK,
     FAST,
@@ -89,7 +89,7 @@ def draw_compensated(
             ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
     y_label = "temperature [°C]"
     unit = result.units[channel] if result.units else "degC"
-    if unit not in UNITS:
+    if unit not in TEMPERATURES:
         y_label = f"reading [{unit}]"
     return style_axes(ax, "time [s]", y_label, loc="best")
 

@@ -34,7 +34,7 @@ from tcdyn.estimation.trace_noise import (
     rounding_sd,
     trace_noise_sd,
 )
-from tcdyn.io.unit_names import UNITS, names_other_quantity, unit_in, without_unit
+from tcdyn.io.unit_names import TEMPERATURES, names_other_quantity, unit_in, without_unit
 from tcdyn.series.plausible import (
     HIGHEST_DEGC,
     LOWEST_DEGC,
@@ -43,7 +43,7 @@ from tcdyn.series.plausible import (
     out_of_range,
     overload_codes,
 )
-from tcdyn.series.units import Unit
+from tcdyn.series.units import NO_COUPLE, Unit
 from tcdyn.series.updates import usual_spacing
 from tcdyn.smoothing.noise_levels import Intensity
 
@@ -436,7 +436,7 @@ def _implausible_readings(
     findings = []
     for c, (chain, name, unit) in enumerate(zip(chains, names, units)):
         y = data[:, c]
-        is_temperature = unit in UNITS
+        is_temperature = unit in TEMPERATURES
         outside = out_of_range(y) if is_temperature else overload_codes(y)
         inside = np.where(outside, np.nan, y)
         lag_s = max(chain.taus_s, default=0.0)
@@ -820,7 +820,7 @@ class Compensated(Result):
     def _units(self) -> list[Unit]:
         """Unit of each channel (M,)."""
         units = self.units or ("degC",) * self.temperature.shape[1]
-        return [Unit(name if name not in UNITS else "degC") for name in units]
+        return [Unit("degC" if name in TEMPERATURES else name, NO_COUPLE) for name in units]
 
     @property
     def _are_temperatures(self) -> bool:

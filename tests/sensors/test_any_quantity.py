@@ -226,13 +226,17 @@ def test_readings_far_beyond_a_thermocouple_are_no_codes_and_overloads_are(tmp_p
 
 
 def test_millivolts_that_are_no_thermocouple_pass_as_a_voltage() -> None:
-    t, truth, y = readings_in("ppm")
+    t, truth, y = readings_in("Pa")
     frame = pd.DataFrame({"time_s": t, "U_mV": y})
     with pytest.raises(InputError, match="'none' for another voltage"):
         tcdyn.compensate_frame(frame, probe("U_mV"))
     done = tcdyn.compensate_frame(frame, probe("U_mV"), couple="none")
     assert list(done) == ["time_s", "U_mV", "U_u_mV"]
     assert coverage(done, "U_mV", "U_u_mV", truth) > 0.9
+    assert done.attrs["warnings"] == []
+    time_s, reading = dip("V")
+    sensor = sensor_from_dip((time_s, 1e3 * reading), unit="mV", couple="none")
+    assert sensor.fit["unit"] == "mV"
 
 
 def test_a_unit_is_stated_in_python_and_xarray() -> None:
