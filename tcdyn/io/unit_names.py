@@ -119,6 +119,13 @@ _MARK = re.compile(r"\s*[/,]\s*|\s+in\s+|_|\s+")
 _ATTACHED = re.compile(r"(?P<unit>(?:[°ºﾟ˚]\s?|deg\s?)[CFK]|[℃℉]|%)$")
 # A unit in front of a remark: ``Temp, °F (serial number)``.
 _BEFORE_REMARK = re.compile(r",\s*(?P<unit>[^,(\[]+?)\s*[(\[]")
+# A letter after an underscore is a unit behind a word or symbol of its quantity: I_A, load_N.
+_LETTER_AFTER_QUANTITY = re.compile(
+    r"(?P<stem>(?:.*_)?(?:"
+    r"(?:i|current|strom)\d*(?=_A$)|(?:p|power|leistung|heater)\d*(?=_W$)"
+    r"|(?:f|force|load|friction|kraft)\d*(?=_N$)|(?:e|q|energy|energie)\d*(?=_J$)))_(?P<unit>[AWNJ])",
+    re.IGNORECASE,
+)
 # What a temperature is called where no unit says it.
 _TEMPERATURE_NAME = re.compile(
     r"(t|temp|temperature|temperatur|tc|thermocouple)([ _-]?\d+)?", re.IGNORECASE
@@ -325,6 +332,9 @@ def _split(column: str) -> tuple[str, str]:
     stem, text = split_unit_text(column, _is_unit_after)
     if text and stem and not _is_label(stem, text, column):
         return stem, written_unit(text) or text
+    letter = _LETTER_AFTER_QUANTITY.fullmatch(column)
+    if letter:
+        return letter["stem"], letter["unit"]
     attached = _ATTACHED.search(column)
     if attached and attached.start():
         return column[: attached.start()].rstrip(" /,"), written_unit(attached["unit"])

@@ -41,6 +41,9 @@ from tcdyn.io.unit_names import unit_in, without_unit, written_unit
         ("dust [µg/m³]", "dust", "µg/m³"),
         ("q (W/m2K)", "q", "W/m2K"),
         ("dose [a.u.]", "dose", "a.u."),
+        ("I_A", "I", "A"),
+        ("slow_load_N", "slow_load", "N"),
+        ("heater_W", "heater", "W"),
         ("level [Füllstand]", "level", "Füllstand"),
     ],
 )

@@ -150,6 +150,16 @@ def test_the_result_does_not_depend_on_the_prefix_of_the_unit() -> None:
     np.testing.assert_allclose(lags, lags[0], rtol=1e-4)
 
 
+def test_the_lags_of_a_pair_do_not_depend_on_the_prefix_of_the_unit() -> None:
+    t, first, second, _ = two_in_a_gas(2, (0.1, 0.3), 0.02, 2000, (0.1, 0.1))
+    pairs = [
+        sensor_from_pair((t, factor * first, factor * second), bare=True, unit=unit)
+        for factor, unit in ((1e-6, "V"), (1.0, "uV"), (1e3, "nV"))
+    ]
+    lags = [[pair.chain.channels[name].lag_s.value for name in pair.columns] for pair in pairs]
+    np.testing.assert_allclose(lags, [lags[0]] * 3, rtol=1e-4)
+
+
 @pytest.mark.parametrize("unit", QUANTITIES)
 def test_the_lag_of_a_sensor_of_any_quantity_is_measured_by_a_dip(
     tmp_path: Path, unit: str
@@ -223,6 +233,18 @@ def test_readings_far_beyond_a_thermocouple_are_no_codes_and_overloads_are(tmp_p
         ("trace.overload", 3)
     ]
     assert np.isfinite(written(made.path)["p_Pa"]).all()
+
+
+def test_drop_out_codes_of_another_quantity_are_missing(tmp_path: Path) -> None:
+    t, truth, y = readings_in("Pa")
+    lost = [*range(100, 125), *range(300, 320), *range(450, 470)]
+    y[lost] = 0.0
+    log = write(tmp_path / "log.csv", time_s=t, p_Pa=y)
+    made = compensate_table(log, [probe("p_Pa")], tmp_path / "out.csv")
+    (codes,) = [f for f in made.findings if f.code == "trace.codes"]
+    assert codes.numbers["count"] == len(lost)
+    assert "0 Pa" in codes.sentence
+    assert coverage(written(made.path), "p_Pa", "p_u_Pa", truth) > 0.9
 
 
 def test_millivolts_that_are_no_thermocouple_pass_as_a_voltage() -> None:
