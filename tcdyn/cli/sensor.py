@@ -36,7 +36,8 @@ UNIX_LIMIT = 1e12  # largest instant [s]: Unix times may be in milliseconds
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
-    help="State or measure the lag of a thermocouple; the file is for compensate and follow.",
+    help="State or measure the lag of a thermocouple, or of a sensor of another quantity; the file "
+    "is for compensate and follow.",
 )
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
 OneColumn = Annotated[str, typer.Option(help="column of the sensor")]
@@ -407,12 +408,13 @@ def touch(
 
     import numpy as np
 
-    from tcdyn.sensors.measure import read_readings
+    from tcdyn.sensors.measure import check_temperatures, read_readings
     from tcdyn.sensors.touch import find_touches
     from tcdyn.series.units import match_columns
 
     check_picture(picture, [log], reporter.overwrite)
     table = read_readings(log, column, several=True, **reading.options())
+    check_temperatures(table, "touches")
     stated = []
     for word in order or ():
         stated += match_columns(word, table.names, str(log))

@@ -56,9 +56,10 @@ class TableReading:
     time_unit
         of a table: unit of its time, if the header does not state it
     unit
-        of a table: degC, K, degF or mV, if the names do not state it; T1=K for one column
+        of a table: degC, K, degF, mV, or another quantity's such as ppm, %RH, Pa or V, if the names
+        do not state it; T1=K for one column
     couple
-        with mV: thermocouple type E, J, K, N or T (ITS-90)
+        with mV: thermocouple type E, J, K, N or T (ITS-90), or none for another voltage
     cold_junction
         with mV: temperature of the reference junction in degC, or its column
     """

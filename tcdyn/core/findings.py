@@ -141,6 +141,25 @@ class Finding:
         text = f"{where}: {self.text}" if self.text else ""
         return replace(self, where=f"{where}: {self.where}" if self.where else where, text=text)
 
+    def in_unit(self, unit: str) -> Finding:
+        """The same finding about a quantity in another unit than those of temperatures.
+
+        Parameters
+        ----------
+        unit
+            Unit of the numbers that messages otherwise give in K and degC; a unit of temperature
+            changes nothing.
+
+        Examples
+        --------
+        >>> hum = info("noise.hum", subject="CO2", f_Hz=50.0, amplitude_K=2.0)
+        >>> hum.in_unit("ppm").sentence, hum.in_unit("K") is hum
+        ('CO2: hum of 2 ppm at 50.00 Hz', True)
+        """
+        if unit in ("degC", "K", "degF") or self.text:
+            return self
+        return replace(self, numbers={**self.numbers, "unit": unit})
+
     def to_dict(self) -> dict[str, Any]:
         """The finding as files store it; ``sentence`` is the message for readers."""
         return {

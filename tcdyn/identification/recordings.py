@@ -31,12 +31,12 @@ from tcdyn.identification.holds import (
 )
 from tcdyn.identification.iodata import IOData
 from tcdyn.io.table import missing_column_error
-from tcdyn.io.unit_names import column_named, unit_in, written_unit
+from tcdyn.io.unit_names import column_named, names_temperature, unit_in, written_unit
 from tcdyn.series import Context, ReadingOptions, Series, Source, make_series, open_source
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
 from tcdyn.series.reading import READING, REPEAT, Kind
-from tcdyn.series.scaled_readings import in_degC, names_temperature
+from tcdyn.series.scaled_readings import in_degC
 from tcdyn.series.series import SHIFTED_ONLY, ColumnRows, Policy
 from tcdyn.series.source import check_numbers
 

@@ -28,7 +28,8 @@ from tcdyn.io.response_units import (
     response_unit,
     unit_of_column,
 )
-from tcdyn.io.times import SECONDS_PER_UNIT, split_unit
+from tcdyn.io.times import split_unit
+from tcdyn.io.unit_names import SECONDS_PER_UNIT
 
 Form = Literal["magnitude", "dB", "complex"]
 

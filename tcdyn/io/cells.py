@@ -18,7 +18,7 @@ from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.io.no_reading import OtherCells, are_mostly_numbers
 from tcdyn.io.response_units import is_response_unit
 from tcdyn.io.stamps import Stamps, is_stamp
-from tcdyn.io.times import SECONDS_PER_UNIT
+from tcdyn.io.unit_names import SECONDS_PER_UNIT, is_clear_unit, is_temperature_unit
 
 # groups of three digits: 1,234.5 or 1.234,5 (both marks are needed), 1 234.5 and 1'234.5
 _SPACES = " '’\u00a0\u202f"
@@ -54,10 +54,6 @@ FLAGS = {  # lower-case words for a switch
     "no": 0.0,
     "low": 0.0,
 }
-# units as the cells of a row of units may write them, in lower case and without degree signs
-TEMPERATURE_UNITS = frozenset(
-    ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
-)
 DECISION_CELLS = 1000  # filled cells that decide what a column holds; chosen by judgement
 
 
@@ -79,29 +75,11 @@ def to_number(text: str, decimal: str = ".") -> float:
     return float(text.strip().translate(_WITHOUT_GROUPS[decimal]))
 
 
-def plain_unit(text: str) -> str:
-    """A unit in lower case without degree signs, blanks and the word "degree".
-
-    >>> plain_unit("Deg. F"), plain_unit("°C"), plain_unit("℃")
-    ('f', 'c', 'c')
-    """
-    plain = text.lower().replace("℃", "c").replace("℉", "f")
-    return re.sub(r"[\s.°ºﾟ˚]|deg(rees?)?|grad", "", plain)
-
-
-def is_temperature_unit(text: str) -> bool:
-    """Whether a cell is a unit of a temperature or of the voltage of a thermocouple.
-
-    >>> is_temperature_unit("Deg. F"), is_temperature_unit("%")
-    (True, False)
-    """
-    return plain_unit(text) in TEMPERATURE_UNITS
-
-
 def is_unit(cell: str) -> bool:
-    """Whether a cell is a unit: of time, temperature, thermocouples or frequency responses."""
+    """Whether a cell is a unit, and no label such as A: of time or any quantity."""
     is_time_unit = cell.rstrip(".").lower() in SECONDS_PER_UNIT
-    return is_time_unit or is_temperature_unit(cell) or is_response_unit(cell)
+    is_other = is_temperature_unit(cell) or is_response_unit(cell) or is_clear_unit(cell)
+    return is_time_unit or is_other
 
 
 def number_and_unit(text: str, decimal: str) -> tuple[str, str]:
@@ -114,7 +92,7 @@ def number_and_unit(text: str, decimal: str) -> tuple[str, str]:
     if match is None or not is_number(match["number"], decimal):
         return "", ""
     unit = match["unit"]
-    return (match["number"], unit) if unit == "%" or is_unit(unit) else ("", "")
+    return (match["number"], unit) if is_unit(unit) else ("", "")
 
 
 @lru_cache(maxsize=20_000)

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from tcdyn.io.times import SECONDS_PER_UNIT
+from tcdyn.io.unit_names import SECONDS_PER_UNIT
 
 Kind = Literal["frequency", "rate", "angle", "level", "percent", "unclear"]
 

@@ -26,41 +26,14 @@ from tcdyn.io.clock_numbers import (
     seconds_of_day,
     seconds_of_stamp,
 )
+from tcdyn.io.unit_names import SECONDS_PER_UNIT, TIME_UNITS, split_unit_text
 
-# by seconds per unit; messages use the first spelling of each unit
-_SPELLINGS: dict[float, tuple[str, ...]] = {
-    1.0: (
-        *("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden", "seconde"),
-        *("secondes", "segundo", "segundos", "secondo", "secondi", "seconden"),
-    ),
-    1e-3: (
-        *("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "milli"),
-        *("millisekunde", "millisekunden", "millisecondes", "milisegundos", "millisecondi"),
-    ),
-    1e-6: ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"),
-    1e-9: ("ns", "nsec", "nanosecond", "nanoseconds"),
-    60.0: ("min", "mins", "minute", "minutes", "minuten", "minuto", "minutos", "minuti"),
-    3600.0: (
-        *("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden", "heure", "heures"),
-        *("hora", "horas", "ora", "ore", "uur"),
-    ),
-    86400.0: (
-        *("days", "d", "day", "tag", "tage", "jour", "jours", "día", "días", "dia", "dias"),
-        *("giorno", "giorni"),
-    ),
-}
-SECONDS_PER_UNIT = {
-    spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings
-}
 # spellings that name a column of time by themselves: "millis"; "minute" may be a part of a clock
 UNIT_NAMES = frozenset(
     spelling
-    for seconds, spellings in _SPELLINGS.items()
-    for spelling in spellings
+    for spelling, seconds in SECONDS_PER_UNIT.items()
     if seconds <= 1 and len(spelling) > 3 and spelling not in ("second", "seconde")
 )
-# units as messages name them
-TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 # names of a time column without their unit
 TIME_NAMES = re.compile(
     r"t|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
@@ -76,15 +49,9 @@ TIME_NAMES = re.compile(
     re.IGNORECASE,
 )
 TEMPERATURE_NAME = "T"  # as a formula writes it; the time is t
+_SUFFIX_OF_T = re.compile(r"T[_ ]\w+")  # T_min is a temperature, T [min] a time
 # names that distinguish a header from a title, see ``tcdyn.io.csv_dialect.detect_dialect``
 TIME_COLUMN_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
-# name and unit: "Time [ms]", "t/ms", "time, s", "time in s"
-_NAME_AND_UNIT = re.compile(
-    r"(?P<stem>.*?)\s*"
-    r"(?:[\[(]\s*(?P<bracket>[^\])]*?)\s*[\])]|(?:/|,|\s+in\s+)\s*(?P<after>[^\W\d]+)\.?)\s*"
-)
-# name and unit: "time_ms", "time ms"
-_SUFFIX = re.compile(r"(?P<stem>.+?)[_ ](?P<suffix>[^\W\d_]+)")
 # Without a unit in the header, times are read as seconds only if the time step lies between these
 # two. Below, the rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above
 # lie milliseconds at 500 Hz and less.
@@ -343,7 +310,7 @@ def is_time_name(name: str) -> bool:
     """
     stem, unit = split_unit(name)
     if stem == TEMPERATURE_NAME:
-        is_suffix = _NAME_AND_UNIT.fullmatch(name) is None
+        is_suffix = _SUFFIX_OF_T.fullmatch(name.strip()) is not None
         return unit.lower() in SECONDS_PER_UNIT and not is_suffix
     return TIME_NAMES.fullmatch(stem) is not None
 
@@ -488,14 +455,14 @@ def split_unit(name: str) -> tuple[str, str]:
     >>> split_unit("Time (min.)"), split_unit("time in ticks")
     (('Time', 'min'), ('time in ticks', ''))
     """
-    match = _NAME_AND_UNIT.fullmatch(name)
-    if match is not None:
-        unit = match["bracket"]
-        if unit is None and is_time_unit(match["after"]):
-            unit = match["after"]
-        if unit is not None:
-            return match["stem"].strip(), unit.rstrip(".")
-    match = _SUFFIX.fullmatch(name.strip())
-    if match is not None and is_time_unit(match["suffix"]):
-        return match["stem"], match["suffix"]
-    return name.strip(), ""
+    stem, unit = split_unit_text(name.strip(), _is_unit_after)
+    return stem, unit.rstrip(".")
+
+
+def _is_unit_after(text: str, mark: str) -> bool:
+    """Whether a text after a mark is the unit of a time; see ``split_unit``."""
+    if mark in ("[", "("):
+        return True
+    if mark in ("_", " "):
+        return is_time_unit(text)
+    return is_time_unit(text.rstrip("."))

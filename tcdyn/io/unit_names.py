@@ -1,20 +1,23 @@
-"""Units of temperature in the names of columns and in cells: ``T1 [K]``, ``gas_degC``, ``Deg. F``.
+"""Units in the names of columns and in cells: ``T1 [K]``, ``gas_degC``, ``CO2_ppm``, ``Deg. F``.
 
-``tcdyn.series.units`` decides with them in which unit a column is; ``Compensated.to_frame`` names
-its columns with them. Guarded by ``tests/sensors/test_sensor_silent.py`` and
-``tests/smoothing/test_smoother.py``.
+One mechanism for every quantity. ``split_unit_text`` finds where a unit stands in a name, and the
+lists here say which texts are units. :mod:`tcdyn.io.times` uses both for units of time,
+:mod:`tcdyn.io.response_units` for those of frequency responses, and :mod:`tcdyn.series.units` for
+the columns of tables. Guarded by ``tests/io/test_unit_names.py``, ``tests/io/test_times.py`` and
+``tests/sensors/test_sensor_silent.py``.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from functools import lru_cache
 
-from tcdyn.io.cells import plain_unit
-
-UNITS = ("degC", "K", "degF", "mV")  # Units of a temperature that are known.
-# By the spelling in lower case, without degree signs.
-_UNIT_NAMES = {
+# Temperatures, and the voltage of thermocouples.
+TEMPERATURES = ("degC", "K", "degF")
+UNITS = (*TEMPERATURES, "mV")
+# Canonical names of units by their spelling in lower case, without degree signs.
+_TEMPERATURE_SPELLINGS = {
     "c": "degC",
     "celsius": "degC",
     "k": "K",
@@ -25,13 +28,222 @@ _UNIT_NAMES = {
     "millivolt": "mV",
     "millivolts": "mV",
 }
-# A unit at the end of a column's name: ``_degC``, ``[K]``, ``(°F)``, ``/°C`` or ``in °C``.
-_SUFFIX = re.compile(
-    r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])]"
-    r"|(?:\s*[/,]|\s+in|)\s*((?:[°ºﾟ˚]\s?|deg\s?)[CFK]|[℃℉])|\s*/\s*(K|mV))$"
+# Seconds per unit of time by spelling; messages use the first spelling of each unit.
+_TIME_SPELLINGS: dict[float, tuple[str, ...]] = {
+    1.0: (
+        *("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden", "seconde"),
+        *("secondes", "segundo", "segundos", "secondo", "secondi", "seconden"),
+    ),
+    1e-3: (
+        *("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "milli"),
+        *("millisekunde", "millisekunden", "millisecondes", "milisegundos", "millisecondi"),
+    ),
+    1e-6: ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"),
+    1e-9: ("ns", "nsec", "nanosecond", "nanoseconds"),
+    60.0: ("min", "mins", "minute", "minutes", "minuten", "minuto", "minutos", "minuti"),
+    3600.0: (
+        *("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden", "heure", "heures"),
+        *("hora", "horas", "ora", "ore", "uur"),
+    ),
+    86400.0: (
+        *("days", "d", "day", "tag", "tage", "jour", "jours", "día", "días", "dia", "dias"),
+        *("giorno", "giorni"),
+    ),
+}
+SECONDS_PER_UNIT = {
+    spelling: seconds for seconds, spellings in _TIME_SPELLINGS.items() for spelling in spellings
+}
+# Units of time as messages name them.
+TIME_UNITS = tuple(spellings[0] for spellings in _TIME_SPELLINGS.values())
+# Canonical names of other units by their spellings in lower case, without blanks and dots.
+_OTHER_SPELLINGS = {
+    "%": ("%", "percent", "pct", "prozent", "procent", "pourcent", "vh"),
+    "%RH": ("%rh", "rh%", "%r.h", "%rf", "rf%", "%rel", "%relf", "%hr", "percentrh"),
+    "ppm": ("ppm", "ppmv", "partspermillion"),
+    "ppb": ("ppb", "ppbv"),
+    "Pa": ("pa", "pascal"),
+    "hPa": ("hpa", "hektopascal", "hectopascal"),
+    "kPa": ("kpa", "kilopascal"),
+    "bar": ("bar", "bars"),
+    "mbar": ("mbar", "millibar"),
+    "psi": ("psi", "psia", "psig"),
+    "V": ("v", "volt", "volts"),
+    "A": ("a", "amp", "amps", "ampere", "amperes"),
+    "W": ("w", "watt", "watts"),
+    "rpm": ("rpm", "u/min", "1/min", "tr/min"),
+    "Hz": ("hz", "hertz"),
+    "counts": ("count", "counts", "cts"),
+    "lx": ("lux", "lx"),
+    "Ohm": ("ohm", "ohms"),
+}
+_CANONICAL = {
+    spelling: unit for unit, spellings in _OTHER_SPELLINGS.items() for spelling in spellings
+}
+# Units that are no product of symbols with a prefix, in lower case.
+_SINGLE_UNITS = frozenset(
+    (
+        *("atm", "torr", "mmhg", "inhg", "mmh2o", "inh2o", "sccm", "slm", "slpm", "lpm", "cfm"),
+        *("gpm", "ntu", "ph", "dba", "db", "vol%", "%vol", "vol-%", "wt%", "mol%", "mph", "ppt"),
+    )
 )
+# Symbols that may have a prefix, and powers of them: mPa, m2, m³, s⁻¹.
+_SYMBOLS = (
+    r"Pa|bar|Hz|mol|Ohm|ohm|Ω|Wh|VA|eV|rad|lx|lm|cd|min|deg|°|degC|degF|°C|°F|[VAWNJSKmgslLhd]"
+)
+_FACTOR = rf"(?:[pnuµμmcdhkMG]?(?:{_SYMBOLS})|%|ppm|ppb|counts?)(?:\^?[-−]?\d|[⁻]?[¹²³⁴])?"
+_PRODUCT = re.compile(rf"1?(?:(?:[/·⋅*. ]|_per_| per |^|(?<=[\d²³])){_FACTOR})+")
+_LETTER_AND_NUMBER = re.compile(r"[A-Z]\d?")  # a label rather than a unit: V1, A
+LONGEST_SYMBOL = 2  # letters of the symbol of a quantity in front of "/": U/V, I1/A
+# After an underscore, a comma or a blank a letter is more often a label (zone_A, T_N, T_min), so
+# that only these units are recognised there.
+_AFTER_UNDERSCORE = frozenset(
+    (
+        *("Pa", "pa", "hPa", "hpa", "kPa", "kpa", "MPa", "mPa", "bar", "mbar", "psi", "torr"),
+        *("atm", "mmHg", "ppm", "PPM", "ppb", "PPB", "V", "uV", "µV", "μV", "kV", "Volt", "volt"),
+        *("volts", "mA", "uA", "µA", "μA", "kA", "mW", "kW", "MW", "Hz", "hz", "kHz", "MHz", "GHz"),
+        *("mHz", "rpm", "kN", "kJ", "MJ", "kWh", "nm", "um", "µm", "μm", "mm", "cm", "km", "mg"),
+        *("ug", "µg", "μg", "kg", "mL", "ml", "mol", "lux", "lx", "counts", "ohm", "Ohm", "kOhm"),
+        *("sccm", "slpm", "slm", "%", "%RH", "percent", "pct", "prozent"),
+    )
+)
+# A quotient after an underscore: m_s, l_min, W_m2, mg_m3.
+_QUOTIENT = re.compile(
+    r"(?:m|mm|cm|km|l|L|ml|mL|m3|g|mg|ug|kg|mol|W|kW|J|kJ|N|V|mV|K|degC|rad|1)"
+    r"_(?:s|min|h|m|m2|m3|cm2|mm2|l|L|kg|m2K|mK)"
+)
+_SQUARE = re.compile(r"(?P<stem>.*?)\s*\[\s*(?P<unit>[^\[\]]*?)\s*\]\s*")
+_ROUND = re.compile(r"(?P<stem>.*?)\s*\(\s*(?P<unit>(?:[^()]|\([^()]*\))*?)\s*\)\s*")
+# What stands between a name and its unit.
+_MARK = re.compile(r"\s*[/,]\s*|\s+in\s+|_|\s+")
+# A unit with its own sign, which needs no mark: ``T1°C``, ``RH%``.
+_ATTACHED = re.compile(r"(?P<unit>(?:[°ºﾟ˚]\s?|deg\s?)[CFK]|[℃℉]|%)$")
 # A unit in front of a remark: ``Temp, °F (serial number)``.
-_BEFORE_REMARK = re.compile(r",\s*((?:[°ºﾟ˚]\s?|deg\s?)[CFK]|K|mV)\s*[(\[]")
+_BEFORE_REMARK = re.compile(r",\s*(?P<unit>[^,(\[]+?)\s*[(\[]")
+# A letter after an underscore is a unit behind a word or symbol of its quantity: I_A, load_N.
+_LETTER_AFTER_QUANTITY = re.compile(
+    r"(?P<stem>(?:.*_)?(?:"
+    r"(?:i|current|strom)\d*(?=_A$)|(?:p|power|leistung|heater)\d*(?=_W$)"
+    r"|(?:f|force|load|friction|kraft)\d*(?=_N$)|(?:e|q|energy|energie)\d*(?=_J$)))_(?P<unit>[AWNJ])",
+    re.IGNORECASE,
+)
+# What a temperature is called where no unit says it.
+_TEMPERATURE_NAME = re.compile(
+    r"(t|temp|temperature|temperatur|tc|thermocouple)([ _-]?\d+)?", re.IGNORECASE
+)
+
+
+def plain_unit(text: str) -> str:
+    """A unit in lower case without degree signs, blanks and the word "degree".
+
+    >>> plain_unit("Deg. F"), plain_unit("°C"), plain_unit("℃")
+    ('f', 'c', 'c')
+    """
+    plain = text.lower().replace("℃", "c").replace("℉", "f")
+    return re.sub(r"[\s._°ºﾟ˚]|deg(rees?)?|grad", "", plain)
+
+
+@lru_cache(maxsize=20_000)
+def written_unit(text: str) -> str:
+    """Return the unit of a cell such as "Deg. F" or "ppm"; empty where it is none that is known.
+
+    >>> written_unit("Deg. F"), written_unit("mV"), written_unit("% r.F."), written_unit("OK")
+    ('degF', 'mV', '%RH', '')
+    >>> written_unit("mg/m3"), written_unit("Volts"), written_unit("hPa"), written_unit("left")
+    ('mg/m3', 'V', 'hPa', '')
+    """
+    text = text.strip()
+    temperature = _TEMPERATURE_SPELLINGS.get(plain_unit(text))
+    if temperature:
+        return temperature
+    without_blanks = re.sub(r"[\s.]", "", text.lower())
+    if without_blanks in _CANONICAL:
+        return _CANONICAL[without_blanks]
+    is_known = without_blanks in _SINGLE_UNITS or without_blanks in SECONDS_PER_UNIT
+    if is_known or _PRODUCT.fullmatch(text.replace("(", "").replace(")", "")):
+        return text
+    return ""
+
+
+def is_temperature_unit(text: str) -> bool:
+    """Whether a cell is a unit of a temperature or of the voltage of a thermocouple.
+
+    >>> is_temperature_unit("Deg. F"), is_temperature_unit("%")
+    (True, False)
+    """
+    return written_unit(text) in UNITS
+
+
+def is_clear_unit(text: str) -> bool:
+    """Whether a text is a unit and no label: ``ppm`` and ``V``, but not ``A`` or ``min``.
+
+    >>> [is_clear_unit(text) for text in ("ppm", "V", "mg/m3", "m_s", "A", "min", "OK")]
+    [True, True, True, True, False, False, False]
+    """
+    if text in _AFTER_UNDERSCORE or _QUOTIENT.fullmatch(text):
+        return True
+    is_whole = len(text) > 2 and re.fullmatch(r"[A-Za-z]+", text) is None
+    return is_whole and bool(written_unit(text)) and not is_temperature_unit(text)
+
+
+def split_unit_text(
+    name: str,
+    is_unit: Callable[[str, str], bool],
+) -> tuple[str, str]:
+    """Name without its unit, and the text of the unit; the name and "" where it has none.
+
+    Parameters
+    ----------
+    name
+        Name of a column.
+    is_unit
+        Whether a text is a unit after a mark, one of ``[``, ``(``, ``/``, ``,``, ``in``, ``_`` and
+        a blank.
+
+    Notes
+    -----
+    Brackets at the end are tried first, then the longest end of the name that is a unit.
+
+    Examples
+    --------
+    >>> split_unit_text("p_in [hPa]", lambda text, mark: mark == "[")
+    ('p_in', 'hPa')
+    >>> split_unit_text("v/m/s", lambda text, mark: text in ("m/s", "s"))
+    ('v', 'm/s')
+    """
+    for mark, pattern in (("[", _SQUARE), ("(", _ROUND)):
+        match = pattern.fullmatch(name)
+        if match and is_unit(match["unit"], mark):
+            return match["stem"], match["unit"]
+    for match in _MARK.finditer(name):
+        mark = match[0].strip() or " "
+        text = name[match.end() :].strip()
+        if match.start() and text and is_unit(text, mark):
+            return name[: match.start()].strip(), text
+    return name.strip(), ""
+
+
+def unit_in(column: str) -> str:
+    """Return the unit in a column's name; empty where there is none.
+
+    Any text in square brackets is a unit, but no number; in round brackets a known one, as they
+    may hold a remark; after "/", "in", a comma, an underscore or a blank a known one.
+
+    >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
+    ('degF', 'K', '')
+    >>> unit_in("T1/°C"), unit_in("Temp, °F (serial number 7)")
+    ('degC', 'degF')
+    >>> unit_in("CO2_ppm"), unit_in("Luftfeuchte [% r.F.]"), unit_in("Druck in hPa")
+    ('ppm', '%RH', 'hPa')
+    >>> unit_in("dose [a.u.]"), unit_in("T1 (left)"), unit_in("zone_A"), unit_in("T[1]")
+    ('a.u.', '', '', '')
+    """
+    unit = _split(column)[1]
+    if unit:
+        return unit
+    remark = _BEFORE_REMARK.search(column)
+    if remark and _is_unit_after(remark["unit"], ","):
+        return written_unit(remark["unit"])
+    return ""
 
 
 def without_unit(column: str) -> str:
@@ -39,24 +251,16 @@ def without_unit(column: str) -> str:
 
     >>> without_unit("T1 [K]"), without_unit("kiln_3_degC"), without_unit("gas")
     ('T1', 'kiln_3', 'gas')
+    >>> without_unit("CO2 (ppm)"), without_unit("v_m_s")
+    ('CO2', 'v')
     """
-    suffix = _SUFFIX.search(column)
-    if suffix and suffix.start() and _unit_of(suffix):
-        return column[: suffix.start()]
-    return column
-
-
-def written_unit(text: str) -> str:
-    """Return the unit of a cell such as "Deg. F" or "°C"; empty where it is none.
-
-    >>> written_unit("Deg. F"), written_unit("mV"), written_unit("%")
-    ('degF', 'mV', '')
-    """
-    return _UNIT_NAMES.get(plain_unit(text), "")
+    return _split(column)[0]
 
 
 def column_named(name: str, columns: Collection[str]) -> str:
     """The column that a name without its unit means; the name itself where none or several do.
+
+    Of a temperature and another quantity of one name, it is the temperature.
 
     Parameters
     ----------
@@ -69,29 +273,99 @@ def column_named(name: str, columns: Collection[str]) -> str:
     --------
     >>> column_named("T1", ["time_s", "T1_degC"]), column_named("T1", ["T1_degC", "T1_K"])
     ('T1_degC', 'T1')
+    >>> column_named("gas", ["gas_kW", "gas_degC"]), column_named("gas_degC", ["gas_kW"])
+    ('gas_degC', 'gas_degC')
     """
     if name in columns:
         return name
-    same = [column for column in columns if without_unit(column) == without_unit(name)]
+    same = temperatures_first([column for column in columns if is_same_name(name, column)])
     return same[0] if len(same) == 1 else name
 
 
-def unit_in(column: str) -> str:
-    """Return the unit in a column's name; empty where there is none.
+def is_same_name(first: str, second: str) -> bool:
+    """Whether two names are one without their units, and may be of one quantity.
 
-    >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
-    ('degF', 'K', '')
-    >>> unit_in("T1/°C"), unit_in("Temp, °F (serial number 7)")
-    ('degC', 'degF')
+    >>> is_same_name("T1", "T1_degC"), is_same_name("T1_K", "T1 (°C)"), is_same_name("p_Pa", "p")
+    (True, True, True)
+    >>> is_same_name("gas_kW", "gas_degC"), is_same_name("p_Pa", "p_kPa")
+    (False, True)
     """
-    suffix = _SUFFIX.search(column)
-    unit = _unit_of(suffix) if suffix else ""
-    if unit:
-        return unit
-    remark = _BEFORE_REMARK.search(column)
-    return written_unit(remark[1]) if remark else ""
+    units = [unit_in(name) for name in (first, second)]
+    is_one_kind = "" in units or (units[0] in UNITS) == (units[1] in UNITS)
+    return is_one_kind and without_unit(first) == without_unit(second)
 
 
-def _unit_of(suffix: re.Match[str]) -> str:
-    """Return the unit of an end of a name; empty where it is none."""
-    return written_unit(next((text for text in suffix.groups() if text), ""))
+def temperatures_first(names: Collection[str]) -> list[str]:
+    """The columns without those of another quantity; all of them where none is left.
+
+    >>> temperatures_first(["T1_degC", "T1_kW", "T1"]), temperatures_first(["CO2_ppm"])
+    (['T1_degC', 'T1'], ['CO2_ppm'])
+    """
+    temperatures = [name for name in names if not names_other_quantity(name)]
+    return temperatures or list(names)
+
+
+def names_other_quantity(column: str) -> bool:
+    """Whether the name of a column has the unit of another quantity than a temperature.
+
+    >>> [names_other_quantity(name) for name in ("CO2_ppm", "p [Pa]", "T1_mV", "T1_degC", "temp")]
+    [True, True, False, False, False]
+    """
+    unit = unit_in(column)
+    return bool(unit) and unit not in UNITS
+
+
+def names_temperature(column: str, unit_row: str = "") -> bool:
+    """Whether a column is a temperature by its unit, or by its name alone.
+
+    >>> [names_temperature(name) for name in ("gas_degC", "T1", "temp", "U_mV", "level", "T_ppm")]
+    [True, True, True, False, False, False]
+    """
+    if unit_in(column) or unit_row:
+        return (unit_in(column) or written_unit(unit_row)) in TEMPERATURES
+    return _TEMPERATURE_NAME.fullmatch(column) is not None
+
+
+@lru_cache(maxsize=20_000)
+def _split(column: str) -> tuple[str, str]:
+    """Name without its unit, and the unit; the name as it is, and "", where it has none."""
+    stem, text = split_unit_text(column, _is_unit_after)
+    if text and stem and not _is_label(stem, text, column):
+        return stem, written_unit(text) or text
+    letter = _LETTER_AFTER_QUANTITY.fullmatch(column)
+    if letter:
+        return letter["stem"], letter["unit"]
+    attached = _ATTACHED.search(column)
+    if attached and attached.start():
+        return column[: attached.start()].rstrip(" /,"), written_unit(attached["unit"])
+    return column, ""
+
+
+def _is_unit_after(text: str, mark: str) -> bool:
+    """Whether a text after a mark is a unit; see ``unit_in``."""
+    if mark == "[":
+        return re.search(r"[^\W\d]|[%°]", text) is not None
+    if mark in ("(", "/", "in"):
+        return bool(written_unit(text))
+    if text.startswith("1/"):  # "Run 1/A"
+        return False
+    is_temperature = text in UNITS or _ATTACHED.fullmatch(text) is not None
+    if is_temperature:
+        return mark != " " or text not in ("K", "mV")
+    return is_clear_unit(text) and not (mark == " " and text == "V")
+
+
+def _is_label(stem: str, text: str, column: str) -> bool:
+    """Whether a letter that may be a unit is a label: ``T1 (J)`` of type J, ``Run 1/V2``.
+
+    >>> _is_label("T1", "J", "T1 (J)"), _is_label("Q", "J", "Q (J)"), _is_label("U", "V", "U/V")
+    (True, False, False)
+    >>> _is_label("Run 1", "A", "Run 1/A")
+    True
+    """
+    if text in ("C", "K", "F") or not _LETTER_AND_NUMBER.fullmatch(text):
+        return False
+    if column.endswith(")"):
+        return _TEMPERATURE_NAME.fullmatch(stem) is not None
+    is_first_letter = text == "A" and len(stem) > LONGEST_SYMBOL
+    return column.endswith("/" + text) and (len(text) > 1 or is_first_letter)

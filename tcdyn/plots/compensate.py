@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from tcdyn.io.unit_names import without_unit
+from tcdyn.io.unit_names import TEMPERATURES, without_unit
 from tcdyn.plots.style import (
     DARK,
     FAST,
@@ -87,7 +87,24 @@ def draw_compensated(
     for event, _ in result.events_s:
         if low <= event <= high:
             ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
-    return style_axes(ax, "time [s]", "temperature [°C]", loc="best")
+    y_label = "temperature [°C]"
+    unit = result.units[channel] if result.units else "degC"
+    if unit not in TEMPERATURES:
+        y_label = f"reading [{unit}]"
+    return style_axes(ax, "time [s]", y_label, loc="best")
+
+
+def axis_label(trace: Trace) -> str:
+    """Label of an axis for traces in one unit: a temperature or another quantity, and its unit.
+
+    Parameters
+    ----------
+    trace
+        One of the traces.
+    """
+    if trace.unit in TEMPERATURES:
+        return f"temperature [{trace.unit}]".replace("degC", "°C")
+    return f"{without_unit(trace.name)} [{trace.unit}]"
 
 
 def draw_traces(traces: Sequence[Trace], y: str, ax: Axes, limit: int = MAX_POINTS) -> Axes:

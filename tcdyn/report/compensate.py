@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.errors import InputError
-from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_traces
+from tcdyn.plots.compensate import axis_label, draw_compensated, draw_filter_report, draw_traces
 from tcdyn.plots.style import DARK, figure, panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, to_table
@@ -318,7 +318,7 @@ def _followed_channel_section(log: RawLog, out: Path) -> Section:
         traces = compensated_traces(log, out, [name])
     except InputError as problem:  # the log was changed, or its last row is not complete
         return Section(name, f"No figure: the log cannot be read again ({problem}).")
-    y = f"temperature [{traces[0].unit}]".replace("degC", "°C")
+    y = axis_label(traces[0])
     fig = panel_figure(partial(draw_traces, traces, y), height_in=4.0)
     caption = (
         "Pale: as logged, before the static line; spikes may lie outside. Line: at the junction, "

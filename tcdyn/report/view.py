@@ -19,8 +19,8 @@ from tcdyn.core.findings import Finding
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.io.endings import PAGE, check_ending
 from tcdyn.io.read import sha256_of_file
-from tcdyn.io.unit_names import unit_in
-from tcdyn.plots.compensate import draw_traces
+from tcdyn.io.unit_names import TEMPERATURES, unit_in, written_unit
+from tcdyn.plots.compensate import axis_label, draw_traces
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
@@ -149,7 +149,8 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     for name in names:
         values = columns[name]
         if values.dtype != object:
-            unit = unit_in(name) or source.table.units.get(name, "")
+            below_header = source.table.units.get(name, "")
+            unit = unit_in(name) or written_unit(below_header) or below_header
             traces.append(Trace(name, unit, "", time_s, values, none, none, none))
     return traces
 
@@ -166,7 +167,8 @@ def _traces_section(traces: Sequence[Trace], limit: int) -> Section:
     title = names
     y = names
     if first.unit:
+        y = axis_label(first)
+    if first.unit in TEMPERATURES:
         title = f"{first.group} disk" if first.group else "Temperatures"
-        y = f"temperature [{first.unit}]".replace("degC", "°C")
     draw = partial(draw_traces, traces, y, limit=limit)
     return Section(title, figure=panel_figure(draw, height_in=5.0))

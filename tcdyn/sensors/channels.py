@@ -24,7 +24,7 @@ from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.reading import CODE, RANGE
-from tcdyn.series.series import Context, Series, make_series, temperature_rows
+from tcdyn.series.series import Context, Series, make_series, reading_rows
 from tcdyn.series.units import Unit, match_columns, unit_findings, units_of
 
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
@@ -125,7 +125,7 @@ class TableChannels:
         A group of many channels is divided, so that one block holds at most ``MAX_VALUES``.
         """
         findings = []
-        rows = temperature_rows(self.units, segment.data, self.context.where)
+        rows = reading_rows(self.units, segment.data, self.context.where)
         for column in rows:
             findings += unit_findings(column.name, self.units[column.name], column.raw)
         if len(segment.time_s) < MIN_ROWS:
@@ -249,6 +249,12 @@ def sensor_channels(
         number, index = sensor_of_column[name]
         file = sensors[number]
         pattern = file.columns[index]
+        if pattern in file.static and not units[name].is_temperature:
+            raise InputError(
+                f"column {name!r} is in {units[name].name}, but its static line is in degC",
+                where=where,
+                expected="a column of temperatures",
+            )
         channels.append(
             Channel(
                 name,

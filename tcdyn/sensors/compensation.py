@@ -27,7 +27,6 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
-from tcdyn.io.unit_names import without_unit
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
 from tcdyn.sensors.segments import SegmentPosition, TableSegment, read_segments
 from tcdyn.series.source import ChunkSource
@@ -37,8 +36,6 @@ from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth
 
-# Decimals of the output: 0.01 mK, far below the uncertainty of any sample.
-DECIMALS = 5
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -82,8 +79,9 @@ class ChannelReadings:
     ----------
     columns, units
         Columns of the source, and their units.
-    degC
-        Readings (N, M) after the static lines [degC], NaN where missing.
+    base
+        Readings (N, M) after the static lines, NaN where missing: temperatures in degC, other
+        quantities in their unit, as all fields below.
     start_s, dt_s
         Time of the first of them, and interval [s].
     sample_of_row
@@ -107,7 +105,7 @@ class ChannelReadings:
 
     columns: tuple[str, ...]
     units: tuple[Unit, ...]
-    degC: Array
+    base: Array
     start_s: float
     dt_s: float
     sample_of_row: NDArray[np.intp]
@@ -135,7 +133,7 @@ class ChannelReadings:
             self,
             columns=self.columns[one],
             units=self.units[one],
-            degC=self.degC[:, one],
+            base=self.base[:, one],
             chains=self.chains[one],
             lag_covariance_s2=self.lag_covariance_s2[one, one],
             split_u_s=self.split_u_s[one],
@@ -172,7 +170,8 @@ class CompensatedSegment:
     columns
         Columns (R,) of the output: those of the source, and the results.
     numbers
-        By column: noise, typical and largest standard deviation (3,) [K].
+        By column: noise, typical and largest standard deviation (3,) [K, or the unit of the column
+        if it is no temperature].
     flags
         By column: flags (R,) of the samples, see ``Compensated``.
     findings
@@ -212,13 +211,14 @@ def compensate_readings(
         Time [s] of each listed event on the clock of the source, and its standard uncertainty [s].
         With an empty mapping, or None, events are detected.
     """
-    y = readings.degC
+    y = readings.base
     dt = readings.dt_s
     options: dict[str, Any] = {
         "noise_sd": readings.noise_K,
         "lag_covariance": readings.lag_covariance_s2,
         "static_u": readings.static_u_K,
         "names": readings.names,
+        "units": [unit.base for unit in readings.units],
     }
     if method.method == "inverse":
         return invert(y, dt, readings.chains, method.bandwidth_Hz, **options)
@@ -264,8 +264,8 @@ def output_columns(
     Returns
     -------
     dict
-        Arrays (R,), rounded to ``DECIMALS``: temperatures and u in the unit of the output, the
-        components of u in K.
+        Arrays (R,), rounded: values and u in the unit of the output, the components of u in K for
+        temperatures, in the unit of the column for other quantities.
     """
     samples = readings.sample_of_row[rows or slice(None)]
     temperature, sd = result.determined_estimates()
@@ -273,15 +273,15 @@ def output_columns(
     columns: dict[str, Array] = {}
     for i, (column, unit) in enumerate(zip(readings.columns, readings.units)):
         name, u_name = unit.names(column)
-        columns[name] = unit.from_degC(temperature[samples, i])
+        columns[name] = unit.rounded(unit.from_base(temperature[samples, i]))
         if not method.removes_lag:
             continue
-        columns[u_name] = unit.per_K * sd[samples, i]
+        columns[u_name] = unit.rounded(unit.per_base * sd[samples, i])
         if method.components:
-            stem = without_unit(column)
-            columns[f"{stem}_noise_u_K"] = result.sd_noise[samples, i]
-            columns[f"{stem}_common_u_K"] = common_u[samples, i]
-    return {name: np.round(values, DECIMALS) for name, values in columns.items()}
+            noise_u = unit.uncertainty_name(column, "noise")
+            columns[noise_u] = unit.rounded(result.sd_noise[samples, i])
+            columns[unit.uncertainty_name(column, "common")] = unit.rounded(common_u[samples, i])
+    return columns
 
 
 def compensate_segment(
@@ -441,22 +441,29 @@ class Totals:
                 self.not_used[column] = (count + int(np.count_nonzero(bad)), first_s)
         self.findings = unique_by_subject([*self.findings, *result.findings])
 
-    def table(self, columns: Sequence[str]) -> pd.DataFrame:
-        """Noise, typical and largest standard deviation [K] of each column; NaN without any."""
+    def table(self, units: Mapping[str, Unit]) -> pd.DataFrame:
+        """Noise, typical and largest standard deviation of each column; NaN without any.
+
+        They are in kelvins; if a column is no temperature, the names of the columns do not say so,
+        and ``unit`` is the unit of each.
+        """
         rows = []
-        for column in columns:
+        are_temperatures = all(unit.is_temperature for unit in units.values())
+        suffix = "_K" if are_temperatures else ""
+        for column, unit in units.items():
             each = np.array(self.numbers.get(column) or [np.full(3, np.nan)])
             determined = np.isfinite(each[:, 1])
             if determined.any():
                 each = each[determined]
-            rows.append(
-                {
-                    "column": column,
-                    "noise_sd_K": np.median(each[:, 0]),
-                    "sd_typical_K": np.median(each[:, 1]),
-                    "sd_max_K": np.max(each[:, 2]),
-                }
-            )
+            row = {
+                "column": column,
+                f"noise_sd{suffix}": np.median(each[:, 0]),
+                f"sd_typical{suffix}": np.median(each[:, 1]),
+                f"sd_max{suffix}": np.max(each[:, 2]),
+            }
+            if not are_temperatures:
+                row["unit"] = unit.base_difference
+            rows.append(row)
         return pd.DataFrame(rows)
 
 

@@ -17,7 +17,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, warning
-from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
+from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_size
 from tcdyn.sensors.plunge import MEDIUM_LIMIT, TAIL_LIMIT
 from tcdyn.sensors.surface_h import BoundaryLayer
 
@@ -29,6 +29,7 @@ SPREAD_SCALE = 0.05
 SPREADS = np.geomspace(1e-3, 3.0, 40)
 MIN_WITHIN_U = 1e-6  # least relative standard uncertainty within a dip
 DIRECTIONS = ("cooling", "heating")
+OTHER_DIRECTIONS = ("falling", "rising")  # of another quantity than temperature
 
 
 @dataclass(frozen=True)
@@ -217,11 +218,13 @@ def pool_dips(
         "noise and model of a dip": within,
         shared_limit: common_u,
     }
-    heating = [int(dip.fit["step_K"] > 0) for dip in dips]
+    heating = [int(step_size(dip.fit) > 0) for dip in dips]
+    unit = dips[0].fit.get("unit", "K")
+    directions = DIRECTIONS if unit == "K" else OTHER_DIRECTIONS
     rows = [
         {
             "file": ", ".join(source.file for source in dip.inputs),
-            "direction": DIRECTIONS[is_heating],
+            "direction": directions[is_heating],
             "lag_s": dip_lag.model_dump(),
         }
         for dip, dip_lag, is_heating in zip(dips, lags, heating)
@@ -239,16 +242,15 @@ def pool_dips(
     if by_direction is not None and by_direction.groups_differ():
         cooling_lag = by_direction.mean_estimate(0)
         heating_lag = by_direction.mean_estimate(1)
-        fit["heating_lag_s"] = heating_lag.model_dump()
-        fit["cooling_lag_s"] = cooling_lag.model_dump()
-        findings.append(
-            warning(
-                "sensor.directions",
-                subject=column,
-                heating_s=heating_lag.value,
-                cooling_s=cooling_lag.value,
-            )
+        fit[f"{directions[1]}_lag_s"] = heating_lag.model_dump()
+        fit[f"{directions[0]}_lag_s"] = cooling_lag.model_dump()
+        finding = warning(
+            "sensor.directions",
+            subject=column,
+            heating_s=heating_lag.value,
+            cooling_s=cooling_lag.value,
         )
+        findings.append(finding.in_unit(unit))
     if film is not None:
         fit |= film.to_fit(lag)
     for dip in dips:

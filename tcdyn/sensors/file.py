@@ -65,6 +65,8 @@ LIMITED_BY = {
     "plunge": "noise and model of this dip; the spread between dips is not known: repeat it",
     "current": "the conversion from heating inside to a plunge",
 }
+# Keys of ``fit`` in kelvins; of another quantity they have no ``_K``, and its unit is ``unit``.
+LEVEL_KEYS = ("step", "noise", "fluctuation", "logger")
 # Methods that give a lag; the words are in the files.
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
@@ -240,13 +242,14 @@ class SensorFile(Result, StrictModel):
         for dip in dips:
             lag_text = Estimate(**dip["lag_s"]).text("s")
             lines.append(f"  {dip['file'] or 'dip'}: {dip['direction']}, lag {lag_text}")
+        unit_text = f" {self.fit['unit']}" if "unit" in self.fit else ""
         for key, value in self.fit.items():
             if key == "lag_s":
                 continue
             if isinstance(value, dict) and set(value) == set(Estimate.model_fields):
                 lines.append(f"  {key}: {Estimate(**value)}")
             elif isinstance(value, float):
-                lines.append(f"  {key}: {value:.4g}")
+                lines.append(f"  {key}: {value:.4g}{unit_text if key in LEVEL_KEYS else ''}")
         return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def to_frame(self) -> pd.DataFrame:
@@ -257,6 +260,22 @@ class SensorFile(Result, StrictModel):
             for key, estimate in self.times.get(name, {}).items():
                 rows[name] |= estimate_columns(key.removesuffix("_s"), "s", estimate)
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("column")
+
+    def in_unit(self, unit: str) -> SensorFile:
+        """The sensor of a quantity that is measured in ``unit``; K changes nothing.
+
+        Keys of ``fit`` that state kelvins do not then, and ``fit["unit"]`` is the unit.
+        """
+        findings = [finding.in_unit(unit) for finding in self.findings]
+        if unit == "K":
+            return self
+        fit = {
+            key.removesuffix("_K") if key.removesuffix("_K") in LEVEL_KEYS else key: value
+            for key, value in self.fit.items()
+        }
+        if set(fit) & set(LEVEL_KEYS):
+            fit["unit"] = unit
+        return self.model_copy(update={"fit": fit, "findings": findings})
 
     def write(self, path: str | Path) -> Path:
         """Write the file, see :func:`tcdyn.sensors.write_sensor`."""
@@ -367,12 +386,21 @@ def sensor_file(
     )
 
 
+def step_size(fit: Mapping[str, Any]) -> float:
+    """Size of the step in the ``fit`` of a plunge, in K or the unit of another quantity.
+
+    >>> step_size({"step_K": -50.0}), step_size({"step": 400.0, "unit": "ppm"})
+    (-50.0, 400.0)
+    """
+    return float(fit["step_K"] if "step_K" in fit else fit["step"])
+
+
 def undetermined_lag_error(column: str = "") -> InputError:
     """Return the error for a lag whose uncertainty is zero or undefined."""
     lag = f"the lag of {column}" if column else "the lag"
     return InputError(
         f"the record does not determine {lag}: its standard uncertainty is zero or undefined",
-        expected="noise and a changing temperature in enough rows",
+        expected="noise and a changing reading in enough rows",
         remedy="log a longer record, at full resolution",
     )
 

@@ -27,14 +27,14 @@ from tcdyn.sensors.current import current_sensor
 from tcdyn.sensors.dips import pool_dips
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.noise import noise_sensor
-from tcdyn.sensors.pair import EXPONENT, pair_sensor
+from tcdyn.sensors.pair import EXPONENT, OFFSET_SD_K, pair_sensor
 from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
 from tcdyn.sensors.step_structures import JUNCTIONS, Junction
 from tcdyn.sensors.surface_h import BoundaryLayer
 from tcdyn.series import ReadingOptions, SeriesReport, open_source
 from tcdyn.series.read import read_series
 from tcdyn.series.series import ONE_PIECE
-from tcdyn.series.units import cold_column, match_columns, unit_findings, units_of
+from tcdyn.series.units import Unit, cold_column, match_columns, unit_findings, units_of
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
 TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
@@ -50,7 +50,8 @@ class Readings:
     time_s
         Even times (N,) [s].
     values
-        Temperatures (N,) [degC], then other columns (N,) as they are; NaN without a reading.
+        Temperatures (N,) [degC] or other quantities in their unit, then other columns (N,) as they
+        are; NaN without a reading.
     names
         Names of these columns.
     report
@@ -59,6 +60,8 @@ class Readings:
         Findings of the reader.
     inputs
         The file; empty for data in memory.
+    units
+        Units of the columns before the others.
     """
 
     time_s: Array
@@ -67,6 +70,12 @@ class Readings:
     report: SeriesReport
     findings: tuple[Finding, ...]
     inputs: tuple[InputFile, ...]
+    units: tuple[Unit, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """Unit of differences of the first column: K for all temperatures."""
+        return self.units[0].base_difference if self.units else "K"
 
     def repeats_values(self, name: str) -> bool:
         """Whether a column was repeated between its new values."""
@@ -93,9 +102,9 @@ def read_readings(
         A file, a DataFrame, a Series, or a tuple of times [s] and arrays (N,) that ``columns`` and
         ``others`` name.
     columns
-        Columns of temperatures, or patterns that match one each; none: the only column.
+        Columns of readings, or patterns that match one each; none: the only column.
     others
-        Columns that are not temperatures.
+        Other columns, such as a speed or a current.
     unit, couple, cold
         As for ``tcdyn.workflows.frames.compensate_frame``.
     several
@@ -153,6 +162,7 @@ def read_readings(
         series.report,
         (*findings, *series.findings),
         inputs,
+        tuple(units[name] for name in temperatures),
     )
 
 
@@ -253,6 +263,8 @@ def sensor_from_dip(
     dips = []
     for table, entry in zip(tables, entries):
         dip = read_readings(table, _as_list(column), **reading)
+        if film is not None or junction != "axis":
+            check_temperatures(dip, "{medium} or {junction}")
 
         fit = partial(
             plunge_sensor,
@@ -265,6 +277,7 @@ def sensor_from_dip(
             medium_s=_with_u(medium_s),
             film=film,
             junction=junction,
+            unit=dip.unit,
             inputs=list(dip.inputs),
         )
         dips.append(_with_reader_findings(dip, fit))
@@ -361,6 +374,7 @@ def sensor_from_pair(
         exponent=EXPONENT if exponent is None else _with_u(exponent),
         bare=bare,
         repeats_values=any(table.repeats_values(name) for name in table.names),
+        offset_sd=OFFSET_SD_K if table.units[0].is_temperature else None,
         inputs=list(table.inputs),
     )
     return _with_reader_findings(table, fit)
@@ -416,6 +430,7 @@ def sensor_from_current(
     """
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
     table = read_readings(data, columns, [current], **reading)
+    check_temperatures(table, "a loop current step")
 
     fit = partial(
         current_sensor,
@@ -525,6 +540,31 @@ def _boundary_layer(
     return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
 
 
+def check_temperatures(table: Readings, what: str) -> None:
+    """Check that columns are temperatures where a thermocouple is modelled.
+
+    Parameters
+    ----------
+    table
+        The columns.
+    what
+        What is modelled, for the message.
+
+    Raises
+    ------
+    InputError
+        For another quantity.
+    """
+    for name, unit in zip(table.names, table.units):
+        if not unit.is_temperature:
+            raise InputError(
+                f"{what} for column {name!r}, which is in {unit.name}",
+                expected="a temperature: heat transfer says nothing about another quantity",
+                remedy="leave it out",
+                parameters={"medium": None, "junction": None},
+            )
+
+
 def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> SensorFile:
     """The result of a fit, with the findings of the reader in front.
 
@@ -555,4 +595,7 @@ def _with_reader_findings(table: Readings, fit: Callable[[], SensorFile]) -> Sen
                 warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
             )
     all_findings = [*unique_by_subject(findings), *sensor.findings]
-    return sensor.model_copy(update={"findings": all_findings, "reading": [table.report.to_dict()]})
+    result = sensor.model_copy(
+        update={"findings": all_findings, "reading": [table.report.to_dict()]}
+    )
+    return result.in_unit(table.unit)

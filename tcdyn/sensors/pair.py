@@ -84,7 +84,7 @@ OFFSET_SD_K = 4.0
 # determine it, and it is taken as 1 with the uncertainty of the prior; by judgement.
 DETERMINED_GAIN = 0.5
 KNOWN_GAIN_SD = 1e-6  # standard deviation of the prior of a gain that is not free
-MIN_SCALE_K = 1e-3  # least standard deviation of a trace [K]; chosen by judgement
+MIN_SCALE = 1e-12  # least standard deviation of a trace in its unit, against a division by zero
 GAIN_U = 3.0  # standard uncertainties by which a gain that is reported differs from 1
 N_STARTS = 3  # starts of the fit; chosen by judgement
 # What limits the lags: the contributions to their uncertainty by name.
@@ -123,6 +123,8 @@ class PairData:
         Each sensor has a second lag and further ones; otherwise one lag.
     gain
         Prior of the second sensor's gain less 1, mean and standard deviation.
+    offset_sd
+        Standard deviation of the prior of its offset [K]; None: that of its trace.
     """
 
     first: Array
@@ -136,12 +138,14 @@ class PairData:
     intervals: Intervals | None = None
     second_lags: bool = False
     gain: tuple[float, float] = (0.0, GAIN_SD)
+    offset_sd: float | None = OFFSET_SD_K
 
     def prior_residuals(self, theta: Array) -> Array:
         """Return the residuals of the priors of all but the first lags (P - 2 segments,)."""
         mean, sd = self.exponent
         gain, offset = theta[2 * self.segments : self.before_exponent]
-        offset_sd = OFFSET_SD_K / max(self.second_scale[1], MIN_SCALE_K)
+        scale = self.second_scale[1]
+        offset_sd = 1.0 if self.offset_sd is None else self.offset_sd / max(scale, MIN_SCALE)
         n_second = 2 * self.second_lags
         after_exponent = len(theta) - n_second
         exponents = theta[self.before_exponent : after_exponent]
@@ -185,6 +189,7 @@ def pair_sensor(
     exponent: tuple[float, float] = EXPONENT,
     bare: bool = False,
     repeats_values: bool = False,
+    offset_sd: float | None = OFFSET_SD_K,
     **more: Any,
 ) -> SensorFile:
     """Lags of two sensors in one fluid from their readings.
@@ -209,6 +214,9 @@ def pair_sensor(
         Both are bare wires, which have one lag each: second lags are not considered.
     repeats_values
         Whether a trace is NaN where its last value was repeated.
+    offset_sd
+        Standard deviation of the prior of the difference of both readings at rest [K]; None: that
+        of the second trace, for a quantity of which no tolerance is known.
     more
         Other fields of the file.
 
@@ -261,6 +269,7 @@ def pair_sensor(
         log_speed=log_speed,
         segments=len(changes_s) + 1,
         exponent=exponent,
+        offset_sd=offset_sd,
     )
     data = _with_new_values(data, columns, repeats_values)
     findings: list[Finding] = []

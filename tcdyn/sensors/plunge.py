@@ -86,6 +86,7 @@ def plunge_sensor(
     medium_s: tuple[float, float] = MEDIUM_S,
     film: BoundaryLayer | None = None,
     junction: Junction = "axis",
+    unit: str = "K",
     **more: Any,
 ) -> SensorFile:
     """The sensor's chain from one step of its surroundings.
@@ -109,6 +110,8 @@ def plunge_sensor(
         the data do not resolve it.
     junction
         Place of the junction: in the ``axis``, insulated, or welded to the ``sheath``.
+    unit
+        Unit of differences of the readings: K, or that of another quantity than temperature.
     more
         Other fields of the file.
 
@@ -150,7 +153,7 @@ def plunge_sensor(
     _check_times(time_s, entry_s, medium_s)
     spikes = find_spikes(y_degC, SPIKES["plunge"], white_noise_K(y_degC))
     y_degC = np.where(spikes, np.nan, y_degC)
-    step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
+    step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0], unit)
     block = max(round(step.rise_s / dt) // MAX_ROWS_IN_RISE, 1)
     y = block_means(y_degC[step.first : step.last], block)
     start_s = float(time_s[step.first]) + 0.5 * (block - 1) * dt
@@ -207,7 +210,8 @@ def plunge_sensor(
         ends_s = float(time_s[step.last])
         findings.append(info("sensor.next_event", subject=column, time_s=ends_s))
     findings += _structure_findings(column, record, fitted, weights)
-    findings += _radiation_findings(column, theta["level"], theta["level"] + theta["size"])
+    if unit == "K":
+        findings += _radiation_findings(column, theta["level"], theta["level"] + theta["size"])
     findings += _crossing_findings(column, times, crossing_errors_s)
     if entry_s is not None:
         findings += _entry_findings(column, record, best, entry_s)

@@ -82,7 +82,7 @@ class Step:
     earlier_K: float = 0.0
 
 
-def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
+def find_step(y: Array, dt_s: float, entry_s: float | None = None, unit: str = "K") -> Step:
     """Find where the first steep change of ``y`` (N,) begins, and where the next event ends it.
 
     Parameters
@@ -93,6 +93,8 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
         Interval [s].
     entry_s
         Entry from the first row [s]; None: found.
+    unit
+        Unit of differences of ``y``, for the message.
 
     Returns
     -------
@@ -138,7 +140,8 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
     size = after - before
     if abs(size) < MIN_STEP_NOISES * noise:
         raise InputError(
-            f"no step: the reading changes by {abs(size):.3g} K, its noise is {noise:.2g} K",
+            f"no step: the reading changes by {abs(size):.3g} {unit}, "
+            f"its noise is {noise:.2g} {unit}",
             expected=f"at least {MIN_STEP_NOISES:g} times the noise",
         )
     share = (filled[start:end] - before) / size

@@ -24,7 +24,7 @@ from tcdyn.series.series import (
     Policy,
     Series,
     make_series,
-    temperature_rows,
+    reading_rows,
 )
 from tcdyn.series.source import Source, check_numbers
 from tcdyn.series.units import Unit
@@ -66,7 +66,7 @@ def read_series(
     check_one_channel(source.table, source.time, list(units), names)
     time_s, raw, findings = read_all(source, names)
     where = display_path(source.path)
-    columns = temperature_rows(units, raw, source.table.where)
+    columns = reading_rows(units, raw, source.table.where)
     for name in inputs:
         check_numbers(name, raw[name], source.table.where)
         columns.append(ColumnRows(name, "", Kind.INPUT, raw[name]))

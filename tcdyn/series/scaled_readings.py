@@ -7,7 +7,6 @@ record of such numbers is not one of drop-outs, which are few and have one value
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +15,10 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.pandas_lines import pandas_line
 from tcdyn.io.table import Table
-from tcdyn.io.unit_names import unit_in, written_unit
+from tcdyn.io.unit_names import (
+    UNITS,
+    names_other_quantity,
+)
 from tcdyn.series.plausible import HIGHEST_DEGC, LOWEST_DEGC, MAX_CODES, out_of_range
 
 # Share of the readings beyond the range of a thermocouple from which they are no drop-outs, if they
@@ -44,36 +46,6 @@ ROOM_DEGC = 20.0
 USUAL_LOWEST_DEGC = -200.0
 USUAL_HIGHEST_DEGC = 1400.0
 LISTED = 3  # scales that a message names
-# Units of other quantities at the end of a column's name: their readings are no temperatures.
-_OTHER_UNIT = re.compile(
-    r"(?:_|\s*[\[(/,]\s*|\s)(ppm|ppb|[khm]?pa|m?bar|psi|[muµk]?v|volts?|[mu]?a|amps?|[mk]?w|watts?|"
-    r"%|percent|rpm|[kmg]?hz|[kmM]?n|nm|mm|cm|m|m/s|m_s|l/min|l_min|g|kg|k?j|[mk]?ohm|lux|lx|s|ms|"
-    r"counts?)\s*[\])]?$",
-    re.IGNORECASE,
-)
-_TEMPERATURE_NAME = re.compile(
-    r"(t|temp|temperature|temperatur|tc|thermocouple)([ _-]?\d+)?", re.IGNORECASE
-)
-
-
-def names_other_quantity(column: str) -> bool:
-    """Whether the name of a column ends with the unit of another quantity than a temperature.
-
-    >>> [names_other_quantity(name) for name in ("CO2_ppm", "p [Pa]", "T1_mV", "T1_degC", "temp")]
-    [True, True, False, False, False]
-    """
-    return not unit_in(column) and _OTHER_UNIT.search(column) is not None
-
-
-def names_temperature(column: str, unit_row: str = "") -> bool:
-    """Whether a column is a temperature by its unit, or by its name alone.
-
-    >>> [names_temperature(name) for name in ("gas_degC", "T1", "temp", "U_mV", "level", "T_ppm")]
-    [True, True, True, False, False, False]
-    """
-    if unit_in(column) or unit_row:
-        return (unit_in(column) or written_unit(unit_row)) in ("degC", "K", "degF")
-    return _TEMPERATURE_NAME.fullmatch(column) is not None
 
 
 @dataclass
@@ -85,7 +57,7 @@ class RangeCheck:
     column
         Its name.
     unit
-        Its unit: degC, K, degF or mV.
+        Its unit: degC, K, degF, or mV of a thermocouple. Columns in other units are not checked.
     count, beyond
         Readings, and those of them beyond the range.
     first
@@ -118,7 +90,7 @@ class RangeCheck:
             The same in degrees Celsius; infinite where a thermocouple has no such voltage.
         """
         finite = np.isfinite(values)
-        if not finite.any():
+        if not finite.any() or self.unit not in UNITS:
             return
         y = values[finite]
         # a missing reference junction gives no temperature, which is no fault of the unit
@@ -144,7 +116,8 @@ class RangeCheck:
     @property
     def is_other_unit(self) -> bool:
         """Whether so many readings beyond the range make a record of their own."""
-        if names_other_quantity(self.column) or self.beyond < LARGE_SHARE * self.count:
+        is_other = names_other_quantity(self.column) or self.unit not in UNITS
+        if is_other or self.beyond < LARGE_SHARE * self.count:
             return False
         if len(self.different) <= MAX_CODES:
             return False
@@ -183,7 +156,11 @@ class RangeCheck:
         text = " or ".join(self._scale_text(*scale) for scale in scales)
         if not scales:
             raise InputError(
-                problem, where=where, expected="a temperature", remedy="convert the column"
+                problem,
+                where=where,
+                expected="a temperature",
+                remedy="convert the column, or state the unit of another quantity, {unit}",
+                parameters={"unit": "ppm"},
             )
         divisor, unit = scales[0]
         converted = f"d[{self.column!r}] / {divisor}"
@@ -197,7 +174,9 @@ class RangeCheck:
             problem,
             where=where,
             expected=f"a temperature; they may be in units of {text}",
-            remedy=f"convert them, for the first of these with: {line}",
+            remedy=f"convert them, for the first of these with: {line}; or state the unit of "
+            "another quantity, {unit}",
+            parameters={"unit": "ppm"},
         )
 
     def likely_scales(self) -> list[tuple[int, str]]:

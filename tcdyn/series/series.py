@@ -133,8 +133,9 @@ class ColumnRows:
         What it holds.
     raw
         Values (R,) as in the table, NaN where there is no number.
-    degC
-        The same in degrees Celsius, by which temperatures are judged; None: ``raw`` is.
+    base
+        The same in the unit in which they are judged, degrees Celsius for temperatures; None:
+        ``raw``.
     keeps_unit
         Whether the flow wants the values in the unit of the table.
     """
@@ -143,13 +144,13 @@ class ColumnRows:
     unit: str
     kind: Kind
     raw: Array
-    degC: Array | None = None
+    base: Array | None = None
     keeps_unit: bool = False
 
     @property
     def judged(self) -> Array:
         """Values (R,) in the unit in which they are judged."""
-        return self.raw if self.degC is None else self.degC
+        return self.raw if self.base is None else self.base
 
     @property
     def values(self) -> Array:
@@ -157,10 +158,10 @@ class ColumnRows:
         return self.raw if self.keeps_unit else self.judged
 
 
-def temperature_rows(
+def reading_rows(
     units: Mapping[str, Unit], raw: Mapping[str, NDArray[Any]], where: str
 ) -> list[ColumnRows]:
-    """Columns of readings with a unit, which the flow wants in degrees Celsius.
+    """Columns of readings with a unit; the flow wants temperatures in degrees Celsius.
 
     Parameters
     ----------
@@ -183,8 +184,8 @@ def temperature_rows(
         cold_degC = raw[reference] if isinstance(reference, str) else reference
         if isinstance(reference, str):
             check_numbers(reference, raw[reference], where)
-        degC = unit.in_degC(raw[name], cold_degC)
-        columns.append(ColumnRows(name, unit.name, kind_of(name, unit), raw[name], degC))
+        base = unit.to_base(raw[name], cold_degC)
+        columns.append(ColumnRows(name, unit.name, kind_of(name, unit), raw[name], base))
     return columns
 
 

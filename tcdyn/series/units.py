@@ -1,4 +1,6 @@
-"""Units of table columns: from name, row of units or declaration; conversion to degrees Celsius.
+"""Units of table columns, from name, row of units or declaration; conversion of temperatures.
+
+Temperatures are converted to degrees Celsius; any other quantity (ppm, %RH, Pa, V) stays as it is.
 
 The readers of tables and ``tcdyn sensor`` use it; every command asks for units in the same way.
 ``tests/sensors/test_sensor_silent.py`` and ``test_sensor_file.py`` in that folder guard it.
@@ -16,26 +18,45 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.table import missing_column_error
-from tcdyn.io.unit_names import UNITS, unit_in, without_unit, written_unit
+from tcdyn.io.unit_names import (
+    TEMPERATURES,
+    UNITS,
+    is_same_name,
+    names_temperature,
+    temperatures_first,
+    unit_in,
+    without_unit,
+    written_unit,
+)
 from tcdyn.series.reading import Kind
-from tcdyn.series.scaled_readings import names_temperature
 from tcdyn.series.thermocouple_types import to_degC
 
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
 # by judgement.
 COLDEST_K = 100.0
+NO_COUPLE = "none"  # "type" of millivolts that are not those of a thermocouple
+# What a declared unit may be, in messages.
+ANY_UNIT = "degC, K, degF, mV, or that of another quantity, such as ppm, %RH, Pa, V"
+# Significant digits of the output in units other than those of temperatures, whose size is not
+# known: a millionth of a reading is far below the uncertainty of any sensor.
+SIGNIFICANT_DIGITS = 9
+# Decimals of temperatures in the output: 0.01 mK, far below the uncertainty of any sample.
+DECIMALS = 5
 
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of a column, and its conversion to degrees Celsius.
+    """Unit of a column of any quantity, and the conversion of temperatures to degrees Celsius.
+
+    Temperatures are computed in degrees Celsius, and their differences in kelvins; any other
+    quantity in its own unit.
 
     Attributes
     ----------
     name
-        degC, K, degF or mV.
+        degC, K, degF or mV; or that of any other quantity, such as ppm, %RH, Pa or V.
     thermocouple_type
-        Type of the thermocouple, for mV.
+        Type of the thermocouple, for mV; "none" for a voltage that is not that of a thermocouple.
     reference_junction
         For mV: temperature of the reference junction [degC], or the name of the column that holds
         it.
@@ -44,10 +65,12 @@ class Unit:
 
     Examples
     --------
-    >>> Unit("degF").in_degC(np.array([212.0]))
+    >>> Unit("degF").to_base(np.array([212.0])), Unit("ppm").to_base(np.array([412.0]))
+    (array([100.]), array([412.]))
+    >>> Unit("mV", "K").to_base(np.array([4.096])).round(1)
     array([100.])
-    >>> Unit("mV", "K").in_degC(np.array([4.096])).round(1)
-    array([100.])
+    >>> Unit("ppm").names("CO2_ppm"), Unit("K").names("T1_K")
+    (('CO2_ppm', 'CO2_u_ppm'), ('T1_K', 'T1_u_K'))
     """
 
     name: str = "degC"
@@ -56,30 +79,58 @@ class Unit:
     is_assumed: bool = False
 
     def __post_init__(self) -> None:
-        """Check the unit, and that millivolts have a type.
+        """Check that there is a unit, and that millivolts have a type.
 
         Raises
         ------
         InputError
-            For an unknown unit, or millivolts without a type.
+            For an empty unit, or millivolts without a type.
         """
-        if self.name not in UNITS:
-            raise InputError(f"unit {self.name!r}", expected=" or ".join(UNITS))
+        if not self.name:
+            raise InputError("no unit", expected=ANY_UNIT)
         if self.name == "mV" and not self.thermocouple_type:
             raise InputError(
                 "millivolts of which thermocouple?",
-                expected="its type: E, J, K, N or T",
+                expected=f"its type: E, J, K, N or T; or {NO_COUPLE!r} for another voltage",
                 remedy="say {couple}",
                 parameters={"couple": "K"},
             )
 
     @property
-    def per_K(self) -> float:
-        """Units of the output per kelvin."""
+    def is_temperature(self) -> bool:
+        """Whether it is a temperature, or the voltage of a thermocouple."""
+        is_thermocouple = self.name == "mV" and self.thermocouple_type != NO_COUPLE
+        return self.name in TEMPERATURES or is_thermocouple
+
+    @property
+    def output(self) -> str:
+        """Unit of the output: degC for the voltage of a thermocouple."""
+        return "degC" if self.is_temperature and self.name == "mV" else self.name
+
+    @property
+    def base(self) -> str:
+        """Unit in which it is computed: degC for all temperatures."""
+        return "degC" if self.is_temperature else self.name
+
+    @property
+    def difference(self) -> str:
+        """Unit of uncertainties in the output: K for degC."""
+        if self.name == "degF":
+            return "degF"
+        return "K" if self.is_temperature else self.name
+
+    @property
+    def base_difference(self) -> str:
+        """Unit of uncertainties in the base unit: K for all temperatures."""
+        return "K" if self.is_temperature else self.name
+
+    @property
+    def per_base(self) -> float:
+        """Units of the output per base unit."""
         return 1.8 if self.name == "degF" else 1.0
 
-    def in_degC(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
-        """Return values in degrees Celsius.
+    def to_base(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
+        """Return temperatures in degrees Celsius, and values of other quantities unchanged.
 
         Parameters
         ----------
@@ -91,19 +142,19 @@ class Unit:
         Returns
         -------
         array
-            Temperatures (N,) [degC]; infinite where the thermocouple has no such emf.
+            Values (N,); infinite where the thermocouple has no such emf.
         """
-        if self.name == "degC":
+        if self.name == "degC" or not self.is_temperature:
             return values
         return to_degC(self.name, self.thermocouple_type, cold_degC)(values)
 
-    def from_degC(self, degC: Array) -> Array:
-        """Return temperatures in the unit of the output, which is degrees Celsius for mV.
+    def from_base(self, base: Array) -> Array:
+        """Return values in the unit of the output, which is degrees Celsius for thermocouples.
 
         Parameters
         ----------
-        degC
-            Temperatures (N,) [degC].
+        base
+            Values (N,): temperatures in degC, others in their unit.
 
         Returns
         -------
@@ -111,15 +162,37 @@ class Unit:
             Values (N,).
         """
         if self.name == "K":
-            return degC + 273.15
+            return base + 273.15
         if self.name == "degF":
-            return 1.8 * degC + 32
-        return degC
+            return 1.8 * base + 32
+        return base
+
+    def rounded(self, values: Array) -> Array:
+        """Return values of the output with the digits that are written.
+
+        >>> Unit("V").rounded(np.array([1.23456789012e-5, 0.0, np.nan]))
+        array([1.23456789e-05, 0.00000000e+00,            nan])
+        """
+        if self.is_temperature:
+            return np.round(values, DECIMALS)
+        size = np.where(np.isfinite(values) & (values != 0), np.abs(values), 1.0)
+        scale = 10.0 ** (SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size)))
+        return np.asarray(np.round(values * scale) / scale)
 
     def names(self, column: str) -> tuple[str, str]:
         """Return the names of the result and of its standard uncertainty in the output."""
-        result = f"{without_unit(column)}_degC" if self.name == "mV" else column
-        return result, uncertainty_column(column, self.name)
+        is_thermocouple = self.name == "mV" and self.is_temperature
+        result = f"{without_unit(column)}_degC" if is_thermocouple else column
+        return result, self.uncertainty_name(column)
+
+    def uncertainty_name(self, column: str, component: str = "") -> str:
+        """Return the name of the standard uncertainty of a column, or of a component of it.
+
+        >>> Unit("ppm").uncertainty_name("CO2 [ppm]"), Unit().uncertainty_name("T1", "noise")
+        ('CO2_u_ppm', 'T1_noise_u_K')
+        """
+        stem = f"{without_unit(column)}_{component}" if component else without_unit(column)
+        return f"{stem}_u_{self.base_difference if component else self.difference}"
 
 
 def units_of(
@@ -173,17 +246,19 @@ def units_of(
             requested = declared.get(name, declared.get(without_unit(name), ""))
         below_header = (unit_row or {}).get(name, "")
         in_file = unit_in(name) or written_unit(below_header)
-        unit = written_unit(requested) or requested or in_file
+        unit = _declared_unit(requested) or in_file
         if below_header and not unit:
             raise InputError(
                 f"column {name!r}: its unit {below_header!r} in the row below the header is "
                 "not known",
-                expected=" or ".join(UNITS),
+                expected=ANY_UNIT,
                 remedy="name the unit, {unit}",
                 parameters={"unit": "UNIT"},
             )
         if in_file and in_file != unit:
             findings.append(warning("sensor.unit_contradicted", subject=name, unit=unit))
+        elif unit and unit not in UNITS and not written_unit(unit):
+            findings.append(info("sensor.unit_unknown", subject=name, unit=unit))
         is_assumed = not unit
         if is_assumed:
             assumed.append(name)
@@ -211,9 +286,28 @@ def kind_of(column: str, unit: Unit) -> Kind:
     >>> kind_of("T1", Unit()), kind_of("level", Unit(is_assumed=True))
     (<Kind.TEMPERATURE: 'temperature'>, <Kind.QUANTITY: 'quantity'>)
     """
-    if unit.is_assumed and not names_temperature(column):
+    if not unit.is_temperature or (unit.is_assumed and not names_temperature(column)):
         return Kind.QUANTITY
     return Kind.TEMPERATURE
+
+
+def _declared_unit(text: str) -> str:
+    """Return a declared unit by its usual name; any text is a unit in square brackets.
+
+    >>> _declared_unit("F"), _declared_unit("Volt"), _declared_unit("[a.u.]"), _declared_unit("")
+    ('degF', 'V', 'a.u.', '')
+
+    Raises
+    ------
+    InputError
+        For a text that is no known unit.
+    """
+    if text.startswith("[") and text.endswith("]"):
+        text = text[1:-1].strip()
+        return written_unit(text) or text
+    if text and not written_unit(text):
+        raise InputError(f"unit {text!r}", expected=f"{ANY_UNIT}; any other in brackets, [{text}]")
+    return written_unit(text)
 
 
 def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:
@@ -245,9 +339,8 @@ def is_match(pattern: str, name: str) -> bool:
     >>> is_match("TC*", "TC1 (°C)"), is_match("TC1", "TC1_degC"), is_match("TC1", "TC10")
     (True, True, False)
     """
-    plain = without_unit(name)
-    is_pattern = fnmatchcase(name, pattern) or fnmatchcase(plain, pattern)
-    return is_pattern or plain == without_unit(pattern)
+    is_pattern = fnmatchcase(name, pattern) or fnmatchcase(without_unit(name), pattern)
+    return is_pattern or is_same_name(name, pattern)
 
 
 def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
@@ -256,7 +349,8 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     Parameters
     ----------
     pattern
-        Name with or without unit; ``*`` is any text.
+        Name with or without unit, which means the temperature where another quantity has the same
+        name; ``*`` is any text.
     names
         Columns of the table.
     where
@@ -275,6 +369,8 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     if pattern in names:
         return [pattern]
     matches = [name for name in names if is_match(pattern, name)]
+    if "*" not in pattern:
+        matches = temperatures_first(matches)
     if not matches:
         raise missing_column_error("column", pattern, names, where)
     return list(dict.fromkeys(matches))
@@ -316,23 +412,23 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
 
 
 def uncertainty_column(column: str, unit: str = "") -> str:
-    """Return the name of the column with the standard uncertainty of a temperature.
+    """Return the name of the column with the standard uncertainty of a column.
 
-    >>> names = ("fast_a_degC", "T1 [K]", "gas_degF", "T2")
+    >>> names = ("fast_a_degC", "T1 [K]", "gas_degF", "T2", "CO2_ppm")
     >>> tuple(uncertainty_column(name) for name in names)
-    ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
+    ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K', 'CO2_u_ppm')
 
     Parameters
     ----------
     column
-        Column of the temperature.
+        Column of the values.
     unit
         Unit of the column; empty to take that in its name.
 
     Returns
     -------
     str
-        The name; the unit is K, or degF for a column in degF.
+        The name; the unit is K for degC and for millivolts, which are those of a thermocouple.
     """
-    suffix = "degF" if (unit or unit_in(column)) == "degF" else "K"
-    return f"{without_unit(column)}_u_{suffix}"
+    name = unit or unit_in(column) or "degC"
+    return Unit(name, "K" if name == "mV" else "").uncertainty_name(column)

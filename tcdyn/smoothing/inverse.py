@@ -174,6 +174,7 @@ def invert(
     lag_covariance: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
 ) -> Compensated:
     """Compensate a full record causally with a given bandwidth.
 
@@ -187,7 +188,7 @@ def invert(
         One chain for all channels or one per channel; a number is one lag [s].
     bandwidth_Hz
         Bandwidth of the compensated signal [Hz].
-    noise_sd, lag_covariance, static_u, names
+    noise_sd, lag_covariance, static_u, names, units
         As in ``tcdyn.smoothing.smoother.smooth``.
 
     Returns
@@ -208,7 +209,7 @@ def invert(
     >>> invert(reading, 0.1, Chain(0.5), bandwidth_Hz=1.0).temperature.shape
     (100, 1)
     """
-    record = record_of(y, dt_s, chains, (), noise_sd, names)
+    record = record_of(y, dt_s, chains, (), noise_sd, names, units)
     sd = record.noise_sd
     x, lag, slope, sd_noise = np.empty((4, *record.y.shape))
     names = names or labels_of(y) or channel_names(None, len(sd))
@@ -233,6 +234,7 @@ def invert(
         flags=record.flags,
         method=f"proper inverse, {bandwidth_Hz:g} Hz",
         findings=record.findings,
+        units=record.units,
     )
     return result.with_undetermined(record.y, names, record.chains).with_labels(y, names)
 

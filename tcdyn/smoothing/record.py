@@ -34,9 +34,16 @@ from tcdyn.estimation.trace_noise import (
     rounding_sd,
     trace_noise_sd,
 )
-from tcdyn.io.unit_names import unit_in, without_unit
-from tcdyn.series.plausible import HIGHEST_DEGC, LOWEST_DEGC, impossible_changes, out_of_range
-from tcdyn.series.reading import CODE, RANGE, Kind, reasons_of
+from tcdyn.io.unit_names import TEMPERATURES, names_other_quantity, unit_in, without_unit
+from tcdyn.series.plausible import (
+    HIGHEST_DEGC,
+    LOWEST_DEGC,
+    impossible_changes,
+    out_of_range,
+    overload_limit,
+)
+from tcdyn.series.reading import CODE, READING, Kind, reasons_of
+from tcdyn.series.units import NO_COUPLE, Unit
 from tcdyn.series.updates import usual_spacing
 from tcdyn.smoothing.noise_levels import Intensity
 
@@ -93,6 +100,8 @@ class Record:
         of a logger whose steps are coarser than its noise.
     findings
         Findings about the channels.
+    units
+        Unit of each channel (M,): degC, or that of another quantity.
 
     Notes
     -----
@@ -111,6 +120,7 @@ class Record:
     noise_known: bool
     aliasing_u_K: Array
     findings: tuple[Finding, ...] = ()
+    units: tuple[str, ...] = ()
 
 
 def _without_reading(good: Flags, lag_samples: float) -> Flags:
@@ -172,6 +182,32 @@ def channel_names(names: Sequence[str] | None, count: int) -> list[str]:
     return list(names)
 
 
+def channel_units(
+    units: Sequence[str] | None, names: Sequence[str] | None, count: int
+) -> tuple[str, ...]:
+    """Unit of each channel: as given, else that of another quantity in its name, else degC.
+
+    Parameters
+    ----------
+    units
+        Units (M,), or None.
+    names
+        Names of the channels (M,), or None.
+    count
+        Number of channels.
+
+    Examples
+    --------
+    >>> channel_units(None, ["CO2_ppm", "T1_K"], 2)
+    ('ppm', 'degC')
+    """
+    if units is not None:
+        return tuple(units)
+    if not names:
+        return ("degC",) * count
+    return tuple(unit_in(name) if names_other_quantity(name) else "degC" for name in names)
+
+
 def record_of(
     y: ArrayLike,
     dt_s: float,
@@ -179,6 +215,7 @@ def record_of(
     events_s: Sequence[float] = (),
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
 ) -> Record:
     """The record of some readings, with weight zero for bad samples and white noise.
 
@@ -197,6 +234,8 @@ def record_of(
         Standard deviation of the noise per channel [K]; estimated when left out.
     names
         Names of the channels (M,) in messages.
+    units
+        Unit of each channel (M,): degC, or that of another quantity; None: by the names.
 
     Returns
     -------
@@ -212,9 +251,9 @@ def record_of(
     Notes
     -----
     Steps: impossible readings, repeated values, noise and spikes of the channels with one
-    conditioning filter, whitening, interpolation. The order matters: impossible and repeated values
-    must not enter the noise estimate. A given ``noise_sd`` is taken as white. The spike window
-    follows the shortest lag of the channels, in samples of the slowest one.
+    conditioning filter and unit, whitening, interpolation. The order matters: impossible and
+    repeated values must not enter the noise estimate. A given ``noise_sd`` is taken as white. The
+    spike window follows the shortest lag of the channels, in samples of the slowest one.
     """
     data = np.array(y, dtype=float)
     data = data.reshape(len(data), -1)
@@ -230,7 +269,8 @@ def record_of(
         raise InputError(
             f"smooth: {m} channels but {len(channels)} names", expected="one name per channel"
         )
-    implausible, findings = _implausible_readings(data, dt_s, listed, channels)
+    unit_of_channel = channel_units(units, names or labels_of(y) or None, m)
+    implausible, findings = _implausible_readings(data, dt_s, listed, channels, unit_of_channel)
     data[implausible] = np.nan
     traces = np.ascontiguousarray(data.T)
     if noise_sd is None:
@@ -246,8 +286,9 @@ def record_of(
         _check_channel(flag, name)
     aliasing_u = np.zeros(m)
     coloured = False
-    for filter_ in dict.fromkeys(c.conditioning for c in listed):
-        index = [c for c in range(m) if listed[c].conditioning == filter_]
+    kinds = [(c.conditioning, unit) for c, unit in zip(listed, unit_of_channel)]
+    for filter_, unit in dict.fromkeys(kinds):
+        index = [c for c in range(m) if kinds[c] == (filter_, unit)]
         group = [listed[c] for c in index]
         good = flags[:, index] == GOOD
         spacing = max(usual_spacing([np.flatnonzero(column)]) for column in good.T)
@@ -268,7 +309,7 @@ def record_of(
         aliasing_u[index] = logger_noise.aliasing_u_K
         coloured = coloured or logger_noise.is_coloured
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
-        findings += logger_noise.findings(subject)
+        findings += [finding.in_unit(unit) for finding in logger_noise.findings(subject)]
         for c in index:
             listed[c] = logger_noise.whitened_chain(listed[c])
     for flag, name in zip(flags.T, channels):
@@ -288,6 +329,7 @@ def record_of(
         noise_sd is not None or coloured,
         np.hypot(aliasing_u, rounding_u),
         tuple(findings),
+        unit_of_channel,
     )
 
 
@@ -345,29 +387,37 @@ def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
         first = int(np.argmax(stuck))
         return [warning("trace.stuck", subject=name, percent=percent, first_sample=first)]
     is_read = flag & MISSING == 0
-    bad = 1 - np.count_nonzero(flag == GOOD) / max(np.count_nonzero(is_read), 1)
+    n_read = int(np.count_nonzero(is_read))
+    bad = 1 - int(np.count_nonzero(flag == GOOD)) / max(n_read, 1)
     if bad > REPORTED_BAD_SHARE:
         return [info_or_warning(bad, "trace.bad", subject=name, percent=100 * bad)]
     return []
 
 
 def _implausible_readings(
-    data: Array, dt_s: float, chains: Sequence[Chain], names: Sequence[str]
+    data: Array,
+    dt_s: float,
+    chains: Sequence[Chain],
+    names: Sequence[str],
+    units: Sequence[str],
 ) -> tuple[Flags, list[Finding]]:
     """Readings that no temperature can produce through the chains, and the findings about them.
 
-    These are values out of range, error codes of the logger, and changes faster than the chain.
+    These are values out of range, error codes of the logger, and changes faster than the chain. Of
+    other quantities, whose range is not known, they are overload codes and error codes.
 
     Parameters
     ----------
     data
-        Readings (N, M) [degC].
+        Readings (N, M) in their units.
     dt_s
         Sampling interval [s].
     chains
         Chain of each channel (M,).
     names
         Name of each channel (M,).
+    units
+        Unit of each channel (M,).
 
     Returns
     -------
@@ -383,17 +433,22 @@ def _implausible_readings(
     """
     mask = np.zeros(data.shape, dtype=bool)
     findings = []
-    for c, (chain, name) in enumerate(zip(chains, names)):
+    for c, (chain, name, unit) in enumerate(zip(chains, names, units)):
         y = data[:, c]
-        reasons = reasons_of(y, Kind.TEMPERATURE)
-        outside = (reasons == RANGE) | (out_of_range(y) & (reasons == CODE))
+        is_temperature = unit in TEMPERATURES
+        kind = Kind.TEMPERATURE if is_temperature else Kind.QUANTITY
+        reasons = reasons_of(y, kind)
+        beyond = out_of_range(y) if is_temperature else np.abs(y) > overload_limit(y)
+        outside = beyond & (reasons != READING)
         codes = (reasons == CODE) & ~outside
         inside = np.where(outside, np.nan, y)
         lag_s = max(chain.taus_s, default=0.0)
         remaining = np.where(codes, np.nan, inside)
         # share of a step that passes the chain at once
         feedthrough = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0
-        too_fast = impossible_changes(remaining, dt_s, lag_s, feedthrough)
+        too_fast = np.zeros(len(y), dtype=bool)
+        if is_temperature:
+            too_fast = impossible_changes(remaining, dt_s, lag_s, feedthrough)
         wrong = codes | too_fast
         edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]])))
         longest = int(np.max(np.diff(edges)[::2], initial=0))
@@ -405,9 +460,12 @@ def _implausible_readings(
         if outside.any():
             share = float(outside.mean())
             numbers = _first_of(outside, y)
-            findings.append(info_or_warning(share, "trace.outside", subject=name, **numbers))
+            code = "trace.outside" if is_temperature else "trace.overload"
+            outside_finding = info_or_warning(share, code, subject=name, **numbers)
+            findings.append(outside_finding.in_unit(unit))
         if codes.any():
-            findings.append(warning("trace.codes", subject=name, **_first_of(codes, y)))
+            codes_finding = warning("trace.codes", subject=name, **_first_of(codes, y))
+            findings.append(codes_finding.in_unit(unit))
         if too_fast.any():
             findings.append(warning("trace.unreachable", subject=name, **_first_of(too_fast, y)))
     return mask, findings
@@ -491,6 +549,9 @@ class Compensated(Result):
         Names of the channels (M,).
     index
         Index (N,) of the readings, if they were a Series or a DataFrame of pandas.
+    units
+        Unit of each channel (M,): degC, or that of another quantity, which then is that of
+        ``temperature``, ``sd`` and all other fields of this channel. Empty: degC.
 
     Notes
     -----
@@ -518,6 +579,7 @@ class Compensated(Result):
     undetermined: Flags | None = None
     names: tuple[str, ...] = ()
     index: pd.Index[Any] | None = None
+    units: tuple[str, ...] = ()
 
     @classmethod
     def from_components(
@@ -615,6 +677,7 @@ class Compensated(Result):
         variance = np.maximum(self.sd**2 - self.static_u**2, 0.0)
         wide = np.sqrt(variance) > np.maximum(range_K, MIN_RANGE_SD * self.noise_sd)
         unphysical = (self.temperature < LOWEST_DEGC) | (self.temperature > HIGHEST_DEGC)
+        unphysical &= np.array([unit.is_temperature for unit in self._units])
         dt_s = float(self.time_s[1] - self.time_s[0])
         far = [
             _without_reading(flags == GOOD, chain.lag_s / dt_s)
@@ -625,14 +688,13 @@ class Compensated(Result):
         findings = list(self.findings)
         for c in np.flatnonzero(beyond.any(axis=0)):
             is_alone = self.flags[:, c] & ALONE != 0
-            findings.append(
-                warning(
-                    "trace.alone",
-                    subject=names[c],
-                    count=int(is_alone.sum()),
-                    first_sample=int(np.argmax(is_alone)),
-                )
+            finding = warning(
+                "trace.alone",
+                subject=names[c],
+                count=int(is_alone.sum()),
+                first_sample=int(np.argmax(is_alone)),
             )
+            findings.append(finding.in_unit(self._units[c].name))
         undetermined &= ~beyond
         for c in np.flatnonzero(undetermined.any(axis=0)):
             column = undetermined[:, c]
@@ -641,7 +703,8 @@ class Compensated(Result):
                 "first_sample": int(np.argmax(column)),
             }
             numbers["range_K"] = float(range_K[c])
-            findings.append(warning("trace.undetermined", subject=names[c], **numbers))
+            finding = warning("trace.undetermined", subject=names[c], **numbers)
+            findings.append(finding.in_unit(self._units[c].name))
         undetermined |= beyond
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
@@ -679,29 +742,32 @@ class Compensated(Result):
             f"{self.method}: {self.temperature.shape[0]} samples, "
             f"{self.temperature.shape[1]} channels"
         ]
-        for c in range(self.temperature.shape[1]):
+        for c, of_channel in enumerate(self._units):
             name = names[c] if names else c + 1
+            unit = of_channel.base_difference
             lines.append(
-                f"  channel {name}: noise {self.noise_sd[c]:.3g} K, "
-                f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, "
-                f"{np.max(self.sd[:, c]):.3g} K at most, "
+                f"  channel {name}: noise {self.noise_sd[c]:.3g} {unit}, "
+                f"standard deviation {np.median(self.sd[:, c]):.3g} {unit} typical, "
+                f"{np.max(self.sd[:, c]):.3g} {unit} at most, "
                 f"{np.count_nonzero(self.flags[:, c])} samples flagged"
             )
         common = float(np.max(self.common_sd()))
-        if common > 0:
+        differences = {unit.base_difference for unit in self._units}
+        if common > 0 and len(differences) == 1:
             lines.append(
                 "  the lag common to all channels moves them together "
-                f"by up to {common:.2g} K (1 sd)"
+                f"by up to {common:.2g} {differences.pop()} (1 sd)"
             )
         return [*lines, *(f"  event at {text_with_u(t, u, 's')}" for t, u in self.events_s)]
 
     def to_dict(self) -> dict[str, Any]:
         """Figures of the result, channel by channel; the samples are in the arrays."""
+        suffix = "_K" if self._are_temperatures else ""
         return {
             "method": self.method,
             "samples": len(self.time_s),
             "channels": jsonable(self.card()),
-            "common_sd_max_K": float(np.max(self.common_sd())),
+            f"common_sd_max{suffix}": float(np.max(self.common_sd())),
             "events_s": [{"value": t, "u": u} for t, u in self.events_s],
             "warnings": list(self.warnings),
         }
@@ -713,27 +779,52 @@ class Compensated(Result):
         -------
         DataFrame
             Columns ``<channel>_degC`` and ``<channel>_u_K``, where ``<channel>`` is the name of
-            the channel without a unit of degrees Celsius at its end. The index is that of the
-            readings, or the time [s].
+            the channel without a unit of degrees Celsius at its end. Of another quantity the
+            column keeps its name, and the other is ``<channel>_u_<unit>``. The index is that of
+            the readings, or the time [s].
         """
         index = pd.Index(self.time_s, name="time_s") if self.index is None else self.index
         temperature, sd = self.determined_estimates()
         columns = {}
         for c in range(temperature.shape[1]):
             name = self.names[c] if self.names else f"channel_{c + 1}"
+            unit = self._units[c]
+            if not unit.is_temperature:
+                columns[name] = temperature[:, c]
+                columns[unit.uncertainty_name(name)] = sd[:, c]
+                continue
             base = without_unit(name) if unit_in(name) == "degC" else name
             columns[f"{base}_degC"] = temperature[:, c]
             columns[f"{base}_u_K"] = sd[:, c]
         return pd.DataFrame(columns, index)
 
     def card(self) -> pd.DataFrame:
-        """Noise, typical and largest standard deviation and flagged samples of each channel."""
-        return pd.DataFrame(
+        """Noise, typical and largest standard deviation and flagged samples of each channel.
+
+        They are in kelvins; if a channel is no temperature, the names of the columns do not say
+        so, and ``unit`` is the unit of each channel.
+        """
+        suffix = "_K" if self._are_temperatures else ""
+        table = pd.DataFrame(
             {
                 "channel": range(self.temperature.shape[1]),
-                "noise_sd_K": self.noise_sd,
-                "sd_median_K": np.median(self.sd, axis=0),
-                "sd_max_K": np.max(self.sd, axis=0),
+                f"noise_sd{suffix}": self.noise_sd,
+                f"sd_median{suffix}": np.median(self.sd, axis=0),
+                f"sd_max{suffix}": np.max(self.sd, axis=0),
                 "flagged": np.count_nonzero(self.flags, axis=0),
             }
         )
+        if not self._are_temperatures:
+            table["unit"] = [unit.base_difference for unit in self._units]
+        return table
+
+    @property
+    def _units(self) -> list[Unit]:
+        """Unit of each channel (M,)."""
+        units = self.units or ("degC",) * self.temperature.shape[1]
+        return [Unit("degC" if name in TEMPERATURES else name, NO_COUPLE) for name in units]
+
+    @property
+    def _are_temperatures(self) -> bool:
+        """Whether all channels are temperatures."""
+        return all(unit.is_temperature for unit in self._units)

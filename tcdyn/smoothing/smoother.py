@@ -92,6 +92,7 @@ def smooth(
     split_u_s: ArrayLike = 0.0,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
 ) -> Compensated:
     """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
@@ -137,6 +138,10 @@ def smooth(
         Standard uncertainty of the static line [K], scalar, (M,) or (N, M).
     names
         Names of the channels (M,) in messages; "channel 1" and so on when left out.
+    units
+        Unit of the readings of each channel (M,): degC, or that of another quantity (ppm, Pa, V),
+        which then is the unit of its results; the checks of a range of temperatures are left out.
+        None: that of another quantity where the name states it, else degC.
 
     Returns
     -------
@@ -184,7 +189,7 @@ def smooth(
     if isinstance(y, Record):
         record = y
     else:
-        record = record_of(y, dt_s, chains, events_s, noise_sd, names)
+        record = record_of(y, dt_s, chains, events_s, noise_sd, names, units)
     n_channels = record.y.shape[1]
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
@@ -248,6 +253,7 @@ def smooth(
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=tuple(intensities),
+        units=record.units,
     )
     result = result.with_undetermined(record.y, channel_names(names, n_channels), record.chains)
     return result.with_labels(y, names)
@@ -449,6 +455,7 @@ def deconvolve(
     split_u_s: ArrayLike = 0.0,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
     trials: int = 25,
 ) -> tuple[Compensated, TradeoffCurve]:
     """Regularised deconvolution: minimise sum (y - G x)^2 + weight integral x''^2 dt.
@@ -469,7 +476,7 @@ def deconvolve(
         curvature of log misfit against log roughness.
     noise_sd
         Standard deviation of the noise per channel [K]; estimated when left out.
-    lag_covariance, split_u_s, static_u, names
+    lag_covariance, split_u_s, static_u, names, units
         As in ``smooth``.
     trials
         Number of weights tried, evenly in their logarithm.
@@ -492,7 +499,7 @@ def deconvolve(
     >>> bool(abs(result.temperature[100, 0] - 20 - np.sin(10.0)) < 0.1)
     True
     """
-    record = record_of(y, dt_s, chains, (), noise_sd, names)
+    record = record_of(y, dt_s, chains, (), noise_sd, names, units)
     tradeoff = tradeoff_curve(record, criterion, trials)
     result = smooth(
         record,
@@ -575,7 +582,8 @@ def window_covariance(
     # jumps at detected (not listed) events belong to the intensity
     detected = {burst.start_s for burst in q.bursts if burst.slope_sd > 0}
     listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
-    record = record_of(window, dt_s, chain, listed, noise_sd)
+    unit = result.units[channel : channel + 1] or None
+    record = record_of(window, dt_s, chain, listed, noise_sd, units=unit)
     model = full_model(record, noise_sd**2, [[q.shifted(shift_s=start * dt_s)]])
     fit = rts_smooth(model)
     t = np.arange(first - start, last - start) * dt_s

@@ -64,7 +64,8 @@ class CompensatedTable(Result):
         Names of the other columns, which are passed through unchanged.
     numbers
         One row a compensated column: its name, noise, and typical and largest standard deviation
-        of the compensated readings [K].
+        of the compensated readings [K]. If a column is no temperature, the names do not state K,
+        and ``unit`` is the unit of each.
     metadata
         Metadata of the file that was written.
     findings
@@ -90,11 +91,13 @@ class CompensatedTable(Result):
         """
         s = "s" if len(self.columns) > 1 else ""
         lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
-        for column, row in zip(self.columns, self.numbers.itertuples(index=False)):
+        for column, (_, noise, typical, largest, *_) in zip(
+            self.columns, self.numbers.itertuples(index=False)
+        ):
+            unit = column.unit.base_difference
             lines.append(
-                f"  {column.column}: lag {column.lag_s.text('s')}; noise {row.noise_sd_K:.3g} "
-                f"K, standard deviation {row.sd_typical_K:.3g} K typical, {row.sd_max_K:.3g} K at "
-                "most"
+                f"  {column.column}: lag {column.lag_s.text('s')}; noise {noise:.3g} {unit}, "
+                f"standard deviation {typical:.3g} {unit} typical, {largest:.3g} {unit} at most"
             )
         return "\n".join(lines)
 
@@ -131,9 +134,10 @@ def compensate_table(
 ) -> CompensatedTable:
     """Compensate the columns of any table that sensors cover, and write the table to ``out``.
 
-    Each column of temperature is replaced by that of the junction, in its own unit (mV: degrees
-    Celsius). A column ``<name>_u_K`` (``_u_degF``) behind the last one is its standard uncertainty:
-    noise, smoothing, lag and static line. Other columns pass through as numbers and are named in a
+    Each column with a sensor is replaced by what the sensor measures, a temperature by that of the
+    junction, in its own unit (mV of a thermocouple: degrees Celsius). A column ``<name>_u_K``
+    (``_u_degF``, ``_u_ppm``) behind the last one is its standard uncertainty: noise, smoothing, lag
+    and static line. Other columns pass through as numbers and are named in a
     finding.
 
     Parameters
@@ -209,8 +213,8 @@ def compensate_table(
             findings.append(
                 warning("sensor.brief", subject=channel.column, duration_s=duration_s, lag_s=lag_s)
             )
-    uncertainties = totals.table(list(raw.channels.units))
-    if uncertainties["sd_typical_K"].isna().all():
+    uncertainties = totals.table(raw.channels.units)
+    if uncertainties.iloc[:, 2].isna().all():
         findings.append(error("sensor.nothing", subject=", ".join(raw.channels.units)))
     return CompensatedTable(
         out_path,

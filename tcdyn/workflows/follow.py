@@ -287,7 +287,7 @@ def follow(
         delay_s,
         time.process_time() - computing_s,
         _without_reader(raw),
-        totals.table(list(raw.channels.units)),
+        totals.table(raw.channels.units),
         unique_by_subject(findings),
         seen.report(),
     )

@@ -59,9 +59,11 @@ def compensate_frame(
     time_unit
         Unit of the time (s, ms, us, ns, min, h or days), where its name does not say so.
     unit
-        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names say.
+        "degC", "K", "degF", "mV" or that of another quantity ("ppm", "%RH", "Pa", "V") for all
+        columns, or by column; otherwise as the names say.
     couple, cold
-        Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
+        Of millivolts: the thermocouple's type ("none" if it is another voltage), and the reference
+        junction [degC] or its column.
     reading
         ``dt_s``, ``where``, ``on_change`` and ``averages_s`` as in
         :class:`tcdyn.series.ReadingOptions`.
@@ -69,9 +71,10 @@ def compensate_frame(
     Returns
     -------
     DataFrame
-        The table with the same index and columns. Each column with a sensor is the temperature at
-        the junction in its own unit (mV: degrees Celsius); a column ``<name>_u_K`` (``_u_degF``) at
-        the end is its standard uncertainty. ``attrs`` holds those of ``data``, the metadata that a
+        The table with the same index and columns. Each column with a sensor is what the sensor
+        measures, for a thermocouple the temperature at the junction, in its own unit (mV of a
+        thermocouple: degrees Celsius); a column ``<name>_u_K`` (``_u_degF``, ``_u_ppm``) at the end
+        is its standard uncertainty. ``attrs`` holds those of ``data``, the metadata that a
         file would have, and the list ``warnings``.
 
     Raises

@@ -36,7 +36,7 @@ from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.reading import Kind
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.scaled_readings import RangeCheck
-from tcdyn.series.series import Context, temperature_rows
+from tcdyn.series.series import Context, reading_rows
 from tcdyn.series.source import Source, selected_rows, source_of_table, time_of_table
 from tcdyn.series.survey import Survey
 from tcdyn.series.thermocouple_types import convert_columns
@@ -56,10 +56,11 @@ class TableOptions(TypedDict, total=False):
     time, time_unit, dt_s, where, on_change, averages_s
         As in ``tcdyn.series.ReadingOptions``.
     unit
-        "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names or a
-        row of units say.
+        "degC", "K", "degF", "mV" or that of another quantity ("ppm", "%RH", "Pa", "V") for all
+        columns, or by column; otherwise as the names or a row of units say.
     couple, cold
-        Of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
+        Of millivolts: the thermocouple's type ("none" if it is another voltage), and the reference
+        junction [degC] or its column.
     """
 
     columns: Sequence[str]
@@ -195,7 +196,7 @@ def survey_of(raw: RawLog) -> Survey:
     """A survey of the channels of a log, without rows yet."""
     channels = raw.channels
     where = channels.context.where
-    return Survey(lambda rows: temperature_rows(channels.units, rows, where), channels.context)
+    return Survey(lambda rows: reading_rows(channels.units, rows, where), channels.context)
 
 
 def checked_before_following(raw: RawLog, table: Table) -> RawLog:
@@ -224,7 +225,7 @@ def checked_before_following(raw: RawLog, table: Table) -> RawLog:
     checks = {name: RangeCheck(name, unit.name) for name, unit in channels.units.items()}
     try:
         for chunk in table.chunks(channels.raw_columns, CHUNK_ROWS):
-            for column in temperature_rows(channels.units, chunk.data, table.where):
+            for column in reading_rows(channels.units, chunk.data, table.where):
                 if column.kind is Kind.TEMPERATURE:
                     checks[column.name].add(column.raw, column.judged)
     except InputError:  # the caller reads the rows as well, and says more or passes over them

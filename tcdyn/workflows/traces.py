@@ -77,12 +77,11 @@ def compensated_traces(log: RawLog, out: Path, columns: Sequence[str] = ()) -> l
         reference = unit.reference_junction
         cold_degC = logged[reference] if isinstance(reference, str) else reference
         name, u_name = unit.names(column)
-        values = unit.from_degC(unit.in_degC(logged[column], cold_degC))
-        unit_text = "degC" if unit.name == "mV" else unit.name
+        values = unit.from_base(unit.to_base(logged[column], cold_degC))
         traces.append(
             Trace(
                 name,
-                unit_text,
+                unit.output,
                 disk_of[column],
                 time_s,
                 values,

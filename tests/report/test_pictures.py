@@ -297,6 +297,7 @@ def test_compensated_trace_is_plotted_with_band_flags_and_events_in_the_window()
         time_s=t,
         temperature=np.column_stack([t, 2 * t + 5]),
         sd=np.full((12_000, 2), 0.5),
+        units=(),
         flags=flags,
         events_s=((500.0, "load"), (900.0, "parting"), (1100.0, "stop")),
     )

@@ -87,7 +87,7 @@ def test_log_without_a_calibration_is_shown_as_logged(
     charts = [chart for figure in charts_of(page).values() for chart in figure["charts"]]
     assert [[t["name"] for t in chart["data"]] for chart in charts] == [
         ["probe"],
-        ["gas_kW"],
+        ["gas"],
         ["truth"],
     ]
 

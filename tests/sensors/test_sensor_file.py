@@ -27,6 +27,7 @@ from tcdyn.sensors import channels as channel_module
 from tcdyn.sensors import compensation as engine
 from tcdyn.sensors import read_sensor, segments, specified_sensor, step_times, write_sensor
 from tcdyn.series import Context
+from tcdyn.series import units as unit_module
 from tcdyn.series.series import clock_of
 from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.series.units import uncertainty_column
@@ -247,7 +248,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
 
     The tolerance is exp(-10), what margins leave of an error, times a standard deviation of 0.1 K.
     """
-    monkeypatch.setattr(engine, "DECIMALS", 12)
+    monkeypatch.setattr(unit_module, "DECIMALS", 12)
     monkeypatch.setattr(segments, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(segments, "MARGIN_ROWS", 10)
     monkeypatch.setattr(segments, "FLOOR", 1.0)  # noise variances per second cubed: 0.01 K2/s3
@@ -513,7 +514,7 @@ BAD = {
     "no time": ({}, ["--time", "seconds"], "seconds"),
     "backward time": ({"time_s": -1}, [], "runs backward"),
     "millivolts of no type": ({}, ["--unit", "mV"], "--couple"),
-    "an unknown unit": ({}, ["--unit", "R"], "degC or K"),
+    "an unknown unit": ({}, ["--unit", "R"], "degC, K"),
     "a rig's option": ({}, ["--noise-only"], "--noise-only"),
 }
 

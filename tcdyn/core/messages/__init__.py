@@ -3,6 +3,8 @@
 A template is formatted with the fields of the finding: ``{subject}``, each of its numbers by name,
 ``{where}`` (a template without it gets the location in front, with a colon), and ``{place}``, which
 is "column X, row N (T s)" as far as the subject and the numbers ``row`` and ``time_s`` are given.
+``{unit}`` of a difference and ``{reading_unit}`` of a reading are K and degC, unless the finding
+has a number ``unit``: that of another quantity, for which ``OTHER_QUANTITY`` has some messages.
 A message that depends on its numbers, or that names a parameter of a function or command, is a
 function with the same fields as keyword arguments, and ``option``, which spells a parameter
 (``tcdyn/core/errors.py``).
@@ -19,9 +21,9 @@ from tcdyn.core.messages.logs import IMMERSION, LINES, READER
 from tcdyn.core.messages.partition import PARTITION
 from tcdyn.core.messages.phrases import Message, location_text
 from tcdyn.core.messages.plunge import PLUNGE
-from tcdyn.core.messages.sensors import SENSOR
+from tcdyn.core.messages.sensors import OTHER_SENSOR, SENSOR
 from tcdyn.core.messages.series import SERIES
-from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
+from tcdyn.core.messages.traces import COMPENSATE, OTHER_TRACE, PIPELINE, TRACES
 
 # a message read from a file that has no codes
 FROM_FILES: dict[str, Message] = {"from_file": "{text}"}
@@ -42,6 +44,8 @@ MESSAGES: dict[str, Message] = {
     **SENSOR,
     **SERIES,
 }
+# Messages about another quantity than temperature, where that about one speaks of heat.
+OTHER_QUANTITY: dict[str, Message] = {**OTHER_SENSOR, **OTHER_TRACE}
 
 
 def message_text(
@@ -72,8 +76,11 @@ def message_text(
     >>> message_text("from_file", "D4.csv", "", {"text": "the clock stood still"})
     'D4.csv: the clock stood still'
     """
-    template = MESSAGES[code]
+    unit = numbers.get("unit")
+    template = MESSAGES[code] if unit is None else OTHER_QUANTITY.get(code, MESSAGES[code])
     fields = {
+        "unit": unit or "K",
+        "reading_unit": unit or "degC",
         **numbers,
         "where": where,
         "subject": subject,

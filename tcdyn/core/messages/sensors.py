@@ -99,10 +99,11 @@ SENSOR: dict[str, Message] = {
     "there are empty",
     "sensor.coloured": "{subject}: the residuals of the fit are not white; the uncertainty "
     "includes their correlation",
-    "sensor.misfit": "{subject}: the residuals of the fit are {rms_K:.2g} K rms, but the noise is "
-    "{noise_K:.2g} K: the temperature around the sensor did not change in one clean step; or "
-    "readings contain hum, or are clipped, repeated or drop-outs; or the junction is welded to the "
-    "sheath, which must be stated; or the sensor is not a chain of lags. Plot the record",
+    "sensor.misfit": "{subject}: the residuals of the fit are {rms_K:.2g} {unit} rms, but the "
+    "noise is {noise_K:.2g} {unit}: the temperature around the sensor did not change in one clean "
+    "step; or readings contain hum, or are clipped, repeated or drop-outs; or the junction is "
+    "welded to the sheath, which must be stated; or the sensor is not a chain of lags. Plot the "
+    "record",
     "sensor.entry_conflict": "{subject}: the entry was specified as {specified_s:.5g} +- "
     "{specified_u_s:.2g} s, but the response fits an entry at {fitted_s:.5g} s ({ratio:.2g} "
     "standard uncertainties): the specified instant is wrong, or there is a dead time, which the "
@@ -134,9 +135,9 @@ SENSOR: dict[str, Message] = {
     "measure how fast the medium steps and specify it with --medium-s",
     "sensor.spikes": "{subject}: {count} reading(s) differ from their neighbours by far more "
     "than the noise: taken as missing",
-    "sensor.earlier_event": "{subject}: the reading changes by {change_K:.3g} K and goes back "
-    "before the step, as after a splash: rows before {time_s:.6g} s are not used. If the sensor "
-    "had not settled again at the step, repeat it",
+    "sensor.earlier_event": "{subject}: the reading changes by {change_K:.3g} {unit} and goes "
+    "back before the step, as after a splash: rows before {time_s:.6g} s are not used. If the "
+    "sensor had not settled again at the step, repeat it",
     "sensor.next_event": "{subject}: the reading changes again at {time_s:.6g} s: rows from "
     "there on are not used",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
@@ -172,6 +173,36 @@ SENSOR: dict[str, Message] = {
     "{lag_s:.3g} s: is its time in another unit?",
     "sensor.unit_contradicted": "column {subject} is taken in {unit}, as requested, although its "
     "name states another unit",
+    "sensor.unit_unknown": "column {subject}: its unit {unit} is not known here; it is taken as "
+    "that of another quantity than temperature, which passes unchanged",
     "sensor.slow": "column {subject}: the interval of {dt_s:.3g} s between rows is long for a lag "
     "of {lag_s:.3g} s",
+}
+
+# The same about another quantity than temperature, where a message above speaks of heat.
+OTHER_SENSOR: dict[str, Message] = {
+    "sensor.codes": "column {subject}: {count} reading(s) such as {value:.4g} {unit} are drop-outs "
+    "or overload codes; taken as missing: check the wiring",
+    "sensor.misfit": "{subject}: the residuals of the fit are {rms_K:.2g} {unit} rms, but the "
+    "noise is {noise_K:.2g} {unit}: the quantity around the sensor did not change in one clean "
+    "step; or readings contain hum, or are clipped, repeated or drop-outs; or the sensor is not a "
+    "chain of lags. Plot the record",
+    "sensor.crossing": "{subject}: the reading passes {percent:.3g} % of the step {later_s:+.2g} s "
+    "from the time of the fitted curve, {time_s:.4g} s, which the interval includes: the response "
+    "is not that of a chain of lags; the lag holds for this step only",
+    "sensor.slow_path": "{subject}: {percent:.2g} % of the step arrives with a time constant of "
+    "{slow_s:.3g} s, through a second, slower path: lag and t90 include it",
+    "sensor.slow_or_drift": "{subject}: the record does not distinguish a slow second path "
+    "({percent:.2g} % of the step with {slow_s:.3g} s) from a drift of the quantity: the intervals "
+    "include both; log longer before and after the step",
+    "sensor.structure_bound": "{subject}: the share of a second, slower path is at its bound, "
+    "{percent:.3g} %: the structure does not describe the response; check the filter after the "
+    "sensor, and that the record holds one step",
+    "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, which is short "
+    "for a lag of {lag_s:.3g} s: the final reading is extrapolated",
+    "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when the reading rises and "
+    "{cooling_s:.3g} s when it falls: the difference is significant. The file is for both; for one "
+    "direction give only dips of that direction",
+    "sensor.pair_gain": "{subject}: a change reads {percent:+.2g} +- {u:.1g} % larger than that of "
+    "{other}: the lags are those of two sensors of different gain",
 }

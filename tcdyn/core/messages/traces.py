@@ -34,7 +34,7 @@ def _noisy_inverse(
 
 
 def _coloured_noise(
-    subject: str, before_K: float, after_K: float, lag_s: float = 0.0, **_: Any
+    subject: str, before_K: float, after_K: float, unit: str, lag_s: float = 0.0, **_: Any
 ) -> str:
     """Message of ``noise.coloured``.
 
@@ -43,12 +43,12 @@ def _coloured_noise(
     """
     if lag_s:
         return (
-            f"{subject}: noise of {before_K:.2g} K is coloured as by a lag of {lag_s:.2g} s, noise "
-            f"of {after_K:.2g} K is white; all later steps use both"
+            f"{subject}: noise of {before_K:.2g} {unit} is coloured as by a lag of "
+            f"{lag_s:.2g} s, noise of {after_K:.2g} {unit} is white; all later steps use both"
         )
     return (
-        f"{subject}: noise of {before_K:.2g} K comes through the conditioning filter, noise of "
-        f"{after_K:.2g} K arises after it; all later steps use both"
+        f"{subject}: noise of {before_K:.2g} {unit} comes through the conditioning filter, "
+        f"noise of {after_K:.2g} {unit} arises after it; all later steps use both"
     )
 
 
@@ -83,8 +83,10 @@ COMPENSATE: dict[str, Message] = {
     "trace.outside": "{subject}: {count} reading(s) such as {value:.4g} degC at sample "
     "{first_sample} are outside the physical range of a thermocouple (-273 to 3000 degC); taken as "
     "missing",
-    "trace.codes": "{subject}: {count} reading(s) of {value:.4g} degC, the first at sample "
-    "{first_sample}, are drop-outs; taken as missing: check the wiring",
+    "trace.overload": "{subject}: {count} reading(s) such as {value:.4g} {reading_unit} at sample "
+    "{first_sample} are a million times as large as the others: overload codes; taken as missing",
+    "trace.codes": "{subject}: {count} reading(s) of {value:.4g} {reading_unit}, the first at "
+    "sample {first_sample}, are drop-outs; taken as missing: check the wiring",
     "trace.unreachable": "{subject}: {count} reading(s), the first {value:.4g} degC at sample "
     "{first_sample}, change faster than any temperature could make this sensor change; taken as "
     "missing: check the wiring, or the lag of the sensor",
@@ -96,8 +98,8 @@ COMPENSATE: dict[str, Message] = {
     "more readings, or give the time of the change as an event",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
     "{first_sample}, is not determined by it: there is no reading near, the standard uncertainty "
-    "exceeds the range of the readings ({range_K:.3g} K), or the temperature is not possible; not "
-    "reported there",
+    "exceeds the range of the readings ({range_K:.3g} {unit}), or the temperature is not possible; "
+    "not reported there",
     "trace.bad": "{subject}: {percent:.2g} % of the readings are spikes or implausible and are not "
     "used",
     "inverse.noisy": _noisy_inverse,
@@ -112,14 +114,14 @@ TRACES: dict[str, Message] = {
     "spikes.gathered": "{count} spikes in {columns} channels were taken as missing, most in "
     "{subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
-    "noise.hum": "{subject}: hum of {amplitude_K:.2g} K at {f_Hz:.2f} Hz",
-    "noise.wave": "{subject}: a wave of {amplitude_K:.2g} K at {f_Hz:.3g} Hz is taken for one of "
-    "the temperature, of {temperature_K:.2g} K before the lag; the record does not distinguish it "
-    "from interference. If the temperature has no such wave, remove it from the readings first (a "
-    "notch filter), or shield the cables",
+    "noise.hum": "{subject}: hum of {amplitude_K:.2g} {unit} at {f_Hz:.2f} Hz",
+    "noise.wave": "{subject}: a wave of {amplitude_K:.2g} {unit} at {f_Hz:.3g} Hz is taken for one "
+    "of the temperature, of {temperature_K:.2g} {unit} before the lag; the record does not "
+    "distinguish it from interference. If the temperature has no such wave, remove it from the "
+    "readings first (a notch filter), or shield the cables",
     "noise.folded": "{subject}: the sampling may alias harmonics of the mains hum to frequencies "
-    "of the temperature itself, where they cannot be detected: {folded_K:.2g} K were added to the "
-    "standard uncertainty. Use a sampling rate that divides no multiple of the mains frequency",
+    "of the temperature itself, where they cannot be detected: {folded_K:.2g} {unit} were added to "
+    "the standard uncertainty. Use a sampling rate that divides no multiple of the mains frequency",
     "noise.unexplained": "{subject}: in a part of its spectrum the noise is {ratio:.1f} times what "
     "white noise before and after the conditioning filter explains; the noise level used is not "
     "lower than that at the frequencies of the temperature",
@@ -142,4 +144,22 @@ PIPELINE: dict[str, Message] = {
     "for this sensor, the first at {first_s:.6g} s: taken as missing",
     "delay.backward": "{count} rows whose time is missing or runs backward were not used",
     "follow.torn": "{count} lines with a wrong number of fields were not used",
+}
+
+# The same about another quantity than temperature, where a message above speaks of one.
+OTHER_TRACE: dict[str, Message] = {
+    "trace.alone": "{subject}: {count} reading(s) at an end of the record, first at sample "
+    "{first_sample}, stand alone behind a gap and contradict all others: the quantity changed "
+    "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
+    "more readings, or give the time of the change as an event",
+    "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
+    "{first_sample}, is not determined by it: there is no reading near, or the standard "
+    "uncertainty exceeds the range of the readings ({range_K:.3g} {unit}); not reported there",
+    "noise.wave": "{subject}: a wave of {amplitude_K:.2g} {unit} at {f_Hz:.3g} Hz is taken for one "
+    "of the quantity itself, of {temperature_K:.2g} {unit} before the lag; the record does not "
+    "distinguish it from interference. If the quantity has no such wave, remove it from the "
+    "readings first (a notch filter), or shield the cables",
+    "noise.folded": "{subject}: the sampling may alias harmonics of the mains hum to frequencies "
+    "of the quantity itself, where they cannot be detected: {folded_K:.2g} {unit} were added to "
+    "the standard uncertainty. Use a sampling rate that divides no multiple of the mains frequency",
 }
