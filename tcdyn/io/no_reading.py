@@ -94,7 +94,7 @@ class OtherCells:
     counts
         Number of cells by text; of more than ``MAX_TEXTS`` texts the rest is left out.
     first_rows
-        Row of the first of them in the file, by text.
+        Index of the first of them in the file, by text.
     more
         Number of cells whose text is left out.
     absent
@@ -122,7 +122,7 @@ class OtherCells:
             self.counts[text] += 1
         elif len(self.counts) < MAX_TEXTS:
             self.counts[text] = 1
-            self.first_rows[text] = self.location.row(index)
+            self.first_rows[text] = index
         else:
             self.more += 1
 
@@ -168,17 +168,23 @@ class OtherCells:
                     "text.error_word",
                     subject=self.name,
                     count=n_words,
-                    row=self.first_rows[first],
+                    row=self.location.row(self.first_rows[first]),
+                    table_row=self.first_rows[first] + 1,
                     text=first[:LONGEST_SHOWN],
                     words=_with_counts(words),
                 )
             )
         if damaged:
             first = min(damaged, key=lambda text: self.first_rows[text])
-            row = self.first_rows[first]
-            shown = first[:LONGEST_SHOWN]
             findings.append(
-                warning("text.no_number", subject=self.name, count=n_damaged, row=row, text=shown)
+                warning(
+                    "text.no_number",
+                    subject=self.name,
+                    count=n_damaged,
+                    row=self.location.row(self.first_rows[first]),
+                    table_row=self.first_rows[first] + 1,
+                    text=first[:LONGEST_SHOWN],
+                )
             )
         return findings
 
@@ -206,9 +212,10 @@ class OtherCells:
         if count <= max(DAMAGED_CELLS, DAMAGED_SHARE * cells):
             return
         first = min(damaged, key=lambda text: self.first_rows[text])
+        row = self.location.row(self.first_rows[first])
         mark = "comma" if self.decimal == "," else "point"
         raise InputError(
-            f"column {self.name}, row {self.first_rows[first]}: {first[:LONGEST_SHOWN]!r} is no "
+            f"column {self.name}, row {row}: {first[:LONGEST_SHOWN]!r} is no "
             f"number ({count} of {cells} cells)",
             where=self.location.where,
             expected=f"numbers with decimal {mark}",
@@ -229,8 +236,9 @@ class OtherCells:
         if are_few and are_mostly_numbers(n_words, n_numbers, different):
             return
         first = min(words, key=lambda text: self.first_rows[text])
+        row = self.location.row(self.first_rows[first])
         raise InputError(
-            f"column {self.name}, row {self.first_rows[first]}: {n_words} of {n_filled} filled "
+            f"column {self.name}, row {row}: {n_words} of {n_filled} filled "
             f"cells are no numbers but text, such as {', '.join(_with_counts(words))}",
             where=self.location.where,
             expected="numbers, and few words for no reading",

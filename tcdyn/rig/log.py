@@ -38,6 +38,7 @@ from tcdyn.io.metadata import COMPENSATED, SIMULATED_KEY, START_TIME_KEY
 from tcdyn.io.read import Table, display_path, read_all_rows, sha256_of_file
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
+from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
 from tcdyn.io.write import write_log
 from tcdyn.rig.check_columns import MAX_MISSING_RUN_S, ColumnCheck, DecimatedLog
 from tcdyn.rig.check_kind import check_kind
@@ -56,7 +57,6 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.series.clock import MIN_STRAY
 from tcdyn.series.reading import Codes
-from tcdyn.series.reading import Kind as ColumnKind
 from tcdyn.series.real_share import at_grid_times
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.series import ColumnRows, Context, Policy, check_gaps, clock_of
@@ -213,16 +213,23 @@ def _context(source: Source) -> Context:
     return Context(table.where, source.time, source.options, policy=RIG_POLICY, table=table)
 
 
-def _column_rows(names: Mapping[str, str], raw: Mapping[str, Any]) -> list[ColumnRows]:
-    """The columns of some rows of a log, by their names in the file; switches are left out."""
-    columns = []
+def _column_rows(
+    names: Mapping[str, str], units: Mapping[str, str], raw: Mapping[str, Any]
+) -> list[ColumnRows]:
+    """The columns of some rows of a log, by their names in the file; switches are left out.
+
+    ``units`` is the row of units of the file. Temperatures are in degrees Celsius already.
+    """
+    columns: dict[str, ColumnRows] = {}  # one column of the file may have several names
     for name, column in names.items():
-        if name == "time_s" or name in SWITCHES:
+        if name == "time_s" or name in SWITCHES or column in columns:
             continue
         kind = kind_of_column(name)
-        unit = "degC" if kind is ColumnKind.TEMPERATURE else ""
-        columns.append(ColumnRows(column, unit, kind, raw[column]))
-    return columns
+        unit = unit_in(column) or written_unit(units.get(column, ""))
+        if not unit and names_temperature(column):
+            unit = "degC"
+        columns[column] = ColumnRows(column, unit, kind, raw[column])
+    return list(columns.values())
 
 
 def _sampling(
@@ -565,7 +572,7 @@ def iter_log(
     decimated = DecimatedLog()
     location = SampleLocation(table.where)
     metadata = dict(table.metadata)
-    survey = Survey(partial(_column_rows, names), _context(source))
+    survey = Survey(partial(_column_rows, names, table.units), _context(source))
     for time_s, chunk in source.timed_chunks(list(dict.fromkeys(names.values())), rows):
         if not stamps:
             start = start_time(chunk.stamps, names["time_s"], chunk.data[names["time_s"]])
@@ -679,48 +686,49 @@ def read_log(
 ) -> Log:
     """Read a log and check it.
 
-    The format follows from the ending: CSV in its dialects, LVM, TDMS and Parquet. Row numbers in
-    messages are lines of the file.
+        The format follows from the ending: CSV in its dialects, LVM, TDMS and Parquet. Row numbers in
+        messages are lines of the file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    kind
-        "oven", "immersion", "ehl" or "hole".
-    rig
-        The rig; its ``[columns]`` map the names of columns, those of ``disk`` where it is given.
-    disk
-        Disk whose ``[columns]`` are used.
-    allow_compensated
-        Accept a log that was compensated already.
-    needs_unloading
-        Whether an EHL log must contain the unloading.
-    without
-        Columns that are not read.
+        Parameters
+        ----------
+        path
+            The file.
+        kind
+            "oven", "immersion", "ehl" or "hole".
+        rig
+            The rig; its ``[columns]`` map the names of columns, those of ``disk`` where it is given.
+        disk
+            Disk whose ``[columns]`` are used.
+        allow_compensated
+            Accept a log that was compensated already.
+        needs_unloading
+            Whether an EHL log must contain the unloading.
+        without
+            Columns that are not read.
 
-    Returns
-    -------
-    log
-        The checked log.
+        Returns
+        -------
+        log
+            The checked log.
 
-    Raises
-    ------
-    InputError
-        Bad input (section 8 of the design) that cannot be reported as a finding.
+        Raises
+        ------
+        InputError
+            Bad input (section 8 of the design) that cannot be reported as a finding.
 
-    Examples
-    --------
-    >>> import tempfile
-    >>> from tcdyn.io.write import write_log
-    >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
-    >>> rows["prt_degC"] = rows["setpoint_degC"]
-    >>> for c in "abcdef":
-    ...     rows[f"{c}_degC"] = rows["prt_degC"] + 0.2
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     log = read_log(write_log(rows, Path(folder) / "oven.csv"), "oven")
-    >>> log.frame.shape
-    (6, 9)
+        Examples
+        --------
+        >>> import tempfile
+        >>> from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
+    from tcdyn.io.write import write_log
+        >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
+        >>> rows["prt_degC"] = rows["setpoint_degC"]
+        >>> for c in "abcdef":
+        ...     rows[f"{c}_degC"] = rows["prt_degC"] + 0.2
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     log = read_log(write_log(rows, Path(folder) / "oven.csv"), "oven")
+        >>> log.frame.shape
+        (6, 9)
     """
     file = Path(path)
     if kind != "oven":

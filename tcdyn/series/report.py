@@ -18,7 +18,7 @@ from tcdyn.series.clock import Clock
 from tcdyn.series.reading import EMPTY, READING, REASON_NAMES, Reasons
 from tcdyn.series.real_share import RealShare
 
-LISTED_GAPS = 20  # longest gaps that a report lists
+LISTED_GAPS = 100  # longest gaps that a report lists
 # Findings of the readers about cells that hold words; the reason is then "word".
 WORD_CODES = ("text.error_word", "text.no_number")
 
@@ -263,7 +263,7 @@ class ColumnCount:
                 numbers = finding.numbers
                 n_words += int(numbers["count"])
                 example = str(numbers.get("text", ""))
-                left_out["word"] = LeftOut("word", n_words, int(numbers["row"]), example)
+                left_out["word"] = LeftOut("word", n_words, int(numbers["table_row"]), example)
         interval_s = duration_s / (self.readings - 1) if self.readings > 1 else np.nan
         return ColumnReport(
             self.name,

@@ -185,7 +185,10 @@ def reading_rows(
         if isinstance(reference, str):
             check_numbers(reference, raw[reference], where)
         base = unit.to_base(raw[name], cold_degC)
-        columns.append(ColumnRows(name, unit.name, kind_of(name, unit), raw[name], base))
+        kind = kind_of(name, unit)
+        is_unknown = unit.is_assumed and kind is Kind.QUANTITY
+        written = "" if is_unknown else unit.name
+        columns.append(ColumnRows(name, written, kind, raw[name], base))
     return columns
 
 

@@ -26,7 +26,7 @@ from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.appended import AppendedFile, digest
-from tcdyn.io.cells import is_number
+from tcdyn.io.cells import is_number, number_and_unit
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.endings import CSV, JSON, check_ending
@@ -428,7 +428,7 @@ def _start_time_metadata(growing: GrowingText, raw: RawLog) -> dict[str, str]:
     first_cells = dict(zip(dialect.names, dialect.first_row))
     name = raw.time_in_log
     cell = first_cells[name]
-    if is_number(cell, dialect.decimal):
+    if is_number(cell, dialect.decimal) or number_and_unit(cell, dialect.decimal)[1]:
         return {}
     if not is_stamp(cell):
         raise InputError(

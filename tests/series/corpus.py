@@ -347,7 +347,8 @@ def _cells_without_readings() -> None:
         (("OVLD", 0.01), ("Err", 0.02), ("--.---", 0.02), ("#N/A", 0.01), ("unavailable", 0.04))
     ):
         log = make_log(500, 0.2, 610 + k)
-        log = put(log, "fine", some_rows(log, share, 610 + k), word, "word")
+        reason = "empty" if word == "#N/A" else "word"
+        log = put(log, "fine", some_rows(log, share, 610 + k), word, reason)
         add_csv("words", f"{share:.0%} {word}", log, seconds(log, 1))
     log = put(make_log(500, 0.2, 616), "coarse", range(350, 420), "BURNOUT", "word")
     add_csv("words", "BURNOUT for seventy rows", log, seconds(log, 1))
@@ -362,7 +363,8 @@ def _cells_without_readings() -> None:
         log = make_log(600, 0.5, 620 + k)
         log = put(log, "fine", some_rows(log, share, 620 + k), code, "code")
         add_csv("codes", f"{share:.0%} {code}", log, seconds(log, 1))
-    log = put(make_log(600, 0.5, 626), "fine", range(6), "85.00", "code")
+    # a code at the start of a record cannot be told from its first temperature
+    log = put(make_log(600, 0.5, 626), "fine", range(6), "85.00", "")
     add_csv("codes", "85 for the first six rows after power on", log, seconds(log, 1))
     log = make_log(600, 0.5, 627)
     for column, seed in (("fine", 5), ("coarse", 6)):
@@ -584,7 +586,7 @@ def _loggers() -> None:
         input="Heater",
         time="TIMESTAMP",
     )
-    log = put(make_log(400, 0.1, 1101), "fine", [150, 151, 290], '"NAN"', "word")
+    log = put(make_log(400, 0.1, 1101), "fine", [150, 151, 290], '"NAN"', "empty")
     fine, coarse, u = _cells(log)
     lines = [top, *head, *rows_of(quoted(clock(log, ISO_MS)), number, fine, coarse, u)]
     add(
@@ -796,7 +798,7 @@ def _loggers() -> None:
     log = make_log(400, 0.5, 1113)
     times = [f"{stamp:g} sec" for stamp in log.stamp_s]
     add_csv(kind, "MATLAB: durations with their unit", log, times, "RowTimes")
-    log = put(make_log(400, 0.1, 1114), "coarse", [90, 91, 200], "NA", "word")
+    log = put(make_log(400, 0.1, 1114), "coarse", [90, 91, 200], "NA", "empty")
     fine, coarse, u = _cells(log)
     lines = [
         '"";"t";"T1";"T2";"u"',

@@ -7,7 +7,6 @@ as they report what they read (``tcdyn.series.report``).
 
 from __future__ import annotations
 
-import importlib.util
 import tomllib
 from collections.abc import Callable
 from copy import deepcopy
@@ -70,8 +69,6 @@ QUICK = (
 )
 MIN_FILES = 90
 BY_NAME = {file.name: file for file in FILES}
-HAS_REPORTS = importlib.util.find_spec("tcdyn.series.report") is not None
-needs_reports = pytest.mark.skipif(not HAS_REPORTS, reason="commands do not report their readings")
 
 
 def quick_or_e2e() -> list[Any]:
@@ -364,7 +361,6 @@ def quick_estimators(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "pair_sensor", stated_instead_of_fitted)
 
 
-@needs_reports
 @pytest.mark.usefixtures("quick_estimators")
 @pytest.mark.parametrize("file", quick_or_e2e())
 def test_each_command_reads_the_same_from_a_file(file: CorpusFile, tmp_path: Path) -> None:
@@ -373,7 +369,6 @@ def test_each_command_reads_the_same_from_a_file(file: CorpusFile, tmp_path: Pat
     assert [text for name, report in reports.items() for text in errors(file, name, report)] == []
 
 
-@needs_reports
 @pytest.mark.e2e
 @pytest.mark.usefixtures("quick_estimators")
 @pytest.mark.parametrize(("module", "attribute", "value", "name"), MECHANISMS, ids=MECHANISM_NAMES)
