@@ -686,49 +686,49 @@ def read_log(
 ) -> Log:
     """Read a log and check it.
 
-        The format follows from the ending: CSV in its dialects, LVM, TDMS and Parquet. Row numbers in
-        messages are lines of the file.
+    The format follows from the ending: CSV in its dialects, LVM, TDMS and Parquet. Row numbers in
+    messages are lines of the file.
 
-        Parameters
-        ----------
-        path
-            The file.
-        kind
-            "oven", "immersion", "ehl" or "hole".
-        rig
-            The rig; its ``[columns]`` map the names of columns, those of ``disk`` where it is given.
-        disk
-            Disk whose ``[columns]`` are used.
-        allow_compensated
-            Accept a log that was compensated already.
-        needs_unloading
-            Whether an EHL log must contain the unloading.
-        without
-            Columns that are not read.
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        "oven", "immersion", "ehl" or "hole".
+    rig
+        The rig; its ``[columns]`` map the names of columns, those of ``disk`` where it is given.
+    disk
+        Disk whose ``[columns]`` are used.
+    allow_compensated
+        Accept a log that was compensated already.
+    needs_unloading
+        Whether an EHL log must contain the unloading.
+    without
+        Columns that are not read.
 
-        Returns
-        -------
-        log
-            The checked log.
+    Returns
+    -------
+    log
+        The checked log.
 
-        Raises
-        ------
-        InputError
-            Bad input (section 8 of the design) that cannot be reported as a finding.
+    Raises
+    ------
+    InputError
+        Bad input (section 8 of the design) that cannot be reported as a finding.
 
-        Examples
-        --------
-        >>> import tempfile
-        >>> from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
+    Examples
+    --------
+    >>> import tempfile
+    >>> from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
     from tcdyn.io.write import write_log
-        >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
-        >>> rows["prt_degC"] = rows["setpoint_degC"]
-        >>> for c in "abcdef":
-        ...     rows[f"{c}_degC"] = rows["prt_degC"] + 0.2
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     log = read_log(write_log(rows, Path(folder) / "oven.csv"), "oven")
-        >>> log.frame.shape
-        (6, 9)
+    >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
+    >>> rows["prt_degC"] = rows["setpoint_degC"]
+    >>> for c in "abcdef":
+    ...     rows[f"{c}_degC"] = rows["prt_degC"] + 0.2
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     log = read_log(write_log(rows, Path(folder) / "oven.csv"), "oven")
+    >>> log.frame.shape
+    (6, 9)
     """
     file = Path(path)
     if kind != "oven":

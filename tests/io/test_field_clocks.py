@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from tcdyn.sensors.table import open_source, read_columns
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.clock_numbers import cause_of_fall, clock_unit, seconds_of_stamp
 from tcdyn.io.read import open_table
+from tests.series.reading import read_columns
+from tests.series.reading import source_of as open_source
 
 ROWS = 240
 K = np.arange(ROWS)

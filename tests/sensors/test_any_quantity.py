@@ -113,7 +113,7 @@ def test_columns_of_one_file_are_compensated_each_in_its_unit(tmp_path: Path) ->
     read_temperature[100] = 4000.0
     log = write(tmp_path / "log.csv", time_s=t, **columns)
     made = compensate_table(log, sensors, tmp_path / "out.csv")
-    assert {f.subject for f in made.findings if f.code == "trace.outside"} == {"T1 [°C]"}
+    assert {f.subject for f in made.findings if f.code == "series.codes"} == {"T1 [°C]"}
 
 
 @pytest.mark.parametrize(
@@ -229,8 +229,8 @@ def test_readings_far_beyond_a_thermocouple_are_no_codes_and_overloads_are(tmp_p
     y[[50, 51, 200]] = 9.9e37
     log = write(tmp_path / "log.csv", time_s=t, p_Pa=y)
     made = compensate_table(log, [probe("p_Pa")], tmp_path / "out.csv")
-    assert [(f.code, f.numbers["count"]) for f in made.findings if f.code == "trace.overload"] == [
-        ("trace.overload", 3)
+    assert [(f.code, f.numbers["count"]) for f in made.findings if f.code == "series.codes"] == [
+        ("series.codes", 3)
     ]
     assert np.isfinite(written(made.path)["p_Pa"]).all()
 
@@ -241,7 +241,7 @@ def test_drop_out_codes_of_another_quantity_are_missing(tmp_path: Path) -> None:
     y[lost] = 0.0
     log = write(tmp_path / "log.csv", time_s=t, p_Pa=y)
     made = compensate_table(log, [probe("p_Pa")], tmp_path / "out.csv")
-    (codes,) = [f for f in made.findings if f.code == "trace.codes"]
+    (codes,) = [f for f in made.findings if f.code == "series.codes"]
     assert codes.numbers["count"] == len(lost)
     assert "0 Pa" in codes.sentence
     assert coverage(written(made.path), "p_Pa", "p_u_Pa", truth) > 0.9

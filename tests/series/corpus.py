@@ -979,7 +979,7 @@ def as_rig_log(file: CorpusFile, path: Path) -> RigLog | None:
     longest = max(RIG_LONGEST_GAP_S / interval_s, RIG_LONGEST_GAP_INTERVALS)
     # an estimate of 1 s may be longer
     longest_s = interval_s * (1 + truth["interval_rtol"] - INTERVAL_RTOL)
-    if longest_s > RIG_LONGEST_INTERVAL_S or truth["has_equal_stamps"] or not file.time:
+    if longest_s > RIG_LONGEST_INTERVAL_S or not file.time:
         return None
     if any(gap["rows"] + 1 > longest for gap in truth.get("gaps", ())):
         return None

@@ -119,7 +119,7 @@ def test_impossible_millivolts_become_missing_and_degrees_instead_of_millivolts_
     frame = millivolts(ehl_frame(), 0.0)
     frame.loc[1000, "fast_e_degC"] = 500.0
     log = read_log(write_log(frame, tmp_path / "spike.csv"), "ehl", rig)
-    assert [f.code for f in log.findings] == ["values.impossible"]
+    assert [f.code for f in log.findings] == ["series.codes"]
     assert log.frame["fast_e_degC"].isna().sum() == 1
     with pytest.raises(InputError, match="no junction has"):
         read_log(write_log(ehl_frame(), tmp_path / "C.csv"), "ehl", rig)

@@ -205,7 +205,7 @@ def test_lines_that_are_torn_blank_or_not_numbers_stay_local(tmp_path: Path) -> 
     both = whole.set_index("time_s").loc[done["time_s"]]
     z = np.abs(done["T1_degC"].to_numpy() - both["T1_degC"].to_numpy()) / both["T1_u_K"].to_numpy()
     assert z.max() < 3.0  # noise-sized, in the samples beside a gap
-    assert {f.code for f in run.findings} == {"follow.torn", "text.error_word"}
+    assert {f.code for f in run.findings} == {"follow.torn", "series.lost", "text.error_word"}
 
 
 def test_a_channel_that_falls_silent_is_empty_and_a_wide_band_before(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tcdyn.campaign import stages
 from tcdyn.core.errors import InputError
 from tcdyn.rig.log import iter_log, read_log, write_log
 from tcdyn.sensors import compensation as engine
-from tcdyn.sensors import table
+from tcdyn.sensors import segments
 from tcdyn.sensors.compensation import CompensatedSegment, CompensationMethod
 from tcdyn.workflows import compensate, compensate_log
 from tcdyn.workflows.compensate import LogSegments
@@ -32,7 +32,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     for room in (stages, compensate):
         monkeypatch.setattr(room, "MAX_ROWS", 12_000)
     monkeypatch.setattr(compensate, "SEGMENT_ROWS", 9_000)
-    monkeypatch.setattr(table, "FLOOR", 1e-4)  # margins of 5,120 rows, segments of 15,360
+    monkeypatch.setattr(segments, "FLOOR", 1e-4)  # margins of 5,120 rows, segments of 15,360
 
 
 @pytest.mark.usefixtures("small")
