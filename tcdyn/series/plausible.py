@@ -40,6 +40,10 @@ CODE_STEPS = 5.0
 # runs.
 CODE_RUN = 3
 CODE_RUNS = 3
+# A temperature goes on after a run of a code as before it: it has changed by less than this share of
+# the jump to the code. One that jumps to another state and back within one row each is none.
+BRIDGE_SHARE = 0.25
+LARGEST_CODE_SHARE = 0.5  # of the readings: more are the state, and the others the exception
 # Fewest different readings of the rest of the column: a switch or a relay has no drop-out codes.
 MIN_DIFFERENT_READINGS = 10
 # Most different codes in one column. Chosen by judgement.
@@ -94,7 +98,7 @@ def overload_limit(values: Array) -> float:
     return OVERLOAD_RATIO * max(usual, 1.0)
 
 
-def dropout_codes(values: Array) -> Flags:
+def dropout_codes(values: Array, is_temperature: bool = False) -> Flags:
     """Whether readings are drop-out codes: one isolated value that recurs (0, 2300, -200, 9999).
 
     A code is the smallest or the largest value of the column, is isolated from the other readings,
@@ -104,6 +108,9 @@ def dropout_codes(values: Array) -> Flags:
     ----------
     values : array of shape (N,)
         Readings in any unit, NaN where missing.
+    is_temperature
+        Whether they are temperatures: a thermocouple does not jump and come back, so that longer
+        runs are codes where the readings go on after them as before.
 
     Returns
     -------
@@ -128,16 +135,16 @@ def dropout_codes(values: Array) -> Flags:
         finite = remaining[np.isfinite(remaining)]
         if len(finite) < MIN_DIFFERENT_READINGS:
             break
-        is_code = _dropout_mask(remaining, float(finite.min()))
+        is_code = _dropout_mask(remaining, float(finite.min()), is_temperature)
         if not is_code.any():
-            is_code = _dropout_mask(remaining, float(finite.max()))
+            is_code = _dropout_mask(remaining, float(finite.max()), is_temperature)
         if not is_code.any():
             break
         codes |= is_code
     return codes
 
 
-def _dropout_mask(values: Array, candidate: float) -> Flags:
+def _dropout_mask(values: Array, candidate: float, is_temperature: bool) -> Flags:
     """Where ``candidate``, an extreme of the column, is a drop-out code.
 
     Parameters
@@ -146,6 +153,8 @@ def _dropout_mask(values: Array, candidate: float) -> Flags:
         Readings (N,), NaN where missing.
     candidate
         Smallest or largest value of the column.
+    is_temperature
+        As for ``dropout_codes``.
 
     Returns
     -------
@@ -180,6 +189,13 @@ def _dropout_mask(values: Array, candidate: float) -> Flags:
         and len(lengths) >= CODE_RUNS
         and distance > CODE_DISTANCE * spread
     )
+    if is_temperature and int(inside.sum()) >= CODE_RUNS:
+        readings = values[np.isfinite(values)]
+        before = readings[starts[inside] - 1]
+        after = readings[ends[inside]]
+        goes_on = np.abs(after - before) < BRIDGE_SHARE * np.abs(before - candidate)
+        is_rare = np.count_nonzero(present) < LARGEST_CODE_SHARE * len(present)
+        short_runs |= bool(is_rare and distance > CODE_DISTANCE * spread and goes_on.all())
     is_code = short_runs or (far_beyond and len(lengths) == inside.sum())
     return equal if is_code else none
 

@@ -93,7 +93,7 @@ def find_codes(values: Array, kind: Kind) -> Codes:
         possible = np.where(np.abs(finite) > beyond, np.nan, finite)
     if kind is Kind.INPUT:
         return Codes((), beyond)
-    is_code = dropout_codes(possible)
+    is_code = dropout_codes(possible, kind is Kind.TEMPERATURE)
     codes = np.concatenate([outside, np.unique(possible[is_code])])
     return Codes(tuple(np.sort(codes).tolist()), beyond)
 

@@ -109,3 +109,29 @@ def test_process_states_are_not_drop_outs() -> None:
     coarse_wave = np.round(25 + 0.46 * np.sin(np.arange(3000) / 60), 1)
     for y in (relay, coarse_step, ice_water, pump, coarse_wave):
         assert not dropout_codes(y).any()
+
+
+@pytest.mark.parametrize("code", [85.0, 0.0])
+@pytest.mark.parametrize("rows", [4, 6])
+def test_a_code_in_longer_runs_is_found_in_a_temperature(code: float, rows: int) -> None:
+    """A sensor that starts again writes its code for some rows; the temperature goes on after."""
+    rng = np.random.default_rng(6)
+    t = np.arange(600.0)
+    y = 20 + 40 * (1 - np.exp(-np.maximum(t - 100, 0) / 30)) + rng.normal(0, 0.05, 600)
+    is_code = (t % 40 < rows) & (t > 30)
+    y = np.round(np.where(is_code, code, y), 2)
+    assert np.array_equal(dropout_codes(y, is_temperature=True), is_code)
+    assert not dropout_codes(y).any()
+
+
+def test_a_temperature_with_two_states_has_no_codes() -> None:
+    """Between the states it passes through other readings, or stays in the second for long."""
+    rng = np.random.default_rng(7)
+    t = np.arange(1200.0)
+    state = np.where(t % 100 < 50, 85.0, 20.0)
+    slow = np.empty(1200)
+    slow[0] = 20.0
+    for k in range(1, 1200):
+        slow[k] = slow[k - 1] + (state[k] - slow[k - 1]) * 0.5
+    for y in (slow + rng.normal(0, 0.05, 1200), state + rng.normal(0, 0.05, 1200), slow):
+        assert not dropout_codes(np.round(y, 1), is_temperature=True).any()
