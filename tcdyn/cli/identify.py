@@ -7,7 +7,7 @@ The models and fits are :mod:`tcdyn.identification`. Tests:
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -27,6 +27,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.core.errors import InputError
 from tcdyn.io.endings import JSON, PAGE
+from tcdyn.series.options import ReadingOptions
 
 if TYPE_CHECKING:
     from tcdyn.identification import Model
@@ -38,9 +39,6 @@ def identify(
     input: Annotated[list[str], typer.Option("--input", "-u")],
     output: Annotated[list[str], typer.Option("--output", "-y")],
     run: str | None = None,
-    time: str | None = None,
-    time_unit: str | None = None,
-    dt_s: Annotated[float | None, number_option(1e-9, 1e9)] = None,
     resample_s: Annotated[float | None, number_option(1e-9, 1e9)] = None,
     hold: list[str] | None = None,
     model: Annotated[list[str] | None, typer.Option("--model", "-m")] = None,
@@ -60,6 +58,7 @@ def identify(
     out: Path | None = None,
     report: Path | None = None,
     *,
+    reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
     """Identify the dynamics between two columns: compare models, validate them, recommend one.
@@ -80,12 +79,6 @@ def identify(
         Column of the output; repeat for several.
     run
         Column whose values distinguish the runs.
-    time
-        Time column; names such as time_s, Time (ms) and t are detected.
-    time_unit
-        Unit of the time, if its header does not state it: s, ms, min.
-    dt_s
-        Sampling interval in seconds, if there is no time column.
     resample_s
         Resample uneven times to this interval in seconds.
     hold
@@ -183,11 +176,9 @@ def identify(
         input=inputs,
         output=outputs,
         run=run,
-        time=time,
-        time_unit=time_unit,
-        dt_s=dt_s,
         resample_s=resample_s,
         hold=holds if len(holds) > 1 else holds[0],  # type: ignore[arg-type]
+        **asdict(reading),
     )
     inputs = list(record.input_names)  # with the units that the file states
     filter_ = NO_CONDITIONING
@@ -215,6 +206,7 @@ def identify(
         content = comparison.best.identified.to_dict()
         content["averaged"] = comparison.averaged
         content["source"] = source_entry(data)
+        content["reading"] = [each.to_dict() for each in record.reading]
         level_dependence = ""
         if narx:
             from tcdyn.identification.narx import temperature_dependence
