@@ -32,6 +32,9 @@ from tcdyn.series.options import ReadingOptions
 if TYPE_CHECKING:
     from tcdyn.identification import Model
 
+# Infos about how the table was read, which are no part of a result.
+ABOUT_READING = ("time.taken", "series.averages")
+
 
 @options_from_docstring
 def identify(
@@ -224,7 +227,7 @@ def identify(
     if len(outputs) > 1:
         reporter.text(joint_table(comparisons).to_string(index=False))
     of_best = [f for comparison in comparisons.values() for f in comparison.best.findings]
-    guesses = [f for f in record.findings if f.code == "time.taken" and f not in of_best]
+    guesses = [f for f in record.findings if f.code in ABOUT_READING and f not in of_best]
     reporter.finish(
         data.name,
         [*guesses, *of_best],

@@ -47,7 +47,7 @@ from tcdyn.sensors.compensation import (
 )
 from tcdyn.sensors.segments import SegmentPosition
 from tcdyn.series.report import SeriesReport
-from tcdyn.series.source import RisingRows, selected_rows
+from tcdyn.series.source import RisingRows
 from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.compensate_table import check_delay, delayed_findings
 from tcdyn.workflows.raw_log import (
@@ -412,8 +412,8 @@ def _wait_for_rows(
                 if opened is not None:
                     growing, table = opened
                     raw = raw_log(log, table, calibrations, rig, options)
-                    selected, _ = selected_rows(complete, raw.source.options)
-                    raw = checked_before_following(raw, selected)
+                    there = raw_log(log, complete, calibrations, rig, options)
+                    raw = checked_before_following(raw, there.source.table)
                     _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
                     return growing, raw
