@@ -83,7 +83,7 @@ def follow(
         HTML report: a channel as logged and compensated, noise and uncertainty
     """
     from tcdyn.io.write import DIALECTS
-    from tcdyn.rig.opened_log import records_by_disk, rig_from_records
+    from tcdyn.rig.opened_log import records_by_disk
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
     from tcdyn.workflows.follow import follow as run
@@ -98,15 +98,13 @@ def follow(
     check_outputs(read_files, True, **outputs)  # with --state it continues
     check_outputs(read_files, reporter.overwrite, report=(report, PAGE))
     records: Any
-    rig_table = None
     if sensor:
         only_with_records({"--rig": rig, "--report": report})
         records = [read_sensor(path) for path in sensor]
     else:
         records = records_by_disk(record or [])
-        rig_table = load_rig(rig) if rig else rig_from_records(records)
-        rig_table = rig_table.with_reading(reading.rows)
     check_choice("--dialect", dialect, DIALECTS)
+    rig_table = load_rig(rig) if rig else None
 
     def announce(followed: RawLog, delay_s: float) -> None:
         """Print the log, the number of channels and the delay."""

@@ -52,7 +52,7 @@ def view(
         open it in the browser
     """
     from tcdyn.report.view import view as write_view
-    from tcdyn.rig.opened_log import records_by_disk, rig_from_records
+    from tcdyn.rig.opened_log import records_by_disk
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
 
@@ -62,11 +62,8 @@ def view(
     inputs = [log, rig, *(record or ()), *(sensor or ())]
     check_outputs(inputs, reporter.overwrite, out=(page, PAGE))
     calibrations: Any = ()
-    rig_settings = None
     if record:
         calibrations = records_by_disk(record)
-        rig_settings = load_rig(rig) if rig else rig_from_records(calibrations)
-        rig_settings = rig_settings.with_reading(reading.rows)
     else:
         only_with_records({"--rig": rig})
         calibrations = [read_sensor(path) for path in sensor or ()]
@@ -75,7 +72,7 @@ def view(
         _, findings = write_view(
             log,
             calibrations,
-            rig=rig_settings,
+            rig=load_rig(rig) if rig else None,
             out=page,
             open_browser=open_,
             progress=progress,

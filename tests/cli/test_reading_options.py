@@ -190,6 +190,13 @@ def test_a_log_of_the_rig_is_read_as_the_rig_says(campaign: Campaign, renamed: P
     assert log.reading.interval_s == pytest.approx(plain.reading.interval_s)
 
 
+def test_a_log_of_the_rig_without_a_time_is_refused_with_the_options(
+    campaign: Campaign, renamed: Path
+) -> None:
+    with pytest.raises(InputError, match="time=COLUMN.* dt_s=SECONDS"):
+        read_log(renamed, "immersion", campaign.rig, "fast")
+
+
 @pytest.mark.e2e
 def test_a_calibration_reads_its_plunges_by_the_options(
     campaign: Campaign, renamed: Path, tmp_path: Path
