@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         estimate_one_disk,
         run_demo,
     )
+    from tcdyn.workflows.inspect import inspect
 
 __all__ = [
     "Chain",
@@ -60,6 +61,7 @@ __all__ = [
     "estimate_one_disk",
     "fit",
     "identify",
+    "inspect",
     "iter_log",
     "load_rig",
     "read_log",
@@ -94,6 +96,7 @@ _MODULES = {  # public name: where it is defined
     "compensate_log": "tcdyn.workflows",
     "estimate_beta": "tcdyn.workflows",
     "estimate_one_disk": "tcdyn.workflows",
+    "inspect": "tcdyn.workflows.inspect",
     "run_demo": "tcdyn.workflows",
     "Chain": "tcdyn.chain",
     "smooth": "tcdyn.smoothing",

@@ -27,6 +27,7 @@ from tcdyn.cli.compensate import compensate
 from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
+from tcdyn.cli.inspect import inspect
 from tcdyn.cli.stop_signals import stop_signals
 from tcdyn.cli.streams import message_stream, result_stream
 from tcdyn.cli.verify import verify
@@ -93,6 +94,7 @@ rig.add_typer(circumference.app, name="circumference")
 app.add_typer(sensor.app, name="sensor", rich_help_panel=ANY_THERMOCOUPLE)
 app.command("compensate", rich_help_panel=ANY_THERMOCOUPLE)(compensate)
 app.command("follow", rich_help_panel=ANY_THERMOCOUPLE)(follow)
+app.command("inspect", rich_help_panel=ANY_THERMOCOUPLE)(inspect)
 app.command("view", rich_help_panel=ANY_THERMOCOUPLE)(view)
 app.command("identify", rich_help_panel=IDENTIFICATION)(identify)
 app.command("response", rich_help_panel=IDENTIFICATION)(response)

@@ -31,6 +31,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.core.errors import InputError, printable
 from tcdyn.io.endings import JSON, PAGE, FileKind
+from tcdyn.series.options import ReadingOptions
 
 Bearing = Annotated[
     Path | None,
@@ -62,6 +63,7 @@ def beta(
     stage: Annotated[int | None, typer.Option(min=1)] = None,
     verbose: Verbose = False,
     *,
+    reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
     """Estimate the heat partition beta from an EHL log, with an uncertainty budget.
@@ -110,6 +112,7 @@ def beta(
     check_outputs(read_files, reporter.overwrite, out=(out, JSON), report=(report, PAGE))
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
+    rig_settings = rig_settings.with_reading(reading)
     names = column_names(log, rig_settings)
     check_records_used(names, rig_settings, records, display_path(log))
     rolling = read_bearing(bearing) if bearing else None
@@ -198,6 +201,7 @@ def campaign(
     window_s: Annotated[float, number_option(0, 1e6, ends=False)] = 5.0,
     seed: Seed = 0,
     *,
+    reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
     """Estimate the heat partition of every log of a campaign, separately and together.
@@ -266,6 +270,7 @@ def campaign(
         check_outputs(read_files, overwrite, out=(file, FileKind(name, (file.suffix,))))
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
+    rig_settings = rig_settings.with_reading(reading)
     rolling = read_bearing(bearing) if bearing else None
     channels_left_out(without or (), rig_settings.setups)
     pair = tuple(interchanged or ())

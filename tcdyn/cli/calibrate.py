@@ -26,6 +26,7 @@ from tcdyn.cli.common import (
 from tcdyn.cli.tables import value_and_u
 from tcdyn.core.errors import InputError
 from tcdyn.io.endings import JSON, PAGE
+from tcdyn.series.options import ReadingOptions
 
 
 @options_from_docstring
@@ -43,6 +44,7 @@ def calibrate(
     earlier: list[Path] | None = None,
     verbose: Verbose = False,
     *,
+    reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
     """Calibrate a disk: static lines from its oven log, dynamics from its plunge logs.
@@ -90,7 +92,7 @@ def calibrate(
             )
     with stage_progress(reporter.is_silent, verbose) as progress:
         run = calibrate_disk(
-            load_rig(rig),
+            load_rig(rig).with_reading(reading),
             disk,
             oven,
             immersion,
@@ -121,6 +123,7 @@ def holes(
     out: Path | None = None,
     report: Path | None = None,
     *,
+    reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
     """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones.
@@ -153,7 +156,7 @@ def holes(
     depth, depth_u = value_and_u(depth_mm, "--depth-mm")
     if not (0 < depth < 100 and depth_u < 100):
         raise InputError(f"--depth-mm is {depth_mm}", expected="above 0 and below 100 mm")
-    setup = load_rig(rig)
+    setup = load_rig(rig).with_reading(reading)
     table = read_log(log, "hole", setup)
     comparison = compare_holes(
         with_filled_bath(table),

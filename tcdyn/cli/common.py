@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import os
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -77,6 +78,8 @@ def as_option(name: str, value: Value = None) -> str:
     ('--window-s 4.2', '--no-sensor-check', '--overwrite')
     >>> as_option("records", "fast.disk.json"), as_option("out"), as_option("loss", "huber")
     ('--record fast.disk.json', '--out', '--robust')
+    >>> as_option("where", "Channel=CH 1")
+    '--where "Channel=CH 1"'
     """
     if (name, value) == ("loss", "huber"):
         return "--robust"
@@ -86,8 +89,25 @@ def as_option(name: str, value: Value = None) -> str:
     if value is None or value is True:
         return option
     if isinstance(value, list):
-        return " ".join(f"{option} {each}" for each in value)
-    return f"{option} {value}"
+        return " ".join(f"{option} {_quoted(each)}" for each in value)
+    return f"{option} {_quoted(str(value))}"
+
+
+def _quoted(word: str) -> str:
+    """A word of a command as a shell takes it for one.
+
+    Double quotes do so in all shells; characters that a shell replaces within them need single
+    quotes.
+
+    >>> _quoted("T1 [K]"), _quoted("T$1"), _quoted("T1=K")
+    ('"T1 [K]"', "'T$1'", 'T1=K')
+    """
+    quoted = shlex.quote(word)
+    if quoted == word or re.fullmatch(r"[\w=.,:/+-]+", word):
+        return word
+    if re.search(r"[\"$`\\!]", word):
+        return quoted
+    return f'"{word}"'
 
 
 def split_docstring(documented: Any) -> tuple[str, dict[str, str]]:
@@ -116,6 +136,28 @@ def split_docstring(documented: Any) -> tuple[str, dict[str, str]]:
         name, _, lines = entry.partition("\n")
         help_texts[name] = " ".join(lines.split())
     return text, help_texts
+
+
+def _attributes_of(group: type[Any]) -> dict[str, str]:
+    """Help of each field of a dataclass, by the docstrings of the class and its base classes.
+
+    A parameter in braces becomes the option of that name.
+    """
+    texts: dict[str, str] = {}
+    for each in reversed(group.__mro__):
+        if is_dataclass(each):
+            texts |= split_docstring(each)[1]
+    return {name: _with_options(text) for name, text in texts.items()}
+
+
+def _with_options(text: str) -> str:
+    """A text with options instead of parameters in braces, and without "[s]", a style of rich.
+
+    >>> _with_options("interval [s]; without {time_unit}")
+    'interval in seconds; without --time-unit'
+    """
+    text = text.replace("[s]", "in seconds")
+    return re.sub(r"{(\w+)}", lambda match: as_option(match[1]), text)
 
 
 def _as_typer_parameter(
@@ -173,7 +215,7 @@ def options_from_docstring(command: Callable[..., None]) -> Callable[..., None]:
         groups[parameter.name] = group
         fields = inspect.signature(group, eval_str=True).parameters.values()
         members[parameter.name] = [field.name for field in fields]
-        texts = split_docstring(group)[1]
+        texts = _attributes_of(group)
         for field in fields:
             option = _as_typer_parameter(field, texts)
             signature.append(option.replace(kind=inspect.Parameter.KEYWORD_ONLY))

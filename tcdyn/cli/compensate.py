@@ -168,6 +168,7 @@ def compensate(
         )
     records = records_by_disk(record)
     rig_settings = load_rig(rig) if rig else rig_from_records(records)
+    rig_settings = rig_settings.with_reading(reading.rows)
     if delay_s is not None:
         for option, value in whole_log_options.items():
             if value:

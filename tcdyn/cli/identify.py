@@ -7,7 +7,7 @@ The models and fits are :mod:`tcdyn.identification`. Tests:
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -27,9 +27,13 @@ from tcdyn.cli.common import (
 )
 from tcdyn.core.errors import InputError
 from tcdyn.io.endings import JSON, PAGE
+from tcdyn.series.options import ReadingOptions
 
 if TYPE_CHECKING:
     from tcdyn.identification import Model
+
+# Infos about how the table was read, which are no part of a result.
+ABOUT_READING = ("time.taken", "series.averages")
 
 
 @options_from_docstring
@@ -38,9 +42,6 @@ def identify(
     input: Annotated[list[str], typer.Option("--input", "-u")],
     output: Annotated[list[str], typer.Option("--output", "-y")],
     run: str | None = None,
-    time: str | None = None,
-    time_unit: str | None = None,
-    dt_s: Annotated[float | None, number_option(1e-9, 1e9)] = None,
     resample_s: Annotated[float | None, number_option(1e-9, 1e9)] = None,
     hold: list[str] | None = None,
     model: Annotated[list[str] | None, typer.Option("--model", "-m")] = None,
@@ -60,6 +61,7 @@ def identify(
     out: Path | None = None,
     report: Path | None = None,
     *,
+    reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
     """Identify the dynamics between two columns: compare models, validate them, recommend one.
@@ -80,12 +82,6 @@ def identify(
         Column of the output; repeat for several.
     run
         Column whose values distinguish the runs.
-    time
-        Time column; names such as time_s, Time (ms) and t are detected.
-    time_unit
-        Unit of the time, if its header does not state it: s, ms, min.
-    dt_s
-        Sampling interval in seconds, if there is no time column.
     resample_s
         Resample uneven times to this interval in seconds.
     hold
@@ -183,11 +179,9 @@ def identify(
         input=inputs,
         output=outputs,
         run=run,
-        time=time,
-        time_unit=time_unit,
-        dt_s=dt_s,
         resample_s=resample_s,
         hold=holds if len(holds) > 1 else holds[0],  # type: ignore[arg-type]
+        **asdict(reading),
     )
     inputs = list(record.input_names)  # with the units that the file states
     filter_ = NO_CONDITIONING
@@ -215,6 +209,7 @@ def identify(
         content = comparison.best.identified.to_dict()
         content["averaged"] = comparison.averaged
         content["source"] = source_entry(data)
+        content["reading"] = [each.to_dict() for each in record.reading]
         level_dependence = ""
         if narx:
             from tcdyn.identification.narx import temperature_dependence
@@ -232,7 +227,7 @@ def identify(
     if len(outputs) > 1:
         reporter.text(joint_table(comparisons).to_string(index=False))
     of_best = [f for comparison in comparisons.values() for f in comparison.best.findings]
-    guesses = [f for f in record.findings if f.code == "time.taken" and f not in of_best]
+    guesses = [f for f in record.findings if f.code in ABOUT_READING and f not in of_best]
     reporter.finish(
         data.name,
         [*guesses, *of_best],

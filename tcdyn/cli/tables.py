@@ -7,7 +7,7 @@ Used by the commands ``compensate``, ``follow`` and ``sensor``. The compensation
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,7 @@ import typer
 
 from tcdyn.cli.common import Reporter, stage_progress
 from tcdyn.core.errors import InputError
+from tcdyn.series.options import ReadingOptions
 
 if TYPE_CHECKING:
     from tcdyn.workflows.raw_log import Calibrations
@@ -46,15 +47,11 @@ CsvComments = Annotated[
 
 
 @dataclass(frozen=True)
-class TableReading:
-    """Options for time and units of a table whose column names do not state them.
+class TableReading(ReadingOptions):
+    """How the rows of a table are read, and the units of its columns.
 
     Attributes
     ----------
-    time
-        of a table: the time column, if it is not detected
-    time_unit
-        of a table: unit of its time, if the header does not state it
     unit
         of a table: degC, K, degF, mV, or another quantity's such as ppm, %RH, Pa or V, if the names
         do not state it; T1=K for one column
@@ -64,17 +61,27 @@ class TableReading:
         with mV: temperature of the reference junction in degC, or its column
     """
 
-    time: str | None = None
-    time_unit: str | None = None
     unit: list[str] | None = None
     couple: str | None = None
     cold_junction: str = "0"
 
+    @property
+    def rows(self) -> ReadingOptions:
+        """How the rows are read, without the units.
+
+        >>> TableReading("t", unit=["K"]).rows == ReadingOptions("t")
+        True
+        """
+        return ReadingOptions(
+            **{each.name: getattr(self, each.name) for each in fields(ReadingOptions)}
+        )
+
     def options(self) -> dict[str, Any]:
         """Keyword arguments of ``compensate_table``.
 
-        >>> TableReading("t", "ms", ["K"]).options()
-        {'time': 't', 'time_unit': 'ms', 'unit': 'K', 'couple': '', 'cold': 0.0}
+        >>> options = TableReading("t", "ms", unit=["K"]).options()
+        >>> options["time"], options["time_unit"], options["unit"], options["cold"]
+        ('t', 'ms', 'K', 0.0)
         >>> TableReading(unit=["T1=mV"], cold_junction="cj").options()["cold"]
         'cj'
         """
@@ -93,13 +100,7 @@ class TableReading:
             cold: float | str = float(self.cold_junction)
         except ValueError:
             cold = self.cold_junction
-        return {
-            "time": self.time,
-            "time_unit": self.time_unit,
-            "unit": unit,
-            "couple": self.couple or "",
-            "cold": cold,
-        }
+        return {**asdict(self.rows), "unit": unit, "couple": self.couple or "", "cold": cold}
 
 
 def value_and_u(text: str, option: str, limit: float = 1e9) -> tuple[float, float]:

@@ -6,6 +6,7 @@ and spells parameters as options. Guarded by ``tests/cli/test_refused_calls.py``
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,11 @@ def as_argument(name: str, value: Value = None) -> str:
     --------
     >>> as_argument("window_s", "4.2"), as_argument("sensor_check", False), as_argument("delay_s")
     ('window_s=4.2', 'sensor_check=False', 'delay_s')
+    >>> as_argument("where", "Channel=CH 1")
+    "where='Channel=CH 1'"
     """
+    if isinstance(value, str) and re.search(r"[\s=]", value):
+        return f"{name}={value!r}"
     return name if value is None else f"{name}={value}"
 
 

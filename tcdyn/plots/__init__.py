@@ -36,6 +36,7 @@ from tcdyn.plots.identify import (
     draw_residuals,
     draw_step,
 )
+from tcdyn.plots.inspect import draw_inspected
 from tcdyn.plots.partition import (
     draw_beta_by_exponent,
     draw_beta_estimates,
@@ -76,6 +77,7 @@ __all__ = [
     "draw_filter_report",
     "draw_fit",
     "draw_holes",
+    "draw_inspected",
     "draw_inverse_check",
     "draw_junction_map",
     "draw_junctions",

@@ -37,6 +37,7 @@ from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
 from tcdyn.plots.campaign import draw_beta
 from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.identify import draw_band, draw_correlation, draw_data, draw_fit, draw_step
+from tcdyn.plots.inspect import draw_inspected
 from tcdyn.plots.partition import draw_beta_estimates
 from tcdyn.plots.plunge import draw_common_lag, draw_design, draw_holes
 from tcdyn.plots.style import DARK, axes_of, screen_rows, style_axes
@@ -49,7 +50,7 @@ from tcdyn.sensors.touch import TouchLog
 from tcdyn.simulate.campaign import CampaignFiles
 from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.record import Compensated
-from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun
+from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun, Inspection
 from tcdyn.workflows.campaign import CampaignRun
 
 
@@ -130,6 +131,7 @@ PICTURES: dict[type, Callable[..., Axes]] = {
     SensorFile: draw_chain,
     CampaignRun: draw_beta,
     DemoRun: draw_beta_estimates,
+    Inspection: draw_inspected,
     IOData: draw_data,
     Comparison: draw_fit,
     Fit: draw_fit,

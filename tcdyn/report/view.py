@@ -24,6 +24,7 @@ from tcdyn.plots.compensate import axis_label, draw_traces
 from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
+from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.long_tables import check_one_channel
@@ -63,8 +64,8 @@ def view(
     progress
         Called with the name of each stage.
     **reading
-        Of any table: ``columns``, ``time``, ``time_unit``, ``unit``, ``couple`` and ``cold``, see
-        :func:`tcdyn.workflows.frames.compensate_frame`.
+        How the rows are read, see :class:`tcdyn.series.ReadingOptions`; of any table also
+        ``columns``, ``unit``, ``couple`` and ``cold``, see :func:`tcdyn.compensate_frame`.
 
     Returns
     -------
@@ -101,6 +102,10 @@ def view(
         with TemporaryDirectory() as folder:
             compensated = Path(folder) / "compensated.parquet"
             if isinstance(calibrations, Mapping):
+                rig = rig or rig_from_records(calibrations)
+                of_rows, _ = ReadingOptions.split(reading)
+                if of_rows != ReadingOptions():
+                    rig = rig.with_reading(of_rows)
                 done = compensate_log(path, calibrations, rig, progress=progress)
                 _, findings = done.write(compensated, progress)
             else:

@@ -494,6 +494,11 @@ def _missing_columns(
             similar[column] = name
     if similar:
         remedy = _remedy_with_suggestions(missing, similar, candidates)
+    elif missing == ["time_s"]:
+        remedy = (
+            "name it ({time}), or give the sampling interval ({dt_s}); the file has "
+            f"{', '.join(map(repr, names))}"
+        )
     else:
         pronoun = "it" if len(missing) == 1 else "them"
         remedy = (
@@ -521,6 +526,7 @@ def _missing_columns(
         where=where,
         expected=layout.name,
         remedy=remedy,
+        parameters={"time": "COLUMN", "dt_s": "SECONDS"},
         column=missing[0] if only_channels else "",
     )
 

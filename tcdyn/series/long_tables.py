@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, Value
 from tcdyn.io.cells import ABSENT, is_number
 from tcdyn.io.pandas_lines import pandas_line
 from tcdyn.io.read import CsvTable, read_labels
@@ -198,6 +198,31 @@ def _error(
     listed = [f"{name!r} ({rows} rows)" for name, rows in channels.rows.items()]
     more = len(listed) - LISTED
     text = ", ".join(listed[:LISTED]) + (f" and {more} more" if more > 0 else "")
+    columns = " and ".join(map(repr, channels.columns))
+    problem = f"column {columns} names {len(listed)} channels that share the values"
+    if readings:
+        problem += f" of {', '.join(map(repr, readings[:LISTED]))}"
+    selection, parameters = _selection(channels, table)
+    remedy = f"keep the rows of one, for example with {selection}"
+    if channels.restarts:
+        problem = f"the time runs backward where {columns} changes, which has {len(listed)} names"
+        remedy = f"if they are channels, {remedy}; if they are runs, name their column or give one"
+    return InputError(
+        f"{problem}: {text}",
+        where=where,
+        expected="one channel in a column of values",
+        remedy=remedy,
+        parameters=parameters,
+    )
+
+
+def _selection(channels: ValueChannels, table: Table | None) -> tuple[str, dict[str, Value]]:
+    """What selects the rows of the first channel, and the parameters that it names.
+
+    Channels of one column are selected by an option; those that two columns name by pandas.
+    """
+    if len(channels.columns) == 1:
+        return "{where}", {"where": f"{channels.columns[0]}={channels.first[0]}"}
     first = next(iter(channels.rows))
     as_text = isinstance(table, CsvTable)
     conditions = []
@@ -207,20 +232,7 @@ def _error(
         else:
             conditions.append(f"(d[{column!r}].str.strip() == {cell!r})")
     line = pandas_line(table, f"d[{' & '.join(conditions)}]", ending=first, as_text=as_text)
-    columns = " and ".join(map(repr, channels.columns))
-    remedy = f"keep the rows of one, for example with: {line}"
-    problem = f"column {columns} names {len(listed)} channels that share the values"
-    if readings:
-        problem += f" of {', '.join(map(repr, readings[:LISTED]))}"
-    if channels.restarts:
-        problem = f"the time runs backward where {columns} changes, which has {len(listed)} names"
-        remedy = f"if they are channels, {remedy}; if they are runs, name their column or give one"
-    return InputError(
-        f"{problem}: {text}",
-        where=where,
-        expected="one channel in a column of values",
-        remedy=remedy,
-    )
+    return f"this line: {line}", {}
 
 
 def _may_name(labels: Labels) -> bool:

@@ -403,13 +403,16 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
             reasons[name][is_repeat] = REPEAT
         count.add(column.raw, reasons[name], context.first_row)
         counts.append(count)
+    averages_s = context.options.averages_s
+    if averages_s is not None:
+        findings.append(info("series.averages", averages_s=averages_s))
     duration_s = clock.interval_s * (clock.size - 1)
     report = clock_report(
         clock,
         share,
         [count.report(context.findings, duration_s) for count in counts],
         time=context.time,
-        averages_s=context.options.averages_s,
+        averages_s=averages_s,
         start_time=context.start_time,
         first_row=context.first_row,
     )

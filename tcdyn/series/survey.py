@@ -18,7 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject
 from tcdyn.series.reading import Codes, find_codes
 from tcdyn.series.report import ColumnCount, SeriesReport, merged_reports
-from tcdyn.series.series import ColumnRows, Context, Policy, make_series
+from tcdyn.series.series import ColumnRows, Context, Policy, Series, make_series
 from tcdyn.series.source import ChunkSource
 
 # Rows of a part whose clock and readings are decided together: memory (1 MB a column). A table
@@ -43,11 +43,14 @@ class Survey:
         Where the rows come from.
     codes
         Codes of the logger by column.
+    keep
+        List that gets the series of each part; None: they are not kept.
     """
 
     columns_of: ColumnsOf
     context: Context
     codes: dict[str, Codes] = field(default_factory=dict)
+    keep: list[Series] | None = None
     _times: list[Array] = field(default_factory=list)
     _raw: list[Mapping[str, Any]] = field(default_factory=list)
     _rows: int = 0
@@ -100,6 +103,8 @@ class Survey:
         series = make_series(time_s[:rows], columns, context)
         self._findings += series.findings
         self._parts.append(series.report)
+        if self.keep is not None:
+            self.keep.append(series)
         for column in columns:
             count = self._counts.setdefault(
                 column.name, ColumnCount(column.name, column.unit, column.kind.value)

@@ -9,17 +9,20 @@ from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
 from tcdyn.workflows.demo import DemoRun, run_demo
 from tcdyn.workflows.frames import compensate_dataset, compensate_frame
+from tcdyn.workflows.inspect import Inspection, inspect
 
 __all__ = [
     "BetaRun",
     "CalibrationRun",
     "CompensatedLog",
     "DemoRun",
+    "Inspection",
     "calibrate_disk",
     "compensate_dataset",
     "compensate_frame",
     "compensate_log",
     "estimate_beta",
     "estimate_one_disk",
+    "inspect",
     "run_demo",
 ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,7 @@ class CampaignSettings:
             "window_s": self.window_s,
             "seed": self.seed,
             "without": sorted(self.without) or None,
+            "reading": asdict(self.rig.reading),
         }
 
 

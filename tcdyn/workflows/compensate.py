@@ -313,7 +313,9 @@ def compensate_log(
     Parameters
     ----------
     log, records, rig
-        The log; records by disk; the rig (None: the one that the records were made with).
+        The log; records by disk; the rig (None: the one that the records were made with). How the
+        rows are read, if the log does not say it itself, is stated by ``rig.with_reading``, with
+        :class:`tcdyn.series.ReadingOptions`.
     refine
         Where the log has an unloading and records of all its disks are given: estimate the common
         lag of a disk from the unloading, with the record as prior. A plunge determines it loosely.

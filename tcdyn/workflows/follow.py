@@ -60,7 +60,7 @@ from tcdyn.workflows.raw_log import (
     survey_of,
 )
 
-STATE_SCHEMA = "tcdyn.follow/7"
+STATE_SCHEMA = "tcdyn.follow/8"
 STOPPED_BY_USER = "stopped"
 SAVE_EVERY_S = 10.0
 # Usual delay: two lags, of which one is there after each row, so that a change of the temperature
@@ -220,6 +220,13 @@ def follow(
         numbers = pd.DataFrame(columns=["column"])
         return FollowRun(0, 0, 0, ended, delay_s or 0.0, 0.0, None, numbers, ())
     growing, raw = opened
+    if state is not None and raw.time_in_log not in growing.dialect.names:
+        raise InputError(
+            "{state} with {dt_s}: the times of a run that continues are not known",
+            where=display_path(log),
+            remedy="leave {state} out, or follow a log with a column of time",
+            parameters={"state": None, "dt_s": None},
+        )
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
     style = output_style(dialect, comments, raw.source.table, out)
@@ -405,7 +412,8 @@ def _wait_for_rows(
                 if opened is not None:
                     growing, table = opened
                     raw = raw_log(log, table, calibrations, rig, options)
-                    raw = checked_before_following(raw, complete)
+                    there = raw_log(log, complete, calibrations, rig, options)
+                    raw = checked_before_following(raw, there.source.table)
                     _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
                     return growing, raw
@@ -427,6 +435,8 @@ def _start_time_metadata(growing: GrowingText, raw: RawLog) -> dict[str, str]:
     dialect = growing.dialect
     first_cells = dict(zip(dialect.names, dialect.first_row))
     name = raw.time_in_log
+    if name not in first_cells:  # the times are those of a sampling interval
+        return {}
     cell = first_cells[name]
     if is_number(cell, dialect.decimal) or number_and_unit(cell, dialect.decimal)[1]:
         return {}
@@ -474,6 +484,7 @@ def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[
         "records": {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()},
         "units": {name: vars(unit) for name, unit in raw.channels.units.items()},
         "channels": list(raw.channels.units),
+        "reading": asdict(raw.source.options),
         "delay_s": delay_s,
     }
 

@@ -144,7 +144,7 @@ def raw_log(
     rig
         The rig; None: that of the records.
     options
-        How the table is read.
+        How the table is read; the options of the rows have precedence over those of the rig.
 
     Raises
     ------
@@ -152,9 +152,12 @@ def raw_log(
         For a table that is compensated already, and for missing columns.
     """
     check_any_given(calibrations)
-    if isinstance(calibrations, Mapping):
-        return _rig_log(path, table, calibrations, rig or rig_from_records(calibrations))
     reading, _ = ReadingOptions.split(options)
+    if isinstance(calibrations, Mapping):
+        rig = rig or rig_from_records(calibrations)
+        if reading != ReadingOptions():
+            rig = rig.with_reading(reading)
+        return _rig_log(path, table, calibrations, rig)
     source = source_of_table(path, table, (), reading)
     return raw_table(source, calibrations, options)
 

@@ -1,11 +1,13 @@
 """Tables with several channels in one column of values, and readings in another unit.
 
-Each command that reads a table refuses them, and the line of its message makes a table that works.
+Each command that reads a table refuses them, and what its message offers makes it work.
 """
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 import subprocess
 import sys
 from contextlib import redirect_stderr
@@ -115,13 +117,54 @@ def test_every_command_names_the_channels_of_a_long_table(folder: Path, name: st
             assert f"'{channel}' (300 rows)" in result.stderr
 
 
+def offered(message: str) -> list[str]:
+    """The option that a message offers, as the words that a shell makes of it."""
+    found = re.search(r"--where .*", message)
+    assert found, message
+    return shlex.split(found[0])[:2]
+
+
 @pytest.mark.parametrize("name", ["cycle.csv", "german.csv", "long.parquet"])
-def test_the_line_of_the_message_keeps_one_channel(folder: Path, name: str) -> None:
-    refused = tcdyn("sensor", "plunge", str(folder / name), "--column", "Temp")
+@pytest.mark.parametrize("label", ["CH1", "CH 1"])
+def test_the_option_of_the_message_keeps_one_channel(
+    folder: Path, name: str, label: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = folder / name
+    if label != "CH1":
+        cells = long_table()
+        cells["Channel"] = cells["Channel"].replace("CH1", label)
+        file = folder / "blanks.csv"
+        cells.to_csv(file, index=False)
+    calls = [*commands(file), ["view", str(file), "--out", f"{file}.html", "--no-open"]]
+    for call in calls:
+        option = offered(tcdyn(*call).stderr)
+        assert option == ["--where", f"Channel={label}"]
+        selected = tcdyn(*call, *option, "--overwrite")
+        assert "channels" not in selected.stderr, call
+        assert selected.returncode == (2 if "noise" in call else 0), call  # too few rows for noise
+    capsys.readouterr()
+    plunge = ["sensor", "plunge", str(file), "--column", "Temp", *option, "--json"]
+    assert tcdyn(*plunge).returncode == 0
+    sensor = json.loads(capsys.readouterr().out)
+    lag_s = sensor["chain"]["channels"]["Temp"]["lag_s"]
+    assert lag_s["low95"] < 3.0 < lag_s["high95"]
+    assert sensor["reading"][0]["rows"] == 300
+
+
+def test_channels_of_two_columns_are_kept_by_a_line_of_python(folder: Path) -> None:
+    parts = []
+    for k, (device, place) in enumerate(
+        [("a", "left"), ("a", "right"), ("b", "left"), ("b", "right")]
+    ):
+        cells = {"device": device, "place": place, "Temp": dip(3.0, k)}
+        parts.append(pd.DataFrame({"time_s": TIME_S, **cells}))
+    table = pd.concat(parts).sort_values("time_s", kind="stable")
+    table.to_csv(folder / "two.csv", index=False)
+    refused = tcdyn("sensor", "plunge", str(folder / "two.csv"), "--column", "Temp")
+    assert refused.returncode == 2
     subprocess.run([sys.executable, "-c", remedy(refused.stderr)], check=True)
-    made = next(folder.glob("*_CH1.*"))
-    sensor = sensor_from_dip(made, "Temp")
-    assert sensor.chain.channels["Temp"].lag_s.contains(3.0)
+    made = next(folder.glob("two_*.csv"))
+    assert sensor_from_dip(made, "Temp").chain.channels["Temp"].lag_s.contains(3.0)
 
 
 def test_follow_refuses_the_rows_that_are_there(folder: Path) -> None:

@@ -46,7 +46,17 @@ def _codes(subject: str, count: int, value: float, unit: str = "", **_: Any) -> 
     )
 
 
+def _averages(averages_s: float, **_: Any) -> str:
+    """Message of ``series.averages``: each row is a mean over ``averages_s``."""
+    return (
+        f"each row is a mean over the {averages_s:g} s before it: half of this, "
+        f"{averages_s / 2:g} s, is a delay of the logger. It belongs to the lag of the chain, not "
+        "to that of the sensor"
+    )
+
+
 SERIES: dict[str, Message] = {
+    "series.averages": _averages,
     "series.few_decimals": _few_decimals,
     "series.filled_time": "column {subject}: {count} missing time(s), first in row {row} below the "
     "header, are interpolated from the rows before and after",
