@@ -21,10 +21,10 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import autocorrelation_factor
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
-from tcdyn.series.clock import mean_interval_s
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import Log
 from tcdyn.rig.static_line import StaticLine, smallest_uncertainty
+from tcdyn.series.clock import mean_interval_s
 
 # Least record before the entry and after it [s]; chosen by judgement.
 MIN_BEFORE_S = 0.5

@@ -40,8 +40,8 @@ CODE_STEPS = 5.0
 # runs.
 CODE_RUN = 3
 CODE_RUNS = 3
-# A temperature goes on after a run of a code as before it: it has changed by less than this share of
-# the jump to the code. One that jumps to another state and back within one row each is none.
+# A temperature goes on after a run of a code as before it: it has changed by less than this share
+# of the jump to the code. A process that jumps to another state and back has other readings there.
 BRIDGE_SHARE = 0.25
 LARGEST_CODE_SHARE = 0.5  # of the readings: more are the state, and the others the exception
 # Fewest different readings of the rest of the column: a switch or a relay has no drop-out codes.

@@ -263,7 +263,6 @@ def _left_out_text(left_out: LeftOut) -> str:
     example = left_out.example
     shown = f"{example:.6g}" if isinstance(example, float) else repr(example[:LONGEST_EXAMPLE])
     # the readers of text count the lines of the file
-    place = "line" if left_out.reason == "word" else "row"
     return (
         f"{left_out.count} {REASON_TEXTS[left_out.reason]}, first in {place} "
         f"{left_out.first_row}: {shown}"

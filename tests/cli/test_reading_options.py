@@ -193,7 +193,7 @@ def test_a_log_of_the_rig_is_read_as_the_rig_says(campaign: Campaign, renamed: P
 def test_a_log_of_the_rig_without_a_time_is_refused_with_the_options(
     campaign: Campaign, renamed: Path
 ) -> None:
-    with pytest.raises(InputError, match=r"time=COLUMN.* dt_s=SECONDS"):
+    with pytest.raises(InputError, match=r"time=COLUMN.*dt_s=SECONDS"):
         read_log(renamed, "immersion", campaign.rig, "fast")
 
 
