@@ -2,7 +2,7 @@
 
 Text files are read here with pyarrow: the fields of every row are counted, numbers are parsed
 exactly, clock times and words such as "on" are understood. Used by ``tcdyn.rig.opened_log``,
-``tcdyn.sensors.table``, ``tcdyn.identification.tables`` and others. Guarded by ``tests/io``:
+``tcdyn.series.source`` and others. Guarded by ``tests/io``:
 ``test_damaged_files.py``, ``test_file_formats.py`` and ``test_read_back.py``.
 """
 

@@ -72,6 +72,8 @@ class Table:
         Types of the columns of instants and durations of a Parquet file, by column.
     date_columns
         Columns whose first cell is a date without a time.
+    cells
+        Cells (N,) of the columns of text of a table in memory, as they are.
     """
 
     where: str
@@ -82,6 +84,7 @@ class Table:
     clock_columns: tuple[str, ...] = field(default=(), kw_only=True)
     types: Mapping[str, pa.DataType] = field(default_factory=dict, kw_only=True)
     date_columns: tuple[str, ...] = field(default=(), kw_only=True)
+    cells: Mapping[str, NDArray[Any]] = field(default_factory=dict, kw_only=True)
 
     def is_time(self, name: str) -> bool:
         """Whether a column holds dates, clock times or a time by its name (not "T" alone)."""

@@ -1,6 +1,6 @@
 """Columns of time: their names and units, and clocks whose stamps are whole units.
 
-Used by :mod:`tcdyn.io.csv_dialect`, ``tcdyn.sensors.table`` and ``tcdyn.identification.tables``.
+Used by :mod:`tcdyn.io.csv_dialect`, ``tcdyn.series.source`` and ``tcdyn.series.frame``.
 The stamps themselves are read by :mod:`tcdyn.io.stamps`. A unit is never guessed silently: where
 the header states none, only steps that are plausible in seconds are accepted. Guarded by
 ``tests/io/test_times.py``.

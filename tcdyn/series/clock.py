@@ -94,7 +94,7 @@ class Clock:
     @property
     def n_lost(self) -> int:
         """Samples of the grid that have no row."""
-        return self.size - len(np.unique(self.index))
+        return self.size - 1 - int(np.count_nonzero(np.diff(self.index)))
 
     @property
     def stray_s(self) -> float:

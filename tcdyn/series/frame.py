@@ -69,6 +69,7 @@ def table_of_frame(
         columns[time] = frame.index.to_series(index=pd.RangeIndex(len(frame)))
     data: dict[str, Array] = {}
     texts: dict[str, Any] = {}
+    raw_cells: dict[str, Any] = {}
     clocks: list[str] = []
     findings: list[Any] = []
     location = SampleLocation(where)
@@ -84,19 +85,28 @@ def table_of_frame(
                 metadata[START_TIME_KEY] = values.iloc[0].isoformat()
         else:
             cells = ["" if cell is None or cell is pd.NA else str(cell).strip() for cell in values]
+            raw_cells[name] = np.array(cells, dtype=object)
             column = TextColumn(name, ".", location)
             data[name] = column.numbers(cells, 0)
             findings += column.findings(len(cells), is_complete=False)
             if not (column.clock or column.words):
                 continue
-            texts[name] = np.array(cells, dtype=object)
+            texts[name] = raw_cells[name]
             if not column.clock:
                 continue
         clocks.append(name)
     stored = Columns(data, location, tuple(findings), texts)
     chunks = partial(in_chunks, stored)
     names = tuple(data)
-    table = Table(where, names, metadata, chunks, units=units, clock_columns=tuple(clocks))
+    table = Table(
+        where,
+        names,
+        metadata,
+        chunks,
+        units=units,
+        clock_columns=tuple(clocks),
+        cells=raw_cells,
+    )
     return table, time, time_unit
 
 

@@ -6,7 +6,7 @@ by :mod:`tcdyn.series.value_channels`. Tests: ``tests/cli/test_long_tables.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -86,53 +86,6 @@ def check_one_channel(
     except InputError:
         return
     _refuse_channels(columns, times, values, stamps, runs, table.where, table)
-
-
-def check_frame(
-    frame: pd.DataFrame,
-    times: Callable[[], Array] | None,
-    readings: Sequence[str],
-    others: Collection[str | None],
-    run: str | None,
-    where: str,
-) -> None:
-    """Check a DataFrame as ``check_one_channel`` checks a table.
-
-    Parameters
-    ----------
-    frame
-        The table.
-    times
-        Function that returns the times of its rows (N,) [s]; None: it has none.
-    readings, others, run
-        As for ``check_one_channel``.
-    where
-        The table, for messages.
-
-    Raises
-    ------
-    InputError
-        As ``check_one_channel`` does.
-    """
-    used = {*readings, *others, run}
-    columns = []
-    for name in frame.columns:
-        cells = frame[name]
-        if str(name) in used or cells.dtype.kind in "Mmc" or cells.isna().all():
-            continue
-        labels = _labels_of_cells(cells.to_numpy())
-        if _may_name(labels):
-            columns.append(LabelColumn(str(name), *labels))
-    columns = [column for column in columns if column.can_name_channels]
-    if not columns:
-        return
-    try:
-        time_s = None if times is None else times()
-    except InputError:
-        return
-    values = {n: pd.to_numeric(frame[n], errors="coerce").to_numpy(float) for n in readings}
-    runs = None if run is None else frame[run].factorize()[0]
-    _refuse_channels(columns, time_s, values, None, runs, where, None)
 
 
 def _refuse_channels(
@@ -263,6 +216,11 @@ def _labels(table: Table, names: Sequence[str], rows: int | None = None) -> dict
     """Cells of columns as labels; of about so many rows, or all."""
     if isinstance(table, CsvTable):
         return read_labels(table.dialect, names, rows)
+    of_text = [name for name in names if name in table.cells]
+    found = {name: _labels_of_cells(table.cells[name][:rows]) for name in of_text}
+    names = [name for name in names if name not in of_text]
+    if not names:
+        return found
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
     chunks = table.chunks(names, rows or CHUNK_ROWS)
     for chunk in chunks:
@@ -271,7 +229,10 @@ def _labels(table: Table, names: Sequence[str], rows: int | None = None) -> dict
         if rows is not None:
             break
     _close(chunks)
-    return {name: _labels_of_cells(np.concatenate(cells)) for name, cells in parts.items() if cells}
+    for name, cells in parts.items():
+        if cells:
+            found[name] = _labels_of_cells(np.concatenate(cells))
+    return found
 
 
 def _labels_of_cells(cells: NDArray[Any]) -> Labels:

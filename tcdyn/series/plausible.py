@@ -1,6 +1,6 @@
 """Implausible readings: out of range, overload and drop-out codes, changes too fast for a chain.
 
-Used for any table (:mod:`tcdyn.sensors.table`, :mod:`tcdyn.identification.tables`), by
+Used by :mod:`tcdyn.series.reading` for any table, by
 :mod:`tcdyn.smoothing.record` and by live compensation. Tests: ``tests/series/test_plausible.py``.
 """
 

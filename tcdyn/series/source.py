@@ -377,6 +377,10 @@ def _rows_with(table: Table, label: str, cell: str) -> Table:
             cells_of_all = np.concatenate([np.empty(0, dtype=object), *seen])
             raise missing_cell_error(label, cell, cells_of_all, table.where)
 
+    cells = {}
+    if label in table.cells:
+        is_kept = has_cell(table.cells[label], cell)
+        cells = {name: values[is_kept] for name, values in table.cells.items()}
     # a plain table: the reader of labels of a text file would see the other rows
     return Table(
         table.where,
@@ -387,6 +391,7 @@ def _rows_with(table: Table, label: str, cell: str) -> Table:
         clock_columns=table.clock_columns,
         types=table.types,
         date_columns=table.date_columns,
+        cells=cells,
     )
 
 

@@ -1,6 +1,6 @@
 """Rows with a new value: a slower source is repeated, or blank, between its values.
 
-``tcdyn.sensors.pair``, ``tcdyn.sensors.channels`` and ``tcdyn.identification.repeats`` use it. The
+``tcdyn.series.series`` uses it, and ``tcdyn.identification.held_inputs`` for inputs. The
 limits come from simulated pairs, see the comments; ``tests/series/test_updates.py`` checks a
 quantised signal, even spacings and slower channels.
 """

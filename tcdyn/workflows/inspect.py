@@ -262,9 +262,8 @@ def _left_out_text(left_out: LeftOut) -> str:
     """What was left out of a column for one reason."""
     example = left_out.example
     shown = f"{example:.6g}" if isinstance(example, float) else repr(example[:LONGEST_EXAMPLE])
-    # the readers of text count the lines of the file
     return (
-        f"{left_out.count} {REASON_TEXTS[left_out.reason]}, first in {place} "
+        f"{left_out.count} {REASON_TEXTS[left_out.reason]}, first in row "
         f"{left_out.first_row}: {shown}"
     )
 

@@ -42,7 +42,7 @@ FINE, COARSE, INPUT = "T_fine_degC", "T_coarse_degC", "u"
 ISO = "%Y-%m-%d %H:%M:%S"
 ISO_MS = "%Y-%m-%d %H:%M:%S.{ms}"
 Writer = Callable[[Path], Path]
-# What a log of the rig may have, see ``tcdyn.rig.check_clock`` and ``tcdyn.rig.check_columns``.
+# What a log of the rig may have, see ``tcdyn.rig.log.RIG_POLICY`` and ``tcdyn.rig.check_columns``.
 RIG_LONGEST_INTERVAL_S = 1.0
 RIG_LONGEST_GAP_S = 0.5
 RIG_LONGEST_GAP_INTERVALS = 3

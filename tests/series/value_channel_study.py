@@ -16,7 +16,8 @@ import pandas as pd
 from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.series.long_tables import check_frame
+from tcdyn.series import open_source
+from tcdyn.series.long_tables import check_one_channel
 
 Rng = np.random.Generator
 
@@ -159,7 +160,7 @@ def several_channels(rng: Rng, order: str, count: int) -> pd.DataFrame:
 def is_refused(table: pd.DataFrame) -> bool:
     """Whether the table is refused."""
     try:
-        check_frame(table, lambda: table["time_s"].to_numpy(float), ["value"], ["time_s"], None, "")
+        check_one_channel(open_source(table).table, "time_s", ["value"])
     except InputError:
         return True
     return False
