@@ -40,6 +40,9 @@ from tcdyn.series.scaled_readings import in_degC
 from tcdyn.series.series import SHIFTED_ONLY, ColumnRows, Policy
 from tcdyn.series.source import check_numbers
 
+# Relative spread of the sampling intervals of runs that are one record: lags in rows are then wrong
+# by as much, below the 1 % of a good measurement of a lag.
+MAX_INTERVAL_SPREAD = 0.01
 MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
 # A record may be short, and its readings must be on even times well enough to be shifted there.
 EVEN_RECORD = Policy(min_rows=2, max_stray=SHIFTED_ONLY)
@@ -261,7 +264,8 @@ def _record(
         _check_interval(resample_s, where)
     policy = EVEN_RECORD if resample_s is None else ANY_TIMES
     recorded = []
-    for label, rows in _rows_of_runs(raw, roles.run):
+    runs = _rows_of_runs(raw, roles.run, where)
+    for label, rows in runs:
         location = f"{where}, run {label}" if label else where
         columns = _column_rows(source, roles, {n: raw[n][rows] for n in roles.named})
         context = Context(
@@ -269,7 +273,7 @@ def _record(
             time=source.time,
             options=source.options,
             policy=policy,
-            findings=findings,
+            findings=findings if len(runs) == 1 else (),
             table=source.table,
             other_times=source.clock.others,
         )
@@ -278,7 +282,8 @@ def _record(
             run_s = source.options.dt_s * np.arange(len(rows), dtype=float)
         recorded.append(_Run(label or name, run_s, columns, make_series(run_s, columns, context)))
     all_series = [each.series for each in recorded]
-    all_findings = [finding for series in all_series for finding in series.findings]
+    all_findings = [*findings]
+    all_findings += [finding for series in all_series for finding in series.findings]
     selected: Holds | Literal["auto"] = hold
     if resample_s is None:
         values = [each.on_grid(roles) for each in recorded]
@@ -290,7 +295,7 @@ def _record(
         selected = check_hold(selected, len(roles.inputs), where)
         held = hold_of_each(selected, len(roles.inputs))
         values = [each.resampled(resample_s, held, roles, where) for each in recorded]
-    interval_s = resample_s or _mean_interval_s(all_series)
+    interval_s = resample_s or _mean_interval_s(all_series, where)
     parts = [
         IOData.from_arrays(
             inputs,
@@ -327,7 +332,7 @@ def _check_interval(interval_s: float, where: str) -> None:
 
 
 def _rows_of_runs(
-    raw: Mapping[str, NDArray[Any]], run: str | None
+    raw: Mapping[str, NDArray[Any]], run: str | None, where: str
 ) -> list[tuple[str, NDArray[np.intp]]]:
     """Label and rows of each run, in their order; rows without a label belong to none."""
     count = len(next(iter(raw.values())))
@@ -335,6 +340,10 @@ def _rows_of_runs(
         return [("", np.arange(count))]
     codes, values = pd.factorize(raw[run])
     labelled = [(k, value) for k, value in enumerate(values) if value != ""]
+    if not labelled:
+        raise InputError(
+            f"column {run!r} names no run", where=where, expected="the label of its run in each row"
+        )
     return [(_run_label(value), np.flatnonzero(codes == k)) for k, value in labelled]
 
 
@@ -363,10 +372,25 @@ def _column_rows(
     return columns
 
 
-def _mean_interval_s(all_series: Sequence[Series]) -> float:
-    """Sampling interval [s] of several runs: their time over their samples."""
+def _mean_interval_s(all_series: Sequence[Series], where: str) -> float:
+    """Sampling interval [s] of several runs: their time over their samples.
+
+    Raises
+    ------
+    InputError
+        For runs whose intervals differ by more than ``MAX_INTERVAL_SPREAD``.
+    """
     n_steps = np.array([series.clock.size - 1 for series in all_series])
     intervals_s = np.array([series.interval_s for series in all_series])
+    if float(np.ptp(intervals_s)) > MAX_INTERVAL_SPREAD * float(intervals_s.min()):
+        raise InputError(
+            f"the runs have sampling intervals of {intervals_s.min():.4g} to "
+            f"{intervals_s.max():.4g} s",
+            where=where,
+            expected="one sampling interval",
+            remedy="resample them ({resample_s}), or identify each alone",
+            parameters={"resample_s": f"{intervals_s.max():.4g}"},
+        )
     return float(n_steps @ intervals_s / n_steps.sum())
 
 
@@ -499,6 +523,8 @@ def resampled(
     inputs = []
     for values, hold in zip(u.T, holds):
         finite = np.isfinite(values)
+        if not finite.any():
+            raise InputError("an input holds no numbers", where=where, expected="numbers")
         times = t[finite]
         known = values[finite]
         if hold == "zoh":

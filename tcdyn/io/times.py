@@ -397,8 +397,8 @@ def find_time_column(
             "no time column found",
             where=where,
             expected=f"one of {', '.join(map(repr, names))}",
-            remedy="name it, {time}",
-            parameters={"time": "COLUMN"},
+            remedy="name it ({time}), or give the sampling interval ({dt_s})",
+            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
         )
     written = unit or split_unit(name)[1] or units.get(name, "")
     plain_name = name.strip().lower()

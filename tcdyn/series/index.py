@@ -12,7 +12,7 @@ import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.labels import seconds_of_index
-from tcdyn.series.clock import fit_clock
+from tcdyn.series.clock import MIN_STRAY, fit_clock
 
 
 def even_interval_s(index: pd.Index[Any], where: str) -> float | None:
@@ -41,7 +41,11 @@ def even_interval_s(index: pd.Index[Any], where: str) -> float | None:
     is_rising = bool(np.isfinite(time_s).all() and np.diff(time_s).min() > 0)
     if is_rising:
         clock = fit_clock(time_s)
-        if not (clock.n_lost or clock.strays):
+        # stamps as coarse as the interval are even, or rows are missing
+        is_fine = clock.resolution_s < 0.5 * clock.interval_s
+        rounding_s = clock.resolution_s if is_fine else 0.0
+        is_even = clock.stray_s <= max(rounding_s, MIN_STRAY * clock.interval_s)
+        if is_even and not clock.n_lost:
             return clock.interval_s
     raise InputError(
         "the times of the index are not even",

@@ -43,6 +43,10 @@ CODE_RUNS = 3
 # A temperature goes on after a run of a code as before it: it has changed by less than this share
 # of the jump to the code. A process that jumps to another state and back has other readings there.
 BRIDGE_SHARE = 0.25
+# Longest run of a value far beyond the others that is a code: a longer one is a state, such as a
+# pump that is off. Of another quantity than a temperature it occurs in ``CODE_RUNS`` runs at least.
+# By judgement; a warning names what is left out.
+LONGEST_FAR_RUN = 50
 LARGEST_CODE_SHARE = 0.5  # of the readings: more are the state, and the others the exception
 # Fewest different readings of the rest of the column: a switch or a relay has no drop-out codes.
 MIN_DIFFERENT_READINGS = 10
@@ -183,7 +187,10 @@ def _dropout_mask(values: Array, candidate: float, is_temperature: bool) -> Flag
     inside = (starts > 0) & (ends < len(present))
     if not inside.any():
         return none
-    far_beyond = distance > spread
+    is_short = int(lengths.max()) <= LONGEST_FAR_RUN
+    far_beyond = (
+        distance > spread and is_short and len(lengths) >= (1 if is_temperature else CODE_RUNS)
+    )
     short_runs = (
         np.median(lengths) <= CODE_RUN
         and len(lengths) >= CODE_RUNS

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 from tcdyn.io.read import display_path
 from tcdyn.io.start_time import start_time
@@ -112,5 +113,7 @@ def read_all(
         findings += noted
         for name, values in chunk.items():
             data.setdefault(name, []).append(values)
+    if not sum(map(len, times_s)):
+        raise InputError("no rows", where=source.table.where, expected="a table with readings")
     joined = {name: np.concatenate(parts) for name, parts in data.items()}
     return np.concatenate([np.empty(0), *times_s]), joined, tuple(findings)

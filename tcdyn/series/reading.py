@@ -45,16 +45,16 @@ class Codes:
     values
         Drop-out codes.
     beyond
-        Magnitude above which any value is an overload code.
+        Magnitude above which any value is an overload code; negative where nothing is known.
     """
 
     values: tuple[float, ...] = ()
-    beyond: float = np.inf
+    beyond: float = -np.inf
 
     def joined(self, other: Codes) -> Codes:
-        """The codes of two parts of a column."""
+        """The codes of two parts of a column; the larger part decides what is an overload."""
         values = tuple(sorted({*self.values, *other.values}))
-        return Codes(values, min(self.beyond, other.beyond))
+        return Codes(values, max(self.beyond, other.beyond))
 
 
 def find_codes(values: Array, kind: Kind) -> Codes:
@@ -123,7 +123,9 @@ def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons
     known = find_codes(values, kind) if codes is None else codes
     reasons = np.full(len(values), READING, dtype=np.uint8)
     with np.errstate(invalid="ignore"):
-        is_code = np.isinf(values) | (np.abs(values) > known.beyond)
+        is_code = np.isinf(values)
+        if known.beyond > 0:
+            is_code |= np.abs(values) > known.beyond
     for code in known.values:
         is_code |= values == code
     if kind is Kind.TEMPERATURE:

@@ -37,12 +37,13 @@ from tcdyn.series.reading import CODE, RANGE, READING, REPEAT, Codes, Kind, Reas
 from tcdyn.series.real_share import RealShare, at_grid_times, real_share
 from tcdyn.series.report import ColumnCount, SeriesReport, clock_report
 from tcdyn.series.scaled_readings import RangeCheck
-from tcdyn.series.source import check_numbers
+from tcdyn.series.source import check_numbers, with_single_times
 from tcdyn.series.units import Unit, kind_of
 from tcdyn.series.updates import find_updates
 
 # Least rows of a record that has an interval. Ten give it to a tenth of a row at jitter of a third.
 MIN_ROWS = 10
+SHORTEST_STEP_S = 1e-10  # faster than any logger; below it the unit of the time is wrong
 LONGEST_TABLE_S = 1e11  # 3000 years; beyond it the unit of the time is wrong
 # Rows of the even times of a record up to which any share may be missing, and rows of even times
 # for each row of the table above it: bounds the memory (8 MB and 400 bytes a row).
@@ -234,6 +235,11 @@ class Series:
         """Sampling interval [s]."""
         return self.clock.interval_s
 
+    @property
+    def are_rows_changes(self) -> bool:
+        """Whether rows were written on change, so that a missing row says "unchanged"."""
+        return any(not band.is_held for band in self.bands.values())
+
     def on_grid(self, name: str) -> Array:
         """Readings of a column at the samples.
 
@@ -245,7 +251,12 @@ class Series:
             that is held its level at all samples.
         """
         if name in self.bands:
-            return samples_at_rest(self.readings[name], self.clock, self.bands[name])
+            samples = samples_at_rest(self.readings[name], self.clock, self.bands[name])
+            if self.are_rows_changes:
+                return samples
+            has_row = np.zeros(self.clock.size, dtype=bool)
+            has_row[self.clock.index] = True
+            return np.where(has_row, samples, np.nan)
         return on_grid(self.readings[name], self.clock)
 
     def unchanged(self, name: str) -> FilledValues:
@@ -270,7 +281,7 @@ def on_grid(values: Array, clock: Clock) -> Array:
 
     Examples
     --------
-    >>> clock = fit_clock(np.array([0.0, 1.0, 2.0, 4.0, 5.0]))
+    >>> clock = fit_clock(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 1.0)
     >>> on_grid(np.array([20.0, 21.0, 22.0, 24.0, 25.0]), clock)
     array([20., 21., 22., nan, 24., 25.])
     """
@@ -372,15 +383,16 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
         reasons[column.name] = of_column
         readings[column.name] = np.where(of_column == READING, column.values, np.nan)
     bands = _dead_bands(columns, readings, clock, context.options.on_change)
-    if bands:
+    findings += [_on_change(name, band, columns) for name, band in bands.items()]
+    are_rows_changes = any(not band.is_held for band in bands.values())
+    if are_rows_changes:
         clock = poll_clock(clock)
         findings = [each for each in findings if each.code != "series.lost"]
-        findings += [_on_change(name, band, columns) for name, band in bands.items()]
     else:
         check_gaps(time_s, clock, context)
     share = None
     u_time_s = np.zeros(len(time_s))
-    if clock.strays and not bands:
+    if clock.strays and not are_rows_changes:
         measured = {c.name: readings[c.name] for c in columns if c.kind is not Kind.INPUT}
         share, shifted, stray_findings = _at_even_times(measured, clock, context)
         findings += stray_findings
@@ -443,10 +455,11 @@ def _dead_bands(
     for column in columns:
         y = readings[column.name]
         is_input = column.kind is Kind.INPUT
+        is_complete = clock.n_lost < LEAST_LOST_SHARE * clock.size and np.isfinite(y).all()
+        if is_complete:  # no row is missing, whatever it would mean
+            continue
         if stated is not None and not is_input:
             bands[column.name] = stated_dead_band(y, clock, stated)
-            continue
-        if clock.n_lost < LEAST_LOST_SHARE * clock.size and np.isfinite(y).all():
             continue
         found = find_dead_band(y, clock)
         if found is not None and found.is_held == is_input:
@@ -506,17 +519,9 @@ def clock_of(time_s: Array, context: Context) -> tuple[Array, Clock, list[Findin
 
 def _with_missing_times(time_s: Array, context: Context) -> tuple[Array, list[Finding]]:
     """Interpolate single missing times between two rows; others stay missing."""
-    is_missing = ~np.isfinite(time_s)
-    if not is_missing.any():
+    filled, rows = with_single_times(time_s)
+    if not len(rows):
         return time_s, []
-    has_neighbours = np.zeros(len(time_s), dtype=bool)
-    has_neighbours[1:-1] = ~is_missing[:-2] & ~is_missing[2:]
-    is_filled = is_missing & has_neighbours
-    if not is_filled.any():
-        return time_s, []
-    filled = time_s.copy()
-    rows = np.flatnonzero(is_filled)
-    filled[rows] = 0.5 * (time_s[rows - 1] + time_s[rows + 1])
     row = int(rows[0]) + context.first_row
     finding = info("series.filled_time", subject=context.time, count=len(rows), row=row)
     return filled, [finding]
@@ -568,6 +573,13 @@ def check_times(time_s: Array, context: Context) -> None:
             f"column {context.time}: all rows have one time",
             where=where,
             expected="time that rises",
+        )
+    if time_s[-1] - time_s[0] < n * SHORTEST_STEP_S:
+        raise InputError(
+            f"column {context.time}: {n} rows in {time_s[-1] - time_s[0]:.3g} s",
+            where=where,
+            expected=f"more than {SHORTEST_STEP_S:g} s a row",
+            remedy="check the unit of the time",
         )
     if time_s[-1] - time_s[0] > LONGEST_TABLE_S:
         raise InputError(

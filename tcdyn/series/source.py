@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding
+from tcdyn.core.findings import Finding, info
 from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, open_table
@@ -26,7 +26,6 @@ from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
     TimeColumn,
     find_time_column,
-    has_time_name,
     is_time_name,
 )
 from tcdyn.series.cells import has_cell, missing_cell_error
@@ -189,6 +188,73 @@ class RisingRows:
             yield time_s[used], {name: data[name][used] for name in columns}, findings
 
 
+@dataclass(frozen=True)
+class FilledTimes:
+    """A source in which single missing times are interpolated from the rows before and after.
+
+    Attributes
+    ----------
+    source
+        The source.
+    time
+        Name of its time column, for the finding.
+    """
+
+    source: ChunkSource
+    time: str
+
+    def read_chunks(self, columns: Sequence[str]) -> Iterator[Chunk]:
+        """Time (N,) [s] and columns (N,) of each chunk, and findings.
+
+        The last row of a chunk waits for the next one, so that the result does not depend on the
+        chunks.
+        """
+        last: Chunk | None = None
+        n_read = 0
+        n_filled = 0
+        first_row = 0
+        for time_s, data, findings in self.source.read_chunks(columns):
+            if last is not None:
+                time_s = np.concatenate([last[0], time_s])
+                data = {name: np.concatenate([last[1][name], data[name]]) for name in columns}
+                findings = (*last[2], *findings)
+            if len(time_s) < 2:
+                last = time_s, {name: data[name] for name in columns}, findings
+                continue
+            time_s, rows = with_single_times(time_s)
+            if len(rows) and not n_filled:
+                first_row = n_read + int(rows[0]) + 1
+            n_filled += len(rows)
+            n_read += len(time_s) - 1
+            yield time_s[:-1], {name: data[name][:-1] for name in columns}, findings
+            last = time_s[-1:], {name: data[name][-1:] for name in columns}, ()
+        if last is not None:
+            findings = last[2]
+            if n_filled:
+                filled = info(
+                    "series.filled_time", subject=self.time, count=n_filled, row=first_row
+                )
+                findings = (*findings, filled)
+            yield last[0], last[1], findings
+
+
+def with_single_times(time_s: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Times (N,) [s] in which single missing ones are interpolated, and the rows of these.
+
+    >>> with_single_times(np.array([0.0, np.nan, 2.0]))[0].tolist()
+    [0.0, 1.0, 2.0]
+    """
+    is_missing = ~np.isfinite(time_s)
+    if not is_missing.any():
+        return time_s, np.empty(0, dtype=np.intp)
+    has_neighbours = np.zeros(len(time_s), dtype=bool)
+    has_neighbours[1:-1] = ~is_missing[:-2] & ~is_missing[2:]
+    rows = np.flatnonzero(is_missing & has_neighbours)
+    filled = time_s.copy()
+    filled[rows] = 0.5 * (time_s[rows - 1] + time_s[rows + 1])
+    return filled, rows
+
+
 def open_source(
     data: str | Path | pd.DataFrame | pd.Series,
     known: Sequence[str] = (),
@@ -291,22 +357,12 @@ def time_of_table(table: Table, options: ReadingOptions, row_time: str = "") -> 
     """
     if row_time:
         return TimeColumn(row_time, 1.0, True, "s", table.where)
-    units = table.units
-    has_time = options.time is not None or table.clock_columns
-    if not has_time and not any(has_time_name(name, units) for name in table.names):
-        raise InputError(
-            "no time column found",
-            where=table.where,
-            expected=f"one of {', '.join(map(repr, table.names))}",
-            remedy="name it ({time}), or give the sampling interval ({dt_s})",
-            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
-        )
     return find_time_column(
         table.names,
         table.where,
         requested=options.time,
         unit=options.time_unit,
-        unit_row=units,
+        unit_row=table.units,
         clock_columns=table.clock_columns,
     )
 

@@ -110,6 +110,8 @@ class Survey:
                 column.name, ColumnCount(column.name, column.unit, column.kind.value)
             )
             count.add(column.raw, series.reasons[column.name], first_row)
+            if column.name in series.bands:
+                count.dead_band = series.bands[column.name].value
 
     def report(self) -> SeriesReport | None:
         """What was understood of all rows; None of fewer than two.

@@ -95,7 +95,11 @@ def find_updates(y: Array) -> Updates:
     change = np.abs(np.diff(y[rows]))
     changed = change > ROUNDING_SHARE * np.max(change, initial=0.0)
     changed_rows = rows[1:][changed]
-    repeats_values = _repeats_exceed_quantisation(change, changed)
+    y_read = y[rows]
+    is_rail = (y_read == np.min(y_read, initial=np.inf)) | (
+        y_read == np.max(y_read, initial=-np.inf)
+    )
+    repeats_values = _repeats_exceed_quantisation(change, changed, is_rail)
     period, first = even_spacing(changed_rows)
     if period > 1 and np.count_nonzero(changed) < len(changed):
         spacing, _ = even_spacing(rows)
@@ -136,7 +140,7 @@ def usual_spacing(rows: Sequence[NDArray[np.intp]]) -> int:
     return usual if np.mean(spacings == usual) > USUAL_SHARE else 1
 
 
-def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
+def _repeats_exceed_quantisation(change: Array, changed: Flags, is_rail: Flags) -> bool:
     """Whether repeats next to large changes are more than the logger's steps explain.
 
     Parameters
@@ -145,6 +149,9 @@ def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
         Absolute changes from row to row (N - 1,).
     changed
         Whether each is above zero (N - 1,).
+    is_rail
+        Whether each row has the smallest or the largest value (N,): a flow that is off, or a
+        controller at its limit, rests there, and says nothing about repeats.
 
     Returns
     -------
@@ -154,7 +161,7 @@ def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
     if not np.any(changed) or np.all(changed):
         return False
     step = float(np.min(change[changed]))
-    large = change[:-1] > LARGE_CHANGE_STEPS * step
+    large = (change[:-1] > LARGE_CHANGE_STEPS * step) & ~is_rail[1:-1]
     count = int(np.count_nonzero(large))
     following = change[1:][large]
     following_changed = changed[1:][large]

@@ -27,7 +27,7 @@ from tcdyn.sensors.channels import Channel
 from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
 from tcdyn.series import Source
 from tcdyn.series.report import SeriesReport
-from tcdyn.series.source import RisingRows
+from tcdyn.series.source import FilledTimes, RisingRows
 from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.raw_log import (
     Calibrations,
@@ -193,7 +193,7 @@ def compensate_table(
     # rows of a log with a delay are surveyed as they come, as those of a log that is followed
     seen = SurveyedSource(rising, raw.channels.raw_columns, survey_of(raw))
     segments = compensated_segments(
-        raw.source if delay_s is None else seen,
+        FilledTimes(raw.source, raw.time_in_log) if delay_s is None else seen,
         raw.source.table.names,
         raw.channels,
         delay_s=delay_s,

@@ -37,7 +37,7 @@ from tcdyn.series.reading import Kind
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.scaled_readings import RangeCheck
 from tcdyn.series.series import Context, reading_rows
-from tcdyn.series.source import Source, selected_rows, source_of_table, time_of_table
+from tcdyn.series.source import FilledTimes, Source, selected_rows, source_of_table, time_of_table
 from tcdyn.series.survey import Survey
 from tcdyn.series.thermocouple_types import convert_columns
 from tcdyn.series.units import cold_column
@@ -268,7 +268,7 @@ def surveyed(raw: RawLog, table: Table) -> tuple[RawLog, SeriesReport | None]:
     source = replace(raw.source, table=table)
     look = survey_of(raw)
     names = channels.raw_columns
-    for time_s, columns, findings in source.read_chunks(names):
+    for time_s, columns, findings in FilledTimes(source, source.time).read_chunks(names):
         look.add(time_s, {name: columns[name] for name in names}, findings)
     report = look.report()
     context = replace(channels.context, codes=look.codes, is_surveyed=True, table=None)

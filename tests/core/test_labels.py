@@ -26,7 +26,9 @@ def test_row_numbers_and_text_are_no_times() -> None:
     assert even_interval_s(pd.Index([0, 2, 4], name="time_s"), "table") == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("times", [[*range(10), *range(11, 20)], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0]])
+@pytest.mark.parametrize(
+    "times", [[0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 8.0], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0]]
+)
 def test_uneven_times_are_refused_with_a_remedy(times: list[float]) -> None:
     with pytest.raises(InputError, match=r"not even.*resample"):
         even_interval_s(pd.Index(times), "table")

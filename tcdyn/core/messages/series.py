@@ -55,6 +55,16 @@ def _averages(averages_s: float, **_: Any) -> str:
     )
 
 
+def _on_change(subject: str, count: int, dead_band: float, unit: str = "", **_: Any) -> str:
+    """Message of ``series.on_change``; ``count`` is the number of rows of the column."""
+    change = f"{dead_band:.3g} {unit}".strip()
+    return (
+        f"column {subject}: its {count} rows were written when the reading had changed by "
+        f"{change}; between two rows it is taken as within this dead band, which the uncertainty "
+        "of the results does not include"
+    )
+
+
 SERIES: dict[str, Message] = {
     "series.averages": _averages,
     "series.few_decimals": _few_decimals,
@@ -70,9 +80,7 @@ SERIES: dict[str, Message] = {
     "exactly, and the times of the results have this uncertainty",
     "series.lost": "column {subject}: {count} sample(s) have no row in the table, at {places} "
     "place(s), first after {first_s:.6g} s; no reading was left out there",
-    "series.on_change": "column {subject}: its {count} rows were written when the reading had "
-    "changed by {dead_band:.3g} {unit}: between two rows it is taken as within this dead band, "
-    "which the uncertainty of the results does not include",
+    "series.on_change": _on_change,
     "series.held": "column {subject}: its {count} values were written when they changed: between "
     "two of them it has the first",
     "series.range": _range,
