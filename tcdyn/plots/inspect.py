@@ -63,6 +63,13 @@ def draw_inspected(inspection: Inspection, ax: Axes | None = None, column: int =
     -------
     ax
         The same axes.
+
+    Examples
+    --------
+    >>> import pandas as pd, tcdyn
+    >>> log = pd.DataFrame({"time_s": range(30), "T1_degC": [20.0, 21.0, 22.0] * 10})
+    >>> draw_inspected(tcdyn.inspect(log)).get_xlabel()
+    'time [s]'
     """
     ax = axes_of(ax)
     if not inspection.columns:

@@ -719,8 +719,7 @@ def read_log(
     Examples
     --------
     >>> import tempfile
-    >>> from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
-    from tcdyn.io.write import write_log
+    >>> from tcdyn.io.write import write_log
     >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
     >>> rows["prt_degC"] = rows["setpoint_degC"]
     >>> for c in "abcdef":
