@@ -1,6 +1,6 @@
 """The clock of a pandas index, for functions whose samples must be even.
 
-Tests: ``tests/series/test_index.py``.
+Tests: ``tests/core/test_labels.py``.
 """
 
 from __future__ import annotations

@@ -100,6 +100,9 @@ SHORTEST_WAIT_ERROR = 0.2
 COHERENT_ROWS = 24
 SEARCH_STEPS = 201
 LEAST_COHERENCE = 0.5
+# Places in the shortest wait where the stamps fit no interval: a row is then at most a tenth of the
+# shortest wait off its stamp.
+FINE_PLACES = 5
 # Readings, and dead bands to choose from, that the search uses at most: more take long.
 MAX_READINGS = 20000
 MAX_CANDIDATES = 400
@@ -630,7 +633,7 @@ def poll_clock(clock: Clock) -> Clock:
     Where hardly any row follows another one at the next poll, the typical wait looks like the
     interval. The polls are then the step of which all stamps are multiples; where the stamps have
     finer decimals than the polls, they are near the shortest wait (``_coherent_interval_s``). Where
-    the stamps fit no such interval, the clock stays as it is.
+    the stamps fit no such interval, the places are finer than the shortest wait.
     """
     stamps_s = clock.even_s + clock.deviation_s
     waits_s = np.diff(stamps_s)
@@ -640,7 +643,8 @@ def poll_clock(clock: Clock) -> Clock:
     if not has_polls:
         fractions_s = [shortest_s / k for k in (1, 2, 3)]  # no wait may be one poll
         found_s = [_coherent_interval_s(stamps_s, start_s) for start_s in fractions_s]
-        interval_s = next((each_s for each_s in found_s if each_s), np.inf)
+        fine_s = shortest_s / FINE_PLACES
+        interval_s = next((each_s for each_s in found_s if each_s), fine_s)
     n_places = (stamps_s[-1] - stamps_s[0]) / interval_s
     if interval_s > FINER * clock.interval_s or n_places > MAX_PLACES:
         return clock

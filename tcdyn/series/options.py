@@ -1,6 +1,6 @@
 """How the rows of a table are read: the options that every command and function shares.
 
-Tests: ``tests/series/test_options.py``.
+Tests: ``tests/cli/test_reading_options.py`` and ``tests/series/test_source.py``.
 """
 
 from __future__ import annotations

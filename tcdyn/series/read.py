@@ -1,6 +1,6 @@
 """All rows of an open table as one series.
 
-Tests: ``tests/series/test_read.py``.
+Tests: ``tests/series/test_source.py``.
 """
 
 from __future__ import annotations

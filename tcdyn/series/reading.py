@@ -7,7 +7,6 @@ command asks :func:`reasons_of`. What a chain cannot produce is decided later
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -133,11 +132,3 @@ def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons
     reasons[is_code] = CODE
     reasons[np.isnan(values)] = EMPTY
     return reasons
-
-
-def joined_codes(parts: Iterable[Codes]) -> Codes:
-    """The codes of all parts of a column."""
-    result = Codes()
-    for part in parts:
-        result = result.joined(part)
-    return result

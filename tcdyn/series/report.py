@@ -1,7 +1,7 @@
 """What was understood of a table: clock, gaps, readings, and why the other values are none.
 
 Every result that is made from a table carries this report as ``reading``; ``tcdyn inspect`` prints
-it. Tests: ``tests/series/test_report.py`` and ``tests/series/test_one_answer.py``.
+it. Tests: ``tests/series/test_survey.py`` and ``tests/series/test_one_answer.py``.
 """
 
 from __future__ import annotations

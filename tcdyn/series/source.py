@@ -6,7 +6,7 @@ decides about the rows. Tests: ``tests/series/test_source.py``.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -418,8 +418,13 @@ def _rows_with(table: Table, label: str, cell: str) -> Table:
         names = list(dict.fromkeys([*requested, label]))
         seen: list[NDArray[Any]] = []
         n_kept = 0
+        n_read = 0
         for chunk in table.chunks(names, rows):
+            count = len(chunk.data[label])
             cells = chunk.stamps.get(label, chunk.data[label])
+            if label in table.cells:
+                cells = table.cells[label][n_read : n_read + count]
+            n_read += count
             is_kept = has_cell(cells, cell)
             n_kept += int(np.count_nonzero(is_kept))
             if not n_kept:
@@ -504,22 +509,3 @@ def check_numbers(column: str, values: NDArray[Any], where: str) -> None:
         where=where,
         expected="numbers",
     )
-
-
-def frame_of_arrays(times_s: Any, columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Times [s] and arrays (N,) as a table.
-
-    Raises
-    ------
-    InputError
-        For arrays of unequal lengths.
-    """
-    arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
-    index = np.asarray(times_s, dtype=float)
-    shapes = [np.shape(index), *(np.shape(values) for values in arrays.values())]
-    if len(set(shapes)) != 1 or len(shapes[0]) != 1:
-        raise InputError(
-            f"{len(shapes)} arrays of the shapes {', '.join(map(str, shapes))}",
-            expected=f"times in seconds and {len(arrays)} more of the same length (N,)",
-        )
-    return pd.DataFrame(arrays, pd.Index(index, name="time_s"))

@@ -1,0 +1,87 @@
+"""Rows of a table on an even grid: what one column says must not move the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tcdyn.core.errors import InputError
+from tcdyn.series import Context, make_series
+from tcdyn.series.reading import Kind
+from tcdyn.series.series import ONE_PIECE, ColumnRows, Series
+
+N = 1500
+
+
+def switched(time_s: np.ndarray) -> np.ndarray:
+    """A heater of 0 or 50 % that is written when it is switched; blank in other rows."""
+    level = 50.0 * (np.arange(len(time_s)) // 100 % 2)
+    is_new = np.append(True, np.diff(level) != 0)
+    return np.where(is_new, level, np.nan)
+
+
+def series_of(time_s: np.ndarray, context: Context | None = None) -> Series:
+    """A temperature in each row, beside the heater."""
+    rng = np.random.default_rng(3)
+    temperature = 40 + 5 * np.sin(time_s / 60) + rng.normal(0, 0.1, len(time_s))
+    columns = [
+        ColumnRows("u", "", Kind.INPUT, switched(time_s)),
+        ColumnRows("T", "degC", Kind.TEMPERATURE, temperature),
+    ]
+    return make_series(time_s, columns, context or Context("log.csv"))
+
+
+def test_an_input_that_is_held_does_not_change_the_clock_of_the_table() -> None:
+    stray = np.random.default_rng(4).normal(0, 0.06, N)
+    series = series_of(np.round(np.arange(float(N)) + stray, 1))
+    assert series.interval_s == pytest.approx(1.0, rel=1e-3)
+    assert series.clock.size == N
+    assert np.isfinite(series.on_grid("u")).all()
+    assert np.isfinite(series.on_grid("T")).all()
+
+
+def test_an_input_is_not_held_through_a_gap_of_the_table() -> None:
+    time_s = np.arange(float(N))
+    time_s[700:] += 500
+    series = series_of(time_s)
+    assert "series.lost" in {finding.code for finding in series.findings}
+    assert np.count_nonzero(np.isnan(series.on_grid("u"))) == 500
+    time_s[700:] += 5000
+    with pytest.raises(InputError, match="are missing after row 700"):
+        series_of(time_s, Context("log.csv", policy=ONE_PIECE))
+
+
+def reported_on_change(stray_s: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of a walk that is polled each second, written from a change of 0.5 on."""
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.normal(0, 0.15, 4000))
+    rows = [0]
+    for k in range(4000):
+        if abs(walk[k] - walk[rows[-1]]) >= 0.5:
+            rows.append(k)
+    stamps = np.round(np.array(rows) + rng.normal(0, stray_s, len(rows)), 4)
+    return stamps, 40 + walk[rows]
+
+
+@pytest.mark.parametrize("stray_s", [0.0, 0.002, 0.05])
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_rows_on_change_are_on_the_grid_of_the_polls(stray_s: float, seed: int) -> None:
+    stamps, values = reported_on_change(stray_s, seed)
+    rows = ColumnRows("T", "degC", Kind.TEMPERATURE, values)
+    series = make_series(stamps, [rows], Context("log.csv"))
+    assert series.report.columns[0].dead_band == pytest.approx(0.5, rel=0.1)
+    assert np.abs(series.clock.even_s - stamps).max() < 0.5
+    if stray_s < 0.01:
+        assert series.interval_s == pytest.approx(1.0, rel=3e-4)
+
+
+def test_values_that_rest_at_a_limit_are_not_repeated_ones() -> None:
+    """A flow that is off between bursts, and a controller at its limits."""
+    rng = np.random.default_rng(5)
+    t = np.arange(4000.0)
+    flow = np.where(t % 400 < 90, 5 + rng.normal(0, 0.5, 4000), 0.0)
+    clipped = np.clip(50 + 120 * np.sin(t / 40) + rng.normal(0, 5, 4000), 0, 100)
+    for values in (flow, clipped):
+        rows = ColumnRows("q", "", Kind.QUANTITY, values)
+        series = make_series(t, [rows], Context("log.csv"))
+        assert series.report.columns[0].readings == 4000
