@@ -133,6 +133,7 @@ REFERENCE_PAGES = {  # heading of a page of internals, and the modules or packag
     "core": ["tcdyn.core"],
     "io": ["tcdyn.io"],
     "estimation": ["tcdyn.estimation"],
+    "series": ["tcdyn.series"],
     "rig": ["tcdyn.rig"],
     "chain": ["tcdyn.chain"],
     "heat": ["tcdyn.heat"],
