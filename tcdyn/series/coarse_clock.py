@@ -64,7 +64,7 @@ def fit_coarse(
     Returns
     -------
     samples, length
-        As for :func:`fit_fine`; None where there are fewer than four stamps.
+        As for ``tcdyn.series.fine_clock.fit_fine``; None where there are fewer than four stamps.
 
     Notes
     -----

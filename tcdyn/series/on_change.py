@@ -11,7 +11,6 @@ Tests: ``tests/series/test_on_change.py``; study: ``python -m tests.series.on_ch
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -349,7 +348,8 @@ def _chance_of_waits(change: Array, wait_s: Array) -> float:
     return float(norm.cdf(correlation * np.sqrt(len(change) - 1)))
 
 
-class FilledValues(NamedTuple):
+@dataclass(frozen=True)
+class FilledValues:
     """A column at every place of its grid.
 
     Attributes
