@@ -12,6 +12,11 @@ from typing import Any
 from tcdyn.core.errors import InputError
 
 
+# Intervals beyond which a number is a mistake: faster than any logger, and 300 years.
+SHORTEST_S = 1e-10
+LONGEST_S = 1e10
+
+
 @dataclass(frozen=True)
 class ReadingOptions:
     """How the rows of a table are read, where the table does not say it itself.
@@ -49,17 +54,17 @@ class ReadingOptions:
             For an interval, a dead band or an averaging time that is not positive, and for a
             condition without "=".
         """
-        for name, least in (("dt_s", 0.0), ("averages_s", 0.0), ("on_change", -1.0)):
+        for name in ("dt_s", "averages_s"):
             value = getattr(self, name)
-            if value is not None and not least < value < float("inf"):
+            if value is not None and not SHORTEST_S < value < LONGEST_S:
                 raise InputError(
-                    f"{{{name}}} {value:g}",
+                    f"{{{name}}} is {value:g}",
                     expected="a number above zero",
                     parameters={name: None},
                 )
-        if self.on_change is not None and self.on_change < 0:
+        if self.on_change is not None and not 0 <= self.on_change < float("inf"):
             raise InputError(
-                f"{{on_change}} {self.on_change:g}",
+                f"{{on_change}} is {self.on_change:g}",
                 expected="a dead band, or 0 for a reading that is held",
                 parameters={"on_change": None},
             )

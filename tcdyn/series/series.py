@@ -651,8 +651,10 @@ def check_gaps(time_s: Array, clock: Clock, context: Context) -> None:
     policy = context.policy
     dt_s = clock.interval_s
     n = len(time_s)
-    longest = int(np.argmax(np.diff(time_s)))
-    gap_s = float(time_s[longest + 1] - time_s[longest])
+    # rows on a clock that is coarser than them share a stamp, so that the grid tells
+    steps = np.diff(clock.index)
+    longest = int(np.argmax(steps))
+    gap_s = float(steps[longest]) * dt_s
     limit_s = max(policy.longest_gap_s, 3 * dt_s)
     if policy.gap_rows is not None:
         limit_s = min(limit_s, max(n, policy.gap_rows) * dt_s)

@@ -130,9 +130,9 @@ def test_rows_that_are_means_are_an_info_in_every_command(
 
 
 WRONG = {
-    "--dt-s 0": "--dt-s 0; expected a number above zero",
-    "--averages-s -1": "--averages-s -1; expected a number above zero",
-    "--on-change -0.5": "--on-change -0.5; expected a dead band",
+    "--dt-s 0": "--dt-s is 0; expected a number above zero",
+    "--averages-s -1": "--averages-s is -1; expected a number above zero",
+    "--on-change -0.5": "--on-change is -0.5; expected a dead band",
     "--where CH": "--where CH; expected COLUMN=VALUE",
     "--where chanel=1": "did you mean 'channel'?",
     "--where channel=CH": "expected 'CH 1', 'CH 2'",

@@ -115,6 +115,7 @@ def test_every_key_of_an_identified_model_is_documented_with_its_unit(tmp_path: 
     command = ["identify", str(table), "--input", "u", "--output", "y", "--model", "P1"]
     assert CliRunner().invoke(app, command).exit_code == 0
     data = json.loads(table.with_suffix(".identified.json").read_text(encoding="utf-8"))
+    assert data.pop("reading")[0]["rows"] == len(u)  # its keys are those of inspect
     assert set(data["averaged"]["u"]) == {"gain", "lag_s"}
     assert data["averaged"]["u"]["lag_s"]["value"] == pytest.approx(0.8, abs=0.05)
     columns_and_parameters = {"u", "Kp", "Tp1"}

@@ -209,7 +209,7 @@ INVALID_LOGS = {
     "load missing for long": (set_values(range(1000, 1200), "load_N", np.nan), "7 % of the column"),
     "text instead of numbers": (
         lambda f: f.assign(fast_c_degC=["warm", "50.1"] * (len(f) // 2)),
-        "no number",
+        "dead channel",
     ),
 }
 
