@@ -11,7 +11,6 @@ from typing import Any
 
 from tcdyn.core.errors import InputError
 
-
 # Intervals beyond which a number is a mistake: faster than any logger, and 300 years.
 SHORTEST_S = 1e-10
 LONGEST_S = 1e10
