@@ -84,8 +84,9 @@ TURN_LEVEL = 0.44  # level of noise between two rows on its two sides
 SAME_LEVEL = 0.1  # between two rows on the same side
 LEVEL_SD = 0.34
 # Changes beyond so many dead bands are jumps: the value was at rest until the last polls. A steady
-# change is at most one dead band and that of one poll. Samples of such a wait: their errors are
-# then about independent. Study: lags of dips in ``tests/series/on_change_study.py``.
+# change is at most one dead band and that of one poll. Samples of such a wait are few, by
+# judgement, so that their common error weighs little. Both are checked by the lags of dips,
+# ``python -m tests.series.on_change_study lags``.
 JUMP = 1.5
 REST_SAMPLES = 9
 BEYOND_U = 3**-0.5  # after the last row: anything within the dead band
@@ -458,9 +459,9 @@ def samples_at_rest(values: Array, clock: Clock, dead_band: DeadBand) -> Array:
     -----
     Before a jump the reading did not move, and no row says so. Nearly all other estimates stay out:
     their errors have one sign within a wait, and an estimator that takes them as readings with
-    white noise finds lags that are wrong by more than it states
-    (``tests/series/on_change_study.py``). The last estimate is a tenth of the wait before the row,
-    since the jump may have begun before its last poll.
+    white noise finds lags that are wrong by more than it states. The last estimate is a tenth of
+    the wait before the row, since the jump may have begun before its last poll. ``python -m
+    tests.series.on_change_study lags`` shows the lags with these samples.
     """
     filled = unchanged_values(values, clock, dead_band)
     if dead_band.is_held:

@@ -70,14 +70,14 @@ MOSTLY_REPEATED = 0.3
 # not even: within one interval it is at most 0.5, and 0.3 for an even spread.
 UNEVEN_COARSE = 1.0
 # A column with fewer distinct values than this share of its new ones was set in levels, not
-# measured: a measured one of n new values has nearly n. Five repetitions of each level separate
-# them (``tests/series/test_series.py``).
+# measured: a measured one of n new values has nearly n. By judgement, between both kinds of
+# ``tests/identify/test_identify_repeats.py``.
 MIN_DISTINCT_SHARE = 0.2
 # Samples of a gap that the search for repeated values keeps: memory. No column has its new values
 # so far apart that the search would see it (``tcdyn.series.updates.MIN_REGULAR_CHANGES``).
 LONGEST_EMPTY = 1000
-# Least share of the samples without a row from which rows may have been written on change: such a
-# logger leaves out most rows. Study: ``tests/series/on_change_study.py``.
+# Least share of the samples without a row from which rows may have been written on change. By
+# judgement: such a logger leaves out most rows, and an ordinary one is not searched in vain.
 LEAST_LOST_SHARE = 0.05
 TINY_NOISE = 1e-9  # of a trace without noise: the spike rule needs a positive one
 

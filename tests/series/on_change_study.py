@@ -2,17 +2,24 @@
 
 ``python -m tests.series.on_change_study find 300 1`` makes so many logs of each sort with this
 seed. ``python -m tests.series.on_change_study fill 50 1`` makes so many logs of each signal, and
-prints the errors of the values that were not written over their standard uncertainties.
+prints the errors of the values that were not written over their standard uncertainties. ``python -m
+tests.series.on_change_study lags 20 1`` makes so many dips for each lag, dead band and noise, and
+prints how often the interval of the lag contains it, as ``tcdyn sensor plunge`` reads such a file.
 """
 
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Z95
+from tcdyn.sensors.measure import sensor_from_dip
 from tcdyn.series import fit_clock
 from tcdyn.series.on_change import DeadBand, find_dead_band, unchanged_values
 
@@ -276,6 +283,53 @@ def study_find(n_logs: int, seed: int) -> None:
         print(f"inputs of two or three levels, {label}: {n_held} of {len(chosen)} are held")
 
 
+LAGS_S = (30.0, 120.0, 400.0)
+DEAD_BANDS_K = (0.2, 0.5, 1.0)
+NOISES_K = (0.0, 0.05)
+STEP_K = 60.0
+
+
+def dip_errors(rng: Rng, lag_s: float, dead_band: float, noise_K: float) -> tuple[float, float]:
+    """Error of the lag of a dip that was written on change [s], and its standard uncertainty [s].
+
+    The sensor rests for 300 polls of one second, and follows the step with one lag.
+    """
+    time_s = np.arange(300 + 8 * lag_s)
+    since_s = np.maximum(time_s - 300 - rng.uniform(), 0.0)
+    reading = 20 + STEP_K * -np.expm1(-since_s / lag_s) + rng.normal(0, noise_K, len(time_s))
+    reading = np.round(reading, 2)
+    rows = written_rows(reading, dead_band, 0)
+    lag = sensor_from_dip((time_s[rows], reading[rows]), "T1").chain.channels["T1"].lag_s
+    return lag.value - lag_s, lag.u
+
+
+def study_lags(n_dips: int, seed: int) -> None:
+    """Print the coverage of the 95 % interval of the lag (1.96 u), and errors over u.
+
+    Parameters
+    ----------
+    n_dips
+        Dips for each lag, dead band and noise.
+    seed
+        Seed of the random numbers.
+    """
+    print("lag [s], dead band [K], noise [K]: covered, rms error [s], median u [s], refused")
+    for cell in product(LAGS_S, DEAD_BANDS_K, NOISES_K):
+        results = []
+        for k in range(n_dips):
+            rng = np.random.default_rng([seed, 3, k])
+            with suppress(InputError):
+                results.append(dip_errors(rng, *cell))
+        if not results:
+            print(*cell, "all refused", flush=True)
+            continue
+        errors_s, u_s = np.array(results).T
+        n_covered = int(np.count_nonzero(np.abs(errors_s) < Z95 * u_s))
+        rms_s = float(np.sqrt(np.mean(errors_s**2)))
+        n_refused = n_dips - len(results)
+        print(*cell, n_covered, f"{rms_s:.3g} {np.median(u_s):.3g}", n_refused, flush=True)
+
+
 if __name__ == "__main__":
-    study = {"find": study_find, "fill": study_fill}[sys.argv[1]]
+    study = {"find": study_find, "fill": study_fill, "lags": study_lags}[sys.argv[1]]
     study(int(sys.argv[2]), int(sys.argv[3]))
