@@ -23,8 +23,8 @@ from tcdyn.cli.common import (
     stage_progress,
     write_json,
 )
-from tcdyn.cli.tables import value_and_u
 from tcdyn.core.errors import InputError
+from tcdyn.core.options import number_with_u
 from tcdyn.io.endings import JSON, PAGE
 from tcdyn.series.options import ReadingOptions
 
@@ -153,7 +153,7 @@ def holes(
     from tcdyn.workflows.calibrate import log_findings
 
     check_outputs([log, rig], reporter.overwrite, out=(out, JSON), report=(report, PAGE))
-    depth, depth_u = value_and_u(depth_mm, "--depth-mm")
+    depth, depth_u = number_with_u(depth_mm, "depth_mm")
     if not (0 < depth < 100 and depth_u < 100):
         raise InputError(f"--depth-mm is {depth_mm}", expected="above 0 and below 100 mm")
     setup = load_rig(rig).with_reading(reading)

@@ -15,11 +15,11 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -28,6 +28,7 @@ from tcdyn.cli import debug
 from tcdyn.cli.streams import json_for_stream
 from tcdyn.core.errors import InputError, Value, printable
 from tcdyn.core.findings import Finding, Severity, unique
+from tcdyn.core.options import PANELS, default_of, option, option_kind, split_docstring, texts_of
 from tcdyn.io.endings import PICTURE, FileKind, check_ending
 
 if TYPE_CHECKING:
@@ -49,7 +50,13 @@ RigFileOrRecords = Annotated[
     Path | None, typer.Option(help="rig.toml; without it the rig stored in the records is used")
 ]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="print a line for each stage, with the elapsed time")
+    bool,
+    typer.Option(
+        "--verbose",
+        "-v",
+        help="print a line for each stage, with the elapsed time",
+        rich_help_panel="Output",
+    ),
 ]
 # The option of disk records, required or not.
 RECORD = typer.Option(help="*.disk.json of a disk; give it once for each disk")
@@ -110,46 +117,6 @@ def _quoted(word: str) -> str:
     return f'"{word}"'
 
 
-def split_docstring(documented: Any) -> tuple[str, dict[str, str]]:
-    """The text of a docstring above its first section, and its parameters with their texts.
-
-    Parameters
-    ----------
-    documented
-        A function or a class with a docstring as of numpydoc.
-
-    Returns
-    -------
-    text, help_texts
-        The text, and one line of text for each parameter or attribute.
-
-    Examples
-    --------
-    >>> sorted(split_docstring(default_output_path)[1])
-    ['ending', 'file']
-    """
-    text, *sections = re.split(r"\n\n(.+)\n-+\n", inspect.getdoc(documented) or "")
-    titles = dict(zip(sections[::2], sections[1::2]))
-    entries = titles.get("Parameters", titles.get("Attributes", ""))
-    help_texts = {}
-    for entry in re.split(r"\n(?=\S)", entries):
-        name, _, lines = entry.partition("\n")
-        help_texts[name] = " ".join(lines.split())
-    return text, help_texts
-
-
-def _attributes_of(group: type[Any]) -> dict[str, str]:
-    """Help of each field of a dataclass, by the docstrings of the class and its base classes.
-
-    A parameter in braces becomes the option of that name.
-    """
-    texts: dict[str, str] = {}
-    for each in reversed(group.__mro__):
-        if is_dataclass(each):
-            texts |= split_docstring(each)[1]
-    return {name: _with_options(text) for name, text in texts.items()}
-
-
 def _with_options(text: str) -> str:
     """A text with options instead of parameters in braces, and without "[s]", a style of rich.
 
@@ -175,11 +142,60 @@ def _as_typer_parameter(
         kind, info = get_args(kind)
         info = copy(info)
     if info.default is ... and isinstance(info, OptionInfo):  # no name is given
-        option = f"--{name.strip('_').replace('_', '-')}"
-        opposite = f"/{option.replace('--', '--no-', 1)}" if parameter.default is True else ""
-        info.param_decls = (f"{option}{opposite}",)
+        option_name = f"--{name.strip('_').replace('_', '-')}"
+        info.param_decls = (_with_opposite(option_name, parameter.default),)
     info.help = info.help or help_texts[name]
-    return parameter.replace(annotation=Annotated[kind, info])
+    place = parameter.kind
+    if isinstance(info, OptionInfo):
+        place = inspect.Parameter.KEYWORD_ONLY
+    return parameter.replace(annotation=Annotated[kind, info], kind=place)
+
+
+def _place_in_help(parameter: inspect.Parameter) -> tuple[int, int]:
+    """Key by which the parameters of a command are sorted: arguments first, then by panel."""
+    _, info = get_args(parameter.annotation)
+    panel = info.rich_help_panel
+    return parameter.kind, PANELS.index(panel) if panel in PANELS else len(PANELS)
+
+
+def _with_opposite(option_name: str, default: object) -> str:
+    """The name of an option, with that of its opposite if it is on by default."""
+    if default is True:
+        return f"{option_name}/{option_name.replace('--', '--no-', 1)}"
+    return option_name
+
+
+def _field_as_parameter(each: Field[Any], annotation: Any, text: str) -> inspect.Parameter:
+    """A field of a dataclass of options as a parameter of a command.
+
+    Parameters
+    ----------
+    each
+        The field.
+    annotation
+        Its type.
+    text
+        Its text.
+    """
+    kind = option_kind(each)
+    default = default_of(each)
+    if kind.takes is not None:
+        annotation = kind.takes
+        if default is not None:
+            default = None if isinstance(default, tuple | dict) else str(default)
+        if default is None or default == "":
+            default = None
+            annotation = annotation | None
+    names = [_with_opposite(as_option(kind.name or each.name), default)]
+    names += filter(None, [kind.short])
+    info = typer.Option(*names, help=_with_options(text), rich_help_panel=kind.panel)
+    is_required = default is MISSING
+    return inspect.Parameter(
+        each.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=inspect.Parameter.empty if is_required else default,
+        annotation=Annotated[annotation, info],
+    )
 
 
 def options_from_docstring(command: Callable[..., None]) -> Callable[..., None]:
@@ -188,8 +204,8 @@ def options_from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     Parameters
     ----------
     command
-        Function whose docstring describes its parameters. A parameter that is a dataclass becomes
-        one option for each field.
+        Function whose docstring describes its parameters. A parameter that is a dataclass of
+        options (:mod:`tcdyn.core.options`) becomes one option for each field.
 
     Returns
     -------
@@ -200,36 +216,41 @@ def options_from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     -----
     Typer makes options from the signature of a command. The signature given here has the fields of
     each dataclass in place of the dataclass, the name of each option, and its help from the
-    docstring; a call builds the dataclasses. ``typer.Option`` in an annotation states what these do
-    not: limits, short names, or a help that several commands share.
+    docstring; a call builds the dataclasses. A field that two dataclasses share is one option.
+    ``typer.Option`` in the annotation of a parameter states what its text does not.
     """
     text, help_texts = split_docstring(command)
-    signature = []
-    members: dict[str, list[str]] = {}
-    groups: dict[str, Any] = {}
+    signature: dict[str, inspect.Parameter] = {}
+    groups: dict[str, type[Any]] = {}
     for parameter in inspect.signature(command, eval_str=True).parameters.values():
         group: type[Any] = parameter.annotation
         if not is_dataclass(group):
-            signature.append(_as_typer_parameter(parameter, help_texts))
+            signature[parameter.name] = _as_typer_parameter(parameter, help_texts)
             continue
         groups[parameter.name] = group
-        fields = inspect.signature(group, eval_str=True).parameters.values()
-        members[parameter.name] = [field.name for field in fields]
-        texts = _attributes_of(group)
-        for field in fields:
-            option = _as_typer_parameter(field, texts)
-            signature.append(option.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+        types = get_type_hints(group)
+        texts = texts_of(group)
+        for each in fields(group):
+            parameter_of_field = _field_as_parameter(each, types[each.name], texts[each.name])
+            signature.setdefault(each.name, parameter_of_field)
 
     @wraps(command)
     def call_with_groups(*arguments: Any, **options: Any) -> None:
         """Build the dataclasses from the options and call the command."""
+        given = dict(options)
         for name, group in groups.items():
-            values = {field: options.pop(field) for field in members[name] if field in options}
+            values = {}
+            for each in fields(group):
+                options.pop(each.name, None)
+                value = given.get(each.name)
+                if value is not None and value != signature[each.name].default:
+                    values[each.name] = value
             options[name] = group(**values)
         command(*arguments, **options)
 
     call_with_groups.__doc__ = text
-    call_with_groups.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
+    ordered = sorted(signature.values(), key=_place_in_help)
+    call_with_groups.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
     return call_with_groups
 
 
@@ -251,11 +272,11 @@ class Reporter:
         after an internal error, write a file with what its report needs
     """
 
-    json_: bool = False
-    quiet: Annotated[bool, typer.Option("--quiet", "-q")] = False
-    strict: bool = False
-    overwrite: bool = False
-    debug: bool = False
+    json_: bool = option(False, "Output", name="json")
+    quiet: bool = option(False, "Output", short="-q")
+    strict: bool = option(False, "Output")
+    overwrite: bool = option(False, "Output")
+    debug: bool = option(False, "Output")
 
     def __post_init__(self) -> None:
         """Let ``tcdyn.cli.app.run`` know of ``--debug``."""
@@ -550,23 +571,23 @@ def check_outputs(
 
     files = [path for path in inputs if path is not None]
     uses = {file_identity(path): "which is read" for path in files}
-    for option, (path, _) in outputs.items():
+    for name, (path, _) in outputs.items():
         if path is None:
             continue
         if not path.name:
-            raise InputError(f"--{option} is {path}, a folder", expected="a file to write")
+            raise InputError(f"--{name} is {path}, a folder", expected="a file to write")
         file = file_identity(path)
         if file in uses:
             raise InputError(
-                f"--{option} would write over {path}, {uses[file]}",
+                f"--{name} would write over {path}, {uses[file]}",
                 expected="another file",
-                remedy=f"change --{option}",
+                remedy=f"change --{name}",
             )
-        uses[file] = f"which is --{option}"
+        uses[file] = f"which is --{name}"
         check_may_replace(path, files, overwrite)
-    for option, (path, kind) in outputs.items():
+    for name, (path, kind) in outputs.items():
         if path is not None:
-            check_ending(path, kind, f"--{option}")
+            check_ending(path, kind, f"--{name}")
 
 
 def check_folder(out: Path) -> None:

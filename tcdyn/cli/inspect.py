@@ -6,6 +6,9 @@ The answers are :mod:`tcdyn.workflows.inspect`. Test: ``tests/cli/test_inspect_c
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from tcdyn.cli.common import (
     OptionalPicture,
@@ -15,16 +18,16 @@ from tcdyn.cli.common import (
     save_picture,
     source_entry,
 )
-from tcdyn.cli.tables import TableReading
+from tcdyn.series.options import TableOptions
 
 
 @options_from_docstring
 def inspect(
     file: Path,
-    column: list[str] | None = None,
+    column: Annotated[list[str] | None, typer.Option(rich_help_panel="Input")] = None,
     picture: OptionalPicture = None,
     *,
-    reading: TableReading,
+    options: TableOptions,
     reporter: Reporter,
 ) -> None:
     """Show what is understood of a table: rows, clock, gaps, units, and what is no reading.
@@ -44,7 +47,7 @@ def inspect(
     from tcdyn.workflows.inspect import inspect as inspect_table
 
     check_picture(picture, [file], reporter.overwrite)
-    found = inspect_table(file, column or (), **reading.options())
+    found = inspect_table(file, column or (), **options.stated)
     if picture is not None:
         from tcdyn.plots.inspect import inspection_figure
 

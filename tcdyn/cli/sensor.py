@@ -13,25 +13,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tcdyn.chain.known_filter import FilterOptions
 from tcdyn.cli.common import (
     OptionalPicture,
     Reporter,
-    check_choice,
     check_outputs,
     check_picture,
     number_option,
     options_from_docstring,
     save_picture,
 )
-from tcdyn.cli.tables import TableReading, value_and_u
-from tcdyn.core.errors import InputError, utf8
+from tcdyn.core.errors import utf8
+from tcdyn.core.options import Options, number_with_u, option
 from tcdyn.io.endings import JSON
+from tcdyn.sensors.options import CurrentOptions, DipOptions, PairOptions
+from tcdyn.series.options import TableOptions
 
 if TYPE_CHECKING:
-    from tcdyn.rig.disk import Conditioning
     from tcdyn.sensors import SensorFile
-
-UNIX_LIMIT = 1e12  # largest instant [s]: Unix times may be in milliseconds
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -40,12 +39,15 @@ app = typer.Typer(
     "is for compensate and follow.",
 )
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
-OneColumn = Annotated[str, typer.Option(help="column of the sensor")]
-Columns = Annotated[list[str], typer.Option(help="column of the table; * matches any text")]
+OneColumn = Annotated[str, typer.Option(help="column of the sensor", rich_help_panel="Input")]
+Columns = Annotated[
+    list[str],
+    typer.Option(help="column of the table; * matches any text", rich_help_panel="Input"),
+]
 
 
 @dataclass(frozen=True)
-class SensorOutput:
+class SensorOutput(Options):
     """Options for the sensor file to write.
 
     Attributes
@@ -56,8 +58,8 @@ class SensorOutput:
         name of the sensor (default: name of the file)
     """
 
-    out: Path | None = None
-    name: str | None = None
+    out: Path | None = option(None, "Output")
+    name: str | None = option(None, "Output")
 
     @property
     def sensor_name(self) -> str:
@@ -108,50 +110,12 @@ class SensorOutput:
         _report(sensor, reporter, self.out)
 
 
-@dataclass(frozen=True)
-class FilterOptions:
-    """Options for a known filter after the sensor.
-
-    Attributes
-    ----------
-    cutoff_Hz
-        cutoff of a known low-pass filter after the sensor [Hz] (default: no filter)
-    poles
-        poles of that filter (default: 2)
-    shape
-        shape of that filter: cascade (of first-order lags, the default) or butterworth
-    """
-
-    cutoff_Hz: Annotated[float | None, number_option(1e-6, 1e9)] = None
-    poles: Annotated[int | None, typer.Option(min=1, max=6)] = None
-    shape: str | None = None
-
-    def conditioning(self) -> Conditioning:
-        """The filter; ``NO_CONDITIONING`` if none is specified."""
-        from tcdyn.chain import NO_CONDITIONING
-        from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
-
-        if self.cutoff_Hz is None:
-            _check_needed("--poles", self.poles, "--cutoff-Hz")
-            _check_needed("--shape", self.shape, "--cutoff-Hz")
-            return NO_CONDITIONING
-        shape = self.shape or "cascade"
-        check_choice("--shape", shape, FILTER_SHAPES)
-        return Conditioning(self.cutoff_Hz, self.poles or 2, shape)  # type: ignore[arg-type]
-
-
-def _check_needed(option: str, value: object, needed: str) -> None:
-    """Raise InputError if ``option`` has a value that has no effect without ``needed``."""
-    if value is not None:
-        raise InputError(f"{option} is given without {needed}", remedy="give both, or none")
-
-
 @app.command()
 @options_from_docstring
 def new(
-    tau_s: Annotated[list[str], typer.Option()],
+    tau_s: Annotated[list[str], typer.Option(rich_help_panel="Sensor")],
     column: Columns,
-    dead_time_s: str = "0",
+    dead_time_s: Annotated[str, typer.Option(rich_help_panel="Sensor")] = "0",
     *,
     output: SensorOutput,
     known_filter: FilterOptions,
@@ -174,9 +138,9 @@ def new(
     sensor = specified_sensor(
         output.sensor_name,
         column,
-        [value_and_u(text, "--tau-s") for text in tau_s],
-        known_filter.conditioning(),
-        value_and_u(dead_time_s, "--dead-time-s"),
+        [number_with_u(text, "tau_s") for text in tau_s],
+        known_filter.conditioning,
+        number_with_u(dead_time_s, "dead_time_s"),
     )
     output.write(sensor, reporter)
 
@@ -208,16 +172,9 @@ def show(
 def plunge(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...")],
     column: OneColumn,
-    entry_s: list[str] | None = None,
-    medium_s: str = "0.02+-0.02",
-    medium: str | None = None,
-    diameter_mm: float | None = None,
-    speed_m_s: float | None = None,
-    junction: str = "axis",
     *,
+    options: DipOptions,
     output: SensorOutput,
-    known_filter: FilterOptions,
-    reading: TableReading,
     reporter: Reporter,
 ) -> None:
     """Measure the lag from one temperature step (a plunge): t50, t63.2, t90 and the chain.
@@ -232,38 +189,11 @@ def plunge(
     ----------
     logs
         table with a time column: CSV, LVM, TDMS or Parquet; one for each dip
-    entry_s
-        instant of entry on the clock of the table in seconds, with its standard uncertainty:
-        12.3+-0.02; with several dips once for each, in their order
-    medium_s
-        time constant of the temperature step itself in seconds; it is not part of the lag
-    medium
-        water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522
-    diameter_mm
-        with --medium: diameter of the sheath
-    speed_m_s
-        with --medium: another speed of the stream
-    junction
-        axis (insulated, in the axis of the sheath) or sheath (welded to it)
     """
     from tcdyn.sensors import sensor_from_dip
 
     output.check(reporter, logs)
-    sensor = sensor_from_dip(
-        list(logs),
-        column,
-        name=output.sensor_name,
-        entry_s=[value_and_u(text, "--entry-s", UNIX_LIMIT) for text in entry_s]
-        if entry_s
-        else None,
-        medium_s=value_and_u(medium_s, "--medium-s"),
-        medium=medium,
-        diameter_mm=diameter_mm,
-        speed_m_s=speed_m_s,
-        junction=junction,  # type: ignore[arg-type]
-        conditioning=known_filter.conditioning(),
-        **reading.options(),
-    )
+    sensor = sensor_from_dip(list(logs), column, name=output.sensor_name, **options.stated)
     output.write(sensor, reporter)
 
 
@@ -271,14 +201,10 @@ def plunge(
 @options_from_docstring
 def pair(
     log: Log,
-    column: Annotated[list[str], typer.Option()],
-    speed: str | None = None,
-    exponent: str | None = None,
-    flow_step_s: list[float] | None = None,
-    bare: bool = False,
+    column: Annotated[list[str], typer.Option(rich_help_panel="Input")],
     *,
+    options: PairOptions,
     output: SensorOutput,
-    reading: TableReading,
     reporter: Reporter,
 ) -> None:
     """Measure the lags of two thermocouples of different size in one fluid, without a reference.
@@ -293,29 +219,11 @@ def pair(
     ----------
     column
         one of the two columns; give it twice
-    speed
-        column of the flow speed v: lags are proportional to v^-n, n about 0.5
-    exponent
-        with --speed: n and its standard uncertainty (default: 0.5+-0.1)
-    flow_step_s
-        instant of a step of the flow in seconds; lags are constant between steps; repeat for
-        several
-    bare
-        both are bare wires, which have one lag each
     """
     from tcdyn.sensors import sensor_from_pair
 
     output.check(reporter, [log])
-    sensor = sensor_from_pair(
-        log,
-        column,
-        name=output.sensor_name,
-        speed=speed,
-        exponent=None if exponent is None else value_and_u(exponent, "--exponent"),
-        flow_steps_s=flow_step_s or (),
-        bare=bare,
-        **reading.options(),
-    )
+    sensor = sensor_from_pair(log, column, name=output.sensor_name, **options.stated)
     output.write(sensor, reporter)
 
 
@@ -324,11 +232,10 @@ def pair(
 def current(
     log: Log,
     column: OneColumn,
-    current: Annotated[str, typer.Option()],
-    off_only: bool = False,
+    current: Annotated[str, typer.Option(rich_help_panel="Input")],
     *,
+    options: CurrentOptions,
     output: SensorOutput,
-    reading: TableReading,
     reporter: Reporter,
 ) -> None:
     """Measure the lag in place from a loop current step (LCSR): heating, cooling or both.
@@ -341,15 +248,11 @@ def current(
     ----------
     current
         column of the heating current, in any unit
-    off_only
-        use only rows without current, as a thermocouple cannot be read while heated
     """
     from tcdyn.sensors import sensor_from_current
 
     output.check(reporter, [log])
-    sensor = sensor_from_current(
-        log, column, current, name=output.sensor_name, off_only=off_only, **reading.options()
-    )
+    sensor = sensor_from_current(log, column, current, name=output.sensor_name, **options.stated)
     output.write(sensor, reporter)
 
 
@@ -359,8 +262,8 @@ def noise(
     log: Log,
     column: OneColumn,
     *,
+    options: TableOptions,
     output: SensorOutput,
-    reading: TableReading,
     reporter: Reporter,
 ) -> None:
     """Measure the lag in place from the noise of the process at constant conditions.
@@ -372,7 +275,7 @@ def noise(
     from tcdyn.sensors import sensor_from_noise
 
     output.check(reporter, [log])
-    sensor = sensor_from_noise(log, column, name=output.sensor_name, **reading.options())
+    sensor = sensor_from_noise(log, column, name=output.sensor_name, **options.stated)
     output.write(sensor, reporter)
 
 
@@ -385,7 +288,7 @@ def touch(
     touch_s: Annotated[float, number_option(0.01, 600)] = 2.0,
     picture: OptionalPicture = None,
     *,
-    reading: TableReading,
+    options: TableOptions,
     reporter: Reporter,
 ) -> None:
     """Report which column responds when the sensors are touched one after the other.
@@ -413,7 +316,7 @@ def touch(
     from tcdyn.series.units import match_columns
 
     check_picture(picture, [log], reporter.overwrite)
-    table = read_readings(log, column, several=True, **reading.options())
+    table = read_readings(log, column, options=options, several=True)
     check_temperatures(table, "touches")
     stated = []
     for word in order or ():

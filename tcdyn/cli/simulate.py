@@ -30,6 +30,7 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.record import rich_table
 from tcdyn.core.errors import InputError
+from tcdyn.core.options import Options, option
 from tcdyn.io.endings import CSV, JSON, PAGE, TABLE
 
 if TYPE_CHECKING:
@@ -68,19 +69,25 @@ Clean = Annotated[
 
 
 @dataclass(frozen=True)
-class SimulatedRig:
+class SimulatedRig(Options):
     """Options for the rig whose logs are simulated.
 
     Attributes
     ----------
+    seed
+        seed of the random numbers
+    rig
+        rig.toml; without it the defaults are used
     uncertain
         random steel, depths, washers and so on, within the uncertainties of rig.toml
+    clean
+        no noise, spikes, static errors, drift or quantisation; only the dynamics
     """
 
-    seed: Seed = 0
-    rig: RigPath = None
-    uncertain: bool = False
-    clean: Clean = False
+    seed: int = option(0, "Advanced", low=0, high=float("inf"))
+    rig: Path | None = option(None, "Input")
+    uncertain: bool = option(False, "Advanced")
+    clean: bool = option(False, "Advanced")
 
     def truth(self) -> RigTruth:
         """The true values of the rig."""

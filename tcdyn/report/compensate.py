@@ -31,7 +31,8 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.follow import FollowRun
-from tcdyn.workflows.raw_log import Calibrations, RawLog, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.options import LogOptions
+from tcdyn.workflows.raw_log import Calibrations, RawLog, open_log_table, raw_log
 from tcdyn.workflows.traces import compensated_traces
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
@@ -164,7 +165,7 @@ def write_follow_report(
     records: Calibrations,
     files: Sequence[Path] = (),
     rig: Rig | None = None,
-    options: TableOptions | None = None,
+    options: LogOptions | None = None,
 ) -> Path:
     """Write the page of a log that was compensated live, and return its path.
 
@@ -175,7 +176,9 @@ def write_follow_report(
     assert run.log is not None  # a run that never saw the header of its log has no page
     log_path = run.log.source.path
     name = log_path.name
-    log = raw_log(log_path, open_log_table(log_path, records, rig), records, rig, options or {})
+    log = raw_log(
+        log_path, open_log_table(log_path, records, rig), records, rig, options or LogOptions()
+    )
     notes = {**log.notes, "delay_s": f"{run.delay_s:g}"}
     assumptions: list[str] = []
     sources = [("log", name, f"{run.rows_written} rows followed", "")]
@@ -271,7 +274,7 @@ def _filter_section(
         max_noise = MAX_NOISE_GAIN * noise
         smoother_Hz = None
         if is_causal:
-            bandwidth_Hz = compensated.method.bandwidth_Hz
+            bandwidth_Hz = compensated.method.filter_bandwidth_Hz
         else:
             bandwidth_Hz = widest_bandwidth_Hz(chain, dt, noise, max_noise)
             smoother_Hz = smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])

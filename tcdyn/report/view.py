@@ -11,11 +11,12 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from tcdyn.core.findings import Finding
+from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.io.endings import PAGE, check_ending
 from tcdyn.io.read import sha256_of_file
@@ -26,12 +27,13 @@ from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
-from tcdyn.series import ReadingOptions, open_source
+from tcdyn.series import open_source
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.raw_log import Calibrations, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.options import LogOptions
+from tcdyn.workflows.raw_log import Calibrations, open_log_table, raw_log
 from tcdyn.workflows.traces import Trace, compensated_traces
 
 MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
@@ -64,8 +66,7 @@ def view(
     progress
         Called with the name of each stage.
     **reading
-        How the rows are read, see :class:`tcdyn.series.ReadingOptions`; of any table also
-        ``columns``, ``unit``, ``couple`` and ``cold``, see :func:`tcdyn.compensate_frame`.
+        How the table is read: the fields of :class:`tcdyn.workflows.options.LogOptions`.
 
     Returns
     -------
@@ -76,8 +77,6 @@ def view(
     ------
     InputError
         For a log that cannot be read or compensated, and for an output that is no page by its name.
-    TypeError
-        For an unknown keyword.
 
     Examples
     --------
@@ -91,9 +90,7 @@ def view(
     >>> page.name
     'kiln.view.html'
     """
-    unknown = sorted(set(reading) - set(TableOptions.__annotations__))
-    if unknown:
-        raise TypeError(f"view() got an unexpected keyword argument {unknown[0]!r}")
+    options = options_of(LogOptions, reading, "view")
     path = Path(log)
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
     check_ending(page, PAGE)
@@ -103,9 +100,8 @@ def view(
             compensated = Path(folder) / "compensated.parquet"
             if isinstance(calibrations, Mapping):
                 rig = rig or rig_from_records(calibrations)
-                of_rows, _ = ReadingOptions.split(reading)
-                if of_rows != ReadingOptions():
-                    rig = rig.with_reading(of_rows)
+                if options.rows.stated:
+                    rig = rig.with_reading(options.rows)
                 done = compensate_log(path, calibrations, rig, progress=progress)
                 _, findings = done.write(compensated, progress)
             else:
@@ -114,11 +110,10 @@ def view(
                 )
                 findings = table.findings
             opened = open_log_table(path, calibrations, rig)
-            options = cast(TableOptions, reading)
             raw = raw_log(path, opened, calibrations, rig, options)
             traces = compensated_traces(raw, compensated)
     else:
-        traces = _logged_traces(path, reading)
+        traces = _logged_traces(path, options)
     progress("writing the page")
     limit = MAX_POINTS // (3 * max(len(traces), 1))
     panels: dict[str, list[Trace]] = {}
@@ -141,13 +136,12 @@ def view(
     return page, findings
 
 
-def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
+def _logged_traces(path: Path, options: LogOptions) -> list[Trace]:
     """Return all columns of numbers of a table."""
-    options, others = ReadingOptions.split(reading)
-    source = open_source(path, (), options)
-    names = list(others.get("columns") or source.value_columns)
+    source = open_source(path, (), options.rows)
+    names = list(options.columns or source.value_columns)
     source.check_columns(names)
-    check_one_channel(source.table, source.time, others.get("columns") or None)
+    check_one_channel(source.table, source.time, options.columns or None)
     time_s, columns, _ = read_all(source, names)
     none = np.empty(0)
     traces = []

@@ -25,6 +25,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
+from tcdyn.core.options import Options, option
 from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
@@ -38,32 +39,62 @@ from tcdyn.smoothing.smoother import deconvolve, smooth
 
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
+# Bandwidth of the causal filter [Hz], chosen by judgement: its report states the noise and the
+# delay that it causes, so that the user can choose another.
+DEFAULT_BANDWIDTH_HZ = 0.5
 
 
 @dataclass(frozen=True)
-class CompensationMethod:
+class CompensationMethod(Options):
     """How a log is compensated.
 
     Attributes
     ----------
     method
-        "smoother" (RTS smoother); "deconvolve" with its ``criterion``; "inverse" of
-        ``bandwidth_Hz``; or "noise-only": the smoother without the chain, which does not remove the
-        lag.
-    criterion, bandwidth_Hz
-        Options of "deconvolve" and "inverse".
+        smoother (RTS smoother); deconvolve (regularised deconvolution, without a model of the
+        input, as a check); inverse (a causal filter); noise-only (the smoother without the chain:
+        removes only noise and static errors, not the lag)
+    criterion
+        with the method deconvolve: gcv (default), discrepancy or l-curve, which chooses its weight
+    bandwidth_Hz
+        with the method inverse: bandwidth [Hz] (default 0.5)
     components
-        Whether the components of the uncertainty are written, too.
+        also write the components of each _u_K: _noise_u_K and _common_u_K
     """
 
-    method: Method = "smoother"
-    criterion: Criterion = "gcv"
-    bandwidth_Hz: float = 0.5
-    components: bool = False
+    method: Method = option("smoother", "Two-disk rig", choices=METHODS, takes=str)
+    criterion: Criterion | None = option(
+        None, "Two-disk rig", choices=get_args(Criterion), takes=str
+    )
+    bandwidth_Hz: float | None = option(None, "Two-disk rig", low=0, high=1e4)
+    components: bool = option(False, "Two-disk rig")
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"method {self.method!r}", expected=" or ".join(METHODS))
+        """Check the settings of one method each.
+
+        Raises
+        ------
+        InputError
+            For a setting of another method.
+        """
+        super().__post_init__()
+        for name, needed in (("criterion", "deconvolve"), ("bandwidth_Hz", "inverse")):
+            if getattr(self, name) is not None and self.method != needed:
+                raise InputError(
+                    f"{{{name}}} with {{method}} {self.method}",
+                    remedy=f"give {{method}} {needed}, or leave it out",
+                    parameters={name: None, "method": None},
+                )
+
+    @property
+    def weight_criterion(self) -> Criterion:
+        """Criterion that chooses the weight of the method deconvolve."""
+        return self.criterion or "gcv"
+
+    @property
+    def filter_bandwidth_Hz(self) -> float:
+        """Bandwidth of the method inverse [Hz]."""
+        return self.bandwidth_Hz or DEFAULT_BANDWIDTH_HZ
 
     @property
     def removes_lag(self) -> bool:
@@ -221,10 +252,10 @@ def compensate_readings(
         "units": [unit.base for unit in readings.units],
     }
     if method.method == "inverse":
-        return invert(y, dt, readings.chains, method.bandwidth_Hz, **options)
+        return invert(y, dt, readings.chains, method.filter_bandwidth_Hz, **options)
     options["split_u_s"] = readings.split_u_s
     if method.method == "deconvolve":
-        return deconvolve(y, dt, readings.chains, criterion=method.criterion, **options)[0]
+        return deconvolve(y, dt, readings.chains, criterion=method.weight_criterion, **options)[0]
     end_s = readings.start_s + (len(y) - 1) * dt
     inside = {
         float(t - readings.start_s): u

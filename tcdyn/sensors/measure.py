@@ -6,7 +6,7 @@ estimators are in the other modules of the package. Tests: ``tests/sensors/test_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,29 +16,27 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
+from tcdyn.core.options import options_of
 from tcdyn.io.read import sha256_of_file
-from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import InputFile
 from tcdyn.sensors.current import current_sensor
 from tcdyn.sensors.dips import pool_dips
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.noise import noise_sensor
-from tcdyn.sensors.pair import EXPONENT, OFFSET_SD_K, pair_sensor
-from tcdyn.sensors.plunge import MEDIUM_S, plunge_sensor
-from tcdyn.sensors.step_structures import JUNCTIONS, Junction
-from tcdyn.sensors.surface_h import BoundaryLayer
-from tcdyn.series import ReadingOptions, SeriesReport, open_source
+from tcdyn.sensors.options import CurrentOptions, DipOptions, PairOptions
+from tcdyn.sensors.pair import OFFSET_SD_K, pair_sensor
+from tcdyn.sensors.plunge import plunge_sensor
+from tcdyn.series import SeriesReport, open_source
+from tcdyn.series.options import TableOptions
 from tcdyn.series.read import read_series
 from tcdyn.series.series import ONE_PIECE
 from tcdyn.series.units import Unit, cold_column, match_columns, unit_findings, units_of
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
 TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
-ValueWithU = float | tuple[float, float]  # a value, or a value with its standard uncertainty
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,9 @@ def read_readings(
     data: TableLike,
     columns: Sequence[str],
     others: Sequence[str] = (),
+    options: TableOptions | None = None,
     *,
-    unit: Mapping[str, str] | str = "",
-    couple: str = "",
-    cold: float | str = 0.0,
     several: bool = False,
-    **reading: Any,
 ) -> Readings:
     """Read columns of a table of any kind.
 
@@ -105,12 +100,10 @@ def read_readings(
         Columns of readings, or patterns that match one each; none: the only column.
     others
         Other columns, such as a speed or a current.
-    unit, couple, cold
-        As for ``tcdyn.workflows.frames.compensate_frame``.
+    options
+        How the table is read.
     several
         Whether a pattern may match several columns.
-    reading
-        How the rows are read, see :class:`tcdyn.series.ReadingOptions`.
 
     Raises
     ------
@@ -119,8 +112,8 @@ def read_readings(
     """
     if isinstance(data, tuple):
         data = _frame_of_arrays(data, [*columns, *others])
-    options = ReadingOptions(**reading)
-    source = open_source(data, [*columns, *others], options)
+    options = options or TableOptions()
+    source = open_source(data, [*columns, *others], options.rows)
     inputs: tuple[InputFile, ...] = ()
     if isinstance(data, str | Path):
         inputs = (InputFile.of_path(Path(data), sha256_of_file(Path(data))),)
@@ -149,9 +142,9 @@ def read_readings(
         names += matches
     if several:
         names = list(dict.fromkeys(names))
-    reference = cold_column(cold, table.names, table.where)
+    reference = cold_column(options.cold, table.names, table.where)
     temperatures = names[: len(names) - len(others)]
-    units, findings = units_of(temperatures, unit, couple, reference, table.units)
+    units, findings = units_of(temperatures, options.units, options.couple, reference, table.units)
     series = read_series(source, units, names[len(temperatures) :], ONE_PIECE)
     for name in temperatures:
         findings += unit_findings(name, units[name], series.readings[name])
@@ -190,14 +183,7 @@ def sensor_from_dip(
     column: str | None = None,
     *,
     name: str = "sensor",
-    entry_s: ValueWithU | Sequence[ValueWithU] | None = None,
-    medium_s: ValueWithU = MEDIUM_S,
-    medium: str | None = None,
-    diameter_mm: float | None = None,
-    speed_m_s: float | None = None,
-    junction: Junction = "axis",
-    conditioning: Conditioning = NO_CONDITIONING,
-    **reading: Any,
+    **options: Any,
 ) -> SensorFile:
     """Lag, t50, t63.2 and t90 of a sensor from one temperature step (a dip), or from several.
 
@@ -211,21 +197,9 @@ def sensor_from_dip(
         Column of the sensor; None: the only one.
     name
         Name of the sensor.
-    entry_s
-        Instant of entry on the clock of the table [s], with its standard uncertainty (12.3, 0.02);
-        with several dips a list of them. None: it is estimated.
-    medium_s
-        Time constant of the temperature step itself [s] with its standard uncertainty; it is no
-        part of the lag.
-    medium, diameter_mm, speed_m_s
-        "water" (0.4 m/s) or "air" (3 m/s), diameter of the sheath [mm], and another speed.
-    junction
-        "axis" (insulated, in the axis of the sheath) or "sheath" (welded to it).
-    conditioning
-        A known filter after the sensor.
-    reading
-        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
-        are read, see :class:`tcdyn.series.ReadingOptions`.
+    options
+        How the dip is read and evaluated: the fields of :class:`tcdyn.sensors.options.DipOptions`,
+        such as ``entry_s=(12.3, 0.02)``, ``medium="water"``, ``diameter_mm=3`` and ``unit="degF"``.
 
     Returns
     -------
@@ -249,11 +223,10 @@ def sensor_from_dip(
     >>> abs(probe.chain.channels["T1_degC"].lag_s.value - 1.5) < 0.1
     True
     """
-    if junction not in JUNCTIONS:
-        raise InputError(f"junction is {junction!r}", expected=" or ".join(JUNCTIONS))
-    film = _boundary_layer(medium, diameter_mm, speed_m_s)
+    settings = options_of(DipOptions, options, "sensor_from_dip")
+    film = settings.boundary_layer
     tables = data if isinstance(data, list) else [data]
-    entries = [None] * len(tables) if entry_s is None else _entry_list(entry_s)
+    entries: Sequence[tuple[float, float] | None] = settings.entries_s or [None] * len(tables)
     if len(entries) != len(tables):
         raise InputError(
             f"{{entry_s}} is given {len(entries)} times for {len(tables)} dips",
@@ -262,8 +235,8 @@ def sensor_from_dip(
         )
     dips = []
     for table, entry in zip(tables, entries):
-        dip = read_readings(table, _as_list(column), **reading)
-        if film is not None or junction != "axis":
+        dip = read_readings(table, _as_list(column), options=settings)
+        if film is not None or settings.junction != "axis":
             check_temperatures(dip, "{medium} or {junction}")
 
         fit = partial(
@@ -272,11 +245,11 @@ def sensor_from_dip(
             dip.values[0],
             dip.names[0],
             sensor=name,
-            conditioning=conditioning,
+            conditioning=settings.conditioning,
             entry_s=entry,
-            medium_s=_with_u(medium_s),
+            medium_s=settings.lag_of_medium_s,
             film=film,
-            junction=junction,
+            junction=settings.junction,
             unit=dip.unit,
             inputs=list(dip.inputs),
         )
@@ -292,11 +265,7 @@ def sensor_from_pair(
     columns: tuple[str, str] | Sequence[str] = (),
     *,
     name: str = "pair",
-    speed: str | None = None,
-    exponent: ValueWithU | None = None,
-    flow_steps_s: Sequence[float] = (),
-    bare: bool = False,
-    **reading: Any,
+    **options: Any,
 ) -> SensorFile:
     """Lags of two thermocouples of different size in one fluid, without a reference.
 
@@ -308,17 +277,9 @@ def sensor_from_pair(
         The two columns; of a DataFrame with two columns they need not be named.
     name
         Name of the pair.
-    speed
-        Column of the speed v of the flow: lags are proportional to v^-n.
-    exponent
-        n with its standard uncertainty; None: (0.5, 0.1).
-    flow_steps_s
-        Instants of steps of the flow on the clock of the table [s]; lags are constant between them.
-    bare
-        Both are bare wires, which have one lag each.
-    reading
-        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
-        are read, see :class:`tcdyn.series.ReadingOptions`.
+    options
+        How the table is read and evaluated: the fields of
+        :class:`tcdyn.sensors.options.PairOptions`.
 
     Returns
     -------
@@ -342,17 +303,15 @@ def sensor_from_pair(
     >>> [round(pair.chain.channels[name].lag_s.value, 1) for name in pair.columns]
     [0.1, 0.3]
     """
-    others = [] if speed is None else [speed]
-    if speed is None and exponent is not None:
-        raise InputError(
-            "{exponent} is given without {speed}",
-            remedy="give both, or none",
-            parameters={"exponent": None, "speed": None},
-        )
+    settings = options_of(PairOptions, options, "sensor_from_pair")
+    exponent = settings.prior_of_exponent
+    others = [] if settings.speed is None else [settings.speed]
     named = list(columns)
     if not named and isinstance(data, pd.DataFrame):
         named = [
-            str(label) for label in data.columns if str(label) not in (speed, reading.get("time"))
+            str(label)
+            for label in data.columns
+            if str(label) not in (settings.speed, settings.time)
         ]
     elif not named and isinstance(data, tuple):
         named = ["first", "second"]
@@ -360,7 +319,7 @@ def sensor_from_pair(
         raise InputError(
             f"the columns are {' and '.join(named) or 'not named'}", expected="two columns"
         )
-    table = read_readings(data, named, others, **reading)
+    table = read_readings(data, named, others, settings)
 
     fit = partial(
         pair_sensor,
@@ -369,10 +328,10 @@ def sensor_from_pair(
         table.values[1],
         (table.names[0], table.names[1]),
         sensor=name,
-        speed=table.values[2] if speed else None,
-        changes_s=flow_steps_s,
-        exponent=EXPONENT if exponent is None else _with_u(exponent),
-        bare=bare,
+        speed=table.values[2] if settings.speed else None,
+        changes_s=settings.flow_steps_s,
+        exponent=exponent,
+        bare=settings.bare,
         repeats_values=any(table.repeats_values(name) for name in table.names),
         offset_sd=OFFSET_SD_K if table.units[0].is_temperature else None,
         inputs=list(table.inputs),
@@ -386,8 +345,7 @@ def sensor_from_current(
     current: str = "current",
     *,
     name: str = "sensor",
-    off_only: bool = False,
-    **reading: Any,
+    **options: Any,
 ) -> SensorFile:
     """Lag in place from a loop current step (LCSR), converted to that of a plunge.
 
@@ -401,11 +359,9 @@ def sensor_from_current(
         Column of the heating current, in any unit.
     name
         Name of the sensor.
-    off_only
-        Use only rows without current, as a thermocouple cannot be read while heated.
-    reading
-        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
-        are read, see :class:`tcdyn.series.ReadingOptions`.
+    options
+        How the table is read and evaluated: the fields of
+        :class:`tcdyn.sensors.options.CurrentOptions`.
 
     Returns
     -------
@@ -428,8 +384,9 @@ def sensor_from_current(
     >>> sensor.chain.channels["reading"].lag_s.contains(3.4)  # doctest: +SKIP
     True
     """
+    settings = options_of(CurrentOptions, options, "sensor_from_current")
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
-    table = read_readings(data, columns, [current], **reading)
+    table = read_readings(data, columns, [current], settings)
     check_temperatures(table, "a loop current step")
 
     fit = partial(
@@ -439,14 +396,14 @@ def sensor_from_current(
         table.values[1],
         table.names[0],
         sensor=name,
-        off_only=off_only,
+        off_only=settings.off_only,
         inputs=list(table.inputs),
     )
     return _with_reader_findings(table, fit)
 
 
 def sensor_from_noise(
-    data: TableLike, column: str | None = None, *, name: str = "sensor", **reading: Any
+    data: TableLike, column: str | None = None, *, name: str = "sensor", **options: Any
 ) -> SensorFile:
     """Lag in place from the noise of the process at constant conditions.
 
@@ -458,9 +415,8 @@ def sensor_from_noise(
         Column of the sensor; None: the only one.
     name
         Name of the sensor.
-    reading
-        ``unit``, ``couple`` and ``cold`` as for :func:`tcdyn.compensate_frame`, and how the rows
-        are read, see :class:`tcdyn.series.ReadingOptions`.
+    options
+        How the table is read: the fields of :class:`tcdyn.series.options.TableOptions`.
 
     Returns
     -------
@@ -482,7 +438,8 @@ def sensor_from_noise(
     >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
     True
     """
-    table = read_readings(data, _as_list(column), **reading)
+    settings = options_of(TableOptions, options, "sensor_from_noise")
+    table = read_readings(data, _as_list(column), options=settings)
 
     fit = partial(
         noise_sensor,
@@ -498,46 +455,6 @@ def sensor_from_noise(
 def _as_list(column: str | None) -> list[str]:
     """The column as a list; empty for None."""
     return [] if column is None else [column]
-
-
-def _with_u(value: ValueWithU) -> tuple[float, float]:
-    """A value with its standard uncertainty, zero if it has none."""
-    if isinstance(value, int | float):
-        return float(value), 0.0
-    return float(value[0]), float(value[1])
-
-
-def _entry_list(entry_s: ValueWithU | Sequence[ValueWithU]) -> list[tuple[float, float]]:
-    """Instants of entry: a list has several, a number or a tuple is one."""
-    listed: Any = entry_s if isinstance(entry_s, list) else [entry_s]
-    return [_with_u(entry) for entry in listed]
-
-
-def _boundary_layer(
-    medium: str | None, diameter_mm: float | None, speed_m_s: float | None
-) -> BoundaryLayer | None:
-    """The boundary layer of a dip; None without a medium.
-
-    Raises
-    ------
-    InputError
-        If one of medium and diameter is missing, or a speed has no medium.
-    """
-    if (medium is None) != (diameter_mm is None):
-        raise InputError(
-            "{medium} and {diameter_mm} go together",
-            remedy="give both, or none",
-            parameters={"medium": None, "diameter_mm": None},
-        )
-    if medium is None or diameter_mm is None:
-        if speed_m_s is not None:
-            raise InputError(
-                "{speed_m_s} is given without {medium}",
-                remedy="give both, or none",
-                parameters={"speed_m_s": None, "medium": None},
-            )
-        return None
-    return BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s)
 
 
 def check_temperatures(table: Readings, what: str) -> None:

@@ -1,7 +1,7 @@
 """The rows, times and readings of a table, decided once for every command."""
 
 from tcdyn.series.clock import MIN_STRAY, Clock, fit_clock
-from tcdyn.series.options import ReadingOptions
+from tcdyn.series.options import ReadingOptions, TableOptions
 from tcdyn.series.real_share import RealShare, at_grid_times, real_share
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.series import Context, Policy, Series, make_series
@@ -17,6 +17,7 @@ __all__ = [
     "Series",
     "SeriesReport",
     "Source",
+    "TableOptions",
     "at_grid_times",
     "fit_clock",
     "make_series",

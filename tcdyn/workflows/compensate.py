@@ -249,7 +249,7 @@ class CompensatedLog(Result):
         noise = self.disks[disk].noise_sd
         dt = self._dt_s
         inverses = [
-            proper_inverse(chain, dt, self.method.bandwidth_Hz)
+            proper_inverse(chain, dt, self.method.filter_bandwidth_Hz)
             for chain in self.traces[disk].chains
         ]
         noisiest = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))

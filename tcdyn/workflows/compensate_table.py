@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, error, info, unique_by_subject, warning
+from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.endings import LONG_TABLE, check_ending
 from tcdyn.io.read import sha256_of_file
-from tcdyn.io.write import DialectName, check_not_input, output_style
-from tcdyn.rig.record import MAX_LAG_S
+from tcdyn.io.write import check_not_input, output_style
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
 from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
@@ -29,10 +29,10 @@ from tcdyn.series import Source
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import FilledTimes, RisingRows
 from tcdyn.series.survey import SurveyedSource
+from tcdyn.workflows.options import CompensateOptions
 from tcdyn.workflows.raw_log import (
     Calibrations,
     RawLog,
-    TableOptions,
     checked_before_following,
     open_log_table,
     raw_log,
@@ -126,11 +126,8 @@ def compensate_table(
     out: str | Path | Callable[[pd.DataFrame], None],
     *,
     rig: Rig | None = None,
-    delay_s: float | None = None,
-    dialect: DialectName = "standard",
-    comments: bool = False,
     progress: Progress = no_progress,
-    **options: Unpack[TableOptions],
+    **options: Any,
 ) -> CompensatedTable:
     """Compensate the columns of any table that sensors cover, and write the table to ``out``.
 
@@ -151,15 +148,13 @@ def compensate_table(
         Output, .csv or .parquet; or a function that is called with the rows, part by part.
     rig
         The rig of the records; None: the one in them.
-    delay_s
-        None: each row is compensated with all rows near it. A number [s]: with the rows that are
-        there this long after it, as ``tcdyn.workflows.follow.follow`` does.
-    dialect, comments
-        How a CSV file is written, as for ``tcdyn.workflows.compensate.CompensatedLog.write``.
     progress
         Called with the row that was reached.
     **options
-        How the table is read, see ``tcdyn.workflows.raw_log.TableOptions``.
+        How the table is read, compensated and written: the fields of
+        :class:`tcdyn.workflows.options.CompensateOptions`. With ``delay_s`` each row is compensated
+        with the rows that are there this long after it, as ``tcdyn.workflows.follow.follow`` does;
+        otherwise with all rows near it.
 
     Raises
     ------
@@ -167,16 +162,17 @@ def compensate_table(
         For a column that is missing, two sensors for one, a table that is compensated, time that
         does not rise, and an output with another ending.
     """
+    settings = options_of(CompensateOptions, options, "compensate_table")
+    delay_s = settings.delay_s
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
-    check_delay(delay_s)
     out_path = Path() if callable(out) else Path(out)
     if not callable(out):
         check_ending(out_path, LONG_TABLE)
-    raw, report_of_rows = _open_log(log, calibrations, rig, options, delay_s is not None)
+    raw, report_of_rows = _open_log(log, calibrations, rig, settings)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
-    style = output_style(dialect, comments, raw.source.table, out_path)
+    style = output_style(settings.dialect, settings.comments, raw.source.table, out_path)
     notes = dict(raw.notes)
     if raw.source.path.is_file():
         notes["source_sha256"] = sha256_of_file(raw.source.path)
@@ -232,8 +228,7 @@ def _open_log(
     log: str | Path | Source,
     calibrations: Calibrations,
     rig: Rig | None,
-    options: TableOptions,
-    is_delayed: bool,
+    options: CompensateOptions,
 ) -> tuple[RawLog, SeriesReport | None]:
     """The raw columns, channels and output of a log, and what was understood of its rows.
 
@@ -248,19 +243,9 @@ def _open_log(
         raise InputError("records with an opened table", expected="the file of a log of the rig")
     else:
         raw = raw_table(log, calibrations, options)
-    if is_delayed:
+    if options.delay_s is not None:
         return checked_before_following(raw, raw.source.table), None
     return surveyed(raw, raw.source.table)
-
-
-def check_delay(delay_s: float | None) -> None:
-    """Raise InputError for a delay that is negative or longer than any lag."""
-    if delay_s is not None and not 0 <= delay_s < MAX_LAG_S:
-        raise InputError(
-            f"{{delay_s}} {delay_s:g}",
-            expected=f"at least 0 s, and less than {MAX_LAG_S:g} s",
-            parameters={"delay_s": None},
-        )
 
 
 def delayed_findings(raw: RawLog, rising: RisingRows, totals: Totals) -> list[Finding]:

@@ -23,6 +23,7 @@ import pandas as pd
 
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, unique_by_subject, warning
+from tcdyn.core.options import options_of
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.appended import AppendedFile, digest
@@ -36,7 +37,7 @@ from tcdyn.io.read import display_path
 from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
 from tcdyn.io.table import CHUNK_ROWS, Columns
-from tcdyn.io.write import DialectName, csv_rows, output_style, start_csv, write_text
+from tcdyn.io.write import csv_rows, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
@@ -49,11 +50,11 @@ from tcdyn.sensors.segments import SegmentPosition
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import RisingRows
 from tcdyn.series.survey import SurveyedSource
-from tcdyn.workflows.compensate_table import check_delay, delayed_findings
+from tcdyn.workflows.compensate_table import delayed_findings
+from tcdyn.workflows.options import FollowOptions, LogOptions
 from tcdyn.workflows.raw_log import (
     Calibrations,
     RawLog,
-    TableOptions,
     checked_before_following,
     open_log_table,
     raw_log,
@@ -134,17 +135,13 @@ def follow(
     out: str | Path,
     rig: Rig | None = None,
     *,
-    delay_s: float | None = None,
-    options: TableOptions | None = None,
     state: str | Path | None = None,
     overwrite: bool = False,
-    dialect: DialectName = "standard",
-    comments: bool = False,
-    idle_s: float = 30.0,
     poll_s: float = 0.2,
     asked_to_stop: Callable[[], bool] = lambda: False,
     announce: Callable[[RawLog, float], None] = lambda _log, _delay_s: None,
     sleep: Callable[[float], None] = time.sleep,
+    **options: Any,
 ) -> FollowRun:
     """Append the compensated rows of ``log`` to ``out`` while the log grows.
 
@@ -154,28 +151,24 @@ def follow(
         A text table that grows line by line.
     calibrations, rig
         As for ``tcdyn.workflows.compensate_table.compensate_table``.
-    options
-        How the table is read.
     out
         Output, .csv. One that exists is refused, unless ``overwrite`` or ``state`` is given.
-    delay_s
-        How long after a row it is compensated, with the rows that are there then [s]; None: the
-        longer of two lags and two seconds.
     state
         JSON file in which the run notes every ten seconds, and at its end, where it stands. If it
         exists, the run that wrote it is continued, and ``out`` is cut back to what it states.
     overwrite
         Whether an existing output is replaced.
-    dialect, comments
-        How ``out`` is written, as for ``tcdyn.io.write.output_style``.
-    idle_s, poll_s
-        The run ends after so long without new rows [s]; it looks for new rows so often [s].
+    poll_s
+        It looks for new rows so often [s].
     asked_to_stop
         Returns whether the run is to end.
     announce
         Called with the log and the delay before the first row is written.
     sleep
         Waits for a time [s].
+    **options
+        How the table is read, compensated and written, with which delay, and when the run ends: the
+        fields of :class:`tcdyn.workflows.options.FollowOptions`.
 
     Raises
     ------
@@ -191,11 +184,10 @@ def follow(
     Rows at the end of the log, for which the delay has not passed when the run ends, are written
     with the rows that are there. A run that continues writes them again.
     """
+    settings = options_of(FollowOptions, options, "follow")
     check_any_given(calibrations)
-    check_delay(delay_s)
     log = Path(log)
     out = Path(out)
-    options = options or {}
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
     check_ending(out, CSV)  # only a text file grows in place
@@ -209,16 +201,16 @@ def follow(
             parameters={"out": None},
         )
     computing_s = time.process_time()
-    patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
+    patience = _Patience(settings.idle_s, poll_s, asked_to_stop, sleep)
     state = Path(state) if state else None
     continues = state is not None and state.exists()
     if not continues:
         _check_output_free(out, overwrite)
-    opened = _wait_for_rows(log, calibrations, rig, options, patience)
+    opened = _wait_for_rows(log, calibrations, rig, settings, patience)
     if opened is None:
         ended = "stopped before the header was there"
         numbers = pd.DataFrame(columns=["column"])
-        return FollowRun(0, 0, 0, ended, delay_s or 0.0, 0.0, None, numbers, ())
+        return FollowRun(0, 0, 0, ended, settings.delay_s or 0.0, 0.0, None, numbers, ())
     growing, raw = opened
     if state is not None and raw.time_in_log not in growing.dialect.names:
         raise InputError(
@@ -227,10 +219,11 @@ def follow(
             remedy="leave {state} out, or follow a log with a column of time",
             parameters={"state": None, "dt_s": None},
         )
+    delay_s = settings.delay_s
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
-    style = output_style(dialect, comments, raw.source.table, out)
-    key = {**_state_key(raw, calibrations, delay_s), "dialect": dialect}
+    style = output_style(settings.dialect, settings.comments, raw.source.table, out)
+    key = {**_state_key(raw, calibrations, delay_s), "dialect": settings.dialect}
     is_new = not out.exists()
     if state is not None and continues:
         stand = _read_state(state, key, growing, out)
@@ -384,7 +377,7 @@ def _wait_for_rows(
     log: Path,
     calibrations: Calibrations,
     rig: Rig | None,
-    options: TableOptions,
+    options: LogOptions,
     patience: _Patience,
 ) -> tuple[GrowingText, RawLog] | None:
     """Wait until a log has two rows; None when the run was stopped before.

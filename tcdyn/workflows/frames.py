@@ -105,7 +105,7 @@ def compensate_frame(
         name = data.name if data.name is not None else _single_column(files)
         data = data.to_frame(name)
         columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
-    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
+    options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
     rows = ReadingOptions(time, time_unit, **reading)
     return _compensate_frame(data, files, rows, {}, options)
 
@@ -164,7 +164,7 @@ def compensate_dataset(
     frame = pd.DataFrame({str(n): v.values for n, v in data.data_vars.items()}, index)
     frame.attrs = dict(data.attrs)
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
-    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
+    options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
     rows = ReadingOptions(time_unit=time_unit)
     done = _compensate_frame(frame, files, rows, units, options)
     result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})

@@ -19,11 +19,19 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, messages, unique_by_subject
+from tcdyn.core.options import options_of
 from tcdyn.core.result import Result
 from tcdyn.io.read import display_path
 from tcdyn.io.start_time import start_time
 from tcdyn.io.unit_names import unit_in, without_unit, written_unit
-from tcdyn.series import Context, ReadingOptions, Series, SeriesReport, Source, open_source
+from tcdyn.series import (
+    Context,
+    Series,
+    SeriesReport,
+    Source,
+    TableOptions,
+    open_source,
+)
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
 from tcdyn.series.reading import Kind, Reasons
@@ -271,11 +279,7 @@ def _left_out_text(left_out: LeftOut) -> str:
 def inspect(
     data: str | Path | pd.DataFrame | pd.Series,
     columns: Sequence[str] = (),
-    *,
-    unit: Mapping[str, str] | str = "",
-    couple: str = "",
-    cold: float | str = 0.0,
-    **reading: Any,
+    **options: Any,
 ) -> Inspection:
     """Return what is understood of a table, before anything is fitted.
 
@@ -285,10 +289,8 @@ def inspect(
         A file, a DataFrame, or a Series over time.
     columns
         Columns to look at, or patterns; none: all columns of numbers that are no times.
-    unit, couple, cold
-        As for :func:`tcdyn.compensate_frame`.
-    reading
-        How the rows are read, see :class:`tcdyn.series.ReadingOptions`.
+    **options
+        How the table is read: the fields of :class:`tcdyn.series.TableOptions`.
 
     Returns
     -------
@@ -310,16 +312,17 @@ def inspect(
     >>> found.reading.rows_lost, found.reading.columns[0].left_out[0].reason
     (3, 'code')
     """
-    source = open_source(data, columns, ReadingOptions(**reading))
+    settings = options_of(TableOptions, options, "inspect")
+    source = open_source(data, columns, settings.rows)
     names = _selected(source, columns)
     where = display_path(source.path)
-    cold = cold_column(cold, source.table.names, source.table.where)
+    cold = cold_column(settings.cold, source.table.names, source.table.where)
     if source.value_columns:
         check_one_channel(source.table, source.time, names if columns else None)
     references = [cold] if isinstance(cold, str) else []
     time_s, raw, findings = read_all(source, list(dict.fromkeys([*names, *references])))
     numbers, others = _by_content(source, names, raw, bool(columns))
-    units, unit_infos = _units(source, numbers, unit, couple, cold)
+    units, unit_infos = _units(source, numbers, settings.units, settings.couple, cold)
     written = {name: _written(source, name) for name in numbers}
 
     def columns_of(rows: Mapping[str, Any]) -> list[ColumnRows]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
@@ -41,38 +40,10 @@ from tcdyn.series.source import FilledTimes, Source, selected_rows, source_of_ta
 from tcdyn.series.survey import Survey
 from tcdyn.series.thermocouple_types import convert_columns
 from tcdyn.series.units import cold_column
+from tcdyn.workflows.options import LogOptions
 from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
-
-
-class TableOptions(TypedDict, total=False):
-    """How any table is read where its names do not state it.
-
-    Attributes
-    ----------
-    columns
-        Columns that a single sensor covers, instead of those in its file.
-    time, time_unit, dt_s, where, on_change, averages_s
-        As in ``tcdyn.series.ReadingOptions``.
-    unit
-        "degC", "K", "degF", "mV" or that of another quantity ("ppm", "%RH", "Pa", "V") for all
-        columns, or by column; otherwise as the names or a row of units say.
-    couple, cold
-        Of millivolts: the thermocouple's type ("none" if it is another voltage), and the reference
-        junction [degC] or its column.
-    """
-
-    columns: Sequence[str]
-    time: str | None
-    time_unit: str | None
-    dt_s: float | None
-    where: str | None
-    on_change: float | None
-    averages_s: float | None
-    unit: Mapping[str, str] | str
-    couple: str
-    cold: float | str
 
 
 @dataclass(frozen=True)
@@ -131,7 +102,7 @@ def raw_log(
     table: Table,
     calibrations: Calibrations,
     rig: Rig | None,
-    options: TableOptions,
+    options: LogOptions,
 ) -> RawLog:
     """The raw columns, channels and output of an open table.
 
@@ -152,7 +123,7 @@ def raw_log(
         For a table that is compensated already, and for missing columns.
     """
     check_any_given(calibrations)
-    reading, _ = ReadingOptions.split(options)
+    reading = options.rows
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
         if reading != ReadingOptions():
@@ -162,21 +133,21 @@ def raw_log(
     return raw_table(source, calibrations, options)
 
 
-def raw_table(source: Source, sensors: Sequence[SensorFile], options: TableOptions) -> RawLog:
+def raw_table(source: Source, sensors: Sequence[SensorFile], options: LogOptions) -> RawLog:
     """Any table with sensor files: all its columns, in their units.
 
     The parameters are those of ``raw_log``; ``source`` is the table with its time column.
     """
     table = source.table
-    cold = cold_column(options.get("cold", 0.0), table.names, table.where)
+    cold = cold_column(options.cold, table.names, table.where)
     value_columns = source.value_columns
     channels, findings = sensor_channels(
         value_columns,
         table.where,
         sensors,
-        options.get("columns", ()),
-        options.get("unit", ""),
-        options.get("couple", ""),
+        options.columns,
+        options.units,
+        options.couple,
         cold,
         table.units,
     )

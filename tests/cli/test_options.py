@@ -285,7 +285,7 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     out = slow_plunge.with_name("smooth.csv")
     record = campaign.record_paths["fast"]
     assert (
-        tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--json", "--out", out)
+        tcdyn("compensate", slow_plunge, "--record", record, "--method", "noise-only", "--json", "--out", out)
         == 0
     )
     found = json.loads(capsys.readouterr().out)
@@ -306,7 +306,7 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     )  # a lag of 0.7 s at 0.1 K/s would be 0.07 K
     assert tcdyn("compensate", out, "--record", record) == 2  # its static lines are applied already
     assert (
-        tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--report", "x.html")
+        tcdyn("compensate", slow_plunge, "--record", record, "--method", "noise-only", "--report", "x.html")
         == 2
     )
 
@@ -334,7 +334,7 @@ def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     frame.loc[100:120, "e_degC"] = frame.loc[100, "e_degC"]  # stuck
     frame.to_csv(tmp_path / "stuck.csv", index=False)
     words[1] = tmp_path / "stuck.csv"
-    assert tcdyn(*words, "--noise-only", "--out", tmp_path / "smooth.csv") == 0
+    assert tcdyn(*words, "--method", "noise-only", "--out", tmp_path / "smooth.csv") == 0
     said = "".join(capsys.readouterr())
     assert said.count("e: stuck or saturated") == 1
 

@@ -40,7 +40,7 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     ("words", "spared"),
     [
         ("compensate {log} {records} --out EHL_B3.csv", "log"),
-        ("compensate {log} {records} --out EHL_B3.csv --noise-only", "log"),
+        ("compensate {log} {records} --out EHL_B3.csv --method noise-only", "log"),
         ("compensate {log} {records} --covariance EHL_B3.csv", "log"),
         ("follow {log} {records} --out EHL_B3.csv", "log"),
         ("compensate {log} {records} --report EHL_B3.csv", "log"),

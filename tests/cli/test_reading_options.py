@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.cli.tables import TableReading
 from tcdyn.core.errors import InputError
 from tcdyn.rig.log import read_log
-from tcdyn.series import ReadingOptions
+from tcdyn.series import ReadingOptions, TableOptions
 from tcdyn.workflows.campaign_log import CampaignSettings
 from tests.cli.test_main_job import tcdyn
 from tests.cli.test_options import ALL, options
@@ -242,7 +241,7 @@ def test_a_stored_result_of_a_campaign_is_not_used_for_other_options(campaign: C
 
 
 def test_the_options_of_a_table_are_those_of_the_reader_and_its_units() -> None:
-    reading = TableReading(time="t", dt_s=0.5, unit=["K"])
+    reading = TableOptions(time="t", dt_s=0.5, unit=["K"])
     assert reading.rows == ReadingOptions("t", dt_s=0.5)
     with pytest.raises(InputError, match="above zero"):
-        TableReading(averages_s=0.0)
+        TableOptions(averages_s=0.0)

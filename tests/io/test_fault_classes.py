@@ -272,7 +272,7 @@ def test_millivolts_with_a_cold_junction_named_without_its_unit(
     cold_degC = 23.0
     emf = emf_mV(T_DEGC, "K") - emf_mV(np.array([cold_degC]), "K")
     rows = [f"{k},{e:.6f},{cold_degC}" for k, e in zip(K, emf)]
-    _, values, _ = read(table(tmp_path, header, rows), column, couple="K", cold="CJ")
+    _, values, _ = read(table(tmp_path, header, rows), column, couple="K", cold_junction="CJ")
     # the emf is rounded to 1e-6 mV, and type K has 0.04 mV/K; the inverse polynomial is within 0.05
     # K
     assert values == pytest.approx(T_DEGC, abs=0.06)

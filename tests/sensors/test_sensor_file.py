@@ -112,7 +112,7 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
         },
     )
     sensor = specified_sensor("all", ["a", "b", "c", "d", "e"], [(1.5, 0.05)])
-    done = compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="cj")
+    done = compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold_junction="cj")
     out = written(done.path)
     assert list(out) == [
         "Time [ms]",
@@ -161,11 +161,11 @@ def test_the_reference_junction_is_found_by_its_name_without_a_unit(tmp_path: Pa
         CJ_degC=20 + t / 100,
     )
     sensor = specified_sensor("s", ["T"], [(1.5, 0.05)])
-    out = written(compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="CJ").path)
+    out = written(compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold_junction="CJ").path)
     assert held(out, "T_degC", "T_u_K", x)[0] < 0.3
     log = write(tmp_path / "log.csv", time_s=t, T_mV=y, CJ_degC=t, CJ_K=t)
     with pytest.raises(InputError, match="'CJ' means 'CJ_degC' and 'CJ_K'; expected one column"):
-        compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="CJ")
+        compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold_junction="CJ")
 
 
 @pytest.mark.e2e
@@ -474,7 +474,7 @@ def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_cels
         return written(out)
 
     alone = answers(plain, ["T1", "b", "c"])
-    done = answers(other, ["T1", "b", "c"], unit={"T1": "degF"}, couple="K", cold="cj")
+    done = answers(other, ["T1", "b", "c"], unit={"T1": "degF"}, couple="K", cold_junction="cj")
     assert list(done) == ["Time [ms]", "T1", "b_K", "c_degC", "cj", "T1_u_degF", "b_u_K", "c_u_K"]
     assert done["Time [ms]"].to_numpy() == pytest.approx(1000 * alone["time_s"].to_numpy())
     x, u = alone["T1"].to_numpy(), alone["T1_u_K"].to_numpy()
@@ -515,7 +515,7 @@ BAD = {
     "backward time": ({"time_s": -1}, [], "runs backward"),
     "millivolts of no type": ({}, ["--unit", "mV"], "--couple"),
     "an unknown unit": ({}, ["--unit", "R"], "degC, K"),
-    "a rig's option": ({}, ["--noise-only"], "--noise-only"),
+    "a rig's option": ({}, ["--method", "noise-only"], "--method with --sensor"),
 }
 
 
