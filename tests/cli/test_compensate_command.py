@@ -308,7 +308,7 @@ def test_other_compensators_give_a_second_opinion(
         ["--criterion", "gcv"],
         ["--bandwidth-Hz", "2"],
         ["--method", "deconvolve", "--criterion", "magic"],
-        ["--method", "inverse", "--noise-only"],
+        ["--method", "noise-only", "--bandwidth-Hz", "2"],
     ):
         assert tcdyn("compensate", log, *fast(campaign), "--out", out, *words) == 2
 
