@@ -129,8 +129,8 @@ def test_rows_that_are_means_are_an_info_in_every_command(
 
 
 WRONG = {
-    "--dt-s 0": "--dt-s is 0; expected a number above zero",
-    "--averages-s -1": "--averages-s is -1; expected a number above zero",
+    "--dt-s 0": "--dt-s is 0; expected 1e-10 to 1e+10",
+    "--averages-s -1": "--averages-s is -1; expected 1e-10 to 1e+10",
     "--on-change -0.5": "--on-change is -0.5; expected a dead band",
     "--where CH": "--where CH; expected COLUMN=VALUE",
     "--where chanel=1": "did you mean 'channel'?",
@@ -243,5 +243,5 @@ def test_a_stored_result_of_a_campaign_is_not_used_for_other_options(campaign: C
 def test_the_options_of_a_table_are_those_of_the_reader_and_its_units() -> None:
     reading = TableOptions(time="t", dt_s=0.5, unit=["K"])
     assert reading.rows == ReadingOptions("t", dt_s=0.5)
-    with pytest.raises(InputError, match="above zero"):
+    with pytest.raises(InputError, match="expected 1e-10"):
         TableOptions(averages_s=0.0)
