@@ -29,6 +29,7 @@ from tcdyn.workflows.campaign_log import CampaignSettings
 from tcdyn.workflows.follow import follow
 
 FILES = Path(__file__).parent / "files"
+PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 VERSIONS = ("0.2", "0.3-90735cd6")
 DISKS = ("fast", "slow")
 TESTS = ("EHL_B3", "EHL_D4")
@@ -373,3 +374,16 @@ def test_each_kind_has_a_name_and_the_schema_that_is_written() -> None:
     assert len({kind.name for kind in KINDS}) == len(KINDS)
     assert DiskRecord.model_fields["schema_"].default == DISK.schema
     assert SensorFile.model_fields["schema_"].default == SENSOR.schema
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_the_manual_names_the_schemas_of_each_kind(kind: StoredKind) -> None:
+    section = PAGE.read_text(encoding="utf-8").split("## Files of earlier versions")[1]
+    (row,) = [line for line in section.splitlines() if f"`{kind.name}/" in line]
+    _, _, written, read, versions, _ = (cell.strip() for cell in row.split("|"))
+    assert written == f"`{kind.schema}`"
+    if kind is CAMPAIGN:
+        assert read == "no command reads it"
+    else:
+        assert read.split() == [f"`{kind.name}/{number}`" for number in kind.numbers]
+    assert versions
