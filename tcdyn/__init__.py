@@ -41,7 +41,6 @@ if TYPE_CHECKING:
         compensate_frame,
         compensate_log,
         estimate_beta,
-        estimate_one_disk,
         run_demo,
     )
     from tcdyn.workflows.inspect import inspect
@@ -58,7 +57,6 @@ __all__ = [
     "compensate_frame",
     "compensate_log",
     "estimate_beta",
-    "estimate_one_disk",
     "fit",
     "identify",
     "inspect",
@@ -95,7 +93,6 @@ _MODULES = {  # public name: where it is defined
     "compensate_frame": "tcdyn.workflows",
     "compensate_log": "tcdyn.workflows",
     "estimate_beta": "tcdyn.workflows",
-    "estimate_one_disk": "tcdyn.workflows",
     "inspect": "tcdyn.workflows.inspect",
     "run_demo": "tcdyn.workflows",
     "Chain": "tcdyn.chain",

@@ -21,14 +21,13 @@ from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SufficientStatis
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import GRADES_OF_0_2, Finding, info, warning
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import jsonable
+from tcdyn.io.stored import CAMPAIGN
 from tcdyn.partition.model_forms import is_impossible, is_undetermined
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.disk import DISKS
 
-# Schema of ``campaign.json``; change it with the content.
-SCHEMA = "tcdyn.campaign/1"
 # A finding reports n if it differs from rig.toml's by more standard uncertainties. By judgement.
 EXPONENT_DEVIATION_Z = 2.0
 # p-value below which the power law is rejected. Chosen by judgement.
@@ -186,7 +185,7 @@ class JoinedCampaign:
         posterior = self.posterior
         trends = [t.to_dict() for t in self.trends]
         data = {
-            "schema": SCHEMA,
+            "schema": CAMPAIGN.schema,
             "rig_sha256": posterior.tests[0].rig,
             "tests": {
                 name: {
@@ -315,10 +314,7 @@ def join_results(
             t.name: _speed_law_beta(included[t.name], t, law.exponent.value)
             for t in posterior.tests
         },
-        status={
-            name: GRADES_OF_0_2.get(data["status"], data["status"])
-            for name, data in included.items()
-        },
+        status={name: data["status"] for name, data in included.items()},
         delta_T_us={
             name: Estimate(**data["surface"]["delta_T_us"]) for name, data in included.items()
         },

@@ -11,26 +11,33 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, CHECKSUM_KEY, verify_checksum
-from tcdyn.core.errors import DAMAGED, InputError
-from tcdyn.core.findings import Finding
-from tcdyn.io.read import check_no_device
+from tcdyn.campaign.sufficient_statistics import (
+    ANALYSE_AGAIN,
+    CHECKSUM_KEY,
+    KEYS_SINCE_0_2,
+    verify_checksum,
+)
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import GRADES_OF_0_2, Finding, info
+from tcdyn.io.stored import BETA, check_schema, read_json
 
 RESULT_SUFFIX = ".beta.json"  # of the file of one test
 LOG_PREFIX = "EHL_"  # in front of a log's name, left out where many are counted
 
 
 def read_result(path: Path) -> dict[str, Any]:
-    """The content of a beta.json whose checksum has been verified.
+    """The content of a beta.json whose checksum has been verified; ``status`` as it is now called.
 
     Raises
     ------
-    OSError, ValueError, RecursionError
-        If it cannot be read.
     InputError
-        If it has no checksum or was changed.
+        If it cannot be read, is of another schema, has no checksum or was changed.
     """
-    return verify_checksum(json.loads(path.read_text(encoding="utf-8")), path.name)
+    content = read_json(path, BETA)
+    check_schema(content, str(path), BETA)
+    verify_checksum(content, str(path))
+    status = content["status"]
+    return {**content, "status": GRADES_OF_0_2.get(status, status)}
 
 
 def is_altered(path: Path) -> bool:
@@ -47,38 +54,40 @@ def is_altered(path: Path) -> bool:
     return False
 
 
-def read_given_result(path: Path, rig: str) -> dict[str, Any]:
+def read_given_result(path: Path, rig: str, rig_of_0_2: str) -> dict[str, Any]:
     """The content of a beta.json that was given in the place of its log.
 
     Parameters
     ----------
     path
         The file.
-    rig
-        Fingerprint of rig and records of this campaign.
+    rig, rig_of_0_2
+        Fingerprint of rig and records of this campaign, and as version 0.2 computed it
+        (:func:`tcdyn.campaign.sufficient_statistics.rig_fingerprint`).
+
+    Returns
+    -------
+    data
+        The content. A result of version 0.2 has one more finding, which says so.
 
     Raises
     ------
     InputError
         If it cannot be read, was changed, or is of another rig or other records.
     """
-    check_no_device(path)
-    try:
-        data = read_result(path)
-    except InputError:
-        raise
-    except (OSError, *DAMAGED) as problem:
-        raise InputError(
-            f"cannot be read ({type(problem).__name__})", where=path.name, remedy=ANALYSE_AGAIN
-        ) from None
-    if data.get("kept") and data["kept"].get("rig_sha256") != rig:
-        raise InputError(
-            "was analysed with another rig.toml or other records than were given",
-            where=path.name,
-            expected="tests of one rig",
-            remedy=ANALYSE_AGAIN,
-        )
-    return data
+    data = read_result(path)
+    kept = data.get("kept")
+    if not kept or kept.get("rig_sha256") == rig:
+        return data
+    if kept.get("rig_sha256") == rig_of_0_2:
+        finding = info("campaign.version_0_2", keys=", ".join(KEYS_SINCE_0_2)).to_dict()
+        return {**data, "findings": [*data["findings"], finding]}
+    raise InputError(
+        "was analysed with another rig.toml or other records than were given",
+        where=str(path),
+        expected="tests of one rig",
+        remedy=ANALYSE_AGAIN,
+    )
 
 
 def merge_findings(findings: Sequence[tuple[str, Finding]]) -> list[Finding]:

@@ -25,7 +25,6 @@ from tcdyn.campaign.scatter_trend import (
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.core.findings import GRADES_OF_0_2
 from tcdyn.estimation.line_fit import fit_line
 from tcdyn.io.read import read_numbers
 from tcdyn.rig.disk import DISKS
@@ -121,7 +120,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
             row[f"u_{name}"] = _number(value["u"])
         else:
             row[name] = _number(value)
-    row["status"] = GRADES_OF_0_2.get(data["status"], data["status"])
+    row["status"] = data["status"]
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
     row["warnings"] = sum(value["code"] != AGREE_CODE for value in data["findings"])
     return row

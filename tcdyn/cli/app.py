@@ -13,8 +13,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial, wraps
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import typer
@@ -102,102 +101,6 @@ app.add_typer(rig, name="rig", rich_help_panel=TWO_DISK_RIG)
 app.command("demo", rich_help_panel=TOOLS)(simulate.demo)
 app.add_typer(simulate.app, name="simulate", rich_help_panel=TOOLS)
 app.command("verify", rich_help_panel=TOOLS)(verify)
-
-# Names of version 0.2, which work in version 0.3 with a message: new name in the group rig.
-OLD_NAMES = {
-    "transducer": "transducer",
-    "spot": "line",
-    "calibrate": "calibrate",
-    "beta": "beta",
-    "campaign": "campaign",
-    "design": "design",
-    "hole": "holes",
-}
-
-
-def _command_under_old_name(old: str, new: str) -> Callable[..., None]:
-    """The command ``tcdyn rig NEW`` under its old name ``tcdyn OLD``, with a message."""
-    function = RIG_COMMANDS[new]
-
-    @wraps(function)  # also gives its signature, from which the options are made
-    def call_with_message(*arguments: Any, **options: Any) -> None:
-        """Print the message and call the command."""
-        _print_new_name(old, new)
-        function(*arguments, **options)
-
-    return call_with_message
-
-
-def _print_new_name(old: str, new: str) -> None:
-    """Print on standard error that a command has a new name."""
-    print(f"tcdyn {old} is now tcdyn rig {new}; version 0.4 has only that name", file=sys.stderr)
-
-
-for old, new in OLD_NAMES.items():
-    app.command(old, hidden=True)(_command_under_old_name(old, new))
-app.add_typer(
-    record.app,
-    name="record",
-    hidden=True,
-    callback=lambda: _print_new_name("record", "record"),
-)
-app.add_typer(
-    circumference.app,
-    name="round",
-    hidden=True,
-    callback=lambda: _print_new_name("round", "circumference"),
-)
-
-# Options of version 0.2 that have another name, by command.
-OLD_OPTIONS = {
-    "identify": {"--models": "--model", "--dt": "--dt-s", "--resample": "--resample-s"},
-    "response": {"--models": "--model", "--columns": "--column", "--u": "--uncertainty"},
-    "sensor new": {"--delay-s": "--dead-time-s"},
-    "sensor pair": {"--columns": "--column", "--change-s": "--flow-step-s"},
-    "compensate": {"--parts": "--components"},
-    "follow": {"--behind-s": "--delay-s"},
-    "rig transducer": {"--of": "--quantity", "--weights-rel": "--weight-u-rel"},
-    "rig line": {"--power-rel": "--flux-u-rel"},
-    "rig calibrate": {"--line-u-K": "--reading-u-K"},
-    "rig campaign": {"--model": "--curve"},
-    "rig circumference simulate": {"--out": "--picture"},
-    "rig circumference fit": {"--out": "--picture"},
-    "simulate immersion": {"--run": "--plunge"},
-    "simulate ehl": {"--brake": "--brake-s"},
-    "verify": {"--csv": "--out"},
-}
-OLD_LISTS = ("--models", "--columns")  # their values were separated by commas
-
-
-def with_new_options(words: Sequence[str]) -> list[str]:
-    """Replace options of version 0.2 by their new names, with a message on standard error.
-
-    Parameters
-    ----------
-    words
-        The command line behind ``tcdyn``.
-    """
-    first = {"round": "rig circumference"} | {old: f"rig {new}" for old, new in OLD_NAMES.items()}
-    path = " ".join([first.get(word, word) for word in words[:1]] + list(words[1:]))
-    options: dict[str, str] = {}
-    for command, renamed in OLD_OPTIONS.items():
-        if f"{path} ".startswith(f"{command} "):
-            options = renamed
-    new_words: list[str] = []
-    rest = list(words)
-    while rest:
-        name, has_value, value = rest.pop(0).partition("=")
-        if name not in options:
-            new_words.append(f"{name}{has_value}{value}")
-            continue
-        new = options[name]
-        print(f"tcdyn: {name} is now {new}; version 0.4 has only that name", file=sys.stderr)
-        values = [value] if has_value else rest[:1]
-        rest = rest if has_value else rest[1:]
-        if name in OLD_LISTS:
-            values = [each for text in values for each in text.split(",")]
-        new_words += [word for each in values for word in (new, each)] or [new]
-    return new_words
 
 
 def _version(show: bool) -> None:
@@ -363,7 +266,7 @@ def main() -> None:
     sys.unraisablehook = _repeat_lost_interrupt
     sys.stderr = message_stream(sys.stderr)
     sys.stdout = result_stream(sys.stdout)
-    code = run(partial(app, with_new_options(sys.argv[1:])))
+    code = run(app)
     try:
         sys.stdout.flush()
     except OSError:

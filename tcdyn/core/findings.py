@@ -47,7 +47,7 @@ class Finding:
     code
         Kind of the observation: a key of ``tcdyn.core.messages.MESSAGES``.
     severity
-        Info, warning or error; the names of version 0.2 (note, look, refuse) are accepted.
+        Info, warning or error.
     where
         File or stage.
     subject
@@ -85,8 +85,7 @@ class Finding:
         """
         if self.code not in MESSAGES and not self.text:
             raise ValueError(f"finding {self.code!r} has no message in tcdyn/core/messages")
-        severity = GRADES_OF_0_2.get(self.severity, self.severity)
-        object.__setattr__(self, "severity", Severity(severity))
+        object.__setattr__(self, "severity", Severity(self.severity))
         object.__setattr__(self, "numbers", {k: _plain_value(v) for k, v in self.numbers.items()})
 
     def __hash__(self) -> int:
@@ -189,9 +188,10 @@ class Finding:
             return stored
         try:
             code = str(stored["code"])
+            grade = str(stored["grade"])
             return cls(
                 EARLIER_CODES.get(code, code),
-                stored["grade"],
+                Severity(GRADES_OF_0_2.get(grade, grade)),
                 str(stored.get("where", "")),
                 str(stored.get("subject", "")),
                 dict(stored.get("numbers", {})),

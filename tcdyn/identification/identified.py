@@ -38,7 +38,7 @@ from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.identification.holds import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
-from tcdyn.io.read import check_no_device
+from tcdyn.io.stored import IDENTIFIED, check_schema, read_json
 from tcdyn.rig.disk import Conditioning
 from tcdyn.series.index import even_interval_s
 
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     import control
 
 # Version of the file; a change of its keys needs another number and a reader for the old one.
-SCHEMA = "tcdyn.identified/1"
 # Keys of the model that are its fields.
 MODEL_KEYS = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")
 # Keys of the file that are fields of Identified.
@@ -390,7 +389,7 @@ class Identified(Dynamics, Result):
             lag = lags if m.inputs else self.lag_s
         return jsonable(
             {
-                "schema": SCHEMA,
+                "schema": IDENTIFIED.schema,
                 "model": model,
                 **{key: getattr(self, key) for key in PLAIN_KEYS},
                 "units": {n: m.unit(n) for n in m.names},
@@ -412,24 +411,34 @@ class Identified(Dynamics, Result):
             Where the text is something else.
         """
         try:
-            d: dict[str, Any] = json.loads(text)
+            content = json.loads(text)
         except json.JSONDecodeError as error:
             raise InputError(f"the identified model is not JSON ({error})") from error
-        if not isinstance(d, dict) or d.get("schema") != SCHEMA:
-            raise InputError(
-                "is not an identified model",
-                expected=f"schema {SCHEMA}",
-                remedy="tcdyn identify writes it",
-            )
+        return cls.from_dict(content)
+
+    @classmethod
+    def from_dict(cls, content: Any) -> Identified:
+        """The model from the content of its JSON file, as :meth:`to_dict` gives it.
+
+        Raises
+        ------
+        InputError
+            Where the content is something else.
+        """
+        check_schema(content, "", IDENTIFIED)
         try:
-            return cls._from_dict(d)
+            return cls._from_dict(content)
         except InputError:
             raise
         except DAMAGED as problem:
             reason = repr(problem)
             if isinstance(problem, ValidationError):
                 reason = first_validation_error(problem)
-            raise InputError(f"the identified model is damaged ({reason})") from None
+            raise InputError(
+                f"the identified model is damaged ({reason})",
+                expected=IDENTIFIED.expected,
+                remedy="write it again with `tcdyn identify`",
+            ) from None
 
     @classmethod
     def _from_dict(cls, content: Mapping[str, Any]) -> Identified:
@@ -495,15 +504,11 @@ def read_identified(path: str | Path) -> Identified:
     ...     read_identified(path).theta["Tp1"]
     0.8
     """
-    check_no_device(path)
+    content = read_json(path, IDENTIFIED)
     try:
-        return Identified.from_json(Path(path).read_text(encoding="utf-8-sig"))
+        return Identified.from_dict(content)
     except InputError as problem:
         raise problem.at(str(path)) from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"is not UTF-8 ({error.reason})", where=str(path)) from None
 
 
 def from_control(

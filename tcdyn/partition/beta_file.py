@@ -11,12 +11,12 @@ from dataclasses import asdict
 from typing import Any
 
 from tcdyn.core.estimate import Estimate
+from tcdyn.io.stored import BETA
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.joint_results import joint_budget
 from tcdyn.partition.profile import profiles_file
 from tcdyn.partition.sensor_check import SensorCheck
 
-SCHEMA = "tcdyn.beta/1"  # of beta.json; it changes with the meaning of a key
 # an estimate that is withheld
 WITHHELD: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))
 
@@ -44,8 +44,8 @@ def beta_file(
 
     Notes
     -----
-    ``SCHEMA`` changes with the meaning of a key. ``tcdyn.campaign.summary_table.COLUMNS`` uses
-    the same keys.
+    The schema changes with the meaning of a key (``tcdyn.io.stored``).
+    ``tcdyn.campaign.summary_table.COLUMNS`` uses the same keys.
     """
     test = partition.test
     forms = partition.model_forms
@@ -83,7 +83,7 @@ def beta_file(
     if with_profiles and not is_withheld:
         joint["profiles"] = profiles_file(partition.profiles)
     return {
-        "schema": SCHEMA,
+        "schema": BETA.schema,
         "source": source,
         "test": test.conditions,
         "steady": {"beta": _estimate_entry(partition, partition.estimates, "speed law"), **steady},

@@ -7,7 +7,6 @@ Tests: ``tests/rig/test_record.py``.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from contextlib import suppress
 from copy import deepcopy
@@ -25,7 +24,7 @@ from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns, json_text
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
 from tcdyn.io.endings import JSON, check_ending
-from tcdyn.io.read import check_no_device
+from tcdyn.io.stored import DISK, check_schema, read_json
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.rigfile import RigTables
@@ -350,38 +349,7 @@ def read_record(path: str | Path) -> DiskRecord:
     >>> read_record("fast.disk.json").disk  # doctest: +SKIP
     'fast'
     """
-    data = read_json(path, "a disk record", "tcdyn rig calibrate", "*.disk.json")
-    return parse_record(data, str(path))
-
-
-def read_json(path: str | Path, expected: str, writer: str, called: str = "file") -> Any:
-    """Read a JSON file; a repeated key is an error.
-
-    Parameters
-    ----------
-    path
-        The file.
-    expected, writer, called
-        For messages: what the file should be, the command that writes it, and the name of the file.
-
-    Raises
-    ------
-    InputError
-        No such file, or no JSON.
-    """
-    check_no_device(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        return json.loads(text, object_pairs_hook=_without_repeated_keys)
-    except FileNotFoundError:
-        raise InputError("no such file", where=str(path), remedy=f"`{writer}` writes one") from None
-    except (OSError, ValueError, RecursionError) as problem:
-        raise InputError(
-            f"not readable as JSON ({problem})",
-            where=str(path),
-            expected=expected,
-            remedy=f"give the {called} that `{writer}` wrote",
-        ) from None
+    return parse_record(read_json(path, DISK), str(path))
 
 
 def parse_record(data: Any, where: str) -> DiskRecord:
@@ -406,24 +374,10 @@ def parse_record(data: Any, where: str) -> DiskRecord:
     InputError
         As ``read_record``.
     """
-    if not isinstance(data, dict):
-        raise InputError(
-            "is no disk record", where=where, expected="a JSON object with the key schema"
-        )
-    if "schema" not in data:
-        raise InputError("schema: the key is missing", where=where, expected=repr(SCHEMA))
-    schema = str(data["schema"])
-    if schema not in (SCHEMA, SCHEMA_0_1):
-        is_newer = schema.startswith("tcdyn.disk/")
-        raise InputError(
-            f"schema: {schema[:60]!r} is not known to this version",
-            where=where,
-            expected=f"{SCHEMA!r} or {SCHEMA_0_1!r}",
-            remedy="update tcdyn" if is_newer else "give a disk record",
-        )
+    check_schema(data, where, DISK)
     record = validate_model(
         DiskRecord,
-        _from_0_1(data) if schema == SCHEMA_0_1 else data,
+        _from_0_1(data) if data["schema"] == SCHEMA_0_1 else data,
         where,
         "a record as `tcdyn rig calibrate` writes it",
         "do not edit records by hand; calibrate again",
@@ -471,15 +425,6 @@ def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
         for channel in data["chain"]["channels"].values():
             channel["taus_s"] = [channel.pop("tau1_s"), channel.pop("tau2_s", 0.0)]
     return data
-
-
-def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object; ValueError for a repeated key."""
-    names = [key for key, _ in pairs]
-    for key in names:
-        if names.count(key) > 1:
-            raise ValueError(f"key {key!r} occurs twice")
-    return dict(pairs)
 
 
 def _check_lag(lag: Estimate, computed_s: float, message: str) -> None:

@@ -25,6 +25,7 @@ from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
 from tcdyn.io.checksum import checksum_findings, with_checksum
 from tcdyn.io.endings import JSON, check_ending
+from tcdyn.io.stored import IDENTIFIED, SENSOR, check_schema, read_json
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import (
@@ -34,7 +35,6 @@ from tcdyn.rig.record import (
     StrictModel,
     now_utc,
     parse_time,
-    read_json,
     square_matrix,
     validate_model,
 )
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 # Version of the file; a change of its keys needs another number.
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
-IDENTIFIED_SCHEMA = "tcdyn.identified/"  # Beginning of the schema of a file of ``tcdyn identify``.
 # Shares of the step whose times are reported (VDI/VDE 3522).
 SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}
 # Methods whose lag always has an uncertainty above zero.
@@ -597,23 +596,19 @@ def read_sensor(path: str | Path) -> SensorFile:
     1.50 +- 0.10
     """
     where = str(path)
-    expected = "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`"
-    data = read_json(path, "a sensor file", "tcdyn sensor")
-    schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
-    if schema.startswith(IDENTIFIED_SCHEMA):
+    data = read_json(path, SENSOR)
+    if check_schema(data, where, SENSOR, IDENTIFIED) is IDENTIFIED:
         from tcdyn.identification import Identified  # only these files need the identification
 
         try:
-            model = Identified.from_json(Path(path).read_text(encoding="utf-8-sig"))
-            return from_identified(model, Path(path).name)
+            return from_identified(Identified.from_dict(data), Path(path).name)
         except InputError as problem:
             raise problem.at(where) from None
         except DAMAGED as problem:
-            raise InputError(f"is damaged ({problem!r})", where=where, expected=expected) from None
-    if schema != SCHEMA:
-        raise InputError(
-            f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected
-        )
+            raise InputError(
+                f"is damaged ({problem!r})", where=where, expected=IDENTIFIED.expected
+            ) from None
+    expected = "a sensor as `tcdyn sensor` writes it"
     remedy = "do not edit it by hand; write it again with `tcdyn sensor`"
     sensor = validate_model(SensorFile, data, where, expected, remedy)
     sensor.findings.extend(checksum_findings(data, where))

@@ -4,7 +4,7 @@ They contain no estimator: each step is a function of a lower layer. The command
 call them, ``tcdyn.plots`` and ``tcdyn.report`` show their results.
 """
 
-from tcdyn.workflows.beta import BetaRun, estimate_beta, estimate_one_disk
+from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
 from tcdyn.workflows.demo import DemoRun, run_demo
@@ -22,7 +22,6 @@ __all__ = [
     "compensate_frame",
     "compensate_log",
     "estimate_beta",
-    "estimate_one_disk",
     "inspect",
     "run_demo",
 ]

@@ -211,33 +211,6 @@ def estimate_beta(
     return BetaRun(table, partition, fingerprint, count, records, profiles)
 
 
-def estimate_one_disk(
-    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
-) -> BetaRun:
-    """:func:`estimate_beta` of a log of one disk, as version 0.2 called it.
-
-    Parameters
-    ----------
-    log, rig, options
-        As for :func:`estimate_beta`.
-    records
-        The record of one disk.
-
-    Examples
-    --------
-    >>> from tcdyn import load_rig, read_record  # doctest: +SKIP
-    >>> records = {"slow": read_record("slow.disk.json")}  # doctest: +SKIP
-    >>> rig = load_rig("rig.toml")  # doctest: +SKIP
-    >>> import pandas as pd
-    >>> log = pd.read_csv("EHL_B3.csv", comment="#")  # doctest: +SKIP
-    >>> fast = [f"fast_{channel}_degC" for channel in "abcdef"]
-    >>> log.drop(columns=fast).to_csv("slow_B3.csv", index=False)  # doctest: +SKIP
-    >>> estimate_one_disk("slow_B3.csv", rig, records).partition.disks  # doctest: +SKIP
-    ('slow',)
-    """
-    return estimate_beta(log, rig, records, **options)
-
-
 def _columns_without_record(
     log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
 ) -> list[str]:

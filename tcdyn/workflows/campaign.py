@@ -28,6 +28,7 @@ from tcdyn.campaign.stored_results import (
     read_given_result,
     read_result,
 )
+from tcdyn.campaign.sufficient_statistics import KEYS_SINCE_0_2
 from tcdyn.campaign.summary_table import (
     AGREE_CODE,
     campaign_table,
@@ -284,11 +285,13 @@ def run_campaign(
     curves = [read_curve(path) for path in models]
     compared = None if compare is None else read_compared(compare)
     given_results = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
-    rig = rig_fingerprint(settings.rig, settings.records) if given_results else ""
-    outcomes: dict[int, list[LogOutcome]] = {
-        i: [LogOutcome(path, read_given_result(path, rig), from_earlier_run=True)]
-        for i, path in given_results
-    }
+    outcomes: dict[int, list[LogOutcome]] = {}
+    if given_results:
+        rig = rig_fingerprint(settings.rig, settings.records)
+        rig_of_0_2 = rig_fingerprint(settings.rig, settings.records, later_keys=KEYS_SINCE_0_2)
+        for i, path in given_results:
+            data = read_given_result(path, rig, rig_of_0_2)
+            outcomes[i] = [LogOutcome(path, data, from_earlier_run=True)]
     jobs: list[tuple[int, Path]] = []
     altered = tuple(
         p.stem

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.core.errors import InputError, utf8
+from tcdyn.core.errors import DAMAGED, InputError, utf8
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.options import options_of
 from tcdyn.core.result import Result
@@ -36,6 +36,7 @@ from tcdyn.io.metadata import START_TIME_KEY, metadata_path
 from tcdyn.io.read import display_path
 from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
+from tcdyn.io.stored import STATE, check_schema, read_json
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.write import csv_rows, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import check_any_given, rig_from_records
@@ -61,7 +62,6 @@ from tcdyn.workflows.raw_log import (
     survey_of,
 )
 
-STATE_SCHEMA = "tcdyn.follow/8"
 STOPPED_BY_USER = "stopped"
 SAVE_EVERY_S = 10.0
 # Usual delay: two lags, of which one is there after each row, so that a change of the temperature
@@ -472,7 +472,7 @@ def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[
     else:
         texts = {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(calibrations)}
     return {
-        "schema": STATE_SCHEMA,
+        "schema": STATE.schema,
         "log": utf8(raw.source.path.name),
         "records": {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()},
         "units": {name: vars(unit) for name, unit in raw.channels.units.items()},
@@ -519,12 +519,27 @@ def _read_state(file: Path, key: dict[str, Any], growing: GrowingText, out: Path
 
     Raises InputError where anything is not its own.
     """
-    anew: dict[str, Any] = {
-        "remedy": f"to begin anew, keep {out}, delete {file} and give another {{out}}",
-        "parameters": {"out": "FILE"},
-    }
+    begin_anew = f"to begin anew, keep {out}, delete {file} and give another {{out}}"
+    anew: dict[str, Any] = {"remedy": begin_anew, "parameters": {"out": "FILE"}}
     try:
-        data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        data = read_json(file, STATE)
+        check_schema(data, str(file), STATE)
+    except InputError as problem:
+        raise InputError(
+            problem.what,
+            where=str(file),
+            expected=problem.expected,
+            remedy=f"{problem.remedy}; or, {begin_anew}",
+            parameters=anew["parameters"],
+        ) from None
+    if checksum({k: v for k, v in data.items() if k != CHECKSUM_KEY}) != data.get(CHECKSUM_KEY):
+        raise InputError(
+            "is damaged: its checksum does not fit its content", where=str(file), **anew
+        )
+    for name, expected in json.loads(json.dumps(key)).items():
+        if data.get(name) != expected:
+            raise InputError(f"was written with another {name}", where=str(file), **anew)
+    try:
         opened_bytes = int(data["opened_bytes"])
         read_bytes = int(data["read"]["bytes"])
         digest_of_log = str(data["read"]["sha256"])
@@ -535,17 +550,10 @@ def _read_state(file: Path, key: dict[str, Any], growing: GrowingText, out: Path
             rows = (int(place["done_rows"]), int(place["history_rows"]))
             position = SegmentPosition(float(place["interval_s"]), *rows)
         stand = _Stand(int(data["offset"]), position, int(data["written"]), int(data["out_bytes"]))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
+    except DAMAGED as problem:
         raise InputError(
             f"is no state of a followed log ({problem!r})", where=str(file), **anew
         ) from None
-    for name, expected in json.loads(json.dumps(key)).items():
-        if data.get(name) != expected:
-            raise InputError(f"was written with another {name}", where=str(file), **anew)
-    if checksum({k: v for k, v in data.items() if k != CHECKSUM_KEY}) != data.get(CHECKSUM_KEY):
-        raise InputError(
-            "is damaged: its checksum does not fit its content", where=str(file), **anew
-        )
     growing.seek(read_bytes)
     if growing.hash.hexdigest() != digest_of_log:
         raise InputError(

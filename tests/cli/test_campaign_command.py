@@ -205,7 +205,7 @@ def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     assert "EHL_B4.beta.json: its content is not what was written" in capsys.readouterr().err
     other.write_text(kept.read_text(encoding="utf-8")[:5000], encoding="utf-8")
     assert tcdyn("rig", "campaign", other, *records(campaign), "--out", out, "-q") == 2
-    assert "EHL_B4.beta.json: cannot be read" in capsys.readouterr().err
+    assert "EHL_B4.beta.json: not readable as JSON" in capsys.readouterr().err
     rig = tmp_path / "rig.toml"
     rig.write_text("[disk]\nconductivity_W_mK = 43.0\n", encoding="utf-8")
     given = [*records(campaign)[2:], "--rig", rig]

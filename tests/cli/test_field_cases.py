@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.cli.app import with_new_options
 from tcdyn.core import Array
 from tests.cli.test_main_job import tcdyn
 
@@ -353,7 +352,7 @@ CASES = {
     ),
     "milliseconds, the command of 0.2": Case(
         lambda: plant("Time [ms],heater,T1", 1000.0),
-        IDENTIFY + " --time 'Time [ms]' --models P1",
+        IDENTIFY + " --time 'Time [ms]' --model P1",
         values={"estimates.Tp1.value": (18.0, 0.02)},
     ),
     "time without a unit": Case(
@@ -386,7 +385,7 @@ CASES = {
     ),
     "pair, held values": Case(
         pair_held,
-        "sensor pair {log} --columns fine,coarse --bare --out {out}",
+        "sensor pair {log} --column fine --column coarse --bare --out {out}",
         values={"times.fine.t632_s.value": (0.2, 0.02), "times.coarse.t632_s.value": (0.8, 0.01)},
         message="coarse has a new value in 20 % of the rows",
     ),
@@ -471,7 +470,7 @@ def run(words: str, **files: Path) -> int:
     """The exit code of a command; quoted words stay together."""
     quoted_or_plain = re.findall(r"'([^']*)'|(\S+)", words)
     given = [(quoted or plain).format(**files) for quoted, plain in quoted_or_plain]
-    return tcdyn(*with_new_options(given))
+    return tcdyn(*given)
 
 
 def value_at(content: Any, path: str) -> float:

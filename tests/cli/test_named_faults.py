@@ -11,7 +11,7 @@ import pytest
 from tcdyn.cli.identify import _files_of_outputs
 from tcdyn.core.errors import InputError
 from tcdyn.identification import read_identified
-from tcdyn.identification.identified import SCHEMA
+from tcdyn.io.stored import IDENTIFIED
 from tcdyn.workflows.campaign import _check_names
 from tests.cli.fault_commands import small_files
 from tests.cli.test_main_job import tcdyn
@@ -72,8 +72,8 @@ def test_files_of_two_outputs_differ_on_any_system() -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"{", "is not JSON"),
-        (b"\xff\xfe{", "is not UTF-8"),
+        (b"{", "not readable as JSON"),
+        (b"\xff\xfe{", "not readable as JSON"),
         (b"[]", "is not an identified model"),
         (b'{"schema": "SCHEMA"}', "is damaged"),
     ],
@@ -82,7 +82,7 @@ def test_a_damaged_identified_model_is_named_with_its_file(
     tmp_path: Path, content: bytes, reason: str
 ) -> None:
     path = tmp_path / "m.identified.json"
-    path.write_bytes(content.replace(b"SCHEMA", SCHEMA.encode()))
+    path.write_bytes(content.replace(b"SCHEMA", IDENTIFIED.schema.encode()))
     with pytest.raises(InputError, match=reason) as problem:
         read_identified(path)
     assert str(problem.value).startswith(str(path))

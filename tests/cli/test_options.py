@@ -16,7 +16,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from tcdyn.cli.app import OLD_NAMES, OLD_OPTIONS, _print_new_name, app, with_new_options
+from tcdyn.cli.app import app
 from tcdyn.cli.common import Reporter, as_option, number_option, options_from_docstring
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
@@ -43,8 +43,6 @@ def commands(group: Any = None, words: str = "") -> dict[str, typer.core.TyperCo
     found = {}
     for name, command in group.commands.items():
         path = f"{words} {name}".strip()
-        if command.hidden:
-            continue
         if isinstance(command, typer.core.TyperGroup):
             found |= commands(command, path)
         else:
@@ -57,18 +55,6 @@ ALL = commands()
 
 def options(name: str) -> set[str]:
     return {option for parameter in ALL[name].params for option in parameter.opts}
-
-
-@pytest.mark.e2e
-@pytest.mark.parametrize("old", sorted(OLD_NAMES))
-def test_an_old_name_works_with_a_message(old: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert tcdyn(old, "--help") == 0
-    new_help = f"tcdyn rig {OLD_NAMES[old]}"
-    assert tcdyn(old, "--help") == tcdyn("rig", OLD_NAMES[old], "--help")
-    capsys.readouterr()
-    assert tcdyn(old, "--no-such-option") == 2
-    _print_new_name(old, OLD_NAMES[old])
-    assert f"tcdyn {old} is now {new_help};" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -440,40 +426,6 @@ def test_a_lag_shorter_than_the_conditioning_s_is_refused(
         "at least 0.0896 s, since the conditioning alone lags by 0.0796 s"
         in capsys.readouterr().err
     )
-
-
-def test_each_old_option_has_a_new_one() -> None:
-    for command, renamed in OLD_OPTIONS.items():
-        names = {name for parameter in ALL[command].params for name in parameter.opts}
-        assert set(renamed.values()) <= names, command
-        assert not set(renamed) & names, command
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("identify a.csv --models P1,P2D --dt=2", "identify a.csv --model P1 --model P2D --dt-s 2"),
-        ("sensor pair a.csv --columns=A,B -q", "sensor pair a.csv --column A --column B -q"),
-        ("round fit a.csv --out b.png", "round fit a.csv --picture b.png"),
-        ("spot a.csv --power-rel 0.01", "spot a.csv --flux-u-rel 0.01"),
-        ("verify --csv", "verify --out"),
-    ],
-)
-def test_an_old_option_is_replaced_with_a_message(
-    words: str, expected: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert with_new_options(words.split()) == expected.split()
-    assert "version 0.4 has only that name" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "words", ["", "--version", "sensor plunge a.csv --columns A,B", "beta --models=P1"]
-)
-def test_words_that_are_no_old_options_are_kept(
-    words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert with_new_options(words.split()) == words.split()
-    assert capsys.readouterr().err == ""
 
 
 def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(

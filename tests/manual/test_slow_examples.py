@@ -17,7 +17,6 @@ FUNCTIONS = [
     tcdyn.calibrate_disk,
     tcdyn.compensate_log,
     tcdyn.estimate_beta,
-    tcdyn.estimate_one_disk,
     tcdyn.iter_log,
     tcdyn.read_record,
     tcdyn.write_record,

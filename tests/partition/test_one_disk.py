@@ -22,7 +22,7 @@ from tcdyn.report.beta import write_beta_report
 from tcdyn.report.page import typeset
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import write_record
-from tcdyn.workflows import BetaRun, compensate_log, estimate_one_disk
+from tcdyn.workflows import BetaRun, compensate_log, estimate_beta
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SLOW = [f"slow_{c}_degC" for c in CHANNELS]
@@ -221,7 +221,7 @@ def test_missing_record_of_a_logged_disk_raises(study: StudyRig, tmp_path: Path)
     with pytest.raises(
         InputError, match=r"no record of the slow disk, whose columns the log holds"
     ):
-        estimate_one_disk(log_path, None, {"fast": study.records["fast"]})
+        estimate_beta(log_path, None, {"fast": study.records["fast"]})
 
 
 @pytest.mark.parametrize(("command", "out"), [("beta", "out.json"), ("compensate", "out.csv")])

@@ -169,13 +169,13 @@ def test_record_with_an_invalid_value_raises_and_names_the_key(key):
     ("text", "message"),
     [
         ("", "not readable as JSON"),
-        ("[1, 2]", "no disk record"),
-        ("{}", "schema: the key is missing"),
+        ("[1, 2]", "not a disk record"),
+        ("{}", "no key schema"),
         ('{"schema": "tcdyn.disk/2"}', "disk: Field required"),
         ('{"schema": "tcdyn.disk/2", "disk": "a", "disk": "b"}', "'disk' occurs twice"),
         (RECORD.to_json().replace('"offset": ', '"offset": NaN, "x": ', 1), "static"),
         (RECORD.to_json()[:500], "not readable as JSON"),
-        ("[" * 100_000, "not readable as JSON|no disk record"),
+        ("[" * 100_000, "not readable as JSON|not a disk record"),
     ],
 )
 def test_files_that_are_not_records_raise(tmp_path, text, message):

@@ -280,7 +280,7 @@ def test_a_state_of_other_files_or_settings_is_refused(tmp_path: Path) -> None:
     kept = json.loads((tmp_path / "state.json").read_text(encoding="utf-8"))
     assert kept["channels"] == ["T1_degC", "T2_degC"]
     (tmp_path / "state.json").write_text("{", encoding="utf-8")
-    with pytest.raises(InputError, match="no state"):
+    with pytest.raises(InputError, match="not readable as JSON"):
         followed(tmp_path, text, **state)
 
 

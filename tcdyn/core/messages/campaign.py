@@ -167,5 +167,7 @@ CAMPAIGN: dict[str, Message] = {
     "campaign.withheld": "{subject}: {why}",
     "campaign.altered": "{subject} in the results folder was changed after tcdyn wrote it: its log "
     "was analysed again",
+    "campaign.version_0_2": "version 0.2 analysed this test, without {keys} of rig.toml: that "
+    "uncertainty is not in its result. To include it, analyse its log again.",
     "campaign.repeated": "{text} (in {first}; so or nearly so in {others})",
 }
