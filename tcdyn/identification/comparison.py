@@ -132,6 +132,11 @@ class Comparison(Result):
         """The fit of the recommended model."""
         return self.fits[self.recommended]
 
+    @property
+    def lag_s(self) -> Estimate:
+        """The lag of the recommended model [s]; ``averaged`` has that of all likely models."""
+        return self.best.lag_s
+
     @cached_property
     def averaged(self) -> Mapping[str, Mapping[str, Estimate]]:
         """Gain and lag of each input, averaged over the models.

@@ -37,6 +37,7 @@ from tcdyn.identification.search import criteria, search_findings
 from tcdyn.identification.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
 from tcdyn.identification.validation import ALARM_P, NUMERICAL_ERROR, whiteness
 from tcdyn.io.read import open_table, read_all_rows
+from tcdyn.io.response_units import response_column_named
 from tcdyn.series.source import check_numbers
 
 # Grids and settings of the search, chosen by judgement.
@@ -243,7 +244,8 @@ class Response(Result):
         frequency
             Column of the frequency.
         columns
-            Columns of magnitude and phase, or of the real and the imaginary part.
+            Columns of magnitude and phase, or of the real and the imaginary part. All columns are
+            named with or without their units.
         form
             "magnitude"; "dB": the magnitude is in decibels; "complex": the columns are the real
             and the imaginary part. By default that of the header, else "magnitude".
@@ -279,10 +281,9 @@ class Response(Result):
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
         source = open_table(path, names)
         where = utf8(Path(path).name)
+        found = {name: response_column_named(name, source.names, where) for name in names}
+        names = list(found.values())
         for name in names:
-            if name not in source.names:
-                expected = ", ".join(source.names)
-                raise InputError(f"no column {name!r}", where=where, expected=expected)
             if source.names.count(name) > 1:
                 raise InputError(
                     f"column {name!r} stands twice", where=where, remedy="rename one of them"
@@ -295,10 +296,10 @@ class Response(Result):
         table = {name: values[complete] for name, values in table.items()}
         stated = ResponseColumns(
             where,
-            frequency,
-            columns,
-            u,
-            coherence,
+            found[frequency],
+            (found[columns[0]], found[columns[1]]),
+            None if u is None else found[u],
+            None if coherence is None else found[coherence],
             form,
             frequency_unit,
             phase_unit,

@@ -30,8 +30,8 @@ from tcdyn.identification.holds import (
     select_holds,
 )
 from tcdyn.identification.iodata import IOData
-from tcdyn.io.table import missing_column_error
-from tcdyn.io.unit_names import column_named, names_temperature, unit_in, written_unit
+from tcdyn.io.column_names import column_named
+from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
 from tcdyn.series import Context, ReadingOptions, Series, Source, make_series, open_source
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
@@ -107,7 +107,6 @@ def from_frame(
     options = ReadingOptions(**reading)
     columns = [*map(str, frame.columns)]
     roles = _Roles.of(columns, input, output, run, name or "table")
-    roles.check(columns, options.time, name or "table")
     source = open_source(frame, roles.named, options)
     epoch = None
     if isinstance(frame.index, pd.DatetimeIndex) and source.time not in columns and len(frame):
@@ -154,7 +153,6 @@ def from_csv(
     known = [*_as_list(input), *_as_list(output), *_as_list(run)]
     source = open_source(path, known, options)
     roles = _Roles.of(source.table.names, input, output, run, source.table.where)
-    roles.check(source.table.names, options.time, source.table.where)
     return _record(source, roles, hold, resample_s, utf8(Path(path).name))
 
 
@@ -183,25 +181,14 @@ class _Roles:
         run: str | None,
         where: str,
     ) -> _Roles:
-        """The columns of names that may lack their units."""
-        inputs = tuple(column_named(name, columns) for name in _as_list(input))
-        outputs = tuple(column_named(name, columns) for name in _as_list(output))
-        return cls(inputs, outputs, run)
-
-    @property
-    def named(self) -> list[str]:
-        """Names of all columns."""
-        return [*self.inputs, *self.outputs, *_as_list(self.run)]
-
-    def check(self, columns: Sequence[str], time: str | None, where: str) -> None:
-        """Check that the columns are there, and none is both input and output.
+        """The columns of names that may lack their units.
 
         Parameters
         ----------
         columns
             Columns of the table.
-        time
-            Column of the time, or None.
+        input, output, run
+            Names of the columns.
         where
             Table that errors name.
 
@@ -210,7 +197,21 @@ class _Roles:
         InputError
             For columns that are missing, or named twice.
         """
-        signals = [*self.inputs, *self.outputs]
+
+        def columns_of(names: str | Sequence[str] | None, role: str) -> tuple[str, ...]:
+            """The columns of one role."""
+            listed = _as_list(names)
+            return tuple(
+                column_named(name, columns, where, role=f"{role} column") for name in listed
+            )
+
+        inputs = columns_of(input, "input")
+        outputs = columns_of(output, "output")
+        if not inputs or not outputs:
+            raise InputError(
+                "no input or no output is named", where=where, expected="at least one of each"
+            )
+        signals = [*inputs, *outputs]
         for column in signals:
             if signals.count(column) > 1:
                 raise InputError(
@@ -218,19 +219,13 @@ class _Roles:
                     where=where,
                     expected="other columns as inputs and outputs",
                 )
-        if not self.inputs or not self.outputs:
-            raise InputError(
-                "no input or no output is named", where=where, expected="at least one of each"
-            )
-        roles: list[tuple[str, str | None]] = [
-            *(("input", column) for column in self.inputs),
-            *(("output", column) for column in self.outputs),
-            ("time", time),
-            ("run", self.run),
-        ]
-        for role, name in roles:
-            if name is not None and name not in columns:
-                raise missing_column_error(f"{role} column", name, list(columns), where)
+        runs = columns_of(run, "run")
+        return cls(inputs, outputs, runs[0] if runs else None)
+
+    @property
+    def named(self) -> list[str]:
+        """Names of all columns."""
+        return [*self.inputs, *self.outputs, *_as_list(self.run)]
 
 
 def _as_list(names: str | Collection[str] | None) -> list[str]:

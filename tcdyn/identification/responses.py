@@ -85,7 +85,17 @@ class Dynamics:
         -----
         Td + sum of a_1 - b_1/b_0; its derivatives with the free parameters follow from the chain
         rule of the coefficients.
+
+        Raises
+        ------
+        InputError
+            For a model without a lag, or with one for each input.
         """
+        if self.model.integrators:
+            raise InputError(
+                f"{self.model.name} has no lag: its output rises as long as the input is not zero",
+                expected="a model without integrator",
+            )
         g = self.rational
         gradient = [0.0] * len(g.num)
         if len(g.num) > 1:

@@ -29,6 +29,7 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
+from tcdyn.series.units import match_columns
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.raw_log import Calibrations, TableOptions, open_log_table, raw_log
@@ -145,8 +146,10 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     """Return all columns of numbers of a table."""
     options, others = ReadingOptions.split(reading)
     source = open_source(path, (), options)
-    names = list(others.get("columns") or source.value_columns)
-    source.check_columns(names)
+    names = source.value_columns
+    if others.get("columns"):
+        matches = [match_columns(each, names, source.table.where) for each in others["columns"]]
+        names = list(dict.fromkeys(name for columns in matches for name in columns))
     check_one_channel(source.table, source.time, others.get("columns") or None)
     time_s, columns, _ = read_all(source, names)
     none = np.empty(0)

@@ -24,6 +24,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns, json_text
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
+from tcdyn.io.column_names import column_named
 from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.read import check_no_device
 from tcdyn.io.write import write_text
@@ -233,6 +234,19 @@ class DiskRecord(Result, StrictModel):
     def warnings(self) -> list[str]:
         """All findings as sentences."""
         return list(messages(self.findings))
+
+    def __getitem__(self, channel: str) -> ChannelChain:
+        """The chain of a channel, such as "a", with its lag.
+
+        Raises
+        ------
+        InputError
+            For a record without a chain, and for a channel that it does not have.
+        """
+        where = f"the record of the {self.disk} disk"
+        if self.chain is None:
+            raise InputError("there is no chain, and so no lag", where=where)
+        return self.chain.channels[column_named(channel, self.chain.channels, where)]
 
     @property
     def created_text(self) -> str:

@@ -24,6 +24,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
 from tcdyn.io.checksum import checksum_findings, with_checksum
+from tcdyn.io.column_names import column_named
 from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning
@@ -39,6 +40,7 @@ from tcdyn.rig.record import (
     validate_model,
 )
 from tcdyn.rig.static_line import StaticLine
+from tcdyn.series.units import is_match
 
 if TYPE_CHECKING:
     from tcdyn.identification import Identified
@@ -210,6 +212,47 @@ class SensorFile(Result, StrictModel):
     def split_u_s(self) -> Array:
         """Standard uncertainty (M,) of the largest time constant at fixed lag [s]."""
         return np.array([c.split_u_s for c in self.chain.channels.values()])
+
+    def __getitem__(self, column: str) -> ChannelChain:
+        """The chain of a column, named with or without its unit, with its lag.
+
+        >>> specified_sensor("probe", ["TE5 (°C)"], [(1.5, 0.1)])["TE5"].lag_s.text("s")
+        '1.50 +- 0.10 s'
+
+        Raises
+        ------
+        InputError
+            For a column that the sensor does not cover.
+        """
+        covers = [
+            each
+            for each in self.columns
+            if isinstance(column, str) and "*" in each and is_match(each, column)
+        ]
+        if len(covers) == 1 and column not in self.columns:
+            return self.chain.channels[covers[0]]
+        return self.chain.channels[column_named(column, self.columns, self.sensor)]
+
+    @property
+    def lag_s(self) -> Estimate:
+        """The lag of a sensor of one column [s].
+
+        >>> specified_sensor("probe", ["T1"], [(1.5, 0.1)]).lag_s.value
+        1.5
+
+        Raises
+        ------
+        InputError
+            For a sensor of several columns, each of which has its lag.
+        """
+        if len(self.columns) > 1:
+            raise InputError(
+                f"{len(self.columns)} columns",
+                where=self.sensor,
+                expected="the lag of one of them",
+                remedy=f"for example sensor[{self.columns[0]!r}].lag_s",
+            )
+        return self.chain.channels[self.columns[0]].lag_s
 
     def summary(self) -> str:
         """Method, lag and what limits it, times of the step response, dips, and findings.
