@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, Severity
@@ -233,6 +234,7 @@ class Comparison(Result):
         return self.table.drop(columns=["remark", "determined"]).set_index("model")
 
 
+@with_named_arguments
 @one_blas_thread
 def compare(
     data: IOData | tuple[Any, ...],
@@ -337,6 +339,7 @@ def compare(
     return replace(result, table=pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True))
 
 
+@with_named_arguments
 def identify(
     data: IOData | pd.DataFrame | str | Path | tuple[Any, ...],
     *models: Entry | Sequence[Entry],
@@ -917,6 +920,7 @@ def average_gain_and_lag(
     return averages
 
 
+@with_named_arguments
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
     """Return the recommended models of several outputs: a row for each output and input.
 

@@ -22,6 +22,7 @@ from scipy.special import chdtrc
 
 from tcdyn.chain.rational import Complex
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning, warnings_and_errors
@@ -334,6 +335,7 @@ class Response(Result):
         return np.hypot(size, self.floor) if self.relative_u is None else size * self.relative_u
 
 
+@with_named_arguments
 @one_blas_thread
 def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     """Weighted least-squares fit of a model to a frequency response, with uncertainties.
@@ -406,6 +408,7 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     return min(candidates, key=lambda candidate: round(candidate.statistics["bic"], 6))
 
 
+@with_named_arguments
 def best_response_fit(fits: Sequence[Identified]) -> Identified:
     """Return the fit to use: of those without a warning the one of least BIC.
 

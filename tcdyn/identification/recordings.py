@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import unique_by_subject
 from tcdyn.identification.held_inputs import with_new_values_of_inputs
@@ -50,6 +51,7 @@ EVEN_RECORD = Policy(min_rows=2, max_stray=SHIFTED_ONLY)
 ANY_TIMES = Policy(min_rows=2)
 
 
+@with_named_arguments
 def from_frame(
     frame: pd.DataFrame,
     *,
@@ -115,6 +117,7 @@ def from_frame(
     return replace(data, runs=tuple(replace(each, epoch=epoch) for each in data.runs))
 
 
+@with_named_arguments
 def from_csv(
     path: str | Path,
     *,

@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from tcdyn.core.arguments import as_names, check_keywords, check_type, with_named_arguments
 from tcdyn.core.findings import Finding
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.io.endings import PAGE, check_ending
@@ -32,15 +33,16 @@ from tcdyn.series.read import read_all
 from tcdyn.series.units import match_columns
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.raw_log import Calibrations, TableOptions, open_log_table, raw_log
+from tcdyn.workflows.raw_log import Given, TableOptions, calibrations_of, open_log_table, raw_log
 from tcdyn.workflows.traces import Trace, compensated_traces
 
 MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
 
 
+@with_named_arguments
 def view(
     log: str | Path,
-    calibrations: Calibrations = (),
+    calibrations: Given = (),
     *,
     rig: Rig | None = None,
     out: str | Path | None = None,
@@ -55,7 +57,8 @@ def view(
     log
         A log of the rig, or any table with a column of time.
     calibrations
-        Records by disk, or sensor files; without them all columns are shown as logged.
+        Records by disk, or sensors as for :func:`tcdyn.compensate_frame`; without them all columns
+        are shown as logged.
     rig
         The rig; None: that of the records.
     out
@@ -92,9 +95,10 @@ def view(
     >>> page.name
     'kiln.view.html'
     """
-    unknown = sorted(set(reading) - set(TableOptions.__annotations__))
-    if unknown:
-        raise TypeError(f"view() got an unexpected keyword argument {unknown[0]!r}")
+    check_keywords("view", reading, TableOptions.__annotations__)
+    check_type("log", log, (str, Path), "the path of a table")
+    check_type("out", out, (str, Path, type(None)), "the path of the page, .html")
+    calibrations = calibrations_of(calibrations)
     path = Path(log)
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
     check_ending(page, PAGE)
@@ -148,7 +152,8 @@ def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
     source = open_source(path, (), options)
     names = source.value_columns
     if others.get("columns"):
-        matches = [match_columns(each, names, source.table.where) for each in others["columns"]]
+        asked = as_names("columns", others["columns"], source.table.where)
+        matches = [match_columns(each, names, source.table.where) for each in asked]
         names = list(dict.fromkeys(name for columns in matches for name in columns))
     check_one_channel(source.table, source.time, others.get("columns") or None)
     time_s, columns, _ = read_all(source, names)

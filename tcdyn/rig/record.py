@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, first_validation_error, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
@@ -315,6 +316,7 @@ def parse_time(text: str) -> datetime:
     return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
+@with_named_arguments
 def write_record(record: DiskRecord, path: str | Path) -> Path:
     """Write the record as JSON; an interrupted write leaves the old file.
 
@@ -345,6 +347,7 @@ def write_record(record: DiskRecord, path: str | Path) -> Path:
     return write_text(path, record.to_json())
 
 
+@with_named_arguments
 def read_record(path: str | Path) -> DiskRecord:
     """Read a record, also one of version 0.1.
 

@@ -19,6 +19,7 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
@@ -337,6 +338,7 @@ class SensorFile(Result, StrictModel):
         return with_checksum(self.model_dump(mode="json", by_alias=True))
 
 
+@with_named_arguments
 def sensor_file(
     sensor: str,
     chains: Mapping[str, Chain],
@@ -463,6 +465,7 @@ def _check_longest(name: str, chain: Chain) -> None:
         raise InputError(f"{name}: a time of {longest_s:.4g} s in its chain", expected=expected)
 
 
+@with_named_arguments
 def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> dict[str, Estimate]:
     """Return when the unit step response first passes 50, 63.2 and 90 % [s].
 
@@ -541,6 +544,7 @@ def step_passes(chain: Chain) -> Array:
     return np.array(times)
 
 
+@with_named_arguments
 def specified_sensor(
     sensor: str,
     columns: Sequence[str],
@@ -612,6 +616,7 @@ def specified_sensor(
     )
 
 
+@with_named_arguments
 def read_sensor(path: str | Path) -> SensorFile:
     """Read a file of ``tcdyn sensor``, or the chain in a file of ``tcdyn identify``.
 
@@ -663,6 +668,7 @@ def read_sensor(path: str | Path) -> SensorFile:
     return sensor
 
 
+@with_named_arguments
 def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     """Write the file atomically: all of it or nothing.
 
@@ -695,6 +701,7 @@ def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
 
+@with_named_arguments
 def from_identified(model: Identified, sensor: str = "") -> SensorFile:
     """Build the sensor whose chain ``tcdyn identify`` estimated.
 

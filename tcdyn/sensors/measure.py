@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.io.read import sha256_of_file
@@ -185,6 +186,7 @@ def _frame_of_arrays(data: tuple[ArrayLike, ...], names: Sequence[str]) -> pd.Da
     return pd.DataFrame(dict(zip(names, arrays[1:])), pd.Index(arrays[0], name="time_s"))
 
 
+@with_named_arguments
 def sensor_from_dip(
     data: TableLike | list[Any],
     column: str | None = None,
@@ -287,6 +289,7 @@ def sensor_from_dip(
     return pooled.model_copy(update={"reading": [each for dip in dips for each in dip.reading]})
 
 
+@with_named_arguments
 def sensor_from_pair(
     data: TableLike,
     columns: tuple[str, str] | Sequence[str] = (),
@@ -380,6 +383,7 @@ def sensor_from_pair(
     return _with_reader_findings(table, fit)
 
 
+@with_named_arguments
 def sensor_from_current(
     data: TableLike,
     column: str | None = None,
@@ -445,6 +449,7 @@ def sensor_from_current(
     return _with_reader_findings(table, fit)
 
 
+@with_named_arguments
 def sensor_from_noise(
     data: TableLike, column: str | None = None, *, name: str = "sensor", **reading: Any
 ) -> SensorFile:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tcdyn.core.arguments import check_keywords, check_type, with_named_arguments
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.result import Result
@@ -45,22 +46,26 @@ from tcdyn.sensors.compensation import (
     compensated_segments,
     text_columns,
 )
+from tcdyn.sensors.given import with_column
 from tcdyn.sensors.segments import SegmentPosition
+from tcdyn.series import ReadingOptions
 from tcdyn.series.report import SeriesReport
-from tcdyn.series.source import RisingRows
+from tcdyn.series.source import RisingRows, source_of_table
 from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.compensate_table import check_delay, delayed_findings
 from tcdyn.workflows.raw_log import (
     Calibrations,
+    Given,
     RawLog,
     TableOptions,
+    calibrations_of,
     checked_before_following,
     open_log_table,
     raw_log,
     survey_of,
 )
 
-STATE_SCHEMA = "tcdyn.follow/8"
+STATE_SCHEMA = "tcdyn.follow/9"
 STOPPED_BY_USER = "stopped"
 SAVE_EVERY_S = 10.0
 # Usual delay: two lags, of which one is there after each row, so that a change of the temperature
@@ -127,10 +132,11 @@ class FollowRun(Result):
         }
 
 
+@with_named_arguments
 @one_blas_thread
 def follow(
     log: str | Path,
-    calibrations: Calibrations,
+    calibrations: Given,
     out: str | Path,
     rig: Rig | None = None,
     *,
@@ -191,11 +197,16 @@ def follow(
     Rows at the end of the log, for which the delay has not passed when the run ends, are written
     with the rows that are there. A run that continues writes them again.
     """
+    check_type("log", log, (str, Path), "the path of a table that grows")
+    check_type("out", out, (str, Path), "the path of the output, .csv")
+    calibrations = calibrations_of(calibrations)
     check_any_given(calibrations)
     check_delay(delay_s)
     log = Path(log)
     out = Path(out)
+    check_type("options", options, (dict, type(None)), "a dict of reading options")
     options = options or {}
+    check_keywords("follow", options, TableOptions.__annotations__)
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
     check_ending(out, CSV)  # only a text file grows in place
@@ -219,7 +230,7 @@ def follow(
         ended = "stopped before the header was there"
         numbers = pd.DataFrame(columns=["column"])
         return FollowRun(0, 0, 0, ended, delay_s or 0.0, 0.0, None, numbers, ())
-    growing, raw = opened
+    growing, raw, calibrations = opened
     if state is not None and raw.time_in_log not in growing.dialect.names:
         raise InputError(
             "{state} with {dt_s}: the times of a run that continues are not known",
@@ -386,8 +397,10 @@ def _wait_for_rows(
     rig: Rig | None,
     options: TableOptions,
     patience: _Patience,
-) -> tuple[GrowingText, RawLog] | None:
+) -> tuple[GrowingText, RawLog, Calibrations] | None:
     """Wait until a log has two rows; None when the run was stopped before.
+
+    A sensor that is given without its column gets that of the log.
 
     Parameters
     ----------
@@ -411,12 +424,17 @@ def _wait_for_rows(
                 opened = open_growing(complete, log)
                 if opened is not None:
                     growing, table = opened
+                    if not isinstance(calibrations, Mapping) and not options.get("columns"):
+                        # before the growing table, of which each row is read once
+                        reading, _ = ReadingOptions.split(options)
+                        there_now = source_of_table(log, complete, (), reading)
+                        calibrations = with_column(calibrations, there_now)
                     raw = raw_log(log, table, calibrations, rig, options)
                     there = raw_log(log, complete, calibrations, rig, options)
                     raw = checked_before_following(raw, there.source.table)
                     _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
-                    return growing, raw
+                    return growing, raw, calibrations
         except InputError as error:
             problem = error
             if log.exists() and log.stat().st_size > HEAD_BYTES:
@@ -477,7 +495,11 @@ def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[
     if isinstance(calibrations, Mapping):
         texts = {disk: record.to_json() for disk, record in calibrations.items()}
     else:
-        texts = {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(calibrations)}
+        # the time at which the lag was stated is not what a run depends on
+        texts = {
+            f"{i} {s.sensor}": s.model_dump_json(by_alias=True, exclude={"created"})
+            for i, s in enumerate(calibrations)
+        }
     return {
         "schema": STATE_SCHEMA,
         "log": utf8(raw.source.path.name),

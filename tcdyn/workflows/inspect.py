@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, messages, unique_by_subject
 from tcdyn.core.result import Result
@@ -268,6 +269,7 @@ def _left_out_text(left_out: LeftOut) -> str:
     )
 
 
+@with_named_arguments
 def inspect(
     data: str | Path | pd.DataFrame | pd.Series,
     columns: Sequence[str] = (),
