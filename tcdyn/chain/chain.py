@@ -30,7 +30,7 @@ from tcdyn.chain.rational import (
     simulate_rows,
 )
 from tcdyn.core import Array
-from tcdyn.core.arguments import with_named_arguments
+from tcdyn.core.arguments import described, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.labels import with_labels
 from tcdyn.core.result import Result
@@ -462,7 +462,7 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
         for c in chains  # type: ignore[union-attr]
     ]
     if not all(isinstance(c, Chain) for c in listed):
-        lags = ", ".join(map(str, listed))
+        lags = ", ".join(map(described, listed))
         raise InputError(
             f"chains are [{lags}]",
             remedy=f"write Chain([{lags}]) for a sensor of several lags, one Chain per channel",

@@ -23,6 +23,10 @@ MAX_TEXT = 40  # characters of a value in a message; by judgement
 MIN_SIMILARITY = 0.6  # of a keyword that is proposed: the usual cut-off of ``difflib``
 
 
+class UnknownKeywordError(TypeError):
+    """A keyword argument that a function does not have."""
+
+
 def described(value: object) -> str:
     """A value in a message: texts and numbers as they are, arrays with their shape, else the type.
 
@@ -90,21 +94,23 @@ def check_keywords(function: str, given: Collection[str], known: Collection[str]
 
     Raises
     ------
-    TypeError
-        For another name, with the most similar one.
+    UnknownKeywordError
+        For another name, with the most similar one; it is a TypeError.
 
     Examples
     --------
     >>> check_keywords("follow", ["untit"], ["unit", "time"])
     Traceback (most recent call last):
-    TypeError: follow() got an unexpected keyword argument 'untit'; did you mean 'unit'?
+    tcdyn.core.arguments.UnknownKeywordError: follow() got an unexpected keyword argument 'untit'; did you mean 'unit'?
     """
     for name in given:
         if name in known:
             continue
         near = get_close_matches(name, known, n=1, cutoff=MIN_SIMILARITY)
         hint = f"did you mean {near[0]!r}?" if near else f"they are {', '.join(sorted(known))}"
-        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
+        raise UnknownKeywordError(
+            f"{function}() got an unexpected keyword argument {name!r}; {hint}"
+        )
 
 
 def as_names(name: str, value: object, where: str = "") -> list[str]:
@@ -166,7 +172,7 @@ def with_named_arguments(
     tcdyn.core.errors.InputError: first_letter: text is None; expected str
     >>> first_letter("a", cse="lower")
     Traceback (most recent call last):
-    TypeError: first_letter() got an unexpected keyword argument 'cse'; did you mean 'case'?
+    tcdyn.core.arguments.UnknownKeywordError: first_letter() got an unexpected keyword argument 'cse'; did you mean 'case'?
     """
 
     @wraps(function)
@@ -174,7 +180,7 @@ def with_named_arguments(
         """Call the function."""
         try:
             return function(*args, **kwargs)
-        except InputError:
+        except (InputError, UnknownKeywordError):
             raise
         except OF_WRONG_TYPES as problem:
             explanation = _explanation(function, args, kwargs)
@@ -198,7 +204,7 @@ def _explanation(
         if not any(each.kind is Parameter.VAR_KEYWORD for each in parameters):
             try:
                 check_keywords(name, kwargs, expected_arguments.parameters)
-            except TypeError as misspelt:
+            except UnknownKeywordError as misspelt:
                 return misspelt
         return TypeError(f"{name}() {problem}")
     hints = _hints(function, expected_arguments)
@@ -213,16 +219,17 @@ def _explanation(
 
 
 def _hints(function: Callable[..., Any], of: Signature) -> dict[str, Any]:
-    """The type hints of a function; those that only type checkers know are left out."""
+    """The type hints of a function; those that only type checkers know as texts."""
     try:
         return get_type_hints(function)
     except NameError:
         known = {}
         for name, parameter in of.parameters.items():
+            annotation = str(parameter.annotation)
             try:
-                known[name] = eval(str(parameter.annotation), function.__globals__)
+                known[name] = eval(annotation, function.__globals__)
             except NameError:
-                continue
+                known[name] = annotation
         return known
 
 
@@ -236,6 +243,9 @@ def agrees(value: Any, hint: Any) -> bool:
     """
     if hint == ArrayLike:
         return _is_array(value)
+    if isinstance(hint, str):  # a class that only type checkers import
+        names = {each.__name__ for each in type(value).__mro__}
+        return not hint.isidentifier() or hint in names
     origin = get_origin(hint)
     if origin in (Union, UnionType):
         return any(agrees(value, each) for each in get_args(hint))
@@ -287,7 +297,7 @@ def hint_text(hint: Any) -> str:
         return " or ".join(map(repr, arguments))
     if hint is type(None):
         return "None"
-    name = getattr(origin or hint, "__name__", str(hint))
+    name = str(getattr(origin or hint, "__name__", hint))
     if not isinstance(origin, type) or not arguments or issubclass(origin, np.ndarray):
         return "array" if name == "ndarray" else name
     if len(arguments) == 2 and issubclass(origin, Mapping):

@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.core.arguments import with_named_arguments
+from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, Severity
@@ -303,6 +304,7 @@ def compare(
     ('P1', ['P1', 'P1D'])
     """
     data = as_iodata(data)
+    check_keywords("compare", options, list(signature(fit).parameters)[2:])
     for name in {"weights", "start"} & set(options):
         raise InputError(
             f"{name} is given, which is of one model and one record",

@@ -220,6 +220,7 @@ class Response(Result):
         return cls(f, size * np.exp(1j * np.deg2rad(phase)), u, name, relative_u)
 
     @classmethod
+    @with_named_arguments
     def read(
         cls,
         path: str | Path,

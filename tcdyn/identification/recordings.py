@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.core.arguments import with_named_arguments
+from tcdyn.core.arguments import check_keywords, check_type, with_named_arguments
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import unique_by_subject
 from tcdyn.identification.held_inputs import with_new_values_of_inputs
@@ -106,6 +106,8 @@ def from_frame(
     >>> from_frame(table, input="u", output="y").dt_s
     1.0
     """
+    check_keywords("from_frame", reading, ReadingOptions.names())
+    check_type("frame", frame, pd.DataFrame, "a DataFrame")
     options = ReadingOptions(**reading)
     columns = [*map(str, frame.columns)]
     roles = _Roles.of(columns, input, output, run, name or "table")
@@ -152,6 +154,7 @@ def from_csv(
     ...     from_csv(path, input="u", output="T").dt_s
     0.5
     """
+    check_keywords("from_csv", reading, ReadingOptions.names())
     options = ReadingOptions(**reading)
     known = [*_as_list(input), *_as_list(output), *_as_list(run)]
     source = open_source(path, known, options)

@@ -19,7 +19,7 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
-from tcdyn.core.arguments import with_named_arguments
+from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
@@ -392,6 +392,7 @@ def sensor_file(
     >>> probe.to_frame()[["lag_s", "lag_u_s"]].round(3).values.tolist()
     [[1.5, 0.1]]
     """
+    check_keywords("sensor_file", more, SensorFile.model_fields)
     if not 0 < len(sensor) <= MAX_NAME:
         raise InputError(
             f"a sensor's name of {len(sensor)} characters", expected=f"1 to {MAX_NAME}"

@@ -39,7 +39,7 @@ EXPECTED = (
     "sensor files, or a dict {column: one of these}"
 )
 _LAG_TEXT = re.compile(
-    r"\s*(?P<lag>[-+.\deE]+?)\s*(?:(?:\+-|\+/-|±)\s*(?P<u>[.\deE]+))?\s*(?:s\s*)?"
+    r"\s*(?P<lag>[-+.\deE]+?)\s*(?:(?:\+-|\+/-|±)\s*(?P<u>[-.\deE]+))?\s*(?:s\s*)?"
 )
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core import Array
-from tcdyn.core.arguments import with_named_arguments
+from tcdyn.core.arguments import as_names, check_keywords, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.io.read import sha256_of_file
@@ -39,6 +39,8 @@ from tcdyn.series.units import Unit, cold_column, match_columns, unit_findings, 
 
 # A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
 TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
+# Keyword arguments of all functions here: how the table is read.
+READING_KEYWORDS = ("unit", "couple", "cold", *ReadingOptions.names())
 ValueWithU = float | tuple[float, float]  # a value, or a value with its standard uncertainty
 
 
@@ -251,6 +253,7 @@ def sensor_from_dip(
     >>> abs(probe.chain.channels["T1_degC"].lag_s.value - 1.5) < 0.1
     True
     """
+    check_keywords("sensor_from_dip", reading, READING_KEYWORDS)
     if junction not in JUNCTIONS:
         raise InputError(f"junction is {junction!r}", expected=" or ".join(JUNCTIONS))
     film = _boundary_layer(medium, diameter_mm, speed_m_s)
@@ -345,6 +348,7 @@ def sensor_from_pair(
     >>> [round(pair.chain.channels[name].lag_s.value, 1) for name in pair.columns]
     [0.1, 0.3]
     """
+    check_keywords("sensor_from_pair", reading, READING_KEYWORDS)
     others = [] if speed is None else [speed]
     if speed is None and exponent is not None:
         raise InputError(
@@ -352,7 +356,7 @@ def sensor_from_pair(
             remedy="give both, or none",
             parameters={"exponent": None, "speed": None},
         )
-    named = list(columns)
+    named = as_names("columns", columns)
     if not named and isinstance(data, pd.DataFrame):
         named = [
             str(label) for label in data.columns if str(label) not in (speed, reading.get("time"))
@@ -432,6 +436,7 @@ def sensor_from_current(
     >>> sensor.chain.channels["reading"].lag_s.contains(3.4)  # doctest: +SKIP
     True
     """
+    check_keywords("sensor_from_current", reading, READING_KEYWORDS)
     columns = _as_list(column) or (["reading"] if isinstance(data, tuple) else [])
     table = read_readings(data, columns, [current], **reading)
     check_temperatures(table, "a loop current step")
@@ -487,6 +492,7 @@ def sensor_from_noise(
     >>> abs(sensor.chain.channels["T1"].lag_s.value - 1.0) < 0.3
     True
     """
+    check_keywords("sensor_from_noise", reading, READING_KEYWORDS)
     table = read_readings(data, _as_list(column), **reading)
 
     fit = partial(

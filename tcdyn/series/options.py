@@ -81,10 +81,15 @@ class ReadingOptions:
         >>> ReadingOptions.split({"time": "t", "unit": "K"})[1]
         {'unit': 'K'}
         """
-        names = [each.name for each in fields(ReadingOptions)]
+        names = cls.names()
         own = {name: options[name] for name in names if name in options}
         others = {name: value for name, value in options.items() if name not in names}
         return ReadingOptions(**own), others
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Names of the options."""
+        return [each.name for each in fields(cls)]
 
     @property
     def condition(self) -> tuple[str, str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -40,7 +40,7 @@ def compensate_frame(
     data: pd.DataFrame | pd.Series,
     sensors: Sensors,
     *,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     time: str | None = None,
     time_unit: str | None = None,
     unit: Mapping[str, str] | str = "",
@@ -113,8 +113,7 @@ def compensate_frame(
     >>> list(done)
     ['T_degC', 'T_u_K']
     """
-    known = [each.name for each in fields(ReadingOptions)]
-    check_keywords("compensate_frame", reading, known)
+    check_keywords("compensate_frame", reading, ReadingOptions.names())
     check_type("data", data, (pd.DataFrame, pd.Series), "a DataFrame or a Series")
     columns = as_names("columns", columns)
     files = sensor_files(sensors)
@@ -132,7 +131,7 @@ def compensate_dataset(
     data: xr.Dataset | xr.DataArray,
     sensors: Sensors,
     *,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     time_unit: str | None = None,
     unit: Mapping[str, str] | str = "",
     couple: str = "",

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.core.arguments import with_named_arguments
+from tcdyn.core.arguments import as_names, check_keywords, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, messages, unique_by_subject
 from tcdyn.core.result import Result
@@ -272,7 +272,7 @@ def _left_out_text(left_out: LeftOut) -> str:
 @with_named_arguments
 def inspect(
     data: str | Path | pd.DataFrame | pd.Series,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     *,
     unit: Mapping[str, str] | str = "",
     couple: str = "",
@@ -312,6 +312,8 @@ def inspect(
     >>> found.reading.rows_lost, found.reading.columns[0].left_out[0].reason
     (3, 'code')
     """
+    check_keywords("inspect", reading, ReadingOptions.names())
+    columns = as_names("columns", columns)
     source = open_source(data, columns, ReadingOptions(**reading))
     names = _selected(source, columns)
     where = display_path(source.path)
