@@ -101,7 +101,7 @@ def check_keywords(function: str, given: Collection[str], known: Collection[str]
     --------
     >>> check_keywords("follow", ["untit"], ["unit", "time"])
     Traceback (most recent call last):
-    tcdyn.core.arguments.UnknownKeywordError: follow() got an unexpected keyword argument 'untit'; did you mean 'unit'?
+    tcdyn.core.arguments.UnknownKeywordError: follow() got an ... argument 'untit'; did you mean 'unit'?
     """
     for name in given:
         if name in known:
@@ -172,7 +172,7 @@ def with_named_arguments(
     tcdyn.core.errors.InputError: first_letter: text is None; expected str
     >>> first_letter("a", cse="lower")
     Traceback (most recent call last):
-    tcdyn.core.arguments.UnknownKeywordError: first_letter() got an unexpected keyword argument 'cse'; did you mean 'case'?
+    tcdyn.core.arguments.UnknownKeywordError: first_letter() got ... argument 'cse'; did you mean 'case'?
     """
 
     @wraps(function)
