@@ -36,6 +36,7 @@ from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.chain.bursts import estimate_and_whiten_noise
 from tcdyn.chain.logger_noise import TYPICAL_LAG_S, LoggerNoise
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.estimation import minimise_constrained
@@ -57,6 +58,7 @@ REFITS = 2  # with the noise of the residuals and conduction linearised again; b
 REFIT_DIFFERENCE_SHARE = 0.3
 
 
+@with_named_arguments
 def identify_plunges(
     runs: Sequence[PlungeRun],
     setup: DiskSetup,

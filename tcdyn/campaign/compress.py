@@ -21,6 +21,7 @@ import numpy as np
 from tcdyn.campaign.input_noise import friction_zero_u_N, noise_covariance
 from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading, SufficientStatistics
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.estimation import Optimum
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import HARMONIC_PRIOR_K, AngularHarmonic
@@ -66,6 +67,7 @@ CONSTANT_KEYS = {
 TEST_SPECIFIC = ("parting", "uneven drift", "uneven curvature", "air", FRICTION_NOISE)
 
 
+@with_named_arguments
 def compress_likelihood(
     name: str,
     rig: str,
@@ -176,6 +178,7 @@ def compress_likelihood(
     )
 
 
+@with_named_arguments
 def sufficient_statistics_of(name: str, rig: str, partition: Partition) -> dict[str, Any] | None:
     """The block "kept" of ``beta.json``; None for a test whose result is withheld.
 

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import Result
@@ -85,6 +86,7 @@ class MapComparison(Result):
         return {**super().to_dict(), "is_channel_error": self.is_channel_error}
 
 
+@with_named_arguments
 def compare_maps(
     before: TemperatureMap,
     after: TemperatureMap,

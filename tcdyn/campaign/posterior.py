@@ -23,6 +23,7 @@ from scipy.linalg import cholesky, solve_triangular
 from tcdyn.campaign.compress import LAG_TEST_SD_S
 from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading, SufficientStatistics
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.rig.disk import DISKS
@@ -296,6 +297,7 @@ def within_campaign_u(covariance: Array) -> Array:
     return np.sqrt(variance * n / (n - 1))
 
 
+@with_named_arguments
 def solve_campaign(
     tests: Sequence[SufficientStatistics], reduced_tests: Sequence[ReducedTest] | None = None
 ) -> Posterior:

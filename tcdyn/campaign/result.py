@@ -19,6 +19,7 @@ from tcdyn.campaign.outliers import OutlyingTest, outlying_tests
 from tcdyn.campaign.posterior import Posterior, determined_dof, solve_campaign
 from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SufficientStatistics
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
@@ -252,6 +253,7 @@ def _is_beta_reported(data: Mapping[str, Any]) -> bool:
     return not (is_impossible(beta) or is_undetermined(beta))
 
 
+@with_named_arguments
 def join_results(
     answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()
 ) -> JoinedCampaign | None:

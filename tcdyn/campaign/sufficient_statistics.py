@@ -14,6 +14,7 @@ import numpy as np
 
 from calibration.compare import LOG_TABLES
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum, matches_checksum
 from tcdyn.rig.disk import DISKS
@@ -193,6 +194,7 @@ def _eight_digits_each(numbers: Iterable[float]) -> list[float]:
     return [_eight_digits(x) for x in numbers]
 
 
+@with_named_arguments
 def verify_checksum(data: Any, where: str) -> dict[str, Any]:
     """The content of a ``beta.json`` after its checksum has been verified.
 
@@ -231,6 +233,7 @@ def verify_checksum(data: Any, where: str) -> dict[str, Any]:
     return data
 
 
+@with_named_arguments
 def rig_fingerprint(
     rig: Rig,
     records: Mapping[str, DiskRecord],

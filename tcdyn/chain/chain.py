@@ -30,6 +30,7 @@ from tcdyn.chain.rational import (
     simulate_rows,
 )
 from tcdyn.core import Array
+from tcdyn.core.arguments import described, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.labels import with_labels
 from tcdyn.core.result import Result
@@ -424,6 +425,7 @@ class Chain(Result):
         return coefficients[1] - coefficients[0]
 
 
+@with_named_arguments
 def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chain]:
     """One chain for each channel.
 
@@ -460,7 +462,7 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
         for c in chains  # type: ignore[union-attr]
     ]
     if not all(isinstance(c, Chain) for c in listed):
-        lags = ", ".join(map(str, listed))
+        lags = ", ".join(map(described, listed))
         raise InputError(
             f"chains are [{lags}]",
             remedy=f"write Chain([{lags}]) for a sensor of several lags, one Chain per channel",
@@ -472,6 +474,7 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     return listed
 
 
+@with_named_arguments
 def cement_lags() -> tuple[float, ...]:
     """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time.
 
@@ -490,6 +493,7 @@ def cement_lags() -> tuple[float, ...]:
     return (*shares, *[(0.5 - sum(shares)) / 3] * 3)
 
 
+@with_named_arguments
 def discretised(
     num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -552,6 +556,7 @@ class Sensor:
     lag_s: float
 
 
+@with_named_arguments
 def sensors(chains: Sequence[Chain]) -> list[Sensor]:
     """The state space of each chain, padded with idle states to one size.
 

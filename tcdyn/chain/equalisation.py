@@ -13,6 +13,7 @@ import numpy as np
 from tcdyn.chain.chain import Chain
 from tcdyn.chain.rational import Factor, Rational, polynomial_product, simulate
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 
 # lag [s] that is added where a filter would not be proper; far below the usual sampling interval of
 # 13 ms; chosen by judgement
@@ -22,6 +23,7 @@ LEAST_LAG_S = 1e-3
 START_S = 1.0
 
 
+@with_named_arguments
 def equalise(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
     """Filter each channel so that it reads as another chain would have; no inverse is needed.
 

@@ -25,6 +25,7 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 
 if TYPE_CHECKING:
     import control
@@ -495,6 +496,7 @@ def impulse_rows(system: Realisation, n_samples: int, dt_s: float) -> Array:
     return np.ascontiguousarray((system.C @ x).real)
 
 
+@with_named_arguments
 def simulate(
     model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: InitialState = "equilibrium"
 ) -> Array:

@@ -11,14 +11,12 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from difflib import get_close_matches
-from numbers import Integral, Real
-from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from numbers import Real
+from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
+from tcdyn.core.arguments import agrees, check_keywords, described, hint_text
 from tcdyn.core.errors import InputError
 
 Panel = Literal["Input", "Sensor", "Model", "Output", "Advanced", "Two-disk rig"]
@@ -30,14 +28,6 @@ NumberWithU = float | tuple[float, float] | str
 # number is a mistake.
 LARGEST_NUMBER = 1e9
 _KEY = "option"  # of the metadata of a field
-_KINDS: dict[type, tuple[type, ...]] = {
-    float: (Real,),
-    int: (Integral,),
-    str: (str,),
-    bool: (bool,),
-    Path: (str, Path),
-}
-_EXPECTED = {float: "a number", int: "a whole number", str: "a text", bool: "True or False"}
 
 Group = TypeVar("Group")
 
@@ -159,8 +149,12 @@ class Options:
         for each in fields(self):
             kind = option_kind(each)
             value = getattr(self, each.name)
-            if kind.takes is None:
-                _check_type(each.name, value, types[each.name])
+            if kind.takes is None and not agrees(value, types[each.name]):
+                raise InputError(
+                    f"{{{each.name}}} is {described(value)}",
+                    expected=hint_text(types[each.name]),
+                    parameters={each.name: None},
+                )
             kind.check(each.name, value)
 
     @property
@@ -176,46 +170,6 @@ def default_of(of: Field[Any]) -> Any:
     if of.default_factory is not MISSING:
         return of.default_factory()
     return of.default
-
-
-def _check_type(name: str, value: Any, annotation: Any) -> None:
-    """Check a value against the type of its field, if that is simple.
-
-    Raises
-    ------
-    InputError
-        For a value of another type.
-    """
-    allowed = get_args(annotation) if _is_union(annotation) else (annotation,)
-    simple = [each for each in allowed if each in _KINDS]
-    if len(simple) < len([each for each in allowed if each is not NoneType]):
-        return  # a sequence, a mapping or a type of its own
-    if value is None and NoneType in allowed:
-        return
-    is_bool = isinstance(value, bool)
-    for each in simple:
-        if isinstance(value, _KINDS[each]) and (not is_bool or each is bool):
-            return
-    expected = " or ".join(_EXPECTED.get(each, "a path") for each in simple)
-    raise InputError(
-        f"{{{name}}} is {short_text(value)}", expected=expected, parameters={name: None}
-    )
-
-
-def _is_union(annotation: Any) -> bool:
-    """Whether a type is a union, in either spelling."""
-    return get_origin(annotation) in (Union, UnionType)
-
-
-def short_text(value: Any) -> str:
-    """A value of a wrong type for a message: itself if it is short, otherwise its type.
-
-    >>> short_text("abc"), short_text([0] * 100)
-    ("'abc'", 'a list')
-    """
-    if value is None or isinstance(value, bool | int | float | str):
-        return f"{value!r:.60}"
-    return f"a {type(value).__name__}"
 
 
 def options_of(kind: type[Group], given: Mapping[str, Any], function: str = "") -> Group:
@@ -237,9 +191,10 @@ def options_of(kind: type[Group], given: Mapping[str, Any], function: str = "") 
 
     Raises
     ------
+    UnknownKeywordError
+        For a name that is no option, with the most similar one.
     InputError
-        For a name that is no option, with the most similar one, and for a value that is not
-        allowed.
+        For a value that is not allowed.
 
     Examples
     --------
@@ -251,40 +206,11 @@ def options_of(kind: type[Group], given: Mapping[str, Any], function: str = "") 
     >>> options_of(Delay, {"delay": 2}, "compensate_table")
     Traceback (most recent call last):
     ...
-    tcdyn.core.errors.InputError: compensate_table: no option 'delay'; expected delay_s; did you \
-mean 'delay_s'?
+    tcdyn.core.arguments.UnknownKeywordError: compensate_table() got ... did you mean 'delay_s'?
     """
     names = [each.name for each in fields(kind)]  # type: ignore[arg-type]
-    check_names(given, names, function)
+    check_keywords(function, given, names)
     return kind(**given)
-
-
-def check_names(given: Collection[str], known: Sequence[str], function: str) -> None:
-    """Check the names of keyword arguments.
-
-    Parameters
-    ----------
-    given
-        Names that were given.
-    known
-        Possible names.
-    function
-        Function that was called, for messages.
-
-    Raises
-    ------
-    InputError
-        For another name, with the most similar one.
-    """
-    for name in given:
-        if name not in known:
-            near = get_close_matches(name, known, n=1, cutoff=0.5)
-            raise InputError(
-                f"no option {name!r}",
-                where=function,
-                expected=", ".join(known),
-                remedy=f"did you mean {near[0]!r}?" if near else "",
-            )
 
 
 def number_with_u(
@@ -327,13 +253,13 @@ def number_with_u(
         number, u = [*numbers, 0.0][:2]
     except (TypeError, ValueError):
         raise InputError(
-            f"{{{name}}} is {short_text(value)}",
+            f"{{{name}}} is {described(value)}",
             expected="a number, or a number with its uncertainty: 1.5+-0.1",
             parameters={name: None},
         ) from None
     if not (len(numbers) <= 2 and abs(number) <= limit and 0 <= u <= limit):
         raise InputError(
-            f"{{{name}}} is {short_text(value)}",
+            f"{{{name}}} is {described(value)}",
             expected=f"a number within {limit:g}, its uncertainty not negative",
             parameters={name: None},
         )
@@ -355,8 +281,6 @@ def split_docstring(documented: Any) -> tuple[str, dict[str, str]]:
 
     Examples
     --------
-    >>> sorted(split_docstring(short_text)[1])
-    ['']
     >>> split_docstring(OptionKind)[1]["low, high"]
     'Limits of a number.'
     """

@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
+from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, Severity
@@ -132,6 +134,11 @@ class Comparison(Result):
         """The fit of the recommended model."""
         return self.fits[self.recommended]
 
+    @property
+    def lag_s(self) -> Estimate:
+        """The lag of the recommended model [s]; ``averaged`` has that of all likely models."""
+        return self.best.lag_s
+
     @cached_property
     def averaged(self) -> Mapping[str, Mapping[str, Estimate]]:
         """Gain and lag of each input, averaged over the models.
@@ -228,6 +235,7 @@ class Comparison(Result):
         return self.table.drop(columns=["remark", "determined"]).set_index("model")
 
 
+@with_named_arguments
 @one_blas_thread
 def compare(
     data: IOData | tuple[Any, ...],
@@ -296,6 +304,7 @@ def compare(
     ('P1', ['P1', 'P1D'])
     """
     data = as_iodata(data)
+    check_keywords("compare", options, list(signature(fit).parameters)[2:])
     for name in {"weights", "start"} & set(options):
         raise InputError(
             f"{name} is given, which is of one model and one record",
@@ -332,6 +341,7 @@ def compare(
     return replace(result, table=pd.concat([result.table, pd.DataFrame(rows)], ignore_index=True))
 
 
+@with_named_arguments
 def identify(
     data: IOData | pd.DataFrame | str | Path | tuple[Any, ...],
     *models: Entry | Sequence[Entry],
@@ -912,6 +922,7 @@ def average_gain_and_lag(
     return averages
 
 
+@with_named_arguments
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
     """Return the recommended models of several outputs: a row for each output and input.
 

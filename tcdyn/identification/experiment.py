@@ -12,6 +12,7 @@ import pandas as pd
 from scipy.signal import max_len_seq
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 
 SETTLING_LAGS = 5.0  # lags for which a level is held; a first-order lag then is within 0.7 %
@@ -24,6 +25,7 @@ SETTLING_FACTOR = 3.0
 HALF_POWER = 0.443
 
 
+@with_named_arguments
 def step_input(
     lag_s: float, dt_s: float, levels: Sequence[float], settling_lags: float = SETTLING_LAGS
 ) -> pd.DataFrame:
@@ -65,6 +67,7 @@ def step_input(
     return _input_table(np.repeat(np.asarray(levels, dtype=float), count), dt_s)
 
 
+@with_named_arguments
 def prbs_input(
     lag_s: tuple[float, float], dt_s: float, levels: tuple[float, float], periods: int = 1
 ) -> pd.DataFrame:

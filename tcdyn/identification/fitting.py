@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
@@ -85,6 +86,7 @@ MAX_SLOW_SHARE = 0.5  # slowest time constant over the record's length; above, g
 MIN_LAG_DIFFERENCE = 1e-2  # relative difference of two lags, below which they are equal
 
 
+@with_named_arguments
 @one_blas_thread
 def fit(
     data: IOData | tuple[Any, ...],

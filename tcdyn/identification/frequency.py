@@ -22,6 +22,7 @@ from scipy.special import chdtrc
 
 from tcdyn.chain.rational import Complex
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning, warnings_and_errors
@@ -37,6 +38,7 @@ from tcdyn.identification.search import criteria, search_findings
 from tcdyn.identification.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
 from tcdyn.identification.validation import ALARM_P, NUMERICAL_ERROR, whiteness
 from tcdyn.io.read import open_table, read_all_rows
+from tcdyn.io.response_units import response_column_named
 from tcdyn.series.source import check_numbers
 
 # Grids and settings of the search, chosen by judgement.
@@ -218,6 +220,7 @@ class Response(Result):
         return cls(f, size * np.exp(1j * np.deg2rad(phase)), u, name, relative_u)
 
     @classmethod
+    @with_named_arguments
     def read(
         cls,
         path: str | Path,
@@ -243,7 +246,8 @@ class Response(Result):
         frequency
             Column of the frequency.
         columns
-            Columns of magnitude and phase, or of the real and the imaginary part.
+            Columns of magnitude and phase, or of the real and the imaginary part. All columns are
+            named with or without their units.
         form
             "magnitude"; "dB": the magnitude is in decibels; "complex": the columns are the real
             and the imaginary part. By default that of the header, else "magnitude".
@@ -279,10 +283,9 @@ class Response(Result):
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
         source = open_table(path, names)
         where = utf8(Path(path).name)
+        found = {name: response_column_named(name, source.names, where) for name in names}
+        names = list(found.values())
         for name in names:
-            if name not in source.names:
-                expected = ", ".join(source.names)
-                raise InputError(f"no column {name!r}", where=where, expected=expected)
             if source.names.count(name) > 1:
                 raise InputError(
                     f"column {name!r} stands twice", where=where, remedy="rename one of them"
@@ -295,10 +298,10 @@ class Response(Result):
         table = {name: values[complete] for name, values in table.items()}
         stated = ResponseColumns(
             where,
-            frequency,
-            columns,
-            u,
-            coherence,
+            found[frequency],
+            (found[columns[0]], found[columns[1]]),
+            None if u is None else found[u],
+            None if coherence is None else found[coherence],
             form,
             frequency_unit,
             phase_unit,
@@ -333,6 +336,7 @@ class Response(Result):
         return np.hypot(size, self.floor) if self.relative_u is None else size * self.relative_u
 
 
+@with_named_arguments
 @one_blas_thread
 def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     """Weighted least-squares fit of a model to a frequency response, with uncertainties.
@@ -405,6 +409,7 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     return min(candidates, key=lambda candidate: round(candidate.statistics["bic"], 6))
 
 
+@with_named_arguments
 def best_response_fit(fits: Sequence[Identified]) -> Identified:
     """Return the fit to use: of those without a warning the one of least BIC.
 

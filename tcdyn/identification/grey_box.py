@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding
@@ -81,6 +82,7 @@ class FunctionFit(Result):
         return estimates_frame(self.estimates)
 
 
+@with_named_arguments
 def fit_function(
     data: IOData,
     model: SimulationFunction,

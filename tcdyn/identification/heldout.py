@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 from scipy.special import fdtrc
 
 from tcdyn.core import Array, Flags
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import NoiseModel, autocorrelation_factor
 from tcdyn.identification.iodata import IOData
@@ -70,6 +71,7 @@ def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | Non
     return data.between(None, edge), data, edge + 0.5 * data.dt_s
 
 
+@with_named_arguments
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
     """Return rms error and fit percent of the simulation of other data.
 

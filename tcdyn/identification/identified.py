@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import InitialState, simulate
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import (
     DAMAGED,
     InputError,
@@ -485,6 +486,7 @@ def _model_from_dict(content: Mapping[str, Any]) -> Model:
     )
 
 
+@with_named_arguments
 def read_identified(path: str | Path) -> Identified:
     """Read the model in a JSON file that ``tcdyn identify`` wrote.
 
@@ -511,6 +513,7 @@ def read_identified(path: str | Path) -> Identified:
         raise problem.at(str(path)) from None
 
 
+@with_named_arguments
 def from_control(
     system: control.TransferFunction | control.StateSpace, delay_s: float | Sequence[float] = 0.0
 ) -> Identified:

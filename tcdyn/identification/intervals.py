@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import warning
 from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich_covariance
@@ -73,6 +74,7 @@ def replace_poor_intervals(fit: Fit, all_parameters: bool) -> Fit:
     return replace(fit, identified=identified)
 
 
+@with_named_arguments
 def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     """Estimate of a parameter with its 95 % profile-likelihood interval.
 

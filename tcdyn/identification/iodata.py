@@ -32,7 +32,7 @@ from tcdyn.identification.holds import (
     hold_text,
     select_holds,
 )
-from tcdyn.io.unit_names import column_named
+from tcdyn.io.column_names import column_named
 from tcdyn.series.index import even_interval_s
 from tcdyn.series.report import SeriesReport
 
@@ -653,12 +653,7 @@ def indices_of(
     if requested is None:
         return list(range(len(names)))
     each = [requested] if isinstance(requested, str) else list(requested)
-    columns = [column_named(name, names) for name in each]
-    for name in columns:
-        if name not in names:
-            raise InputError(
-                f"there is no {role} named {name!r}", expected=f"one of {', '.join(names)}"
-            )
+    columns = [column_named(name, names, "the record", role=role) for name in each]
     return [names.index(name) for name in columns]
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from tcdyn.chain import NO_CONDITIONING, ChainStructure, cement_lags
 from tcdyn.chain.rational import Factor, Rational, polynomial_product
 from tcdyn.core import Array, Flags
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
 
@@ -423,6 +424,7 @@ def same_input(name: str, other: str) -> bool:
     return input_suffix(name) in ("", input_suffix(other))
 
 
+@with_named_arguments
 def process(name: str, **options: Any) -> Model:
     """A process model by its usual name: P0..P3, then any of U, H, Z, D, I.
 
@@ -464,6 +466,7 @@ def process(name: str, **options: Any) -> Model:
     return Model(name, "process", names, int(structure.integrator), known, **options)
 
 
+@with_named_arguments
 def transfer(
     zeros: int, poles: int, *, delay: bool = False, integrator: bool = False, **options: Any
 ) -> Model:
@@ -510,6 +513,7 @@ def transfer(
     return Model(name, "tf", tuple(names), int(integrator), known, **options)
 
 
+@with_named_arguments
 def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **options: Any) -> Model:
     """Return the model of a measurement chain: unit gain and no offset.
 
@@ -536,6 +540,7 @@ def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **optio
     return process(name, **{**defaults, **options})
 
 
+@with_named_arguments
 def several(
     models: Sequence[Model | str], inputs: Sequence[str], *, common: bool = False, **options: Any
 ) -> Model:

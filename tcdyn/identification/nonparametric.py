@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95
 from tcdyn.estimation import is_full_rank
@@ -32,6 +33,7 @@ MAX_FREQUENCY_SHARE = 0.1
 OVERLAP_CORRELATION = 1 / 36
 
 
+@with_named_arguments
 def impulse_response(data: IOData, n: int) -> pd.DataFrame:
     """Impulse response of each input by least squares (a finite impulse response model).
 
@@ -119,6 +121,7 @@ def impulse_response(data: IOData, n: int) -> pd.DataFrame:
     )
 
 
+@with_named_arguments
 def spectral_estimate(data: IOData, window_s: float | None = None) -> Response:
     """Frequency response from averaged spectra, with its uncertainty from the coherence.
 

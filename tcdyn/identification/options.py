@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from tcdyn.chain.known_filter import FilterOptions
+from tcdyn.core.arguments import described
 from tcdyn.core.errors import InputError
-from tcdyn.core.options import Options, option, short_text
+from tcdyn.core.options import Options, option
 from tcdyn.identification.disturbance import Baseline, NoiseName
 from tcdyn.identification.problem import Initial
 from tcdyn.series.options import ReadingOptions
@@ -152,7 +153,7 @@ class IdentifyOptions(FilterOptions, RecordOptions):
             sd = float("nan")
         if sd != 0 and not 1 / LARGEST <= sd <= LARGEST:
             raise InputError(
-                f"{{input_noise}} is {short_text(self.input_noise)}",
+                f"{{input_noise}} is {described(self.input_noise)}",
                 expected="a standard deviation in the input's unit, or auto",
                 parameters={"input_noise": None},
             )

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
 from tcdyn.identification.iodata import IOData
@@ -60,6 +61,7 @@ class Prediction(Result):
         return frame.assign(**{predicted: np.concatenate(self.output)})
 
 
+@with_named_arguments
 def predict(fit: Fit, data: IOData, steps: int | None = 1) -> Prediction:
     """Predict the output from the inputs, and from the output ``steps`` samples before.
 

@@ -18,8 +18,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import check_type, with_named_arguments
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import unique_by_subject
+from tcdyn.core.options import options_of
 from tcdyn.identification.held_inputs import with_new_values_of_inputs
 from tcdyn.identification.holds import (
     HOLD_CODES,
@@ -30,8 +32,8 @@ from tcdyn.identification.holds import (
     select_holds,
 )
 from tcdyn.identification.iodata import IOData
-from tcdyn.io.table import missing_column_error
-from tcdyn.io.unit_names import column_named, names_temperature, unit_in, written_unit
+from tcdyn.io.column_names import column_named
+from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
 from tcdyn.series import Context, ReadingOptions, Series, Source, make_series, open_source
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
@@ -50,6 +52,7 @@ EVEN_RECORD = Policy(min_rows=2, max_stray=SHIFTED_ONLY)
 ANY_TIMES = Policy(min_rows=2)
 
 
+@with_named_arguments
 def from_frame(
     frame: pd.DataFrame,
     *,
@@ -104,10 +107,10 @@ def from_frame(
     >>> from_frame(table, input="u", output="y").dt_s
     1.0
     """
-    options = ReadingOptions(**reading)
+    check_type("frame", frame, pd.DataFrame, "a DataFrame")
+    options = options_of(ReadingOptions, reading, "from_frame")
     columns = [*map(str, frame.columns)]
     roles = _Roles.of(columns, input, output, run, name or "table")
-    roles.check(columns, options.time, name or "table")
     source = open_source(frame, roles.named, options)
     epoch = None
     if isinstance(frame.index, pd.DatetimeIndex) and source.time not in columns and len(frame):
@@ -116,6 +119,7 @@ def from_frame(
     return replace(data, runs=tuple(replace(each, epoch=epoch) for each in data.runs))
 
 
+@with_named_arguments
 def from_csv(
     path: str | Path,
     *,
@@ -150,11 +154,10 @@ def from_csv(
     ...     from_csv(path, input="u", output="T").dt_s
     0.5
     """
-    options = ReadingOptions(**reading)
+    options = options_of(ReadingOptions, reading, "from_csv")
     known = [*_as_list(input), *_as_list(output), *_as_list(run)]
     source = open_source(path, known, options)
     roles = _Roles.of(source.table.names, input, output, run, source.table.where)
-    roles.check(source.table.names, options.time, source.table.where)
     return _record(source, roles, hold, resample_s, utf8(Path(path).name))
 
 
@@ -183,25 +186,14 @@ class _Roles:
         run: str | None,
         where: str,
     ) -> _Roles:
-        """The columns of names that may lack their units."""
-        inputs = tuple(column_named(name, columns) for name in _as_list(input))
-        outputs = tuple(column_named(name, columns) for name in _as_list(output))
-        return cls(inputs, outputs, run)
-
-    @property
-    def named(self) -> list[str]:
-        """Names of all columns."""
-        return [*self.inputs, *self.outputs, *_as_list(self.run)]
-
-    def check(self, columns: Sequence[str], time: str | None, where: str) -> None:
-        """Check that the columns are there, and none is both input and output.
+        """The columns of names that may lack their units.
 
         Parameters
         ----------
         columns
             Columns of the table.
-        time
-            Column of the time, or None.
+        input, output, run
+            Names of the columns.
         where
             Table that errors name.
 
@@ -210,7 +202,21 @@ class _Roles:
         InputError
             For columns that are missing, or named twice.
         """
-        signals = [*self.inputs, *self.outputs]
+
+        def columns_of(names: str | Sequence[str] | None, role: str) -> tuple[str, ...]:
+            """The columns of one role."""
+            listed = _as_list(names)
+            return tuple(
+                column_named(name, columns, where, role=f"{role} column") for name in listed
+            )
+
+        inputs = columns_of(input, "input")
+        outputs = columns_of(output, "output")
+        if not inputs or not outputs:
+            raise InputError(
+                "no input or no output is named", where=where, expected="at least one of each"
+            )
+        signals = [*inputs, *outputs]
         for column in signals:
             if signals.count(column) > 1:
                 raise InputError(
@@ -218,19 +224,13 @@ class _Roles:
                     where=where,
                     expected="other columns as inputs and outputs",
                 )
-        if not self.inputs or not self.outputs:
-            raise InputError(
-                "no input or no output is named", where=where, expected="at least one of each"
-            )
-        roles: list[tuple[str, str | None]] = [
-            *(("input", column) for column in self.inputs),
-            *(("output", column) for column in self.outputs),
-            ("time", time),
-            ("run", self.run),
-        ]
-        for role, name in roles:
-            if name is not None and name not in columns:
-                raise missing_column_error(f"{role} column", name, list(columns), where)
+        runs = columns_of(run, "run")
+        return cls(inputs, outputs, runs[0] if runs else None)
+
+    @property
+    def named(self) -> list[str]:
+        """Names of all columns."""
+        return [*self.inputs, *self.outputs, *_as_list(self.run)]
 
 
 def _as_list(names: str | Collection[str] | None) -> list[str]:

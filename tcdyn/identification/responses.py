@@ -18,6 +18,7 @@ from numpy.polynomial import polynomial
 
 from tcdyn.chain.rational import Rational, realise, simulate_rows
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.result import Result
@@ -85,7 +86,17 @@ class Dynamics:
         -----
         Td + sum of a_1 - b_1/b_0; its derivatives with the free parameters follow from the chain
         rule of the coefficients.
+
+        Raises
+        ------
+        InputError
+            For a model without a lag, or with one for each input.
         """
+        if self.model.integrators:
+            raise InputError(
+                f"{self.model.name} has no lag: its output rises as long as the input is not zero",
+                expected="a model without integrator",
+            )
         g = self.rational
         gradient = [0.0] * len(g.num)
         if len(g.num) > 1:
@@ -222,6 +233,7 @@ def slowest_time_constant_s(g: Rational) -> float:
     return max((float(1 / np.min(np.abs(f.poles.real))) for f in g.factors), default=1.0)
 
 
+@with_named_arguments
 def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
     """The unit step response with its band, by first-order propagation of the covariance.
 
@@ -250,6 +262,7 @@ def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
     return Band(t, y, model.standard_uncertainty(jacobian))
 
 
+@with_named_arguments
 def percent_times(model: Dynamics) -> dict[str, Estimate]:
     """t50, t63.2 and t90 [s] of the unit step response (VDI/VDE 3522).
 
@@ -304,6 +317,7 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
     return times
 
 
+@with_named_arguments
 def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
     """Return magnitude and phase with their bands.
 
@@ -392,6 +406,7 @@ class Root:
     covariance: Array
 
 
+@with_named_arguments
 def roots_of(model: Dynamics) -> list[Root]:
     """Poles and zeros of the identified part with their covariances, without the known factor.
 

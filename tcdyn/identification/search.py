@@ -99,6 +99,11 @@ class Fit(Result):
         return np.broadcast_to(sqrt_weights(self.weights), self.residual.shape)
 
     @property
+    def lag_s(self) -> Estimate:
+        """The lag (first moment of the impulse response) [s], see ``Identified.lag_s``."""
+        return self.identified.lag_s
+
+    @property
     def estimates(self) -> Mapping[str, Estimate]:
         """The free parameters with their intervals."""
         return self.identified.estimates

@@ -24,6 +24,7 @@ from scipy.special import chdtrc, fdtrc, ndtri
 
 from tcdyn.chain.rational import simulate
 from tcdyn.core import Array, Flags
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
@@ -176,6 +177,7 @@ class Validation(Result):
         return tuple(f.code for f in self.findings if f.code in codes)
 
 
+@with_named_arguments
 def validate(fit: Fit, lags: int = 20) -> Validation:
     """Test the residuals of a fit, or its innovations where it has a noise model.
 
@@ -281,6 +283,7 @@ def _count_spikes(e: Array) -> int:
     return int(np.sum(np.abs(e) > scale * limit))
 
 
+@with_named_arguments
 def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     """Validate a fit on other data: residual tests, and whether the parameters agree.
 

@@ -7,13 +7,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from tcdyn.io.unit_names import SECONDS_PER_UNIT
+from tcdyn.io.column_names import column_named
+from tcdyn.io.unit_names import SECONDS_PER_UNIT, split_unit_text
 
 Kind = Literal["frequency", "rate", "angle", "level", "percent", "unclear"]
 
@@ -147,6 +148,26 @@ def unit_of_column(name: str, preferred: Kind = "frequency") -> ResponseUnit | N
         if unit is not None and not is_part:
             return unit
     return None
+
+
+def response_column_named(name: str, columns: Collection[str], where: str) -> str:
+    """The column of a frequency response that a name with or without its unit means.
+
+    >>> names = ["f (mHz)", "gain_dB", "phase/°"]
+    >>> [response_column_named(name, names, "bode.csv") for name in ("f", "gain", "phase")]
+    ['f (mHz)', 'gain_dB', 'phase/°']
+
+    Parameters
+    ----------
+    name, columns, where
+        As for :func:`tcdyn.io.column_names.column_named`, which has the errors.
+    """
+    return column_named(name, columns, where, stem=_without_response_unit)
+
+
+def _without_response_unit(column: str) -> str:
+    """Name of a column of a frequency response without its unit."""
+    return split_unit_text(column, lambda text, mark: response_unit(text) is not None)[0]
 
 
 def bracketed_text(name: str) -> str:

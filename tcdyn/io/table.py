@@ -6,9 +6,8 @@ channels of different starts and rates on one grid; guarded by ``tests/io/test_f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -156,29 +155,6 @@ def concatenate_columns(
         )
     findings = tuple(finding for chunk in chunks for finding in chunk.findings)
     return Columns(data, location, findings, stamps)
-
-
-def missing_column_error(what: str, name: str, names: Collection[str], where: str) -> InputError:
-    """Error for a column that does not exist, with the most similar name.
-
-    Parameters
-    ----------
-    what
-        What the column is, at the start of the message.
-    name
-        Name of the column.
-    names
-        Names of the columns that exist.
-    where
-        The file, for messages.
-    """
-    near = get_close_matches(name, names, n=1, cutoff=0.6)
-    return InputError(
-        f"{what} {name!r} is missing",
-        where=where,
-        expected=f"one of {', '.join(map(repr, names))}",
-        remedy=f"did you mean {near[0]!r}?" if near else "",
-    )
 
 
 @dataclass(frozen=True)

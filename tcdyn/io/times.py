@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from tcdyn.io.clock_numbers import (
     seconds_of_day,
     seconds_of_stamp,
 )
+from tcdyn.io.column_names import column_named
 from tcdyn.io.unit_names import SECONDS_PER_UNIT, TIME_UNITS, split_unit_text
 
 # spellings that name a column of time by themselves: "millis"; "minute" may be a part of a clock
@@ -325,6 +325,25 @@ def has_time_name(name: str, units: Mapping[str, str]) -> bool:
     return is_time_name(name) or (name.strip() == TEMPERATURE_NAME and is_time_in_row)
 
 
+def time_named(name: str, columns: Collection[str], where: str) -> str:
+    """The column of the time that a name with or without its unit means.
+
+    >>> time_named("Zeit", ["Zeit [ms]", "T1"], "log.csv")
+    'Zeit [ms]'
+
+    Parameters
+    ----------
+    name, columns, where
+        As for :func:`tcdyn.io.column_names.column_named`, which has the errors.
+    """
+    return column_named(name, columns, where, role="time column", stem=without_time_unit)
+
+
+def without_time_unit(column: str) -> str:
+    """Name of a column of time without its unit."""
+    return split_unit(column)[0]
+
+
 def find_time_column(
     names: Sequence[str],
     where: str,
@@ -373,14 +392,8 @@ def find_time_column(
     if unit is not None and not is_time_unit(unit):
         units_of_time = (*TIME_UNITS, *map(str.upper, CLOCK_UNITS))
         raise InputError(f"time unit {unit!r}", where=where, expected=" or ".join(units_of_time))
-    if requested is not None and requested not in names:
-        near = get_close_matches(requested, names, n=1, cutoff=0.6)
-        raise InputError(
-            f"column {requested!r} is missing",
-            where=where,
-            expected=f"one of {', '.join(map(repr, names))}",
-            remedy=f"did you mean {near[0]!r}?" if near else "",
-        )
+    if requested is not None:
+        requested = time_named(requested, names, where)
     units = unit_row or {}
     name = requested
     is_guess = False

@@ -10,7 +10,7 @@ the columns of tables. Guarded by ``tests/io/test_unit_names.py``, ``tests/io/te
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from functools import lru_cache
 
 # Temperatures, and the voltage of thermocouples.
@@ -257,31 +257,6 @@ def without_unit(column: str) -> str:
     return _split(column)[0]
 
 
-def column_named(name: str, columns: Collection[str]) -> str:
-    """The column that a name without its unit means; the name itself where none or several do.
-
-    Of a temperature and another quantity of one name, it is the temperature.
-
-    Parameters
-    ----------
-    name
-        Name with or without a unit.
-    columns
-        Names of the columns.
-
-    Examples
-    --------
-    >>> column_named("T1", ["time_s", "T1_degC"]), column_named("T1", ["T1_degC", "T1_K"])
-    ('T1_degC', 'T1')
-    >>> column_named("gas", ["gas_kW", "gas_degC"]), column_named("gas_degC", ["gas_kW"])
-    ('gas_degC', 'gas_degC')
-    """
-    if name in columns:
-        return name
-    same = temperatures_first([column for column in columns if is_same_name(name, column)])
-    return same[0] if len(same) == 1 else name
-
-
 def is_same_name(first: str, second: str) -> bool:
     """Whether two names are one without their units, and may be of one quantity.
 
@@ -293,16 +268,6 @@ def is_same_name(first: str, second: str) -> bool:
     units = [unit_in(name) for name in (first, second)]
     is_one_kind = "" in units or (units[0] in UNITS) == (units[1] in UNITS)
     return is_one_kind and without_unit(first) == without_unit(second)
-
-
-def temperatures_first(names: Collection[str]) -> list[str]:
-    """The columns without those of another quantity; all of them where none is left.
-
-    >>> temperatures_first(["T1_degC", "T1_kW", "T1"]), temperatures_first(["CO2_ppm"])
-    (['T1_degC', 'T1'], ['CO2_ppm'])
-    """
-    temperatures = [name for name in names if not names_other_quantity(name)]
-    return temperatures or list(names)
 
 
 def names_other_quantity(column: str) -> bool:

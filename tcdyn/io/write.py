@@ -26,6 +26,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv as pacsv
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import Dialect
 from tcdyn.io.endings import LONG_TABLE, TABLE, check_ending
@@ -447,6 +448,7 @@ def _write_error(problem: Exception, path: str | Path, remedy: str) -> InputErro
     return InputError(f"cannot be written ({reason})", where=str(path), remedy=remedy)
 
 
+@with_named_arguments
 def write_log(
     frame: pd.DataFrame,
     path: str | Path,

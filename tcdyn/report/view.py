@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from tcdyn.core.arguments import as_names, check_type, with_named_arguments
 from tcdyn.core.findings import Finding
 from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
@@ -30,18 +31,20 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.series import open_source
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
+from tcdyn.series.units import match_columns
 from tcdyn.workflows.compensate import compensate_log
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.options import LogOptions
-from tcdyn.workflows.raw_log import Calibrations, open_log_table, raw_log
+from tcdyn.workflows.raw_log import Given, calibrations_of, open_log_table, raw_log
 from tcdyn.workflows.traces import Trace, compensated_traces
 
 MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
 
 
+@with_named_arguments
 def view(
     log: str | Path,
-    calibrations: Calibrations = (),
+    calibrations: Given = (),
     *,
     rig: Rig | None = None,
     out: str | Path | None = None,
@@ -56,7 +59,8 @@ def view(
     log
         A log of the rig, or any table with a column of time.
     calibrations
-        Records by disk, or sensor files; without them all columns are shown as logged.
+        Records by disk, or sensors as for :func:`tcdyn.compensate_frame`; without them all columns
+        are shown as logged.
     rig
         The rig; None: that of the records.
     out
@@ -91,26 +95,27 @@ def view(
     'kiln.view.html'
     """
     options = options_of(LogOptions, reading, "view")
+    check_type("log", log, (str, Path), "the path of a table")
+    check_type("out", out, (str, Path, type(None)), "the path of the page, .html")
+    used = calibrations_of(calibrations)
     path = Path(log)
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
     check_ending(page, PAGE)
     findings: tuple[Finding, ...] = ()
-    if calibrations:
+    if used:
         with TemporaryDirectory() as folder:
             compensated = Path(folder) / "compensated.parquet"
-            if isinstance(calibrations, Mapping):
-                rig = rig or rig_from_records(calibrations)
+            if isinstance(used, Mapping):
+                rig = rig or rig_from_records(used)
                 if options.rows.stated:
                     rig = rig.with_reading(options.rows)
-                done = compensate_log(path, calibrations, rig, progress=progress)
+                done = compensate_log(path, used, rig, progress=progress)
                 _, findings = done.write(compensated, progress)
             else:
-                table = compensate_table(
-                    path, calibrations, compensated, progress=progress, **reading
-                )
+                table = compensate_table(path, used, compensated, progress=progress, **reading)
                 findings = table.findings
-            opened = open_log_table(path, calibrations, rig)
-            raw = raw_log(path, opened, calibrations, rig, options)
+            opened = open_log_table(path, used, rig)
+            raw = raw_log(path, opened, used, rig, options)
             traces = compensated_traces(raw, compensated)
     else:
         traces = _logged_traces(path, options)
@@ -120,7 +125,7 @@ def view(
     for trace in traces:
         panels.setdefault(_panel_key(trace), []).append(trace)
     sections = [_traces_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
-    content = "as logged and compensated" if calibrations else "as logged"
+    content = "as logged and compensated" if used else "as logged"
     rows = max((len(trace.time_s) for trace in traces), default=0)
     write_page(
         page,
@@ -139,9 +144,12 @@ def view(
 def _logged_traces(path: Path, options: LogOptions) -> list[Trace]:
     """Return all columns of numbers of a table."""
     source = open_source(path, (), options.rows)
-    names = list(options.columns or source.value_columns)
-    source.check_columns(names)
-    check_one_channel(source.table, source.time, options.columns or None)
+    names = source.value_columns
+    asked = as_names("columns", options.columns, source.table.where)
+    if asked:
+        matches = [match_columns(each, names, source.table.where) for each in asked]
+        names = list(dict.fromkeys(name for columns in matches for name in columns))
+    check_one_channel(source.table, source.time, asked or None)
     time_s, columns, _ = read_all(source, names)
     none = np.empty(0)
     traces = []

@@ -15,6 +15,9 @@ from difflib import get_close_matches
 from typing import Literal
 
 from tcdyn.core.errors import InputError
+from tcdyn.io.column_names import column_named, same_columns
+from tcdyn.io.times import without_time_unit
+from tcdyn.io.unit_names import without_unit
 from tcdyn.rig.disk import CHANNELS, DISKS
 
 Kind = Literal["oven", "immersion", "ehl", "hole"]
@@ -150,8 +153,8 @@ def find_column(
 ) -> tuple[str, str] | None:
     """The column of a file for a canonical name, and its unit; None if there is none.
 
-    The mapped name comes first, then the canonical name, then both for the other units of a
-    temperature.
+    The mapped name comes first, with or without the unit of the column, then the canonical name,
+    then both for the other units of a temperature.
 
     Parameters
     ----------
@@ -168,6 +171,8 @@ def find_column(
     ('TC1', 'mV')
     >>> find_column("fast_a_degC", {}, ["fast_a_K"])
     ('fast_a_K', 'K')
+    >>> find_column("load_N", {"load_N": "Kraft"}, ["Kraft [N]"])
+    ('Kraft [N]', 'N')
     """
     stem, _, canonical_unit = canonical.rpartition("_")
     units = (canonical_unit, *UNITS) if canonical_unit == "degC" else (canonical_unit,)
@@ -176,6 +181,17 @@ def find_column(
         for candidate in (mapping.get(name), name):
             if candidate is not None and candidate in names:
                 return candidate, unit
+        if name in mapping:
+            stem_of = without_time_unit if canonical == "time_s" else without_unit
+            same = same_columns(mapping[name], names, stem_of)
+            if len(same) > 1:
+                raise InputError(
+                    f"{mapping[name]!r} may be {' or '.join(map(repr, same))}",
+                    where="rig.toml [columns]",
+                    expected="one of them, with its unit",
+                )
+            if same:
+                return same[0], unit
     return None
 
 
@@ -373,14 +389,8 @@ def _air_columns(air: Mapping[str, str], names: Collection[str], where: str) -> 
     where
         Name of the file, for messages.
     """
-    for column in air.values():
-        if column not in names:
-            raise InputError(
-                f"has no column {column!r}, which rig.toml [ambient] names",
-                where=where,
-                expected=f"one of {', '.join(map(repr, names))}",
-            )
-    return air
+    role = "the column of rig.toml [ambient]"
+    return {name: column_named(column, names, where, role=role) for name, column in air.items()}
 
 
 def normalised_name(name: str) -> str:

@@ -23,6 +23,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import (
     Finding,
@@ -494,6 +495,7 @@ class LogChunks:
         )
 
 
+@with_named_arguments
 def iter_log(
     path: str | Path,
     kind: Kind,
@@ -674,6 +676,7 @@ def open_log_for_records(
     return iter_log(log, kind, rig, disk, needs_unloading=False, without=skipped), unused
 
 
+@with_named_arguments
 def read_log(
     path: str | Path,
     kind: Kind,

@@ -18,11 +18,13 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, first_validation_error, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns, json_text
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
+from tcdyn.io.column_names import column_named
 from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.stored import DISK, check_schema, read_json
 from tcdyn.io.write import write_text
@@ -233,6 +235,19 @@ class DiskRecord(Result, StrictModel):
         """All findings as sentences."""
         return list(messages(self.findings))
 
+    def __getitem__(self, channel: str) -> ChannelChain:
+        """The chain of a channel, such as "a", with its lag.
+
+        Raises
+        ------
+        InputError
+            For a record without a chain, and for a channel that it does not have.
+        """
+        where = f"the record of the {self.disk} disk"
+        if self.chain is None:
+            raise InputError("there is no chain, and so no lag", where=where)
+        return self.chain.channels[column_named(channel, self.chain.channels, where)]
+
     @property
     def created_text(self) -> str:
         """Date, and the author if known."""
@@ -300,6 +315,7 @@ def parse_time(text: str) -> datetime:
     return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
+@with_named_arguments
 def write_record(record: DiskRecord, path: str | Path) -> Path:
     """Write the record as JSON; an interrupted write leaves the old file.
 
@@ -330,6 +346,7 @@ def write_record(record: DiskRecord, path: str | Path) -> Path:
     return write_text(path, record.to_json())
 
 
+@with_named_arguments
 def read_record(path: str | Path) -> DiskRecord:
     """Read a record, also one of version 0.1.
 

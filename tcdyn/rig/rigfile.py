@@ -24,6 +24,7 @@ from pydantic import (
     model_validator,
 )
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, first_validation_error
 from tcdyn.core.findings import CHANNEL_NAME
 from tcdyn.core.result import Result
@@ -317,6 +318,7 @@ class Rig(Result, BaseModel):
         return {d: self.disk_setup(d) for d in DISKS}
 
 
+@with_named_arguments
 def load_rig(path: str | Path | None = None) -> Rig:
     """Read ``rig.toml``; without a path, the defaults of the design.
 

@@ -27,6 +27,9 @@ from tcdyn.series.reading import CODE, RANGE
 from tcdyn.series.series import Context, Series, make_series, reading_rows
 from tcdyn.series.units import Unit, match_columns, unit_findings, units_of
 
+# Findings of a sensor that are repeated with each table: an altered file, and a lag without
+# uncertainty, without which the intervals are too short.
+OF_SENSOR = (ALTERED_CODE, "sensor.exact")
 # Values smoothed at once, and columns: an event of one column is weighed in all of them. Chosen by
 # judgement (memory).
 MAX_VALUES = 400_000
@@ -241,7 +244,7 @@ def sensor_channels(
                 sensor_of_column[name] = number, index
     covered = [n for n in names if n in sensor_of_column]
     units, findings = units_of(covered, unit, couple, cold, unit_row)
-    findings += [f for file in sensors for f in file.findings if f.code == ALTERED_CODE]
+    findings += [f for file in sensors for f in file.findings if f.code in OF_SENSOR]
     channels = []
     covariance = np.zeros((len(covered), len(covered)))
     split_u_s = np.zeros(len(covered))

@@ -19,11 +19,13 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
+from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
 from tcdyn.io.checksum import checksum_findings, with_checksum
+from tcdyn.io.column_names import column_named
 from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.stored import IDENTIFIED, SENSOR, check_schema, read_json
 from tcdyn.io.write import write_text
@@ -39,6 +41,7 @@ from tcdyn.rig.record import (
     validate_model,
 )
 from tcdyn.rig.static_line import StaticLine
+from tcdyn.series.units import is_match
 
 if TYPE_CHECKING:
     from tcdyn.identification import Identified
@@ -210,6 +213,47 @@ class SensorFile(Result, StrictModel):
         """Standard uncertainty (M,) of the largest time constant at fixed lag [s]."""
         return np.array([c.split_u_s for c in self.chain.channels.values()])
 
+    def __getitem__(self, column: str) -> ChannelChain:
+        """The chain of a column, named with or without its unit, with its lag.
+
+        >>> specified_sensor("probe", ["TE5 (°C)"], [(1.5, 0.1)])["TE5"].lag_s.text("s")
+        '1.50 +- 0.10 s'
+
+        Raises
+        ------
+        InputError
+            For a column that the sensor does not cover.
+        """
+        covers = [
+            each
+            for each in self.columns
+            if isinstance(column, str) and "*" in each and is_match(each, column)
+        ]
+        if len(covers) == 1 and column not in self.columns:
+            return self.chain.channels[covers[0]]
+        return self.chain.channels[column_named(column, self.columns, self.sensor)]
+
+    @property
+    def lag_s(self) -> Estimate:
+        """The lag of a sensor of one column [s].
+
+        >>> specified_sensor("probe", ["T1"], [(1.5, 0.1)]).lag_s.value
+        1.5
+
+        Raises
+        ------
+        InputError
+            For a sensor of several columns, each of which has its lag.
+        """
+        if len(self.columns) > 1:
+            raise InputError(
+                f"{len(self.columns)} columns",
+                where=self.sensor,
+                expected="the lag of one of them",
+                remedy=f"for example sensor[{self.columns[0]!r}].lag_s",
+            )
+        return self.chain.channels[self.columns[0]].lag_s
+
     def summary(self) -> str:
         """Method, lag and what limits it, times of the step response, dips, and findings.
 
@@ -293,6 +337,7 @@ class SensorFile(Result, StrictModel):
         return with_checksum(self.model_dump(mode="json", by_alias=True))
 
 
+@with_named_arguments
 def sensor_file(
     sensor: str,
     chains: Mapping[str, Chain],
@@ -346,6 +391,7 @@ def sensor_file(
     >>> probe.to_frame()[["lag_s", "lag_u_s"]].round(3).values.tolist()
     [[1.5, 0.1]]
     """
+    check_keywords("sensor_file", more, SensorFile.model_fields)
     if not 0 < len(sensor) <= MAX_NAME:
         raise InputError(
             f"a sensor's name of {len(sensor)} characters", expected=f"1 to {MAX_NAME}"
@@ -419,6 +465,7 @@ def _check_longest(name: str, chain: Chain) -> None:
         raise InputError(f"{name}: a time of {longest_s:.4g} s in its chain", expected=expected)
 
 
+@with_named_arguments
 def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> dict[str, Estimate]:
     """Return when the unit step response first passes 50, 63.2 and 90 % [s].
 
@@ -497,6 +544,7 @@ def step_passes(chain: Chain) -> Array:
     return np.array(times)
 
 
+@with_named_arguments
 def specified_sensor(
     sensor: str,
     columns: Sequence[str],
@@ -568,6 +616,7 @@ def specified_sensor(
     )
 
 
+@with_named_arguments
 def read_sensor(path: str | Path) -> SensorFile:
     """Read a file of ``tcdyn sensor``, or the chain in a file of ``tcdyn identify``.
 
@@ -615,6 +664,7 @@ def read_sensor(path: str | Path) -> SensorFile:
     return sensor
 
 
+@with_named_arguments
 def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     """Write the file atomically: all of it or nothing.
 
@@ -647,6 +697,7 @@ def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
 
+@with_named_arguments
 def from_identified(model: Identified, sensor: str = "") -> SensorFile:
     """Build the sensor whose chain ``tcdyn identify`` estimated.
 

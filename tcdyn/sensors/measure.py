@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import as_names, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.options import options_of
@@ -178,6 +179,7 @@ def _frame_of_arrays(data: tuple[ArrayLike, ...], names: Sequence[str]) -> pd.Da
     return pd.DataFrame(dict(zip(names, arrays[1:])), pd.Index(arrays[0], name="time_s"))
 
 
+@with_named_arguments
 def sensor_from_dip(
     data: TableLike | list[Any],
     column: str | None = None,
@@ -260,6 +262,7 @@ def sensor_from_dip(
     return pooled.model_copy(update={"reading": [each for dip in dips for each in dip.reading]})
 
 
+@with_named_arguments
 def sensor_from_pair(
     data: TableLike,
     columns: tuple[str, str] | Sequence[str] = (),
@@ -306,7 +309,7 @@ def sensor_from_pair(
     settings = options_of(PairOptions, options, "sensor_from_pair")
     exponent = settings.prior_of_exponent
     others = [] if settings.speed is None else [settings.speed]
-    named = list(columns)
+    named = as_names("columns", columns)
     if not named and isinstance(data, pd.DataFrame):
         named = [
             str(label)
@@ -339,6 +342,7 @@ def sensor_from_pair(
     return _with_reader_findings(table, fit)
 
 
+@with_named_arguments
 def sensor_from_current(
     data: TableLike,
     column: str | None = None,
@@ -402,6 +406,7 @@ def sensor_from_current(
     return _with_reader_findings(table, fit)
 
 
+@with_named_arguments
 def sensor_from_noise(
     data: TableLike, column: str | None = None, *, name: str = "sensor", **options: Any
 ) -> SensorFile:

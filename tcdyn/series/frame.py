@@ -16,8 +16,9 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
 from tcdyn.io.cells import TextColumn
+from tcdyn.io.column_names import column_named
 from tcdyn.io.metadata import START_TIME_KEY
-from tcdyn.io.table import Columns, Table, in_chunks, missing_column_error
+from tcdyn.io.table import Columns, Table, in_chunks
 from tcdyn.io.times import is_time_name
 from tcdyn.series.cells import has_cell, missing_cell_error
 from tcdyn.series.options import ReadingOptions
@@ -148,8 +149,7 @@ def rows_with(frame: pd.DataFrame, label: str, cell: str) -> pd.DataFrame:
     [21.0]
     """
     labels = {str(name): name for name in frame.columns}
-    if label not in labels:
-        raise missing_column_error("column", label, list(labels), "the DataFrame")
+    label = column_named(label, labels, "the DataFrame")
     cells = frame[labels[label]]
     is_kept = has_cell(cells.to_numpy(), cell)
     if not is_kept.any():

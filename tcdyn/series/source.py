@@ -19,9 +19,10 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.clock_numbers import Midnights
+from tcdyn.io.column_names import column_named, missing_column_error
 from tcdyn.io.metadata import check_not_compensated
 from tcdyn.io.read import Table, open_table
-from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
+from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
     TimeColumn,
@@ -410,8 +411,7 @@ def _rows_with(table: Table, label: str, cell: str) -> Table:
     InputError
         For a column that is missing, and, when the table is read, for a cell that no row has.
     """
-    if label not in table.names:
-        raise missing_column_error("column", label, table.names, table.where)
+    label = column_named(label, table.names, table.where)
 
     def chunks(requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Yield the chunks of the table with these rows only."""

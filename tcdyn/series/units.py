@@ -17,13 +17,12 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.table import missing_column_error
+from tcdyn.io.column_names import column_named
 from tcdyn.io.unit_names import (
     TEMPERATURES,
     UNITS,
     is_same_name,
     names_temperature,
-    temperatures_first,
     unit_in,
     without_unit,
     written_unit,
@@ -339,8 +338,12 @@ def is_match(pattern: str, name: str) -> bool:
     >>> is_match("TC*", "TC1 (°C)"), is_match("TC1", "TC1_degC"), is_match("TC1", "TC10")
     (True, True, False)
     """
-    is_pattern = fnmatchcase(name, pattern) or fnmatchcase(without_unit(name), pattern)
-    return is_pattern or is_same_name(name, pattern)
+    return _fits_pattern(pattern, name) or is_same_name(name, pattern)
+
+
+def _fits_pattern(pattern: str, name: str) -> bool:
+    """Whether a pattern of ``*`` and ``?`` fits a column's name, with or without its unit."""
+    return fnmatchcase(name, pattern) or fnmatchcase(without_unit(name), pattern)
 
 
 def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
@@ -349,8 +352,7 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     Parameters
     ----------
     pattern
-        Name with or without unit, which means the temperature where another quantity has the same
-        name; ``*`` is any text.
+        Name with or without unit; ``*`` is any text, ``?`` any letter.
     names
         Columns of the table.
     where
@@ -364,16 +366,18 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
     Raises
     ------
     InputError
-        Where no column matches.
+        Where no column matches, and where several have a name without unit.
+
+    Examples
+    --------
+    >>> match_columns("T?", ["T1_degC", "T2_degC", "gas"], "log.csv")
+    ['T1_degC', 'T2_degC']
     """
-    if pattern in names:
-        return [pattern]
-    matches = [name for name in names if is_match(pattern, name)]
-    if "*" not in pattern:
-        matches = temperatures_first(matches)
-    if not matches:
-        raise missing_column_error("column", pattern, names, where)
-    return list(dict.fromkeys(matches))
+    if isinstance(pattern, str) and pattern not in names and any(c in pattern for c in "*?["):
+        matches = [name for name in names if _fits_pattern(pattern, name)]
+        if matches:
+            return list(dict.fromkeys(matches))
+    return [column_named(pattern, names, where)]
 
 
 def cold_column(cold: float | str, names: Collection[str], where: str) -> float | str:

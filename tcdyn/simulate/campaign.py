@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, jsonable
@@ -153,6 +154,7 @@ class CampaignFiles(Result):
         return f"{self.folder}: {files}; truth in {self.truth}"
 
 
+@with_named_arguments
 @one_blas_thread
 def simulate_campaign(
     out_dir: str | Path,

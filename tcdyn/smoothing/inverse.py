@@ -20,6 +20,7 @@ from scipy.ndimage import uniform_filter1d
 
 from tcdyn.chain import Chain, discretised
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.labels import labels_of
@@ -111,6 +112,7 @@ class InverseFilter:
         return np.asarray(np.polyval(self.b[::-1], z) / np.polyval(self.a[::-1], z))
 
 
+@with_named_arguments
 def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFilter:
     """The proper inverse of a chain, exact for a trace that is straight between samples.
 
@@ -164,6 +166,7 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
     return InverseFilter(b, a, dt_s, bandwidth_Hz, shift + m / w, chain)
 
 
+@with_named_arguments
 def invert(
     y: ArrayLike,
     dt_s: float,
@@ -329,6 +332,7 @@ class FilterReport(Result):
         ]
 
 
+@with_named_arguments
 def report_inverse(
     inverse: InverseFilter, noise_sd: float, wanted_K: float | None = None
 ) -> FilterReport:
@@ -410,6 +414,7 @@ def report_inverse(
     )
 
 
+@with_named_arguments
 def widest_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, wanted_K: float) -> float:
     """Largest bandwidth [Hz] of the proper inverse whose output noise is acceptable; 0 if none.
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
 from tcdyn.core.labels import common_index, labels_of
@@ -76,6 +77,7 @@ EVENTS_NATS = 30.0
 CONTRADICTION_SD = 3.0
 
 
+@with_named_arguments
 @one_blas_thread
 def smooth(
     y: ArrayLike | pd.Series | pd.DataFrame | Record,
@@ -443,6 +445,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
     return half
 
 
+@with_named_arguments
 @one_blas_thread
 def deconvolve(
     y: ArrayLike,
@@ -514,6 +517,7 @@ def deconvolve(
     return result.with_labels(y, names), tradeoff
 
 
+@with_named_arguments
 @one_blas_thread
 def window_covariance(
     y: ArrayLike,

@@ -15,6 +15,7 @@ import pandas as pd
 
 from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result, estimates_frame
@@ -115,6 +116,7 @@ class BetaRun(Result):
         return estimates_table(self.partition)
 
 
+@with_named_arguments
 @one_blas_thread
 def estimate_beta(
     log: str | Path,

@@ -27,6 +27,7 @@ from immersion.plunge_fit import (
 )
 from immersion.plunge_parameters import PlungePriors
 from immersion.plunge_result import PlungeFit
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, unique, warning
 from tcdyn.core.progress import Progress, no_progress
@@ -93,6 +94,7 @@ class CalibrationRun(Result):
         return self.record.card()
 
 
+@with_named_arguments
 @one_blas_thread
 def calibrate_disk(
     rig: Rig,

@@ -18,6 +18,7 @@ import pandas as pd
 
 from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
 from tcdyn.core import Array
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, labelled_messages, unique_by_subject, warning
 from tcdyn.core.progress import Progress, no_progress
@@ -296,6 +297,7 @@ class CompensatedLog(Result):
         return mean_interval_s(self.frame["time_s"].to_numpy(dtype=float))
 
 
+@with_named_arguments
 @one_blas_thread
 def compensate_log(
     log: str | Path,

@@ -13,6 +13,7 @@ from typing import Any
 
 import pandas as pd
 
+from tcdyn.core.arguments import check_type, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, error, info, unique_by_subject, warning
 from tcdyn.core.options import options_of
@@ -32,7 +33,9 @@ from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.options import CompensateOptions
 from tcdyn.workflows.raw_log import (
     Calibrations,
+    Given,
     RawLog,
+    calibrations_of,
     checked_before_following,
     open_log_table,
     raw_log,
@@ -119,10 +122,11 @@ class CompensatedTable(Result):
         }
 
 
+@with_named_arguments
 @one_blas_thread
 def compensate_table(
     log: str | Path | Source,
-    calibrations: Calibrations,
+    calibrations: Given,
     out: str | Path | Callable[[pd.DataFrame], None],
     *,
     rig: Rig | None = None,
@@ -142,8 +146,10 @@ def compensate_table(
     log
         CSV, LVM, TDMS or Parquet with a column of time, rows at any rate; or an opened table.
     calibrations
-        One or several sensor files; each column belongs to one. With ``delay_s`` also the records
-        of a rig by disk, for the file of a log of the rig.
+        Sensors: sensor files or their paths, each column belongs to one; a lag [s] that is stated,
+        25 or (25, 1) with its standard uncertainty; a ``Chain`` that is known; or a dict of these
+        by column. A lag and a chain are those of ``columns``, or of the only column of numbers.
+        With ``delay_s`` also the records of a rig by disk, for the file of a log of the rig.
     out
         Output, .csv or .parquet; or a function that is called with the rows, part by part.
     rig
@@ -163,6 +169,8 @@ def compensate_table(
         does not rise, and an output with another ending.
     """
     settings = options_of(CompensateOptions, options, "compensate_table")
+    check_type("log", log, (str, Path, Source), "the path of a table, or an opened table")
+    calibrations = calibrations_of(calibrations)
     delay_s = settings.delay_s
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")

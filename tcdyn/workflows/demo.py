@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.estimate import rounded_texts
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result, json_text, jsonable
@@ -94,6 +95,7 @@ class DemoRun(Result):
         return pd.DataFrame(rows)
 
 
+@with_named_arguments
 @one_blas_thread
 def run_demo(
     out: str | Path,

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tcdyn.core.arguments import check_type, with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.options import options_of
@@ -47,15 +48,18 @@ from tcdyn.sensors.compensation import (
     compensated_segments,
     text_columns,
 )
+from tcdyn.sensors.given import with_column
 from tcdyn.sensors.segments import SegmentPosition
 from tcdyn.series.report import SeriesReport
-from tcdyn.series.source import RisingRows
+from tcdyn.series.source import RisingRows, source_of_table
 from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.compensate_table import delayed_findings
 from tcdyn.workflows.options import FollowOptions, LogOptions
 from tcdyn.workflows.raw_log import (
     Calibrations,
+    Given,
     RawLog,
+    calibrations_of,
     checked_before_following,
     open_log_table,
     raw_log,
@@ -128,10 +132,11 @@ class FollowRun(Result):
         }
 
 
+@with_named_arguments
 @one_blas_thread
 def follow(
     log: str | Path,
-    calibrations: Calibrations,
+    calibrations: Given,
     out: str | Path,
     rig: Rig | None = None,
     *,
@@ -185,11 +190,14 @@ def follow(
     with the rows that are there. A run that continues writes them again.
     """
     settings = options_of(FollowOptions, options, "follow")
-    check_any_given(calibrations)
+    check_type("log", log, (str, Path), "the path of a table that grows")
+    check_type("out", out, (str, Path), "the path of the output, .csv")
+    used = calibrations_of(calibrations)
+    check_any_given(used)
     log = Path(log)
     out = Path(out)
-    if isinstance(calibrations, Mapping):
-        rig = rig or rig_from_records(calibrations)
+    if isinstance(used, Mapping):
+        rig = rig or rig_from_records(used)
     check_ending(out, CSV)  # only a text file grows in place
     if state is not None:
         check_ending(state, JSON)
@@ -206,12 +214,12 @@ def follow(
     continues = state is not None and state.exists()
     if not continues:
         _check_output_free(out, overwrite)
-    opened = _wait_for_rows(log, calibrations, rig, settings, patience)
+    opened = _wait_for_rows(log, used, rig, settings, patience)
     if opened is None:
         ended = "stopped before the header was there"
         numbers = pd.DataFrame(columns=["column"])
         return FollowRun(0, 0, 0, ended, settings.delay_s or 0.0, 0.0, None, numbers, ())
-    growing, raw = opened
+    growing, raw, used = opened
     if state is not None and raw.time_in_log not in growing.dialect.names:
         raise InputError(
             "{state} with {dt_s}: the times of a run that continues are not known",
@@ -223,7 +231,7 @@ def follow(
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
     style = output_style(settings.dialect, settings.comments, raw.source.table, out)
-    key = {**_state_key(raw, calibrations, delay_s), "dialect": settings.dialect}
+    key = {**_state_key(raw, used, delay_s), "dialect": settings.dialect}
     is_new = not out.exists()
     if state is not None and continues:
         stand = _read_state(state, key, growing, out)
@@ -379,8 +387,10 @@ def _wait_for_rows(
     rig: Rig | None,
     options: LogOptions,
     patience: _Patience,
-) -> tuple[GrowingText, RawLog] | None:
+) -> tuple[GrowingText, RawLog, Calibrations] | None:
     """Wait until a log has two rows; None when the run was stopped before.
+
+    A sensor that is given without its column gets that of the log.
 
     Parameters
     ----------
@@ -404,12 +414,16 @@ def _wait_for_rows(
                 opened = open_growing(complete, log)
                 if opened is not None:
                     growing, table = opened
+                    if not isinstance(calibrations, Mapping) and not options.columns:
+                        # before the growing table, of which each row is read once
+                        there_now = source_of_table(log, complete, (), options.rows)
+                        calibrations = with_column(calibrations, there_now)
                     raw = raw_log(log, table, calibrations, rig, options)
                     there = raw_log(log, complete, calibrations, rig, options)
                     raw = checked_before_following(raw, there.source.table)
                     _start_time_metadata(growing, raw)
                     patience.goes_on(has_new=True)
-                    return growing, raw
+                    return growing, raw, calibrations
         except InputError as error:
             problem = error
             if log.exists() and log.stat().st_size > HEAD_BYTES:
@@ -470,7 +484,11 @@ def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[
     if isinstance(calibrations, Mapping):
         texts = {disk: record.to_json() for disk, record in calibrations.items()}
     else:
-        texts = {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(calibrations)}
+        # the time at which the lag was stated is not what a run depends on
+        texts = {
+            f"{i} {s.sensor}": s.model_dump_json(by_alias=True, exclude={"created"})
+            for i, s in enumerate(calibrations)
+        }
     return {
         "schema": STATE.schema,
         "log": utf8(raw.source.path.name),

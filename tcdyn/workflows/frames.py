@@ -10,14 +10,21 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from tcdyn.core.arguments import (
+    as_names,
+    check_type,
+    described,
+    with_named_arguments,
+)
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages, warnings_and_errors
-from tcdyn.sensors.file import SensorFile, read_sensor
+from tcdyn.core.options import options_of
+from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.given import Sensors, sensor_files
 from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.frame import UNITS_KEY, rows_with
 from tcdyn.workflows.compensate_table import compensate_table
@@ -25,15 +32,15 @@ from tcdyn.workflows.compensate_table import compensate_table
 if TYPE_CHECKING:
     import xarray as xr
 
-Sensors = SensorFile | str | Path | Sequence[SensorFile | str | Path]
 WARNINGS_KEY = "warnings"  # entry of ``attrs`` with the warnings as sentences
 
 
+@with_named_arguments
 def compensate_frame(
     data: pd.DataFrame | pd.Series,
     sensors: Sensors,
     *,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     time: str | None = None,
     time_unit: str | None = None,
     unit: Mapping[str, str] | str = "",
@@ -48,7 +55,10 @@ def compensate_frame(
     data
         The table (N rows). A Series is compensated with a single sensor, whatever its name.
     sensors
-        Sensors, or paths of sensor files; each column belongs to one.
+        Sensor files, or their paths; each column belongs to one. Or a lag [s] that is stated: 25,
+        or (25, 1) and "25+-1" with its standard uncertainty; or a :class:`tcdyn.Chain` that is
+        known. These are for ``columns``, or for the only column of numbers; without an uncertainty
+        they are taken as exact, with a warning. Or a dict of any of these by column.
     columns
         Columns that a single sensor covers here, instead of its own.
     time
@@ -99,22 +109,29 @@ def compensate_frame(
     >>> done = compensate_frame(pd.Series(reading, time, name="T_degC"), probe)
     >>> list(done), done.index.equals(time), done.attrs["start_time"]
     (['T_degC', 'T_u_K'], True, '2026-03-01T10:00:00')
+    >>> done = compensate_frame(pd.Series(reading, time, name="T_degC"), (5.0, 0.1))
+    >>> list(done)
+    ['T_degC', 'T_u_K']
     """
-    files = _sensor_files(sensors)
+    check_type("data", data, (pd.DataFrame, pd.Series), "a DataFrame or a Series")
+    columns = as_names("columns", columns)
+    files = sensor_files(sensors)
     if isinstance(data, pd.Series):
         name = data.name if data.name is not None else _single_column(files)
         data = data.to_frame(name)
         columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
     options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
-    rows = ReadingOptions(time, time_unit, **reading)
+    given = {"time": time, "time_unit": time_unit, **reading}
+    rows = options_of(ReadingOptions, given, "compensate_frame")
     return _compensate_frame(data, files, rows, {}, options)
 
 
+@with_named_arguments
 def compensate_dataset(
     data: xr.Dataset | xr.DataArray,
     sensors: Sensors,
     *,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     time_unit: str | None = None,
     unit: Mapping[str, str] | str = "",
     couple: str = "",
@@ -146,7 +163,10 @@ def compensate_dataset(
     >>> kiln = xr.open_dataset("kiln.nc")  # doctest: +SKIP
     >>> compensate_dataset(kiln["T1_degC"], "probe.sensor.json")  # doctest: +SKIP
     """
-    files = _sensor_files(sensors)
+    columns = as_names("columns", columns)
+    files = sensor_files(sensors)
+    if not hasattr(data, "data_vars") and not hasattr(data, "to_dataset"):
+        raise InputError(f"data is {described(data)}", expected="a Dataset or DataArray of xarray")
     if not hasattr(data, "data_vars"):
         name = str(data.name) if data.name is not None else _single_column(files)
         data = data.to_dataset(name=name)
@@ -168,22 +188,17 @@ def compensate_dataset(
     rows = ReadingOptions(time_unit=time_unit)
     done = _compensate_frame(frame, files, rows, units, options)
     result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
-    for name, variable in data.data_vars.items():
-        if name in done.columns:
-            result[name].attrs = variable.attrs
+    for label, variable in data.data_vars.items():
+        if label in done.columns:
+            result[label].attrs = variable.attrs
     result = result.drop_vars([name for name in data.data_vars if name not in done.columns])
     return result.assign_attrs(done.attrs)
 
 
-def _sensor_files(sensors: Sensors) -> list[SensorFile]:
-    """The sensors as a list; paths are read."""
-    listed = [sensors] if isinstance(sensors, SensorFile | str | Path) else list(sensors)
-    return [s if isinstance(s, SensorFile) else read_sensor(s) for s in listed]
-
-
 def _single_column(files: Sequence[SensorFile]) -> str:
     """Name for data without one: that of the sensor's column."""
-    return files[0].columns[0].replace("*", "") if files else "temperature"
+    name = files[0].columns[0].replace("*", "") if files else ""
+    return name or "temperature"
 
 
 def _compensate_frame(
@@ -221,7 +236,7 @@ def _compensate_frame(
     done = compensate_table(source, files, parts.append, **options)
     serious = messages(warnings_and_errors(done.findings))
     for message in serious:
-        warnings.warn(message, UserWarning, stacklevel=3)
+        warnings.warn(message, UserWarning, stacklevel=4)  # the caller of the public function
     made = pd.concat(parts, ignore_index=True)
     result = frame.copy()
     new_names = {}

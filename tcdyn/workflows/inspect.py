@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
+from tcdyn.core.arguments import as_names, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, messages, unique_by_subject
 from tcdyn.core.options import options_of
@@ -276,9 +277,10 @@ def _left_out_text(left_out: LeftOut) -> str:
     )
 
 
+@with_named_arguments
 def inspect(
     data: str | Path | pd.DataFrame | pd.Series,
-    columns: Sequence[str] = (),
+    columns: Sequence[str] | str = (),
     **options: Any,
 ) -> Inspection:
     """Return what is understood of a table, before anything is fitted.
@@ -313,6 +315,7 @@ def inspect(
     (3, 'code')
     """
     settings = options_of(TableOptions, options, "inspect")
+    columns = as_names("columns", columns)
     source = open_source(data, columns, settings.rows)
     names = _selected(source, columns)
     where = display_path(source.path)

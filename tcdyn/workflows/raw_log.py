@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
+from tcdyn.core.arguments import as_names, described
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.metadata import COMPENSATED, check_not_compensated
@@ -18,6 +20,7 @@ from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import TIME_COLUMN_NAMES
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
+from tcdyn.rig.disk import DISKS
 from tcdyn.rig.opened_log import (
     all_column_names,
     check_any_given,
@@ -30,6 +33,7 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.given import Sensors, sensor_files, with_column
 from tcdyn.series import ReadingOptions
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.reading import Kind
@@ -44,6 +48,8 @@ from tcdyn.workflows.options import LogOptions
 from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
+# What a caller may give for them.
+Given = Mapping[str, DiskRecord] | Sensors
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,25 @@ class RawLog:
     carried: tuple[str, ...]
     notes: dict[str, str]
     findings: tuple[Finding, ...]
+
+
+def calibrations_of(given: Given) -> Calibrations:
+    """Records by disk as they are, and sensors of any form as sensor files.
+
+    Raises
+    ------
+    InputError
+        As :func:`tcdyn.sensors.given.sensor_files` does.
+    """
+    if isinstance(given, Mapping) and any(isinstance(each, DiskRecord) for each in given.values()):
+        for disk, record in given.items():
+            if disk not in DISKS or not isinstance(record, DiskRecord):
+                raise InputError(
+                    f"the records hold {described(record)} for {disk!r}",
+                    expected=f"records by disk, {' and '.join(DISKS)}",
+                )
+        return cast("Mapping[str, DiskRecord]", given)
+    return sensor_files(cast("Sensors", given))
 
 
 def open_log_table(path: Path, calibrations: Calibrations, rig: Rig | None) -> Table:
@@ -139,13 +164,16 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: LogOptions
     The parameters are those of ``raw_log``; ``source`` is the table with its time column.
     """
     table = source.table
+    columns = as_names("columns", options.columns, table.where)
+    if not columns:
+        sensors = with_column(sensors, source)
     cold = cold_column(options.cold, table.names, table.where)
     value_columns = source.value_columns
     channels, findings = sensor_channels(
         value_columns,
         table.where,
         sensors,
-        options.columns,
+        columns,
         options.units,
         options.couple,
         cold,

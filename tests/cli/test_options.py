@@ -271,7 +271,17 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     out = slow_plunge.with_name("smooth.csv")
     record = campaign.record_paths["fast"]
     assert (
-        tcdyn("compensate", slow_plunge, "--record", record, "--method", "noise-only", "--json", "--out", out)
+        tcdyn(
+            "compensate",
+            slow_plunge,
+            "--record",
+            record,
+            "--method",
+            "noise-only",
+            "--json",
+            "--out",
+            out,
+        )
         == 0
     )
     found = json.loads(capsys.readouterr().out)
@@ -292,7 +302,16 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     )  # a lag of 0.7 s at 0.1 K/s would be 0.07 K
     assert tcdyn("compensate", out, "--record", record) == 2  # its static lines are applied already
     assert (
-        tcdyn("compensate", slow_plunge, "--record", record, "--method", "noise-only", "--report", "x.html")
+        tcdyn(
+            "compensate",
+            slow_plunge,
+            "--record",
+            record,
+            "--method",
+            "noise-only",
+            "--report",
+            "x.html",
+        )
         == 2
     )
 

@@ -329,7 +329,7 @@ def test_response_command_accepts_three_forms_of_a_table_and_reports_errors(tmp_
     for columns_and_options, message in (
         (("re", "--column", "im", "--form", "magnitude"), "--form magnitude"),
         (("m",), "expected twice"),
-        (("m", "--column", "q"), "no column 'q'"),
+        (("m", "--column", "q"), "column 'q' is missing"),
         (("m", "--column", "p", "--form", "polar"), "--form"),
     ):
         assert tcdyn(*common, *columns_and_options) == 2

@@ -105,7 +105,7 @@ def test_air_channels_replace_the_ambient_and_a_missing_one_is_named(
         with_air_channel["Air 1"].to_numpy(), abs=1e-6
     )
     assert "ambient_Air 1_degC" not in log.channels
-    with pytest.raises(InputError, match=r"has no column 'Air 2', which rig.toml .ambient. names"):
+    with pytest.raises(InputError, match=r"column of rig.toml .ambient. 'Air 2' is missing"):
         read(with_air_channel, tmp_path, {"ambient": {"surface": ["Air 1", "Air 2"]}})
     # the ambient of the slow disk remains unknown
     with pytest.raises(InputError, match="ambient_degC: column is missing"):

@@ -276,7 +276,9 @@ def test_a_unit_is_stated_in_python_and_xarray() -> None:
 def test_a_sensor_of_a_temperature_is_not_used_for_another_quantity_of_its_name() -> None:
     t, _, y = logged((LAG_S,), DT_S, 300, 0.1, 8)
     frame = pd.DataFrame({"time_s": t, "gas_kW": 5 + t / 100, "gas_degC": y})
-    assert list(tcdyn.compensate_frame(frame, probe("gas"))) == [*frame, "gas_u_K"]
+    with pytest.raises(InputError, match="'gas' may be 'gas_kW' or 'gas_degC'"):
+        tcdyn.compensate_frame(frame, probe("gas"))
+    assert list(tcdyn.compensate_frame(frame, probe("gas_degC"))) == [*frame, "gas_u_K"]
     power = tcdyn.compensate_frame(frame, probe("gas_MW"))
     assert list(power) == [*frame, "gas_u_kW"]
 
