@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -104,7 +104,8 @@ def xlsx_appender(
             _write_metadata(workbook, notes, target)
         except BaseException:
             for sheet in workbook.worksheets():  # otherwise they stay open
-                sheet.row_data_fh.close()
+                with suppress(OSError):  # on a full disk, which is what failed
+                    sheet.row_data_fh.close()
             raise
         try:
             workbook.close()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from datetime import datetime, time
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,13 @@ def metadata_of(path: Path) -> dict[str, str]:
     sheet = pd.read_excel(path, sheet_name="metadata", engine="openpyxl", dtype=str)
     assert list(sheet) == ["key", "value"]
     return dict(zip(sheet["key"], sheet["value"]))
+
+
+def write_parts(path: Path, parts: Iterable[pd.DataFrame]) -> None:
+    """Write a table of the column "a" part by part."""
+    with log_writer(path, ["a"], {}) as write:
+        for part in parts:
+            write(part)
 
 
 def cells_of(path: Path, column: int = 1) -> list[Any]:
@@ -81,7 +90,7 @@ def test_the_time_zone_is_in_the_metadata_and_a_change_of_the_clock_no_jump(tmp_
     local = [f"2026-03-29 01:59:{s}" for s in range(56, 60)] + ["2026-03-29 03:00:00"]
     path = write_log(pd.DataFrame({"t": local}), tmp_path / "b.xlsx")
     values = [cell.value for cell in cells_of(path)]
-    assert {(b - a).total_seconds() for a, b in zip(values, values[1:])} == {1.0}
+    assert {(b - a).total_seconds() for a, b in pairwise(values)} == {1.0}
     assert "change by one hour on 2026-03-29" in metadata_of(path)["dates of t"]
 
 
@@ -187,9 +196,8 @@ def test_a_row_too_many_leaves_the_previous_file_and_no_litter(tmp_path, monkeyp
     monkeypatch.setattr("tcdyn.io.endings.MAX_SHEET_ROWS", 101)
     target = write_text(tmp_path / "a.xlsx", "old")
     frame = pd.DataFrame({"a": np.arange(60.0)})
-    with pytest.raises(InputError, match="120 rows"), log_writer(target, ["a"], {}) as write:
-        write(frame)
-        write(frame)
+    with pytest.raises(InputError, match="120 rows"):
+        write_parts(target, [frame, frame])
     assert target.read_text(encoding="utf-8") == "old"
     assert list(tmp_path.iterdir()) == [target]
     write_log(frame, target)
@@ -197,12 +205,12 @@ def test_a_row_too_many_leaves_the_previous_file_and_no_litter(tmp_path, monkeyp
 
 
 def test_an_interrupted_block_leaves_nothing(tmp_path):
-    with (
-        pytest.raises(KeyboardInterrupt),
-        log_writer(tmp_path / "a.xlsx", ["a"], {}) as write,
-    ):
-        write(pd.DataFrame({"a": [1.0]}))
+    def interrupted() -> Iterator[pd.DataFrame]:
+        yield pd.DataFrame({"a": [1.0]})
         raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_parts(tmp_path / "a.xlsx", interrupted())
     assert list(tmp_path.iterdir()) == []
 
 
