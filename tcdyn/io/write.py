@@ -1,4 +1,4 @@
-"""Atomic writing of files, and writing of logs as CSV, Parquet or TDMS.
+"""Atomic writing of files, and writing of logs as CSV, Parquet, .xlsx, netCDF or TDMS.
 
 Used by every command that writes a file. A file is written under a temporary name and then renamed,
 so that a stopped command leaves the previous file or none. A CSV file begins with its header; its
@@ -28,10 +28,13 @@ from pyarrow import csv as pacsv
 
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, info
 from tcdyn.io.csv_dialect import Dialect
 from tcdyn.io.endings import LONG_TABLE, TABLE, check_ending
 from tcdyn.io.metadata import check_metadata_file_is_ours, metadata_path, metadata_text
+from tcdyn.io.netcdf import netcdf_appender
 from tcdyn.io.read import CsvTable, Table, open_text, sha256_of_file
+from tcdyn.io.xlsx import stored_metadata, xlsx_appender
 
 # numbers of the errors that a full or read-only file system causes: they get a sentence for the
 # user, any other error of the block is raised as it is
@@ -61,6 +64,10 @@ class OutputStyle:
         of their own.
     types
         Types in a Parquet file by column, where the cells are text, such as time stamps.
+    time
+        Column of the time [s], the coordinate of a netCDF file; empty: ``time_s``.
+    units
+        Units by column in a netCDF file, where the names do not state them.
     """
 
     separator: str = ","
@@ -69,6 +76,8 @@ class OutputStyle:
     line_end: str = "\n"
     comments: bool = False
     types: Mapping[str, pa.DataType] = field(default_factory=dict)
+    time: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_standard(self) -> bool:
@@ -135,6 +144,36 @@ def output_style(
     source = table.dialect
     line_end = _line_end(source)
     return OutputStyle(source.separator, source.decimal, source.encoding, line_end, comments)
+
+
+def dialect_findings(
+    table: Table | None, out: str | Path, style: OutputStyle, *, grows: bool = False
+) -> list[Finding]:
+    """Information that a spreadsheet program, set as for the input, opens the output wrongly.
+
+    Parameters
+    ----------
+    table
+        The table that was read; None if it was no file.
+    out
+        The output.
+    style
+        How it is written.
+    grows
+        Whether rows are appended to the output, so that it must be CSV.
+
+    Returns
+    -------
+    list of Finding
+        One for a CSV file in the standard dialect if the input has semicolons or decimal commas.
+    """
+    is_plain_csv = Path(out).suffix.lower() == ".csv" and style.is_standard
+    if not is_plain_csv or not isinstance(table, CsvTable):
+        return []
+    source = table.dialect
+    if source.separator != ";" and source.decimal != ",":
+        return []
+    return [info("table.dialect", subject=Path(out).name, grows=grows)]
 
 
 def _line_end(dialect: Dialect) -> str:
@@ -346,8 +385,8 @@ def check_may_replace(path: Path, inputs: Iterable[Path | str], overwrite: bool 
 def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
     """Whether a file, or its file of metadata, contains the checksum of one of the inputs.
 
-    The checksum is the first ``CHECKSUM_DIGITS`` digits of the SHA-256.
-    ``tests/cli/test_replaced_outputs.py`` guards it.
+    The checksum is the first ``CHECKSUM_DIGITS`` digits of the SHA-256. The metadata of a workbook,
+    which is packed, are unpacked for it. ``tests/cli/test_replaced_outputs.py`` guards it.
 
     Parameters
     ----------
@@ -376,6 +415,8 @@ def contains_checksum_of(path: Path, inputs: Iterable[Path | str]) -> bool:
                 content += stream.read(SEARCHED_BYTES)
                 stream.seek(max(0, file.stat().st_size - FOOTER_BYTES))
                 content += stream.read()
+    if path.suffix.lower() == ".xlsx" and path.is_file():
+        content += stored_metadata(path, SEARCHED_BYTES)
     checksums = (sha256_of_file(file) for file in inputs if Path(file).is_file())
     return any(checksum[:CHECKSUM_DIGITS].encode() in content for checksum in checksums)
 
@@ -463,13 +504,14 @@ def write_log(
     frame
         The table.
     path
-        File to write: .csv, .parquet or .tdms.
+        File to write: .csv, .parquet, .xlsx, .nc or .tdms.
     metadata
         Keys and values, which ``read_log`` returns: a file ``<name>.csv.meta.json``, or with
         ``style`` lines "# key: value" above the header (CSV); key-value pairs of the file
-        (Parquet); properties of the root (TDMS).
+        (Parquet); a second sheet (.xlsx); an attribute of the file as JSON (netCDF); properties of
+        the root (TDMS).
     style
-        How a CSV file is written.
+        How the file is written.
 
     Returns
     -------
@@ -479,7 +521,8 @@ def write_log(
     Raises
     ------
     InputError
-        For another ending, or a file that cannot be written.
+        For another ending, a file that cannot be written, and a table that is too large for .xlsx
+        or netCDF.
 
     Examples
     --------
@@ -496,7 +539,7 @@ def write_log(
     check_ending(target, TABLE)
     plain = _plain_metadata(metadata or {})
     ending = target.suffix.lower()
-    if ending == ".csv":
+    if ending in (".csv", ".xlsx", ".nc"):
         text = [name for name in frame.columns if frame[name].dtype.kind not in "fiub"]
         with log_writer(target, list(frame.columns), plain, text, style=style) as write:
             write(frame)
@@ -518,12 +561,12 @@ def log_writer(
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
     """Yield a function that appends tables to a file, which appears when the block succeeds.
 
-    Memory does not grow with the file.
+    Memory does not grow with the file, except for netCDF, which is written in one piece.
 
     Parameters
     ----------
     path
-        File to write: .csv or .parquet.
+        File to write: .csv, .parquet, .xlsx or .nc.
     names
         Names of the columns.
     metadata, style
@@ -534,7 +577,8 @@ def log_writer(
     Raises
     ------
     InputError
-        For another ending, or a file that cannot be written.
+        For another ending, a file that cannot be written, and a table that is too large for .xlsx
+        or netCDF.
     """
     target = Path(path)
     check_ending(target, LONG_TABLE)
@@ -544,6 +588,21 @@ def log_writer(
         with (
             atomic_path(target) as temporary,
             _parquet_appender(temporary, names, plain, text, style.types) as append,
+        ):
+            yield append
+        return
+    if ending == ".xlsx":
+        with (
+            atomic_path(target) as temporary,
+            xlsx_appender(temporary, target, names, plain, text, style.types) as append,
+        ):
+            yield append
+        return
+    if ending == ".nc":
+        time = style.time or "time_s"
+        with (
+            atomic_path(target) as temporary,
+            netcdf_appender(temporary, target, names, plain, text, time, style.units) as append,
         ):
             yield append
         return

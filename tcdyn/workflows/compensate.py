@@ -24,12 +24,14 @@ from tcdyn.core.findings import Finding, info, labelled_messages, unique_by_subj
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.read import open_table
+from tcdyn.io.endings import check_size
+from tcdyn.io.read import Table, open_table
 from tcdyn.io.write import (
     STANDARD_STYLE,
     DialectName,
     OutputStyle,
     check_not_input,
+    dialect_findings,
     output_style,
     write_log,
 )
@@ -215,16 +217,31 @@ class CompensatedLog(Result):
             The file.
         findings
             Findings of the log and of all its segments.
+
+        Raises
+        ------
+        InputError
+            For a file that cannot be written, and for more rows than .xlsx or .nc can hold.
         """
         progress("writing")
         check_not_input(path, self.raw_log.path)
+        rows = len(self.frame) if self.segments is None else self.segments.log.rows
+        check_size(path, rows, len(self.frame.columns))
         style = STANDARD_STYLE
         if comments or dialect != "standard":
             style = output_style(dialect, comments, open_table(self.raw_log.path), path)
+        findings = (*self.findings, *dialect_findings(self._table_of_log(), path, style))
         if self.segments is not None:
             segment_findings = self.segments.write(path, progress, style)
-            return Path(path), unique_by_subject([*self.findings, *segment_findings])
-        return write_log(self.frame, path, self.metadata, style=style), self.findings
+            return Path(path), unique_by_subject([*findings, *segment_findings])
+        return write_log(self.frame, path, self.metadata, style=style), findings
+
+    def _table_of_log(self) -> Table | None:
+        """The file of the log, for its dialect; None if it is not there any more."""
+        try:
+            return open_table(self.raw_log.path)
+        except (InputError, OSError):
+            return None
 
     def as_log(self) -> Log:
         """The compensated log as ``read_log`` would read it, without uncertainties."""

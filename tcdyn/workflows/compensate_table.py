@@ -6,8 +6,8 @@ that ``tcdyn follow`` has when it writes it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,17 @@ from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.endings import LONG_TABLE, check_ending
+from tcdyn.io.endings import LONG_TABLE, check_ending, check_size
 from tcdyn.io.read import sha256_of_file
-from tcdyn.io.write import check_not_input, output_style
+from tcdyn.io.write import check_not_input, dialect_findings, output_style
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
-from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
+from tcdyn.sensors.compensation import (
+    CompensatedSegment,
+    Totals,
+    compensated_segments,
+    write_segments,
+)
 from tcdyn.series import Source
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import FilledTimes, RisingRows
@@ -151,7 +156,8 @@ def compensate_table(
         by column. A lag and a chain are those of ``columns``, or of the only column of numbers.
         With ``delay_s`` also the records of a rig by disk, for the file of a log of the rig.
     out
-        Output, .csv or .parquet; or a function that is called with the rows, part by part.
+        Output, .csv, .parquet, .xlsx or .nc; or a function that is called with the rows, part by
+        part.
     rig
         The rig of the records; None: the one in them.
     progress
@@ -166,7 +172,8 @@ def compensate_table(
     ------
     InputError
         For a column that is missing, two sensors for one, a table that is compensated, time that
-        does not rise, and an output with another ending.
+        does not rise, and an output with another ending; for more rows than .xlsx or .nc can hold,
+        before the first is computed where their number is known (without ``delay_s``).
     """
     settings = options_of(CompensateOptions, options, "compensate_table")
     check_type("log", log, (str, Path, Source), "the path of a table, or an opened table")
@@ -180,7 +187,11 @@ def compensate_table(
     raw, report_of_rows = _open_log(log, calibrations, rig, settings)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
+        check_size(out_path, report_of_rows.rows if report_of_rows else 0, len(raw.header))
     style = output_style(settings.dialect, settings.comments, raw.source.table, out_path)
+    is_netcdf = out_path.suffix.lower() == ".nc"
+    if is_netcdf:
+        style = replace(style, time=raw.source.time, units=_units_of_output(raw))
     notes = dict(raw.notes)
     if raw.source.path.is_file():
         notes["source_sha256"] = sha256_of_file(raw.source.path)
@@ -202,6 +213,8 @@ def compensate_table(
         raw.channels,
         delay_s=delay_s,
     )
+    if is_netcdf:
+        segments = _with_seconds(segments, raw.source.time)
     if delay_s is not None:
         notes["delay_s"] = f"{delay_s:g}"
     totals = write_segments(out, raw.header, notes, segments, report, style=style, time=raw.stamps)
@@ -210,6 +223,7 @@ def compensate_table(
     else:
         findings = delayed_findings(raw, rising, totals)
         report_of_rows = seen.report()
+    findings += dialect_findings(raw.source.table, out_path, style)
     for channel in raw.channels.channels:
         duration_s = max(totals.last_s - totals.first_s, 0.0)
         lag_s = channel.chain.lag_s
@@ -254,6 +268,22 @@ def _open_log(
     if options.delay_s is not None:
         return checked_before_following(raw, raw.source.table), None
     return surveyed(raw, raw.source.table)
+
+
+def _units_of_output(raw: RawLog) -> dict[str, str]:
+    """Units of the columns of the output that the table or its channels state."""
+    units = dict(raw.source.table.units)
+    for column, unit in raw.channels.units.items():
+        units[unit.names(column)[0]] = unit.output
+    return units
+
+
+def _with_seconds(
+    segments: Iterator[CompensatedSegment], time: str
+) -> Iterator[CompensatedSegment]:
+    """The segments with times in seconds in the column ``time``, instead of those of the file."""
+    for segment in segments:
+        yield replace(segment, columns={**segment.columns, time: segment.time_s})
 
 
 def delayed_findings(raw: RawLog, rising: RisingRows, totals: Totals) -> list[Finding]:

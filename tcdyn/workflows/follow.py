@@ -39,7 +39,7 @@ from tcdyn.io.stamps import is_stamp
 from tcdyn.io.start_time import start_time
 from tcdyn.io.stored import STATE, check_schema, read_json
 from tcdyn.io.table import CHUNK_ROWS, Columns
-from tcdyn.io.write import csv_rows, output_style, start_csv, write_text
+from tcdyn.io.write import csv_rows, dialect_findings, output_style, start_csv, write_text
 from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
@@ -285,6 +285,7 @@ def follow(
             parameters=problem.parameters,
         )
     findings = delayed_findings(raw, rising, totals)
+    findings += dialect_findings(raw.source.table, out, style, grows=True)
     if growing.bad_lines:
         findings.append(warning("follow.torn", count=growing.bad_lines))
     return FollowRun(

@@ -23,6 +23,7 @@ from tcdyn.core.arguments import (
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages, warnings_and_errors
 from tcdyn.core.options import options_of
+from tcdyn.io.netcdf import variable_attributes
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.given import Sensors, sensor_files
 from tcdyn.series import ReadingOptions, open_source
@@ -123,7 +124,7 @@ def compensate_frame(
     options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
     given = {"time": time, "time_unit": time_unit, **reading}
     rows = options_of(ReadingOptions, given, "compensate_frame")
-    return _compensate_frame(data, files, rows, {}, options)
+    return _compensate_frame(data, files, rows, {}, options)[0]
 
 
 @with_named_arguments
@@ -151,7 +152,9 @@ def compensate_dataset(
     -------
     Dataset
         The dataset with the temperatures at the junctions and their standard uncertainties, as
-        for ``compensate_frame``; coordinates and other variables as they were.
+        for ``compensate_frame``; coordinates and other variables as they were. Values and
+        uncertainties have the attributes ``units`` and ``long_name``, and a value the attribute
+        ``ancillary_variables`` (CF conventions); attributes that a variable had stay.
 
     Raises
     ------
@@ -186,11 +189,16 @@ def compensate_dataset(
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
     options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
     rows = ReadingOptions(time_unit=time_unit)
-    done = _compensate_frame(frame, files, rows, units, options)
+    done, output_units = _compensate_frame(frame, files, rows, units, options)
     result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
     for label, variable in data.data_vars.items():
         if label in done.columns:
-            result[label].attrs = variable.attrs
+            result[label].attrs = dict(variable.attrs)
+    names = [str(name) for name in done.columns]
+    attributes = variable_attributes(names, output_units)
+    for column, entry in attributes.items():
+        if column in output_units or column not in data.data_vars:
+            result[column].attrs = {**entry, **result[column].attrs}
     result = result.drop_vars([name for name in data.data_vars if name not in done.columns])
     return result.assign_attrs(done.attrs)
 
@@ -207,7 +215,7 @@ def _compensate_frame(
     reading: ReadingOptions,
     units: Mapping[str, str],
     options: Mapping[str, Any],
-) -> pd.DataFrame:
+) -> tuple[pd.DataFrame, dict[str, str]]:
     """The frame with compensated columns, warnings and attributes; see ``compensate_frame``.
 
     Parameters
@@ -222,6 +230,13 @@ def _compensate_frame(
         Units by column, from attributes of xarray.
     options
         Further arguments of ``compensate_table``.
+
+    Returns
+    -------
+    frame
+        The frame.
+    units
+        Units of the compensated columns, by their names in the frame.
     """
     names = [str(label) for label in frame.columns]
     if not len(frame):
@@ -240,11 +255,13 @@ def _compensate_frame(
     made = pd.concat(parts, ignore_index=True)
     result = frame.copy()
     new_names = {}
+    output_units = {}
     for channel in done.columns:
         label = frame.columns[names.index(channel.column)]
         name, u_name = channel.unit.names(channel.column)
         result[label] = made[name].to_numpy()
         result[u_name] = made[u_name].to_numpy()
+        output_units[name] = channel.unit.output
         if name != channel.column:
             new_names[label] = name
     metadata = {key: value for key, value in done.metadata.items() if key != "source"}
@@ -252,4 +269,4 @@ def _compensate_frame(
     result.attrs = dict(frame.attrs)
     result.attrs.update(metadata)
     result.attrs[WARNINGS_KEY] = list(serious)
-    return result
+    return result, output_units

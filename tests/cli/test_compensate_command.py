@@ -8,14 +8,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
+from tcdyn.io.endings import MAX_SHEET_ROWS
 from tcdyn.io.read import open_table
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.rigfile import load_rig
@@ -148,6 +151,39 @@ def test_a_log_with_stamps_keeps_them_its_start_and_on_request_its_dialect(
     # two samples are missing, and the times of the stamps are rounded to microseconds
     near = np.abs(np.arange(len(stretch)) - 700) < 200
     assert np.allclose(done.frame["e_degC"][~near], reference["e_degC"][~near], rtol=0, atol=0.05)
+
+
+@pytest.mark.e2e
+def test_a_german_log_gives_a_workbook_or_a_finding_and_a_netcdf_file_with_dates(
+    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
+) -> None:
+    start = pd.Timestamp("2026-03-09 23:59:50")
+    elapsed_s = stretch["time_s"] - stretch["time_s"].iloc[0]
+    instants = start + pd.to_timedelta(elapsed_s.round(3), "s")
+    log = tmp_path / "plunge.csv"
+    german = stretch.assign(time_s=instants.dt.strftime("%d.%m.%Y %H:%M:%S,%f"))
+    german.to_csv(log, sep=";", decimal=",", index=False)
+    done = compensate_log(log, {"fast": campaign.records["fast"]})
+    findings = {}
+    for ending in ("csv", "xlsx", "nc"):
+        path, findings[ending] = done.write(tmp_path / f"done.{ending}")
+        assert path.exists()
+    _, findings["input"] = done.write(tmp_path / "same.csv", dialect="input")
+    named = [key for key, found in findings.items() if "table.dialect" in {f.code for f in found}]
+    assert named == ["csv"]
+    book = pd.read_excel(tmp_path / "done.xlsx", engine="openpyxl")
+    assert np.array_equal(book["e_u_K"], done.frame["e_u_K"])
+    assert (book["time_stamp"] - instants).abs().max() <= pd.Timedelta("1us")
+    with xr.open_dataset(tmp_path / "done.nc") as data:
+        assert np.array_equal(data["e_degC"], done.frame["e_degC"])
+        assert data["e_degC"].attrs["ancillary_variables"] == "e_u_K"
+        since_s = (data["time"].values - np.datetime64(start, "ns")) / np.timedelta64(1, "s")
+        assert np.allclose(since_s, done.frame["time_s"], rtol=0, atol=1e-6)
+    size = len(done.frame)
+    done_long = replace(done, frame=pd.concat([done.frame] * (MAX_SHEET_ROWS // size + 1)))
+    with pytest.raises(InputError, match=r"too many for \.xlsx"):
+        done_long.write(tmp_path / "long.xlsx")
+    assert not (tmp_path / "long.xlsx").exists()
 
 
 @pytest.mark.e2e

@@ -23,7 +23,7 @@ from tcdyn.rig.record import read_record
 from tcdyn.sensors import read_sensor, specified_sensor, write_sensor
 
 
-@pytest.mark.parametrize("ending", [".csv", ".parquet", ".tdms", ".txt"])
+@pytest.mark.parametrize("ending", [".csv", ".parquet", ".xlsx", ".nc", ".tdms", ".txt"])
 def test_a_full_disk_leaves_the_old_file_and_is_told(tmp_path: Path, ending: str) -> None:
     frame = pd.DataFrame(
         {"time_s": np.arange(20_000.0), "a": np.random.default_rng(0).standard_normal(20_000)}

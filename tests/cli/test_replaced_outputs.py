@@ -55,6 +55,8 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
     [
         ("compensate", "o.csv"),
         pytest.param("compensate", "o.parquet", marks=pytest.mark.e2e),
+        ("compensate", "o.xlsx"),
+        pytest.param("compensate", "o.nc", marks=pytest.mark.e2e),
         ("response", "o.json"),
         pytest.param("view", "o.html", marks=pytest.mark.e2e),
         ("transducer", "o.json"),

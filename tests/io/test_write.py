@@ -82,8 +82,8 @@ def test_unwritable_places_and_unknown_endings_are_refused(tmp_path):
     for place in (tmp_path / "file" / "out.csv", tmp_path, tmp_path / "a\0b.csv"):
         with pytest.raises(InputError):
             write_text(place, "x")
-    with pytest.raises(InputError, match=r"\.csv, \.parquet or \.tdms"):
-        write_log(ehl_frame(), tmp_path / "out.xlsx")
+    with pytest.raises(InputError, match=r"\.csv, \.parquet, \.xlsx, \.nc or \.tdms"):
+        write_log(ehl_frame(), tmp_path / "out.xls")
     with pytest.raises(InputError, match="not readable"):
         sha256_of_file(tmp_path / "none")
 

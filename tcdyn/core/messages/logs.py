@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tcdyn.core.errors import Spelling
 from tcdyn.core.estimate import text_with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
@@ -68,9 +69,24 @@ def _unused_columns(names: Sequence[str], **_: Any) -> str:
     return f"{columns} of the file not used: {', '.join(names)}"
 
 
+def _dialect(subject: str, grows: bool, option: Spelling, **_: Any) -> str:
+    """Message of ``table.dialect``.
+
+    ``subject`` is the output. ``grows``: rows are appended to it, so that it must be CSV.
+    """
+    remedy = f"write it with {option('dialect', 'input')}"
+    if not grows:
+        remedy += ", or to a file ending in .xlsx"
+    return (
+        f"{subject} has commas and decimal points, but the log has semicolons or decimal commas: "
+        f"a spreadsheet program that opens the log rightly opens it wrongly; {remedy}"
+    )
+
+
 # rig: files, clocks, columns
 READER: dict[str, Message] = {
     "text.no_line_end": "row {row}, the last, has no line end: its last value may be cut short",
+    "table.dialect": _dialect,
     "metadata.damaged": "{subject}, the metadata of the table, is damaged and not used",
     "metadata.other_table": "{subject} holds the metadata of a table with other columns; it is not "
     "used",
