@@ -113,8 +113,8 @@ def view(
                     path, calibrations, compensated, progress=progress, **reading
                 )
                 findings = table.findings
-            opened = open_log_table(path, calibrations, rig)
             options = cast(TableOptions, reading)
+            opened = open_log_table(path, calibrations, rig, options)
             raw = raw_log(path, opened, calibrations, rig, options)
             traces = compensated_traces(raw, compensated)
     else:

@@ -35,6 +35,10 @@ class ReadingOptions:
         from the readings if it is not given
     averages_s
         each row is the mean of the readings over this time before it [s]
+    sheet
+        sheet of an .xlsx workbook, if it has several with tables
+    variable
+        variable of a .mat file with the table, such as log or log.data
     """
 
     time: str | None = None
@@ -43,6 +47,8 @@ class ReadingOptions:
     where: str | None = None
     on_change: float | None = None
     averages_s: float | None = None
+    sheet: str | None = None
+    variable: str | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers, and that a condition has a column and a value.

@@ -20,7 +20,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.metadata import check_not_compensated
-from tcdyn.io.read import Table, open_table
+from tcdyn.io.read import Part, Table, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns, missing_column_error
 from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
@@ -290,7 +290,8 @@ def open_source(
             f"the data are a {type(data).__name__}",
             expected="a file, a DataFrame, a Series over time, or a tuple of times and arrays",
         )
-    table = open_table(data, (*TIME_COLUMN_NAMES, *known))
+    part = Part(options.sheet, options.variable)
+    table = open_table(data, (*TIME_COLUMN_NAMES, *known), part)
     return source_of_table(Path(data), table, known, options)
 
 

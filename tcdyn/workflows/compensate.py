@@ -219,7 +219,8 @@ class CompensatedLog(Result):
         check_not_input(path, self.raw_log.path)
         style = STANDARD_STYLE
         if comments or dialect != "standard":
-            style = output_style(dialect, comments, open_table(self.raw_log.path), path)
+            table = None if dialect == "standard" else open_table(self.raw_log.path)
+            style = output_style(dialect, comments, table, path)
         if self.segments is not None:
             segment_findings = self.segments.write(path, progress, style)
             return Path(path), unique_by_subject([*self.findings, *segment_findings])

@@ -242,7 +242,7 @@ def _open_log(
     """
     if not isinstance(log, Source):
         path = Path(log)
-        table = open_log_table(path, calibrations, rig)
+        table = open_log_table(path, calibrations, rig, options)
         raw = raw_log(path, table, calibrations, rig, options)
     elif isinstance(calibrations, Mapping):
         raise InputError("records with an opened table", expected="the file of a log of the rig")

@@ -15,7 +15,7 @@ from typing import TypedDict
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.metadata import COMPENSATED, check_not_compensated
-from tcdyn.io.read import Table, display_path, open_table
+from tcdyn.io.read import Part, Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import TIME_COLUMN_NAMES
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
@@ -53,7 +53,7 @@ class TableOptions(TypedDict, total=False):
     ----------
     columns
         Columns that a single sensor covers, instead of those in its file.
-    time, time_unit, dt_s, where, on_change, averages_s
+    time, time_unit, dt_s, where, on_change, averages_s, sheet, variable
         As in ``tcdyn.series.ReadingOptions``.
     unit
         "degC", "K", "degF", "mV" or that of another quantity ("ppm", "%RH", "Pa", "V") for all
@@ -70,6 +70,8 @@ class TableOptions(TypedDict, total=False):
     where: str | None
     on_change: float | None
     averages_s: float | None
+    sheet: str | None
+    variable: str | None
     unit: Mapping[str, str] | str
     couple: str
     cold: float | str
@@ -110,8 +112,17 @@ class RawLog:
     findings: tuple[Finding, ...]
 
 
-def open_log_table(path: Path, calibrations: Calibrations, rig: Rig | None) -> Table:
+def open_log_table(
+    path: Path, calibrations: Calibrations, rig: Rig | None, options: TableOptions
+) -> Table:
     """Open the file of a log; the names that it may hold help to find its header.
+
+    Parameters
+    ----------
+    path
+        The file.
+    calibrations, rig, options
+        As for ``raw_log``.
 
     Raises
     ------
@@ -119,11 +130,14 @@ def open_log_table(path: Path, calibrations: Calibrations, rig: Rig | None) -> T
         For a file that is no table.
     """
     known: tuple[str, ...] = TIME_COLUMN_NAMES
+    reading, _ = ReadingOptions.split(options)
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
         disk = next(iter(calibrations))
         known = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
-    return open_table(path, known)
+        if reading == ReadingOptions():
+            reading = rig.reading
+    return open_table(path, known, Part(reading.sheet, reading.variable))
 
 
 def raw_log(
