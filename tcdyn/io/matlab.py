@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
-from scipy.io.matlab import MatlabFunction, MatlabOpaque
+from scipy.io.matlab import MatlabFunction, MatlabOpaque, matfile_version
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, printable
@@ -49,12 +49,19 @@ from tcdyn.io.times import is_time_name
 # variables can unpack to a thousand times their size. 40 columns of a million rows have 0.3 GB.
 MAX_BYTES = 1 << 30
 MAX_DEPTH = 8  # of structs in structs; chosen by judgement
+MAX_NAME = 1 << 12  # characters of the name of a field; MATLAB has 64
+MAX_ARRAYS = 40  # of arrays in arrays: cells in structs in cells; chosen by judgement
 LISTED = 8  # variables that a message names
 LEAST_ROWS = 2  # of a table
+_VERSION_4 = 0  # as scipy counts
 _HEADER_BYTES = 128
 _TAG_BYTES = 8
 _COMPRESSED = 15  # types of data elements, see "MAT-File Format" of MathWorks
 _MATRIX = 14
+_FLAGS_TYPE, _SIZES_TYPE = 6, 5
+_NAME_TYPES = (1, 2, 16)
+_DATA_TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18)
+_COMPLEX = 0x800  # flag of an array
 _CELL, _STRUCT, _OBJECT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 5, 16, 17  # classes of arrays
 _TEXT_LENGTH = 2000  # characters of a value of metadata
 # The line of MATLAB that converts an object, by its class
@@ -68,6 +75,10 @@ _CONVERSIONS = {
     "timeseries": "writetable(table({name}.Time, {name}.Data), '{stem}.csv')",
 }
 _OTHER_CONVERSION = "writetable(T, '{stem}.csv'), where T is a table of its columns"
+
+
+# Type, content and all bytes of a data element
+_Element = tuple[int, bytes, bytes]
 
 
 @dataclass(frozen=True)
@@ -484,7 +495,8 @@ def _read_variables(path: Path, where: str) -> tuple[dict[str, Any], dict[str, s
     content = path.read_bytes()
     objects: dict[str, str] = {}
     try:
-        if content.startswith(b"MATLAB 5.0"):
+        # the first bytes of version 4 are numbers, those of later ones any text
+        if matfile_version(io.BytesIO(content))[0] != _VERSION_4:
             content, objects = _checked_content(content, where)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # variables that stand twice
@@ -525,7 +537,10 @@ def _checked_content(content: bytes, where: str) -> tuple[bytes, dict[str, str]]
         If the file is truncated, unpacks to more than ``MAX_BYTES``, or has an array with more
         elements than bytes.
     """
-    order = "<" if content[126:128] == b"IM" else ">"
+    mark = content[126:_HEADER_BYTES]
+    if mark not in (b"IM", b"MI"):
+        raise _structure_error(where)
+    order = "<" if mark == b"IM" else ">"
     parts = [content[:_HEADER_BYTES]]
     objects: dict[str, str] = {}
     position = _HEADER_BYTES
@@ -556,7 +571,7 @@ def _checked_content(content: bytes, where: str) -> tuple[bytes, dict[str, str]]
 
 
 def _check_array(element: bytes, order: str, where: str, depth: int) -> tuple[int, str, str]:
-    """Check that an array has no more elements than bytes, with those in its cells and fields.
+    """Check that an array is complete, with those in its cells and fields.
 
     Parameters
     ----------
@@ -577,49 +592,145 @@ def _check_array(element: bytes, order: str, where: str, depth: int) -> tuple[in
         Its name.
     class_name
         Class of an object of MATLAB; empty for other arrays.
+
+    Raises
+    ------
+    InputError
+        For a type of data that does not exist, a missing part, and an array with more elements than
+        bytes.
+
+    Notes
+    -----
+    scipy 1.17 does not check the types, and a wrong one ends the interpreter.
     """
-    parts = list(_elements(element[_TAG_BYTES:], order))
-    kind = struct.unpack_from(f"{order}I", element)[0]
-    if kind != _MATRIX or len(parts) < 2:
+    kind, size = struct.unpack_from(f"{order}II", element)
+    if kind != _MATRIX or size == 0:
         return 0, "", ""
-    class_number = struct.unpack_from(f"{order}I", parts[0][1])[0] & 0xFF
+    parts = list(_elements(element[_TAG_BYTES : _TAG_BYTES + size], order, where))
+    kinds = [part[0] for part in parts]
+    known = {_MATRIX, *_DATA_TYPES}
+    if len(parts) < 3 or kinds[0] != _FLAGS_TYPE or len(parts[0][1]) < 8 or not known >= {*kinds}:
+        raise _structure_error(where)
+    flags = struct.unpack_from(f"{order}I", parts[0][1])[0]
+    class_number = flags & 0xFF
     if class_number == _OPAQUE:
+        if len(parts) < 4 or _MATRIX in kinds[1:4]:
+            raise _structure_error(where)
         texts = [content.decode("latin-1") for _, content, _ in parts[1:4]]
         return class_number, texts[0], texts[-1]
+    if kinds[1] != _SIZES_TYPE or len(parts[1][1]) % 4 or kinds[2] not in _NAME_TYPES:
+        raise _structure_error(where)
     sizes = struct.unpack(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
-    name = parts[2][1].decode("utf-8", "replace") if len(parts) > 2 else ""
+    name = parts[2][1].decode("utf-8", "replace")
+    count = math.prod(sizes)
     is_nested = class_number in (_CELL, _STRUCT, _OBJECT)
     bytes_of_one = _TAG_BYTES if is_nested else 1
-    count = math.prod(max(size, 0) for size in sizes)
-    if class_number != _SPARSE and count * bytes_of_one > len(element):
+    if min(sizes, default=-1) < 0 or (
+        class_number != _SPARSE and count * bytes_of_one > len(element)
+    ):
         raise InputError(
             f"variable {printable(name)!r} promises {count} elements in {len(element)} bytes",
             where=where,
             expected="a complete .mat file",
             remedy="copy the file again",
         )
-    if is_nested and depth < 4 * MAX_DEPTH:
-        for inner_kind, _, inner in parts[3:]:
-            if inner_kind == _MATRIX:
-                _check_array(inner, order, where, depth + 1)
+    _check_parts(class_number, count, bool(flags & _COMPLEX), parts, order, where)
+    if depth == MAX_ARRAYS:
+        raise _structure_error(where)
+    for inner_kind, _, inner in parts[3:]:
+        if inner_kind == _MATRIX:
+            _check_array(inner, order, where, depth + 1)
     return class_number, name, ""
 
 
-def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes, bytes]]:
-    """Yield type, content and all bytes of each data element; those of up to 4 bytes are short."""
+def _check_parts(
+    class_number: int,
+    count: int,
+    is_complex: bool,
+    parts: Sequence[_Element],
+    order: str,
+    where: str,
+) -> None:
+    """Check that an array has the parts of its class.
+
+    Parameters
+    ----------
+    class_number
+        Class of the array.
+    count
+        Number of its elements.
+    is_complex
+        Whether it has an imaginary part.
+    parts
+        Its parts: flags, sizes, name, and what follows.
+    order
+        Byte order.
+    where
+        The file, for messages.
+    """
+    kinds = [kind for kind, _, _ in parts[3:]]
+    if class_number == _CELL:
+        expected = [_MATRIX] * count
+    elif class_number in (_STRUCT, _OBJECT):
+        # length of the names of fields, the names, and an array for each field of each element
+        n_texts = 3 if class_number == _OBJECT else 2
+        head = parts[3 : 3 + n_texts]
+        if len(head) < n_texts or _MATRIX in kinds[:n_texts] or len(head[-2][1]) != 4:
+            raise _structure_error(where)
+        length = struct.unpack(f"{order}i", head[-2][1])[0]
+        if not 0 < length <= MAX_NAME:
+            raise _structure_error(where)
+        n_fields = len(head[-1][1]) // length
+        expected = [*kinds[:n_texts], *[_MATRIX] * (n_fields * count)]
+    elif class_number == _FUNCTION:
+        expected = [_MATRIX]
+    elif class_number == _SPARSE:
+        expected = kinds[: 3 + is_complex]
+        if len(expected) < 3 + is_complex:
+            raise _structure_error(where)
+    else:
+        expected = kinds[: 1 + is_complex]
+        if len(expected) < 1 + is_complex or _MATRIX in expected:
+            raise _structure_error(where)
+    if kinds != expected:
+        raise _structure_error(where)
+
+
+def _elements(content: bytes, order: str, where: str) -> Iterator[_Element]:
+    """Yield type, content and all bytes of each data element; those of up to 4 bytes are short.
+
+    Raises
+    ------
+    InputError
+        For an element that ends beyond the content.
+    """
     position = 0
-    while position + _TAG_BYTES <= len(content):
+    while position < len(content):
+        if position + _TAG_BYTES > len(content):
+            raise _structure_error(where)
         kind, size = struct.unpack_from(f"{order}II", content, position)
         if kind >> 16:
             start, size, kind = position + 4, kind >> 16, kind & 0xFFFF
             end = position + _TAG_BYTES
+            if size > 4:
+                raise _structure_error(where)
         else:
             start = position + _TAG_BYTES
-            end = start + size
-            if kind != _COMPRESSED:
-                end += -size % _TAG_BYTES
+            end = start + size + -size % _TAG_BYTES
+        if start + size > len(content):
+            raise _structure_error(where)
         yield kind, content[start : start + size], content[position:end]
         position = end
+
+
+def _structure_error(where: str) -> InputError:
+    """The error for a file whose parts do not fit together."""
+    return InputError(
+        "not readable as a MATLAB file (a variable is damaged)",
+        where=where,
+        expected="a complete .mat file",
+        remedy="copy the file again",
+    )
 
 
 def _truncated_error(where: str) -> InputError:

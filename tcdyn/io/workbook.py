@@ -49,8 +49,8 @@ from tcdyn.io.cells import is_number
 # Bytes that the parts of a workbook may unpack to, against damaged and malicious files. A full
 # sheet of 1,048,576 rows with 20 columns of 15 digits has 0.9 GB.
 MAX_UNPACKED_BYTES = 1 << 30
-# Cells of the rectangle of a sheet, which is allocated as a whole (24 bytes each, so 0.6 GB): a full
-# sheet of 24 columns. One forgotten cell in the last corner of a sheet would need 400 GB.
+# Cells of the rectangle of a sheet, which is allocated as a whole (24 bytes each, so 0.6 GB): a
+# full sheet of 24 columns. One forgotten cell in the last corner of a sheet would need 400 GB.
 MAX_CELLS = 24 << 20
 # Parts that hold no cells
 _OTHER_PARTS = ("xl/drawings/", "xl/charts/", "xl/media/", "xl/theme/", "docProps/", "customXml/")
