@@ -58,7 +58,8 @@ _HEADER_BYTES = 128
 _TAG_BYTES = 8
 _COMPRESSED = 15  # types of data elements, see "MAT-File Format" of MathWorks
 _MATRIX = 14
-_FLAGS_TYPE, _SIZES_TYPE = 6, 5
+_FLAGS_TYPE = 6
+_SIZE_TYPES = (5, 6)  # some programs write unsigned ones
 _NAME_TYPES = (1, 2, 16)
 _DATA_TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18)
 _COMPLEX = 0x800  # flag of an array
@@ -618,7 +619,7 @@ def _check_array(element: bytes, order: str, where: str, depth: int) -> tuple[in
             raise _structure_error(where)
         texts = [content.decode("latin-1") for _, content, _ in parts[1:4]]
         return class_number, texts[0], texts[-1]
-    if kinds[1] != _SIZES_TYPE or len(parts[1][1]) % 4 or kinds[2] not in _NAME_TYPES:
+    if kinds[1] not in _SIZE_TYPES or len(parts[1][1]) % 4 or kinds[2] not in _NAME_TYPES:
         raise _structure_error(where)
     sizes = struct.unpack(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
     name = parts[2][1].decode("utf-8", "replace")

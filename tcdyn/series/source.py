@@ -282,6 +282,11 @@ def open_source(
     if isinstance(data, pd.Series):
         data = data.to_frame("reading" if data.name is None else data.name)
     if isinstance(data, pd.DataFrame):
+        if options.sheet is not None or options.variable is not None:
+            raise InputError(
+                "{sheet} and {variable} name a table in a file, and the data are a DataFrame",
+                parameters={"sheet": None, "variable": None},
+            )
         table, time, time_unit = table_of_frame(data, options)
         options = replace(options, time=time, time_unit=time_unit)
         return source_of_table(Path("DataFrame"), table, known, options)

@@ -143,7 +143,8 @@ def compensate_table(
     Parameters
     ----------
     log
-        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate; or an opened table.
+        CSV, LVM, TDMS, Parquet, .xlsx or .mat with a column of time, rows at any rate; or an opened
+        table.
     calibrations
         One or several sensor files; each column belongs to one. With ``delay_s`` also the records
         of a rig by disk, for the file of a log of the rig.

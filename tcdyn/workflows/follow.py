@@ -181,10 +181,10 @@ def follow(
     ------
     InputError
         For a log that is no growing text table, such as a workbook, is compensated already, or is
-        not the one of the state file. While it follows: for a log that was replaced, rotated, truncated or rewritten,
-        after all rows read before are written and the state is saved (a copy of the log with the
-        same rows may take its place); for an output that was renamed, deleted or changed by another
-        program.
+        not the one of the state file. While it follows: for a log that was replaced, rotated,
+        truncated or rewritten, after all rows read before are written and the state is saved (a
+        copy of the log with the same rows may take its place); for an output that was renamed,
+        deleted or changed by another program.
 
     Notes
     -----

@@ -37,6 +37,15 @@ def read(path: Path, variable: str | None = None) -> tuple[Table, Columns]:
     return table, read_all_rows(table, table.names)
 
 
+def message_of(path: Path) -> str:
+    """The message with which a file is refused; empty for one that is read."""
+    try:
+        read(path)
+    except InputError as problem:
+        return str(problem)
+    return ""
+
+
 def check_log(path: Path, names: tuple[str, ...], variable: str | None = None) -> Table:
     """Check that a file has time, T1 and T2 under these names."""
     table, columns = read(path, variable)
@@ -68,7 +77,9 @@ def test_a_struct_of_vectors_is_a_table(tmp_path: Path) -> None:
 def test_a_struct_in_a_struct_is_named_with_a_point(tmp_path: Path) -> None:
     runs = {f"run{k}": {"time_s": TIME_s, "T1": T1 + k, "T2": T2} for k in range(2)}
     path = save(tmp_path / "log.mat", {"day": runs})
-    with pytest.raises(InputError, match=r"2 tables.*'day.run0' \(50 x 3\), 'day.run1'.*variable=day.run0"):
+    with pytest.raises(
+        InputError, match=r"2 tables.*'day.run0' \(50 x 3\), 'day.run1'.*variable=day.run0"
+    ):
         open_table(path)
     check_log(path, ("time_s", "T1", "T2"), "day.run0")
     source = open_source(path, options=ReadingOptions(variable="day.run1"))
@@ -238,7 +249,9 @@ def test_a_time_that_is_an_object_in_a_struct_is_named(tmp_path: Path) -> None:
 def test_version_7_3_is_refused_with_the_line_that_converts_it(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(InputError, match=r"7\.3 \(HDF5\).*save\('log_v7.mat', '-struct', 's', '-v7'\)"):
+    with pytest.raises(
+        InputError, match=r"7\.3 \(HDF5\).*save\('log_v7.mat', '-struct', 's', '-v7'\)"
+    ):
         open_table(path)
 
 
@@ -279,10 +292,7 @@ def test_damaged_files_give_no_traceback(tmp_path: Path, options: dict[str, Any]
             for _ in range(rng.randrange(1, 6)):
                 content[rng.randrange(len(content))] = rng.randrange(256)
         path.write_bytes(content)
-        try:
-            read(path)
-        except InputError as problem:
-            assert str(problem).isprintable()
+        assert message_of(path).isprintable()
 
 
 def test_truncated_files_are_refused(tmp_path: Path) -> None:

@@ -57,6 +57,14 @@ def read(path: Path, part: Part | None = None) -> tuple[Table, Columns]:
     return table, read_all_rows(table, table.names)
 
 
+def read_or_message(path: Path) -> tuple[Columns | None, str]:
+    """The columns of a file, or the message with which it is refused."""
+    try:
+        return read(path)[1], ""
+    except InputError as problem:
+        return None, str(problem)
+
+
 def times_of(path: Path, **options: Any) -> np.ndarray:
     """The times [s] of all rows of a table."""
     source = open_source(path, options=ReadingOptions(**options))
@@ -349,7 +357,10 @@ def test_other_archives_are_refused_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("stream", "words"),
-    [("Workbook", r"old Excel workbook \(\.xls\).*save it as \.xlsx"), ("EncryptedPackage", "password")],
+    [
+        ("Workbook", r"old Excel workbook \(\.xls\).*save it as \.xlsx"),
+        ("EncryptedPackage", "password"),
+    ],
 )
 def test_old_and_protected_workbooks_are_refused_by_name(
     tmp_path: Path, stream: str, words: str
@@ -374,13 +385,12 @@ def test_damaged_workbooks_are_refused_and_never_misread(tmp_path: Path) -> None
             for _ in range(rng.randrange(1, 4)):
                 content[rng.randrange(4, len(content))] = rng.randrange(256)
         path.write_bytes(content)
-        try:
-            columns = read(path)[1]
-        except InputError as problem:
+        columns, message = read_or_message(path)
+        assert message.isprintable()
+        if columns is None:
             refused += 1
-            assert str(problem).isprintable()
-            continue
-        np.testing.assert_array_equal(columns.data["T_degC"], T_degC)
+        else:
+            np.testing.assert_array_equal(columns.data["T_degC"], T_degC)
     assert refused > 100
 
 
@@ -395,18 +405,16 @@ def test_damaged_xml_inside_a_sound_archive_gives_no_traceback(tmp_path: Path) -
         for _ in range(rng.randrange(1, 4)):
             content[rng.randrange(len(content))] = rng.randrange(256)
         parts[names[variant % len(names)]] = bytes(content)
-        try:
-            read(write_parts(tmp_path / "log.xlsx", parts))
-        except InputError as problem:
-            assert str(problem).isprintable()
+        _, message = read_or_message(write_parts(tmp_path / "log.xlsx", parts))
+        assert message.isprintable()
 
 
 def test_a_part_is_only_of_a_file_that_has_parts(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time_s,T_degC\n0,20\n1,21\n")
-    with pytest.raises(InputError, match="sheet is given, but this is not an .xlsx workbook"):
+    with pytest.raises(InputError, match="sheet is given, but this is not an"):
         open_source(path, options=ReadingOptions(sheet="Run 1"))
-    with pytest.raises(InputError, match="variable is given, but this is not a .mat file"):
+    with pytest.raises(InputError, match="variable is given, but this is not a"):
         open_source(save(tmp_path / "a.xlsx", log_rows()), options=ReadingOptions(variable="log"))
 
 
