@@ -165,6 +165,8 @@ def response(
         u=options.uncertainty,
         coherence=options.coherence,
         averages=options.averages,
+        sheet=options.sheet,
+        variable=options.variable,
     )
     names = options.models or CANDIDATES
     fits = sorted(

@@ -355,6 +355,8 @@ def identify(
     where: str | None = None,
     on_change: float | None = None,
     averages_s: float | None = None,
+    sheet: str | None = None,
+    variable: str | None = None,
     hold: Holds | Literal["auto"] | None = None,
     **options: Any,
 ) -> Comparison:
@@ -363,13 +365,15 @@ def identify(
     Parameters
     ----------
     data
-        A table with one row for each sample: a DataFrame, or a file (CSV, LVM, TDMS or Parquet), of
-        which ``input`` and ``output`` name columns. Or a tuple (u, y, dt_s) of arrays or Series, or
-        IOData.
+        A table with one row for each sample: a DataFrame, or a file (CSV, LVM, TDMS, Parquet, .xlsx
+        or .mat), of which ``input`` and ``output`` name columns. Or a tuple (u, y, dt_s) of arrays
+        or Series, or IOData.
     models
         Models to compare; without any, process models of one to three lags.
     input, output, time, time_unit, run, dt_s, resample_s, where, on_change, averages_s
         As for :func:`tcdyn.identification.from_frame`; only of a table.
+    sheet, variable
+        Sheet of a workbook, and variable of a .mat file, if the file has several tables.
     hold
         The input between samples; by default that of IOData, else selected from the samples.
     options
@@ -406,6 +410,8 @@ def identify(
         "where": where,
         "on_change": on_change,
         "averages_s": averages_s,
+        "sheet": sheet,
+        "variable": variable,
     }
     if isinstance(data, str | Path):
         data = from_csv(data, input=input, output=output, hold=hold or "auto", **columns)

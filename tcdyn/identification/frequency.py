@@ -37,7 +37,7 @@ from tcdyn.identification.response_table import ResponseColumns
 from tcdyn.identification.search import criteria, search_findings
 from tcdyn.identification.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
 from tcdyn.identification.validation import ALARM_P, NUMERICAL_ERROR, whiteness
-from tcdyn.io.read import open_table, read_all_rows
+from tcdyn.io.read import Part, open_table, read_all_rows
 from tcdyn.io.response_units import response_column_named
 from tcdyn.series.source import check_numbers
 
@@ -233,6 +233,8 @@ class Response(Result):
         u: str | None = None,
         coherence: str | None = None,
         averages: float | None = None,
+        sheet: str | None = None,
+        variable: str | None = None,
     ) -> Response:
         """Read a response from a table; rows with a gap are left out.
 
@@ -258,6 +260,9 @@ class Response(Result):
             Columns of the uncertainty or of the coherence.
         averages
             Number of independent averages of the coherence.
+        sheet, variable
+            Sheet of a workbook, and variable of a MATLAB file, that hold the table; needed only if
+            several have these columns.
 
         Returns
         -------
@@ -281,7 +286,7 @@ class Response(Result):
         {0.01: 0.5, 0.02: 0.1}
         """
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
-        source = open_table(path, names)
+        source = open_table(path, names, Part(sheet, variable))
         where = utf8(Path(path).name)
         found = {name: response_column_named(name, source.names, where) for name in names}
         names = list(found.values())

@@ -195,6 +195,10 @@ class ResponseOptions(Options):
     model
         model to compare, such as P1D, P2D or TF(1,2); repeat for several (default: ten processes,
         P1 to P3D)
+    sheet
+        sheet of an .xlsx workbook, if it has several with tables
+    variable
+        variable of a .mat file with the table, such as log or log.data
     """
 
     frequency: str = option("frequency_Hz")
@@ -204,6 +208,8 @@ class ResponseOptions(Options):
     uncertainty: str | None = option()
     coherence: str | None = option()
     averages: float | None = option(low=1, high=LARGEST)
+    sheet: str | None = option()
+    variable: str | None = option()
     model: str | Sequence[str] = option((), "Model", short="-m", takes=list[str])
 
     @property

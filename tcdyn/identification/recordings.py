@@ -130,14 +130,15 @@ def from_csv(
     resample_s: float | None = None,
     **reading: Any,
 ) -> IOData:
-    """Read input-output data from a file: text of any dialect, TDMS, LVM or Parquet.
+    """Read input-output data from a file: text of any dialect, TDMS, LVM, Parquet, .xlsx, .mat.
 
     Parameters
     ----------
     path
         The file.
     input, output, run, hold, resample_s, reading
-        As for :func:`from_frame`.
+        As for :func:`from_frame`; ``sheet`` of a workbook and ``variable`` of a .mat file are among
+        the keywords of ``reading``.
 
     Returns
     -------

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import io
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -61,7 +62,8 @@ class Dialect:
     path
         The file.
     body
-        The text as UTF-8, where it had to be rewritten (UTF-16, columns separated by spaces).
+        The text as UTF-8, where it is no text of the file (a sheet of a workbook) or had to be
+        rewritten (UTF-16, columns separated by spaces).
     units
         Units by column, from a row below the header or behind the numbers of the first row.
     """
@@ -95,7 +97,9 @@ class _Layout:
     ambiguous_cell: str = ""
 
 
-def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) -> Dialect:
+def detect_dialect(
+    path: Path, where: str, known_names: Collection[str] = (), text: bytes | None = None
+) -> Dialect:
     """Detect the dialect of a text log from its first bytes.
 
     Parameters
@@ -107,6 +111,8 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
     known_names
         Names that a header may contain. Among several lines of text above the first numbers
         (titles, header blocks, units) the one with most of them is the header.
+    text
+        The text as UTF-8, if it is not that of the file but of a sheet in it.
 
     Raises
     ------
@@ -121,7 +127,7 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
     ``LONG_HEAD_BYTES`` must hold a header and some rows: a longer header is not found.
     """
     for size in (HEAD_BYTES, LONG_HEAD_BYTES):
-        with open(path, "rb") as stream:
+        with open(path, "rb") if text is None else io.BytesIO(text) as stream:
             head = stream.read(size)
         encoding, lines, layout = _layout_of_head(head, size, where, known_names)
         if layout is not None or len(head) < size:
@@ -142,7 +148,7 @@ def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) ->
         )
     names = _column_names(layout, where)
     first_row = (*layout.first_row, *[""] * layout.fields)[: layout.fields]
-    body = None
+    body = text
     if encoding.startswith("utf-16"):
         body = _utf16_as_utf8(path, encoding, where)
     separator = layout.separator

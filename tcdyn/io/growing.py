@@ -20,7 +20,15 @@ import numpy as np
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
 from tcdyn.io.csv_dialect import COMMENT, Dialect
-from tcdyn.io.read import CsvTable, TextReader, display_path
+from tcdyn.io.read import (
+    MAT_ENDING,
+    MAT_FIRST_BYTES,
+    PARQUET_ENDINGS,
+    ZIP_FIRST_BYTES,
+    CsvTable,
+    TextReader,
+    display_path,
+)
 from tcdyn.io.rows import CheckedRows
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table
 
@@ -30,6 +38,9 @@ HASH_BYTES = 1 << 20  # hashed at once
 TAIL_BYTES = 256  # last bytes read, compared again at each reading: a few rows
 # Rows of the first chunk, at least, unless the table ends before: the unit of time is judged by it.
 FIRST_ROWS = 64
+# Endings and first bytes of tables that are written at once.
+COMPLETE_ENDINGS = (".xlsx", ".xlsm", MAT_ENDING, ".tdms", *PARQUET_ENDINGS)
+COMPLETE_FIRST_BYTES = (ZIP_FIRST_BYTES, MAT_FIRST_BYTES, b"TDSm", b"PAR1")
 # Additional column of the chunks: position in the file after each row [bytes].
 ROW_END = "\x00row end"
 
@@ -195,6 +206,35 @@ class GrowingText:
             where=display_path(self.path),
             remedy="follow the new log with another {out} (and another {state})",
             parameters={"out": "FILE", "state": "FILE"},
+        )
+
+
+def check_can_grow(path: Path) -> None:
+    """Raise InputError for a file of a format that is written at once, by its ending or content.
+
+    Parameters
+    ----------
+    path
+        The file; it need not exist yet.
+
+    Examples
+    --------
+    >>> check_can_grow(Path("log.csv"))
+    >>> check_can_grow(Path("log.xlsx"))
+    Traceback (most recent call last):
+    ...
+    tcdyn.core.errors.InputError: log.xlsx: a file of this format cannot grow line by line; \
+expected a CSV log to follow (UTF-8)
+    """
+    is_complete = path.suffix.lower() in COMPLETE_ENDINGS
+    if not is_complete and path.is_file():
+        with open(path, "rb") as stream:
+            is_complete = stream.read(TAIL_BYTES).startswith(COMPLETE_FIRST_BYTES)
+    if is_complete:
+        raise InputError(
+            "a file of this format cannot grow line by line",
+            where=display_path(path),
+            expected="a CSV log to follow (UTF-8)",
         )
 
 

@@ -11,8 +11,10 @@ from __future__ import annotations
 import hashlib
 import io
 import re
+import sqlite3
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,16 +29,20 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import Finding
 from tcdyn.io.cells import ABSENT, TextColumn, is_number, is_text, kind_of_cell
+from tcdyn.io.column_names import missing_column_error
 from tcdyn.io.csv_dialect import Dialect, detect_dialect
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
 from tcdyn.io.metadata import read_metadata
 from tcdyn.io.rows import CheckedRows, check_rows
 from tcdyn.io.stamps import has_fraction, is_date, is_stamp, is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
+from tcdyn.io.times import is_time_name
 
 __all__ = [
     "CsvTable",
+    "Part",
     "Table",
+    "TextTable",
     "display_path",
     "open_table",
     "open_text",
@@ -51,17 +57,27 @@ PARQUET_ENDINGS = (".parquet", ".pq")
 # endings of files of this program that are no logs
 OTHER_ENDINGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 GZIP_FIRST_BYTES = b"\x1f\x8b"
-SPREADSHEET_FIRST_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # zip archive, old Excel
+ZIP_FIRST_BYTES = b"PK\x03\x04"  # an .xlsx workbook is a ZIP archive
+EMPTY_ZIP_FIRST_BYTES = b"PK\x05\x06"
+OLD_OFFICE_FIRST_BYTES = b"\xd0\xcf\x11\xe0"  # .xls, and workbooks with a password
+SQLITE_FIRST_BYTES = b"SQLite format 3\x00"
+MAT_FIRST_BYTES = b"MATLAB 5.0 MAT-file"  # of versions 5 to 7
+MAT_7_3_FIRST_BYTES = b"MATLAB 7.3 MAT-file"
+MAT_ENDING = ".mat"
+LOG_FORMATS = "a log (CSV, LVM, TDMS, Parquet, .xlsx or .mat)"
+LISTED_TABLES = 8  # of a database, in a message
 # other kinds of files by their first bytes, with a remedy
 OTHER_FIRST_BYTES = {
-    b"SQLite format 3\x00": ("an SQLite database", "export its table to CSV"),
     b"\x89HDF\r\n\x1a\n": ("an HDF5 file", "save its table as CSV or Parquet"),
-    b"MATLAB 5.0 MAT-file": ("a MATLAB file", "save its table with writetable to CSV"),
+    b"# Created by Octave": ("a text file of Octave", "save it with save -v7, as .mat"),
+    b"Octave-1-": ("a binary file of Octave", "save it with save -v7, as .mat"),
+    EMPTY_ZIP_FIRST_BYTES: ("an empty archive", "copy the file again"),
     b"\x80\x04\x95": ("a pickle of Python", "save its table with to_csv or to_parquet"),
     b"\x80\x05\x95": ("a pickle of Python", "save its table with to_csv or to_parquet"),
     b"\x93NUMPY": ("an array of NumPy", "save it as CSV with a header row"),
     b"CDF\x01": ("a NetCDF file", "save its table as CSV or Parquet"),
     b"CDF\x02": ("a NetCDF file", "save its table as CSV or Parquet"),
+    b"CDF\x05": ("a NetCDF file", "save its table as CSV or Parquet"),
     b"ARROW1": ("an Arrow or Feather file", "save its table as Parquet"),
     b"%PDF": ("a PDF document", "save its table as CSV"),
     b"BZh": ("a compressed file", "decompress it first"),
@@ -90,14 +106,37 @@ NULL_VALUES = sorted(
 
 
 @dataclass(frozen=True)
-class CsvTable(Table):
-    """A table in a text file, and its dialect."""
+class TextTable(Table):
+    """A table whose cells are text, in a file or a sheet of a workbook, and its dialect."""
 
     dialect: Dialect
 
 
-def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
-    """Open a log: TDMS or Parquet by ending or first bytes, LVM by its first bytes, otherwise text.
+@dataclass(frozen=True)
+class CsvTable(TextTable):
+    """A table in a text file."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Which table of a file with several is read.
+
+    Attributes
+    ----------
+    sheet
+        Sheet of a workbook; None: the only one with a table.
+    variable
+        Variable of a MATLAB file; None: the only one with a table.
+    """
+
+    sheet: str | None = None
+    variable: str | None = None
+
+
+def open_table(
+    path: str | Path, known_names: Collection[str] = (), part: Part | None = None
+) -> Table:
+    """Open a log: by its first bytes, or its ending, and otherwise as text.
 
     Parameters
     ----------
@@ -105,14 +144,16 @@ def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
         The file.
     known_names
         Column names that the header may contain; they distinguish it from titles and units.
+    part
+        Which table of the file; None: the only one.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is empty, does not have the format of its ending, or has too
-        many columns.
+        If the file cannot be read, is empty, does not have the format of its ending, holds several
+        tables of which none is chosen, or has too many columns.
     """
-    table = _open_by_format(Path(path), known_names)
+    table = _open_by_format(Path(path), known_names, part or Part())
     if len(table.names) > MAX_COLUMNS:
         raise InputError(
             f"has {len(table.names)} columns", where=table.where, expected=f"at most {MAX_COLUMNS}"
@@ -120,7 +161,7 @@ def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
     return table
 
 
-def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
+def _open_by_format(file: Path, known_names: Collection[str], part: Part) -> Table:
     """The table of a file, by its first bytes, its ending, or as text.
 
     Parameters
@@ -129,6 +170,8 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         The file.
     known_names
         Column names that the header may contain.
+    part
+        Which table of the file.
 
     Returns
     -------
@@ -138,20 +181,28 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
     Raises
     ------
     InputError
-        For a spreadsheet, an archive, or an ending of another kind of file; and as the readers do.
+        For a file of another kind, by its first bytes or its ending, and for a part that its format
+        does not have; and as the readers do.
 
     Notes
     -----
-    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM by its first bytes;
-    refusal of spreadsheets and archives by their first bytes, then of ``OTHER_ENDINGS``; text. Keep
-    it: first bytes of one format and the ending of another must not change their reader, and any
-    file could be text. A new format goes before the refusals. Guarded by
-    ``tests/io/test_file_formats.py`` (each format), ``tests/io/test_damaged_files.py`` (a
-    spreadsheet) and ``tests/cli/test_options.py`` (another ending).
+    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM, workbooks and
+    MATLAB files by their first bytes; refusal of other kinds by their first bytes; MATLAB files of
+    version 4 by their ending; refusal of ``OTHER_ENDINGS``; text. Keep it: first bytes of one
+    format and the ending of another must not change their reader, and any file could be text. A new
+    format goes before the refusals. Guarded by ``tests/io/test_file_formats.py`` (each format),
+    ``tests/io/test_other_kinds.py`` (the refusals) and ``tests/cli/test_options.py`` (another
+    ending).
     """
     where = display_path(file)
     head = _first_bytes(file, where)
     ending = file.suffix.lower()
+    is_workbook = head.startswith(ZIP_FIRST_BYTES)
+    is_binary_mat = head.startswith(MAT_FIRST_BYTES)
+    if part.sheet is not None and not is_workbook:
+        raise _needless_part_error("sheet", "an .xlsx workbook", where)
+    if part.variable is not None and not is_binary_mat and ending != MAT_ENDING:
+        raise _needless_part_error("variable", "a .mat file", where)
     is_tdms = head.startswith(b"TDSm") or ending == ".tdms"
     is_parquet = head.startswith(b"PAR1") or ending in PARQUET_ENDINGS
     if is_tdms or is_parquet:
@@ -161,27 +212,32 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         return tdms_table(file, where) if is_tdms else parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(FIRST_BYTES):
         return lvm_table(file, where, text_chunks)
-    if head.startswith(GZIP_FIRST_BYTES):
-        raise InputError("this is a compressed file", where=where, remedy="decompress it first")
-    if head.startswith(SPREADSHEET_FIRST_BYTES):
-        raise InputError(
-            "this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV"
-        )
-    for first_bytes, (kind, remedy) in OTHER_FIRST_BYTES.items():
-        if head.startswith(first_bytes):
-            raise InputError(
-                f"this is {kind}",
-                where=where,
-                expected="a log (CSV, LVM, TDMS or Parquet)",
-                remedy=remedy,
-            )
+    if is_workbook:
+        return _sheet_table(file, where, known_names, part.sheet)
+    if is_binary_mat:
+        return _mat_table(file, where, part.variable)
+    _check_no_other_kind(file, where, head)
+    if ending == MAT_ENDING:
+        return _mat_table(file, where, part.variable)
     if ending in OTHER_ENDINGS:
         raise InputError(
-            f"is {OTHER_ENDINGS[ending]} by its ending",
-            where=where,
-            expected="a log (CSV, LVM, TDMS or Parquet)",
+            f"is {OTHER_ENDINGS[ending]} by its ending", where=where, expected=LOG_FORMATS
         )
     dialect = detect_dialect(file, where, known_names)
+    table = _table_of_text(file, dialect)
+    return CsvTable(**vars(table))
+
+
+def _table_of_text(file: Path, dialect: Dialect) -> TextTable:
+    """The table of a text, with the metadata in a file beside it.
+
+    Parameters
+    ----------
+    file
+        The file.
+    dialect
+        Dialect of its text.
+    """
     in_file_beside, findings = read_metadata(file, dialect.names)
     metadata = {**in_file_beside, **dialect.metadata}
     chunks = partial(text_chunks, dialect)
@@ -190,8 +246,8 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
     first_cells = list(zip(dialect.names, dialect.first_row))
     clocks = tuple(name for name, cell in first_cells if is_stamp(cell))
     dates = tuple(name for name, cell in first_cells if is_date(cell, name))
-    return CsvTable(
-        where,
+    return TextTable(
+        dialect.where,
         dialect.names,
         metadata,
         chunks,
@@ -199,6 +255,140 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         units=dialect.units,
         clock_columns=clocks,
         date_columns=dates,
+    )
+
+
+def _mat_table(file: Path, where: str, variable: str | None) -> Table:
+    """The table of a MATLAB file; see ``tcdyn.io.matlab.mat_table``."""
+    from tcdyn.io.matlab import mat_table
+
+    return mat_table(file, where, variable)
+
+
+def _sheet_table(
+    file: Path, where: str, known_names: Collection[str], sheet: str | None
+) -> TextTable:
+    """The table of a workbook.
+
+    Parameters
+    ----------
+    file
+        The file.
+    where
+        The file, for messages.
+    known_names
+        Column names that the header may contain.
+    sheet
+        The sheet; None: the only one with a table, or the only one of them with a time.
+
+    Raises
+    ------
+    InputError
+        Without such a sheet, with several of them, and as ``tcdyn.io.workbook`` does.
+    """
+    from tcdyn.io.workbook import open_workbook
+
+    workbook = open_workbook(file, where)
+    all_names = (*workbook.visible, *workbook.hidden)
+    if sheet is not None and sheet not in all_names:
+        raise missing_column_error("sheet", sheet, all_names, where)
+    names = workbook.visible if sheet is None else (sheet,)
+    tables: dict[str, TextTable] = {}
+    problems: list[InputError] = []
+    for name in names:
+        where_in_file = where if len(all_names) == 1 else f"{where}, sheet {printable(name)!r}"
+        try:
+            text = workbook.sheet_text(name)
+            dialect = detect_dialect(file, where_in_file, known_names, text)
+        except InputError as problem:
+            problems.append(problem)
+            continue
+        tables[name] = _table_of_text(file, dialect)
+    if not tables and problems:
+        raise problems[0]
+    if not tables:
+        raise InputError(
+            "has no sheet that is not hidden",
+            where=where,
+            remedy="name its sheet, {sheet}",
+            parameters={"sheet": next(iter(all_names), "NAME")},
+        )
+    # columns that are needed decide, where only one sheet has some of them
+    needed = {name for name in known_names if not is_time_name(name)}
+    with_needed = [name for name, table in tables.items() if needed.intersection(table.names)]
+    with_time = [name for name, table in tables.items() if any(map(table.is_time, table.names))]
+    candidates = with_needed if len(with_needed) == 1 else with_time or [*tables]
+    if len(candidates) > 1:
+        kind = "tables with a time" if with_time else "tables"
+        raise InputError(
+            f"has {len(candidates)} sheets with {kind}",
+            where=where,
+            expected=f"one of {', '.join(repr(printable(name)) for name in candidates)}",
+            remedy="name the sheet, {sheet}",
+            parameters={"sheet": printable(candidates[0])},
+        )
+    return tables[candidates[0]]
+
+
+def _needless_part_error(option: str, kind: str, where: str) -> InputError:
+    """The error for an option that names a part of a file that has none."""
+    return InputError(
+        f"{{{option}}} is given, but this is not {kind}",
+        where=where,
+        remedy=f"leave out {{{option}}}",
+        parameters={option: None},
+    )
+
+
+def _check_no_other_kind(file: Path, where: str, head: bytes) -> None:
+    """Raise InputError for a kind of file that is no log, by its first bytes.
+
+    Parameters
+    ----------
+    file, where
+        The file, and its name for messages.
+    head
+        Its first bytes.
+    """
+    if head.startswith(GZIP_FIRST_BYTES):
+        raise InputError("this is a compressed file", where=where, remedy="decompress it first")
+    if head.startswith(OLD_OFFICE_FIRST_BYTES):
+        from tcdyn.io.workbook import refuse_old_excel
+
+        refuse_old_excel(file, where)
+    if head.startswith(MAT_7_3_FIRST_BYTES):
+        from tcdyn.io.matlab import version_7_3_error
+
+        raise version_7_3_error(file, where)
+    if head.startswith(SQLITE_FIRST_BYTES):
+        raise _database_error(file, where)
+    for first_bytes, (kind, remedy) in OTHER_FIRST_BYTES.items():
+        if head.startswith(first_bytes):
+            raise InputError(f"this is {kind}", where=where, expected=LOG_FORMATS, remedy=remedy)
+
+
+def _database_error(file: Path, where: str) -> InputError:
+    """The error for an SQLite database, with the tables that it holds, if it can be opened."""
+    address = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
+    query = "SELECT name FROM sqlite_master WHERE type IN ('table', 'view') ORDER BY name"
+    names: list[str] = []
+    try:
+        with closing(sqlite3.connect(address, uri=True)) as database:
+            names = [printable(str(name)) for (name,) in database.execute(query)]
+    except (sqlite3.Error, UnicodeDecodeError):
+        pass  # its kind is the message
+    tables = ""
+    if names:
+        more = len(names) - LISTED_TABLES
+        listed = ", ".join(map(repr, names[:LISTED_TABLES])) + (
+            f" and {more} more" if more > 0 else ""
+        )
+        tables = f" with the tables {listed}" if len(names) > 1 else f" with the table {listed}"
+    return InputError(
+        f"this is an SQLite database{tables}",
+        where=where,
+        expected=LOG_FORMATS,
+        remedy="export its table to CSV",
     )
 
 

@@ -176,9 +176,9 @@ def write_follow_report(
     assert run.log is not None  # a run that never saw the header of its log has no page
     log_path = run.log.source.path
     name = log_path.name
-    log = raw_log(
-        log_path, open_log_table(log_path, records, rig), records, rig, options or LogOptions()
-    )
+    options = options or LogOptions()
+    table = open_log_table(log_path, records, rig, options)
+    log = raw_log(log_path, table, records, rig, options)
     notes = {**log.notes, "delay_s": f"{run.delay_s:g}"}
     assumptions: list[str] = []
     sources = [("log", name, f"{run.rows_written} rows followed", "")]

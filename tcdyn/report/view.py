@@ -114,7 +114,7 @@ def view(
             else:
                 table = compensate_table(path, used, compensated, progress=progress, **reading)
                 findings = table.findings
-            opened = open_log_table(path, used, rig)
+            opened = open_log_table(path, used, rig, options)
             raw = raw_log(path, opened, used, rig, options)
             traces = compensated_traces(raw, compensated)
     else:

@@ -689,8 +689,8 @@ def read_log(
 ) -> Log:
     """Read a log and check it.
 
-    The format follows from the ending: CSV in its dialects, LVM, TDMS and Parquet. Row numbers in
-    messages are lines of the file.
+    The format follows from the file: CSV in its dialects, LVM, TDMS, Parquet, .xlsx and .mat. Row
+    numbers in messages are lines of the file.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.metadata import check_not_compensated
-from tcdyn.io.read import Table, open_table
+from tcdyn.io.read import Part, Table, open_table
 from tcdyn.io.times import TimeColumn
 from tcdyn.io.unit_names import unit_in, written_unit
 from tcdyn.rig.columns import (
@@ -219,7 +219,8 @@ def open_log(
     options = rig.reading
     time = {"time_s": options.time} if options.time else {}
     mapping = {**mapping, **time}
-    table = open_table(file, (*all_column_names(layouts), *mapping.values(), *air.values()))
+    part = Part(options.sheet, options.variable)
+    table = open_table(file, (*all_column_names(layouts), *mapping.values(), *air.values()), part)
     table, row_time = selected_rows(table, options)
     if row_time:
         mapping = {**mapping, "time_s": row_time}
@@ -256,7 +257,9 @@ def column_names(file: str | Path, rig: Rig, disk: str | None = None) -> tuple[s
         Disk of an immersion log.
     """
     mapping = {**rig.columns(), **rig.air_columns(), **rig.columns(disk)}
-    return open_table(file, (*all_column_names(rig_layouts(rig, disk)), *mapping.values())).names
+    part = Part(rig.reading.sheet, rig.reading.variable)
+    known = (*all_column_names(rig_layouts(rig, disk)), *mapping.values())
+    return open_table(file, known, part).names
 
 
 def missing_columns(

@@ -18,7 +18,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError, Value
 from tcdyn.io.cells import ABSENT, is_number
 from tcdyn.io.pandas_lines import pandas_line
-from tcdyn.io.read import CsvTable, read_labels
+from tcdyn.io.read import CsvTable, TextTable, read_labels
 from tcdyn.io.stamps import is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Table
 from tcdyn.series.value_channels import (
@@ -204,7 +204,7 @@ def _is_whole(text: str) -> bool:
 
 def _label_columns(table: Table, names: Sequence[str]) -> list[LabelColumn]:
     """Columns of a table that may hold labels, by its first rows, with all their rows."""
-    if isinstance(table, CsvTable):  # a name that stands twice got another one
+    if isinstance(table, TextTable):  # a name that stands twice got another one
         names = [name for name in names if name in table.dialect.names]
     head = _labels(table, names, HEAD_ROWS) if names else {}
     some = [name for name, labels in head.items() if _may_name(labels)]
@@ -214,7 +214,7 @@ def _label_columns(table: Table, names: Sequence[str]) -> list[LabelColumn]:
 
 def _labels(table: Table, names: Sequence[str], rows: int | None = None) -> dict[str, Labels]:
     """Cells of columns as labels; of about so many rows, or all."""
-    if isinstance(table, CsvTable):
+    if isinstance(table, TextTable):
         return read_labels(table.dialect, names, rows)
     of_text = [name for name in names if name in table.cells]
     found = {name: _labels_of_cells(table.cells[name][:rows]) for name in of_text}

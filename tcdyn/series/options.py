@@ -35,6 +35,10 @@ class ReadingOptions(Options):
         from the readings if it is not given
     averages_s
         each row is the mean of the readings over this time before it [s]
+    sheet
+        sheet of an .xlsx workbook, if it has several with tables
+    variable
+        variable of a .mat file with the table, such as log or log.data
     """
 
     time: str | None = option()
@@ -43,6 +47,8 @@ class ReadingOptions(Options):
     where: str | None = option()
     on_change: float | None = option()
     averages_s: float | None = option(low=SHORTEST_S, high=LONGEST_S)
+    sheet: str | None = option()
+    variable: str | None = option()
 
     def __post_init__(self) -> None:
         """Check the options, and that a condition has a column and a value.

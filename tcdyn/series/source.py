@@ -21,7 +21,7 @@ from tcdyn.core.findings import Finding, info
 from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.column_names import column_named, missing_column_error
 from tcdyn.io.metadata import check_not_compensated
-from tcdyn.io.read import Table, open_table
+from tcdyn.io.read import Part, Table, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
@@ -283,6 +283,11 @@ def open_source(
     if isinstance(data, pd.Series):
         data = data.to_frame("reading" if data.name is None else data.name)
     if isinstance(data, pd.DataFrame):
+        if options.sheet is not None or options.variable is not None:
+            raise InputError(
+                "{sheet} and {variable} name a table in a file, and the data are a DataFrame",
+                parameters={"sheet": None, "variable": None},
+            )
         table, time, time_unit = table_of_frame(data, options)
         options = replace(options, time=time, time_unit=time_unit)
         return source_of_table(Path("DataFrame"), table, known, options)
@@ -291,7 +296,8 @@ def open_source(
             f"the data are a {type(data).__name__}",
             expected="a file, a DataFrame, a Series over time, or a tuple of times and arrays",
         )
-    table = open_table(data, (*TIME_COLUMN_NAMES, *known))
+    part = Part(options.sheet, options.variable)
+    table = open_table(data, (*TIME_COLUMN_NAMES, *known), part)
     return source_of_table(Path(data), table, known, options)
 
 

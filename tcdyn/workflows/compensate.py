@@ -229,7 +229,8 @@ class CompensatedLog(Result):
         check_size(path, rows, len(self.frame.columns))
         style = STANDARD_STYLE
         if comments or dialect != "standard":
-            style = output_style(dialect, comments, open_table(self.raw_log.path), path)
+            table = None if dialect == "standard" else self._table_of_log()
+            style = output_style(dialect, comments, table, path)
         findings = (*self.findings, *dialect_findings(self._table_of_log(), path, style))
         if self.segments is not None:
             segment_findings = self.segments.write(path, progress, style)

@@ -149,7 +149,8 @@ def compensate_table(
     Parameters
     ----------
     log
-        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate; or an opened table.
+        CSV, LVM, TDMS, Parquet, .xlsx or .mat with a column of time, rows at any rate; or an opened
+        table.
     calibrations
         Sensors: sensor files or their paths, each column belongs to one; a lag [s] that is stated,
         25 or (25, 1) with its standard uncertainty; a ``Chain`` that is known; or a dict of these
@@ -259,7 +260,7 @@ def _open_log(
     """
     if not isinstance(log, Source):
         path = Path(log)
-        table = open_log_table(path, calibrations, rig)
+        table = open_log_table(path, calibrations, rig, options)
         raw = raw_log(path, table, calibrations, rig, options)
     elif isinstance(calibrations, Mapping):
         raise InputError("records with an opened table", expected="the file of a log of the rig")

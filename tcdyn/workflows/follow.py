@@ -32,7 +32,7 @@ from tcdyn.io.cells import is_number, number_and_unit
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.endings import CSV, JSON, check_ending
-from tcdyn.io.growing import ROW_END, GrowingText, open_growing
+from tcdyn.io.growing import ROW_END, GrowingText, check_can_grow, open_growing
 from tcdyn.io.metadata import START_TIME_KEY, metadata_path
 from tcdyn.io.read import display_path
 from tcdyn.io.stamps import is_stamp
@@ -178,11 +178,11 @@ def follow(
     Raises
     ------
     InputError
-        For a log that is no growing text table, is compensated already, or is not the one of the
-        state file. While it follows: for a log that was replaced, rotated, truncated or rewritten,
-        after all rows read before are written and the state is saved (a copy of the log with the
-        same rows may take its place); for an output that was renamed, deleted or changed by another
-        program.
+        For a log that is no growing text table, such as a workbook, is compensated already, or is
+        not the one of the state file. While it follows: for a log that was replaced, rotated,
+        truncated or rewritten, after all rows read before are written and the state is saved (a
+        copy of the log with the same rows may take its place); for an output that was renamed,
+        deleted or changed by another program.
 
     Notes
     -----
@@ -208,6 +208,7 @@ def follow(
             remedy="name another {out}",
             parameters={"out": None},
         )
+    check_can_grow(log)
     computing_s = time.process_time()
     patience = _Patience(settings.idle_s, poll_s, asked_to_stop, sleep)
     state = Path(state) if state else None
@@ -411,7 +412,7 @@ def _wait_for_rows(
         problem = InputError("no two rows came below the header", where=display_path(log))
         try:
             if log.exists() and log.stat().st_size > 0:
-                complete = open_log_table(log, calibrations, rig)
+                complete = open_log_table(log, calibrations, rig, options)
                 opened = open_growing(complete, log)
                 if opened is not None:
                     growing, table = opened

@@ -16,7 +16,7 @@ from tcdyn.core.arguments import as_names, described
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.metadata import COMPENSATED, check_not_compensated
-from tcdyn.io.read import Table, display_path, open_table
+from tcdyn.io.read import Part, Table, display_path, open_table
 from tcdyn.io.table import CHUNK_ROWS, Columns
 from tcdyn.io.times import TIME_COLUMN_NAMES
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
@@ -106,8 +106,17 @@ def calibrations_of(given: Given) -> Calibrations:
     return sensor_files(cast("Sensors", given))
 
 
-def open_log_table(path: Path, calibrations: Calibrations, rig: Rig | None) -> Table:
+def open_log_table(
+    path: Path, calibrations: Calibrations, rig: Rig | None, options: LogOptions
+) -> Table:
     """Open the file of a log; the names that it may hold help to find its header.
+
+    Parameters
+    ----------
+    path
+        The file.
+    calibrations, rig, options
+        As for ``raw_log``.
 
     Raises
     ------
@@ -115,11 +124,14 @@ def open_log_table(path: Path, calibrations: Calibrations, rig: Rig | None) -> T
         For a file that is no table.
     """
     known: tuple[str, ...] = TIME_COLUMN_NAMES
+    reading = options.rows
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
         disk = next(iter(calibrations))
         known = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
-    return open_table(path, known)
+        if reading == ReadingOptions():
+            reading = rig.reading
+    return open_table(path, known, Part(reading.sheet, reading.variable))
 
 
 def raw_log(

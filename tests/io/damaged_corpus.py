@@ -168,7 +168,7 @@ CORPUS: tuple[Damage, ...] = (
         "a spreadsheet",
         "ehl",
         REFUSED,
-        "spreadsheet",
+        "not readable as an Excel workbook",
         _bytes("log.csv", b"PK\x03\x04" + bytes(200)),
     ),
     Damage(

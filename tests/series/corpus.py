@@ -15,15 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import xlsxwriter
 from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet as pq
+from scipy.io import savemat
 
 from tests.series.corpus_logs import (
     INTERVAL_RTOL,
@@ -828,7 +830,7 @@ def _loggers() -> None:
 
 
 def _binary_and_lvm() -> None:
-    """LVM, TDMS and Parquet."""
+    """LVM, TDMS, Parquet, workbooks and MATLAB files."""
     kind = "formats"
     for name, decimal, separator, word in (
         ("LVM, tabs", ".", "\t", "Tab"),
@@ -888,6 +890,18 @@ def _binary_and_lvm() -> None:
         grows=False,
         time="Time [ms]",
     )
+    log = make_log(600, 0.5, 1215, lost=0.01)
+    log = put(log, "fine", some_rows(log, 0.02, 1215), "", "empty")
+    add(
+        kind,
+        "a sheet of Excel with dates, blanks and lost rows",
+        log,
+        _workbook(log),
+        grows=False,
+        time="Zeit",
+    )
+    log = make_log(600, 0.1, 1216, lost=0.01)
+    add(kind, "a struct of MATLAB", log, _mat(log), grows=False)
     log = make_log(800, 1 / 75, 1214, jitter=0.05)
     add(
         kind,
@@ -951,6 +965,48 @@ def _parquet(log: Log, time: str) -> Writer:
     def write(folder: Path) -> Path:
         path = folder / "log.parquet"
         pq.write_table(pa.table(named), path)
+        return path
+
+    return write
+
+
+def _workbook(log: Log) -> Writer:
+    """Writer of a workbook whose time is dates of Excel, below a title."""
+
+    def write(folder: Path) -> Path:
+        path = folder / "log.xlsx"
+        book = xlsxwriter.Workbook(path)
+        book.set_properties({"created": datetime(2024, 3, 11)})
+        sheet = book.add_worksheet("Log")
+        stamp = book.add_format({"num_format": "dd.mm.yyyy hh:mm:ss.000"})
+        sheet.write(0, 0, "kiln 3")
+        sheet.write_row(2, 0, ["Zeit", FINE, COARSE, INPUT])
+        start = datetime(2024, 3, 11, 9, 59, 50)
+        for k, stamp_s in enumerate(log.stamp_s):
+            instant = start + timedelta(milliseconds=round(1e3 * stamp_s))
+            sheet.write_datetime(k + 3, 0, instant, stamp)
+        for column, name in enumerate(("fine", "coarse", "u"), 1):
+            for k, value in enumerate(log.values(name)):
+                if np.isfinite(value):
+                    sheet.write_number(k + 3, column, value)
+        book.close()
+        return path
+
+    return write
+
+
+def _mat(log: Log) -> Writer:
+    """Writer of a MATLAB file with a struct of vectors."""
+    values = {FINE: log.values("fine"), COARSE: log.values("coarse"), INPUT: log.values("u")}
+
+    def write(folder: Path) -> Path:
+        path = folder / "log.mat"
+        columns = {name: column[:, None] for name, column in values.items()}
+        variables = {"log": {"time_s": log.stamp_s[:, None], **columns}, "fs": 10.0}
+        savemat(path, variables, do_compression=True)
+        content = path.read_bytes()
+        text = b"MATLAB 5.0 MAT-file, without the date of today"
+        path.write_bytes(text.ljust(116) + content[116:])
         return path
 
     return write
