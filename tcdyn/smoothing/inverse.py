@@ -82,9 +82,9 @@ class InverseFilter:
 
     @property
     def rate_noise_gain(self) -> float:
-        """Noise of the rate of change [1/s], as ``numpy.gradient`` forms it, over that of the input.
+        """Noise of the rate of change over that of the input [1/s].
 
-        The response has two zeros before and after it, so that both its ends count.
+        The rate is that of ``numpy.gradient``. Zeros beside the response make both its ends count.
         """
         response = np.pad(self._impulse_response(), 2)
         return float(np.sqrt(np.sum(np.gradient(response, self.dt_s) ** 2)))
@@ -234,9 +234,7 @@ def invert(
         mean_slope = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
         sd_noise[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * mean_slope)
         mean_curvature = np.gradient(mean_slope, dt_s)
-        slope_sd[:, c] = np.hypot(
-            f.rate_noise_gain * sd[c], f.remaining_shift_s * mean_curvature
-        )
+        slope_sd[:, c] = np.hypot(f.rate_noise_gain * sd[c], f.remaining_shift_s * mean_curvature)
     result = Compensated.from_components(
         x,
         sd_noise,

@@ -808,7 +808,7 @@ class Compensated(Result):
             unit = self._units[c]
             if not unit.is_temperature:
                 columns[name] = temperature[:, c]
-                columns[unit.uncertainty_name(name)] = sd[:, c]
+                columns[unit.names(name).u] = sd[:, c]
                 continue
             base = without_unit(name) if unit_in(name) == "degC" else name
             columns[f"{base}_degC"] = temperature[:, c]

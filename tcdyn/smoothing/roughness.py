@@ -68,6 +68,10 @@ SPECTRUM_START = 0.2
 MIN_FREQUENCIES = 50
 # bands in which the spectrum is averaged, at most
 MAX_BANDS = 200
+# Frequency, in corner frequencies, at which the readings show how strong slope noise and level noise
+# are together, but not which of them it is: the middle of those below the corner. With the corner
+# itself the band of the rate of a random walk is too narrow (tests/smoothing/rate_study.py).
+SHAPE_SHARE = 0.5
 # degrees of freedom up to which the uncertainty of an intensity widens the band noticeably
 FEW_DOF_OF_BAND = 30.0
 
@@ -493,3 +497,29 @@ def unresolved_var(fit: Smoothed) -> tuple[Array, Array]:
             missed[:, index] = squared_gains @ error * (w[1] - w[0]) / np.pi
         var_of_channel[:, c] = np.maximum(missed @ weights - missed[:, -1], 0.0)
     return var_of_channel[0], var_of_channel[1]
+
+
+def unseen_slope_var(fit: Smoothed) -> Array:
+    """Variance (N, M) [K2/s2] of the rate of change by noise that is not seen to drive the level.
+
+    In a record with level noise, the readings do not show whether what is ascribed to slope noise
+    is level noise, too: both have one power below the corner of the smoother. Above it they part,
+    and the rate of change over one sampling interval depends on that.
+
+    Notes
+    -----
+    Slope noise of the intensity q has at the frequency w the power of level noise of q / w^2. That
+    of ``SHAPE_SHARE`` of the corner is taken for level noise, as far as there is level noise at the
+    corner. In one sampling interval dt, level noise p adds the variance p / dt.
+    """
+    record = fit.record
+    out = np.zeros_like(fit.predicted)
+    time_s = np.arange(len(out)) * record.dt_s
+    for c, (chain, q, var) in enumerate(zip(record.chains, fit.intensities, fit.noise_var)):
+        if not q.level_noise:
+            continue
+        at_corner = _first_level_noise(q, chain, var * record.dt_s)
+        unseen = np.minimum(at_corner, q.level_noise) / SHAPE_SHARE**2
+        segment = np.maximum(np.searchsorted(q.starts_s, time_s, side="right") - 1, 0)
+        out[:, c] = unseen[segment] / record.dt_s
+    return out

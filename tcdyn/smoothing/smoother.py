@@ -51,6 +51,7 @@ from tcdyn.smoothing.roughness import (
     intensity_var,
     refine,
     unresolved_var,
+    unseen_slope_var,
     with_least_risk,
 )
 from tcdyn.smoothing.rts import rts_smooth
@@ -229,6 +230,7 @@ def smooth(
         for of_temperature, of_slope in (unresolved_var(fit), intensity_var(fit)):
             var = var + of_temperature
             slope_var = slope_var + of_slope
+        slope_var = slope_var + unseen_slope_var(fit)
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
         var = var + shift_K**2

@@ -448,7 +448,7 @@ class Smoothed:
         covariance at the knot; the sensitivities are interpolated linearly between knots.
         """
         dt = self.record.dt_s
-        t = np.arange(len(self.predicted)) * dt
+        t = np.asarray(np.arange(len(self.predicted)) * dt, dtype=np.float64)
         interval = np.searchsorted(self.knots_s[:-1], t + 1e-6 * dt, side="right") - 1
         since_knot_s = (t - self.knots_s[interval])[:, None]
 

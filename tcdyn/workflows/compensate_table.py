@@ -24,7 +24,12 @@ from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
-from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
+from tcdyn.sensors.compensation import (
+    CompensationMethod,
+    Totals,
+    compensated_segments,
+    write_segments,
+)
 from tcdyn.series import Source
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import FilledTimes, RisingRows
@@ -66,6 +71,8 @@ class CompensatedTable(Result):
         One row a compensated column: its name, noise, and typical and largest standard deviation
         of the compensated readings [K]. If a column is no temperature, the names do not state K,
         and ``unit`` is the unit of each.
+    decimals
+        Number of decimals in a CSV file, of each column with results.
     metadata
         Metadata of the file that was written.
     findings
@@ -79,6 +86,7 @@ class CompensatedTable(Result):
     columns: tuple[Channel, ...]
     carried: tuple[str, ...]
     numbers: pd.DataFrame
+    decimals: dict[str, int]
     metadata: dict[str, str]
     findings: tuple[Finding, ...]
     reading: SeriesReport | None = None
@@ -127,6 +135,7 @@ def compensate_table(
     *,
     rig: Rig | None = None,
     delay_s: float | None = None,
+    rate: bool = False,
     dialect: DialectName = "standard",
     comments: bool = False,
     progress: Progress = no_progress,
@@ -134,11 +143,11 @@ def compensate_table(
 ) -> CompensatedTable:
     """Compensate the columns of any table that sensors cover, and write the table to ``out``.
 
-    Each column with a sensor is replaced by what the sensor measures, a temperature by that of the
-    junction, in its own unit (mV of a thermocouple: degrees Celsius). A column ``<name>_u_K``
-    (``_u_degF``, ``_u_ppm``) behind the last one is its standard uncertainty: noise, smoothing, lag
-    and static line. Other columns pass through as numbers and are named in a
-    finding.
+    Each column with a sensor becomes what the sensor measures, a temperature that of the junction,
+    in its own unit (mV of a thermocouple: degrees Celsius). Before it stands the column as logged,
+    ``<name>_logged_degC``; behind it its standard uncertainty, ``<name>_u_K`` (``_u_degF``,
+    ``_u_ppm``): noise, smoothing, lag and static line. Other columns pass through as numbers and
+    are named in a finding.
 
     Parameters
     ----------
@@ -154,6 +163,9 @@ def compensate_table(
     delay_s
         None: each row is compensated with all rows near it. A number [s]: with the rows that are
         there this long after it, as ``tcdyn.workflows.follow.follow`` does.
+    rate
+        Also the rate of change of each result and its standard uncertainty, ``<name>_rate_K_s`` and
+        ``<name>_rate_u_K_s``.
     dialect, comments
         How a CSV file is written, as for ``tcdyn.workflows.compensate.CompensatedLog.write``.
     progress
@@ -177,6 +189,8 @@ def compensate_table(
     if not callable(out):
         check_not_input(out_path, raw.source.path)
     style = output_style(dialect, comments, raw.source.table, out_path)
+    method = CompensationMethod(rate=rate)
+    header = raw.header(method)
     notes = dict(raw.notes)
     if raw.source.path.is_file():
         notes["source_sha256"] = sha256_of_file(raw.source.path)
@@ -196,11 +210,12 @@ def compensate_table(
         FilledTimes(raw.source, raw.time_in_log) if delay_s is None else seen,
         raw.source.table.names,
         raw.channels,
+        method,
         delay_s=delay_s,
     )
     if delay_s is not None:
         notes["delay_s"] = f"{delay_s:g}"
-    totals = write_segments(out, raw.header, notes, segments, report, style=style, time=raw.stamps)
+    totals = write_segments(out, header, notes, segments, report, style=style, time=raw.stamps)
     if delay_s is None:
         findings = [*raw.findings, *totals.findings]
     else:
@@ -222,6 +237,7 @@ def compensate_table(
         raw.channels.channels,
         raw.carried,
         uncertainties,
+        totals.decimals,
         totals.metadata,
         unique_by_subject(findings),
         report_of_rows,

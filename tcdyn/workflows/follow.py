@@ -41,10 +41,12 @@ from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
     CompensatedSegment,
+    CompensationMethod,
     Totals,
     compensated_segments,
     text_columns,
 )
+from tcdyn.sensors.decimals import rounded_for_file
 from tcdyn.sensors.segments import SegmentPosition
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import RisingRows
@@ -60,7 +62,7 @@ from tcdyn.workflows.raw_log import (
     survey_of,
 )
 
-STATE_SCHEMA = "tcdyn.follow/8"
+STATE_SCHEMA = "tcdyn.follow/9"
 STOPPED_BY_USER = "stopped"
 SAVE_EVERY_S = 10.0
 # Usual delay: two lags, of which one is there after each row, so that a change of the temperature
@@ -135,6 +137,7 @@ def follow(
     rig: Rig | None = None,
     *,
     delay_s: float | None = None,
+    rate: bool = False,
     options: TableOptions | None = None,
     state: str | Path | None = None,
     overwrite: bool = False,
@@ -161,6 +164,8 @@ def follow(
     delay_s
         How long after a row it is compensated, with the rows that are there then [s]; None: the
         longer of two lags and two seconds.
+    rate
+        Also the rate of change of each result and its standard uncertainty.
     state
         JSON file in which the run notes every ten seconds, and at its end, where it stands. If it
         exists, the run that wrote it is continued, and ``out`` is cut back to what it states.
@@ -230,7 +235,9 @@ def follow(
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
     style = output_style(dialect, comments, raw.source.table, out)
-    key = {**_state_key(raw, calibrations, delay_s), "dialect": dialect}
+    method = CompensationMethod(rate=rate)
+    header = raw.header(method)
+    key = {**_state_key(raw, calibrations, delay_s), "dialect": dialect, "rate": rate}
     is_new = not out.exists()
     if state is not None and continues:
         stand = _read_state(state, key, growing, out)
@@ -238,12 +245,12 @@ def follow(
         _check_output_free(out, overwrite)  # it may have come while the header was waited for
         # what stood there stays until this is complete
         notes = {**raw.notes, "delay_s": f"{delay_s:g}", **_start_time_metadata(growing, raw)}
-        out_bytes = start_csv(out, raw.header, notes, style=style)
-        stand = _Stand(growing.offset, None, 0, out_bytes)
+        out_bytes = start_csv(out, header, notes, style=style)
+        stand = _Stand(growing.offset, None, 0, out_bytes, {})
     announce(raw, delay_s)
     rising = RisingRows(raw.source)
     seen = SurveyedSource(rising, raw.channels.raw_columns, survey_of(raw))
-    totals = Totals()
+    totals = Totals(decimals=stand.decimals)
     with (
         _removed_without_rows(out, state) if is_new else nullcontext(),
         AppendedFile(out, stand.out_bytes, stand.written) as output,
@@ -253,6 +260,7 @@ def follow(
             seen,
             [*raw.source.table.names, ROW_END],
             raw.channels,
+            method,
             delay_s=delay_s,
             position=stand.position,
         )
@@ -260,13 +268,13 @@ def follow(
         for result in segments:
             if result.segment.is_last and state:  # a run that continues writes these rows again
                 _write_state(state, key, growing, stand, output)
-            frame = result.frame(raw.header)
-            text = text_columns(result, raw.header)
-            output.append(csv_rows(frame, text, style), len(frame))
             totals.add(result)
+            frame = rounded_for_file(result.frame(header), totals.decimals, out)
+            text = text_columns(result, header)
+            output.append(csv_rows(frame, text, style), len(frame))
             if result.segment.is_last:
                 break
-            stand = stand.after(result, output)
+            stand = stand.after(result, output, totals.decimals)
             if state and time.monotonic() - saved_at > SAVE_EVERY_S:
                 _write_state(state, key, growing, stand, output)
                 saved_at = time.monotonic()
@@ -454,22 +462,26 @@ def _start_time_metadata(growing: GrowingText, raw: RawLog) -> dict[str, str]:
 @dataclass(frozen=True)
 class _Stand:
     """Where a run stands: position in the log of the first row that the next block needs [bytes],
-    position of the reading, rows written and size of the output [bytes].
+    position of the reading, rows written, size of the output [bytes], and number of decimals by
+    column of the output.
     """
 
     offset: int
     position: SegmentPosition | None
     written: int
     out_bytes: int
+    decimals: dict[str, int]
 
-    def after(self, result: CompensatedSegment, output: AppendedFile) -> _Stand:
+    def after(
+        self, result: CompensatedSegment, output: AppendedFile, decimals: dict[str, int]
+    ) -> _Stand:
         """Where it stands after a segment that was written."""
         segment = result.segment
         first = segment.keep.stop - segment.position.history_rows
         offset = self.offset
         if first > 0:
             offset = int(segment.data[ROW_END][first - 1])
-        return _Stand(offset, segment.position, output.rows, output.size)
+        return _Stand(offset, segment.position, output.rows, output.size, decimals)
 
 
 def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, Any]:
@@ -516,6 +528,7 @@ def _write_state(
         "written": stand.written,
         "out_bytes": stand.out_bytes,
         "out_sha256": output.hash.hexdigest(),
+        "decimals": stand.decimals,
     }
     plain = json.loads(json.dumps(content))
     write_text(file, json.dumps({**plain, CHECKSUM_KEY: checksum(plain)}) + "\n")
@@ -541,8 +554,10 @@ def _read_state(file: Path, key: dict[str, Any], growing: GrowingText, out: Path
             place = data["position"]
             rows = (int(place["done_rows"]), int(place["history_rows"]))
             position = SegmentPosition(float(place["interval_s"]), *rows)
-        stand = _Stand(int(data["offset"]), position, int(data["written"]), int(data["out_bytes"]))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
+        decimals = {str(name): int(count) for name, count in data["decimals"].items()}
+        written = int(data["written"])
+        stand = _Stand(int(data["offset"]), position, written, int(data["out_bytes"]), decimals)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as problem:
         raise InputError(
             f"is no state of a followed log ({problem!r})", where=str(file), **anew
         ) from None

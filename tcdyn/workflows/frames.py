@@ -8,7 +8,7 @@ those of a file with the same columns. Guarded by ``tests/sensors/test_compensat
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages, warnings_and_errors
+from tcdyn.sensors.compensation import CompensationMethod
 from tcdyn.sensors.file import SensorFile, read_sensor
 from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.frame import UNITS_KEY, rows_with
@@ -39,6 +40,7 @@ def compensate_frame(
     unit: Mapping[str, str] | str = "",
     couple: str = "",
     cold: float | str = 0.0,
+    rate: bool = False,
     **reading: Any,
 ) -> pd.DataFrame:
     """Compensate the columns of a DataFrame, or a Series, that sensors cover.
@@ -64,6 +66,8 @@ def compensate_frame(
     couple, cold
         Of millivolts: the thermocouple's type ("none" if it is another voltage), and the reference
         junction [degC] or its column.
+    rate
+        Also the rate of change of each result and its standard uncertainty.
     reading
         ``dt_s``, ``where``, ``on_change`` and ``averages_s`` as in
         :class:`tcdyn.series.ReadingOptions`.
@@ -73,9 +77,11 @@ def compensate_frame(
     DataFrame
         The table with the same index and columns. Each column with a sensor is what the sensor
         measures, for a thermocouple the temperature at the junction, in its own unit (mV of a
-        thermocouple: degrees Celsius); a column ``<name>_u_K`` (``_u_degF``, ``_u_ppm``) at the end
-        is its standard uncertainty. ``attrs`` holds those of ``data``, the metadata that a
-        file would have, and the list ``warnings``.
+        thermocouple: degrees Celsius). Before it stands the column as logged,
+        ``<name>_logged_degC``; behind it its standard uncertainty, ``<name>_u_K`` (``_u_degF``,
+        ``_u_ppm``), and with ``rate`` the rate of change and its standard uncertainty,
+        ``<name>_rate_K_s`` and ``<name>_rate_u_K_s``. The numbers are not rounded. ``attrs`` holds
+        those of ``data``, the metadata that a file would have, and the list ``warnings``.
 
     Raises
     ------
@@ -98,16 +104,16 @@ def compensate_frame(
     >>> time = pd.date_range("2026-03-01 10:00", periods=60, freq="s")
     >>> done = compensate_frame(pd.Series(reading, time, name="T_degC"), probe)
     >>> list(done), done.index.equals(time), done.attrs["start_time"]
-    (['T_degC', 'T_u_K'], True, '2026-03-01T10:00:00')
+    (['T_logged_degC', 'T_degC', 'T_u_K'], True, '2026-03-01T10:00:00')
     """
     files = _sensor_files(sensors)
     if isinstance(data, pd.Series):
         name = data.name if data.name is not None else _single_column(files)
         data = data.to_frame(name)
         columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
-    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
+    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold, "rate": rate}
     rows = ReadingOptions(time, time_unit, **reading)
-    return _compensate_frame(data, files, rows, {}, options)
+    return _compensate_frame(data, files, rows, {}, options)[0]
 
 
 def compensate_dataset(
@@ -119,6 +125,7 @@ def compensate_dataset(
     unit: Mapping[str, str] | str = "",
     couple: str = "",
     cold: float | str = 0.0,
+    rate: bool = False,
 ) -> xr.Dataset:
     """Compensate the variables of an xarray Dataset, or a DataArray, that sensors cover.
 
@@ -127,14 +134,14 @@ def compensate_dataset(
     data
         Variables along one dimension, whose coordinate is the time. Units are read from the
         attribute ``units`` of variables and coordinate where they have one.
-    sensors, columns, time_unit, unit, couple, cold
+    sensors, columns, time_unit, unit, couple, cold, rate
         As for ``compensate_frame``.
 
     Returns
     -------
     Dataset
-        The dataset with the temperatures at the junctions and their standard uncertainties, as
-        for ``compensate_frame``; coordinates and other variables as they were.
+        The dataset with the logged readings, the temperatures at the junctions and their standard
+        uncertainties, as for ``compensate_frame``; coordinates and other variables as they were.
 
     Raises
     ------
@@ -164,14 +171,15 @@ def compensate_dataset(
     frame = pd.DataFrame({str(n): v.values for n, v in data.data_vars.items()}, index)
     frame.attrs = dict(data.attrs)
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
-    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold}
+    options = {"columns": columns, "unit": unit, "couple": couple, "cold": cold, "rate": rate}
     rows = ReadingOptions(time_unit=time_unit)
-    done = _compensate_frame(frame, files, rows, units, options)
-    result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
+    done, logged_names = _compensate_frame(frame, files, rows, units, options)
+    result = data.drop_vars(list(data.data_vars))
+    result = result.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
     for name, variable in data.data_vars.items():
-        if name in done.columns:
-            result[name].attrs = variable.attrs
-    result = result.drop_vars([name for name in data.data_vars if name not in done.columns])
+        for new_name in (str(name), logged_names.get(str(name))):
+            if new_name in done.columns:
+                result[new_name].attrs = dict(variable.attrs)
     return result.assign_attrs(done.attrs)
 
 
@@ -192,8 +200,10 @@ def _compensate_frame(
     reading: ReadingOptions,
     units: Mapping[str, str],
     options: Mapping[str, Any],
-) -> pd.DataFrame:
+) -> tuple[pd.DataFrame, dict[str, str]]:
     """The frame with compensated columns, warnings and attributes; see ``compensate_frame``.
+
+    Also the new name of each logged column.
 
     Parameters
     ----------
@@ -223,18 +233,24 @@ def _compensate_frame(
     for message in serious:
         warnings.warn(message, UserWarning, stacklevel=3)
     made = pd.concat(parts, ignore_index=True)
-    result = frame.copy()
-    new_names = {}
-    for channel in done.columns:
-        label = frame.columns[names.index(channel.column)]
-        name, u_name = channel.unit.names(channel.column)
-        result[label] = made[name].to_numpy()
-        result[u_name] = made[u_name].to_numpy()
-        if name != channel.column:
-            new_names[label] = name
+    method = CompensationMethod(rate=bool(options.get("rate")))
+    units_of_channels = {channel.column: channel.unit for channel in done.columns}
+    columns: dict[Hashable, pd.Series] = {}
+    logged_names = {}
+    for name, label in zip(names, frame.columns):
+        if name not in units_of_channels:
+            columns[label] = frame[label]
+            continue
+        logged, *results = method.output_names(units_of_channels[name], name)
+        logged_names[name] = logged
+        columns[logged] = frame[label]
+        for result_name in results:
+            new_label: Hashable = label if result_name == name else result_name
+            columns[new_label] = pd.Series(made[result_name].to_numpy(), frame.index)
     metadata = {key: value for key, value in done.metadata.items() if key != "source"}
-    result = result.rename(columns=new_names)
+    result = pd.DataFrame(columns, frame.index)
+    result.columns.name = frame.columns.name
     result.attrs = dict(frame.attrs)
     result.attrs.update(metadata)
     result.attrs[WARNINGS_KEY] = list(serious)
-    return result
+    return result, logged_names
