@@ -11,12 +11,13 @@ import pytest
 
 import tcdyn
 from tcdyn.core.errors import InputError
+from tcdyn.sensors import specified_sensor
 from tcdyn.sensors.compensation import CompensationMethod
 from tcdyn.sensors.decimals import decimals_for, rounded_for_file
 from tcdyn.series.units import Unit
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.follow import follow
-from tests.sensors.sensor_world import logged, specified_sensor, write, written
+from tests.sensors.sensor_world import logged, write, written
 
 LAG_S = 1.5
 DT_S = 0.1
