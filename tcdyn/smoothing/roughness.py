@@ -68,9 +68,9 @@ SPECTRUM_START = 0.2
 MIN_FREQUENCIES = 50
 # bands in which the spectrum is averaged, at most
 MAX_BANDS = 200
-# Frequency, in corner frequencies, at which the readings show how strong slope noise and level noise
-# are together, but not which of them it is: the middle of those below the corner. With the corner
-# itself the band of the rate of a random walk is too narrow (tests/smoothing/rate_study.py).
+# Frequency, in corner frequencies, at which the readings show how strong slope noise and level
+# noise are together, but not which of them it is: the middle of those below the corner. Without the
+# level noise that there may be, the band of the rate of a random walk is too narrow (tests/smoothing/rate_study.py).
 SHAPE_SHARE = 0.5
 # degrees of freedom up to which the uncertainty of an intensity widens the band noticeably
 FEW_DOF_OF_BAND = 30.0

@@ -17,9 +17,9 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.io.metadata import (
     check_not_compensated,
+    compensated_pair,
     metadata_path,
     read_metadata,
-    compensated_pair,
 )
 from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.io.write import OutputStyle, log_writer, write_log

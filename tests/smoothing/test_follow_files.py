@@ -255,7 +255,6 @@ def test_an_output_that_is_renamed_deleted_or_changed_stops_the_run_and_names_th
 
 
 def test_names_with_commas_and_quotes_come_back_from_a_semicolon_log(tmp_path: Path) -> None:
-    names = ["time_s", "gas, left_degC", 'the "old" one']
     t, _, y = logged((0.5,), 0.05, 150, 0.1, 2)
     lines = "".join(f"{a:.2f};{b:.3f};5\n" for a, b in zip(t, y))
     log = tmp_path / "log.csv"
