@@ -96,6 +96,7 @@ def compensate(
     files.check_given()
     target = out or default_output_path(log, ".compensated.csv")
     only_of_rig = {**method.stated, **of_rig.stated}
+    only_of_rig.pop("rate", None)
     if "refine" in only_of_rig:
         only_of_rig["refine"] = True
     if files.sensor:

@@ -15,14 +15,20 @@ from typing import Any
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
+from tcdyn.io.unit_names import is_same_name, without_unit
 
 METADATA_ENDING = ".meta.json"  # behind the name of the table
-METADATA_SCHEMA = "tcdyn.table/1"
+METADATA_SCHEMA = "tcdyn.table/2"
+# Schemas that are read: in a compensated table of the first, no column has the readings as logged.
+READ_SCHEMAS = (METADATA_SCHEMA, "tcdyn.table/1")
 COMPENSATED = "compensated"  # value of the entry "tcdyn" of a compensated table
 SIMULATED_KEY = "simulated"  # entry of a log that the simulator wrote
 START_TIME_KEY = "start_time"  # entry with the date and time of the first row, ISO 8601
-# a column of a standard uncertainty, and what may follow its stem in the name of the temperature
+LOGGED = "_logged"  # in the name of a column as logged, beside its result
+# columns of a standard uncertainty, and of that of a rate of change; and what may follow the stem
+# of the former in the name of the temperature
 _UNCERTAINTY = re.compile(r"(?P<stem>.+)_u_(?:K|degF)")
+_RATE_UNCERTAINTY = re.compile(r"(?P<rate>.+_rate)_u(?P<unit>_.+_s)")
 _UNIT_ENDING = r"(?:_degC|_K|_degF|_mV|\s*[\[(][^\])]*[\])])?"
 
 
@@ -80,7 +86,7 @@ def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], lis
     content = _content(text)
     if content is None:
         return {}, [warning("metadata.damaged", subject=file.name)]
-    if content.get("schema") != METADATA_SCHEMA:
+    if content.get("schema") not in READ_SCHEMAS:
         return {}, []
     columns = content.get("columns")
     metadata = content.get("metadata")
@@ -115,7 +121,7 @@ def check_metadata_file_is_ours(path: Path) -> None:
     content = None
     if file.is_file():
         content = _content(file.read_text(encoding="utf-8", errors="replace"))
-    if content is None or content.get("schema") != METADATA_SCHEMA:
+    if content is None or content.get("schema") not in READ_SCHEMAS:
         raise InputError(
             "is no file of metadata of tcdyn, and would be replaced",
             where=str(file),
@@ -148,36 +154,71 @@ def check_not_compensated(names: Collection[str], metadata: Mapping[str, str], w
     Raises
     ------
     InputError
-        With the reason: the metadata say so, or there is a temperature with its standard
-        uncertainty, in columns named as tcdyn names them.
+        With the reason: the metadata say so, or there are columns as only a compensation makes
+        them.
 
     Notes
     -----
-    The columns decide alone where the file of metadata was lost. A table in which only the noise
-    was removed has no such columns and is not recognised without its metadata.
+    The columns decide alone where the file of metadata was lost. Of one sensor two of them are
+    enough, see ``compensated_pair``. A result alone looks like a raw column, and a logged column
+    alone is one.
     """
     expected = "a table as the logger wrote it"
     remedy = "give the raw table: static lines and chain must not be applied twice"
     if metadata.get("tcdyn") == COMPENSATED:
         reason = "is compensated already: its metadata say so"
         raise InputError(reason, where=where, expected=expected, remedy=remedy)
-    pair = uncertainty_pair(names)
+    pair = compensated_pair(names)
     if pair is not None:
-        name, u_name = pair
+        name, other = pair
         raise InputError(
-            f"is compensated already: it has columns {name!r} and {u_name!r}",
+            f"is compensated already: it has columns {name!r} and {other!r}",
             where=where,
             expected=expected,
-            remedy=f"{remedy}. If it is raw, rename column {u_name!r}",
+            remedy=f"{remedy}. If it is raw, rename column {other!r}",
         )
 
 
-def uncertainty_pair(names: Collection[str]) -> tuple[str, str] | None:
-    """A temperature and its standard uncertainty as tcdyn names them, if there is such a pair.
+def compensated_pair(names: Collection[str]) -> tuple[str, str] | None:
+    """Two columns of one sensor as only a compensation names them, if there are such.
 
-    >>> uncertainty_pair(["time", "T1 [K]", "T1_u_K"]), uncertainty_pair(["T1", "u_K", "T2_u_K"])
+    Parameters
+    ----------
+    names
+        Names of the columns.
+
+    Returns
+    -------
+    pair
+        A temperature and its standard uncertainty; a result and the column as logged; that column
+        and a standard uncertainty or a rate of change; or a rate of change and its standard
+        uncertainty.
+
+    Examples
+    --------
+    >>> compensated_pair(["time", "T1 [K]", "T1_u_K"]), compensated_pair(["T1", "u_K", "T2_u_K"])
     (('T1 [K]', 'T1_u_K'), None)
+    >>> compensated_pair(["T1_logged_mV", "T1_degC"]), compensated_pair(["x_logged_V", "y_V"])
+    (('T1_degC', 'T1_logged_mV'), None)
+    >>> compensated_pair(["x_logged_ppm", "x_u_ppm"])
+    ('x_logged_ppm', 'x_u_ppm')
     """
+    for name in names:
+        stem = without_unit(name)
+        if not stem.endswith(LOGGED):
+            continue
+        of_sensor = stem.removesuffix(LOGGED)
+        before_compensation = of_sensor + name.removeprefix(stem)
+        for other in names:
+            if is_same_name(before_compensation, other):
+                return other, name
+        for other in names:
+            if other.startswith((f"{of_sensor}_u_", f"{of_sensor}_rate_")):
+                return name, other
+    for u_name in names:
+        match = _RATE_UNCERTAINTY.fullmatch(u_name)
+        if match is not None and match["rate"] + match["unit"] in names:
+            return match["rate"] + match["unit"], u_name
     for u_name in names:
         match = _UNCERTAINTY.fullmatch(u_name)
         if match is None:

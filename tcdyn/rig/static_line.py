@@ -89,6 +89,11 @@ class StaticLine(BaseModel):
         return Estimate.normal(self.gain, float(np.sqrt(self.covariance[0][0])))
 
     @property
+    def gain_u_rel(self) -> float:
+        """Relative standard uncertainty of the gain."""
+        return float(np.sqrt(self.covariance[0][0])) / self.gain
+
+    @property
     def offset_estimate(self) -> Estimate:
         """Offset [degC] with its 95 % interval."""
         return Estimate.normal(self.offset, float(np.sqrt(self.covariance[1][1])))

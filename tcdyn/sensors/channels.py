@@ -172,10 +172,12 @@ def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> Cha
     y = np.stack([_with_static_line(series, channel) for channel in channels], axis=1)
     static_u_K = np.zeros_like(y)
     shared_K = np.zeros(len(channels))
+    gain_u_rel = np.zeros(len(channels))
     for k, channel in enumerate(channels):
         if channel.line:
             static_u_K[:, k] = reading_u(channel.line, y[:, k])
             shared_K[k] = channel.line.shared_u_K
+            gain_u_rel[k] = channel.line.gain_u_rel
     reasons = np.stack([series.reasons[channel.column] for channel in channels], axis=1)
     return ChannelReadings(
         tuple(channel.column for channel in channels),
@@ -189,6 +191,7 @@ def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> Cha
         group.split_u_s[indices],
         np.nan_to_num(static_u_K),
         shared_K,
+        gain_u_rel,
         disk=group.disk,
         is_separable=True,
         is_left_out=(reasons == RANGE) | (reasons == CODE),

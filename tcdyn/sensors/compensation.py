@@ -29,6 +29,7 @@ from tcdyn.core.options import Options, option
 from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
+from tcdyn.sensors.decimals import decimals_for, rounded_for_file
 from tcdyn.sensors.segments import SegmentPosition, TableSegment, read_segments
 from tcdyn.series.source import ChunkSource
 from tcdyn.series.units import Unit
@@ -60,6 +61,8 @@ class CompensationMethod(Options):
         with the method inverse: bandwidth [Hz] (default 0.5)
     components
         also write the components of each _u_K: _noise_u_K and _common_u_K
+    rate
+        also write the rate of change of each result and its standard uncertainty
     """
 
     method: Method = option("smoother", "Two-disk rig", choices=METHODS, takes=str)
@@ -68,6 +71,7 @@ class CompensationMethod(Options):
     )
     bandwidth_Hz: float | None = option(None, "Two-disk rig", low=0, high=1e4)
     components: bool = option(False, "Two-disk rig")
+    rate: bool = option(False, "Output")
 
     def __post_init__(self) -> None:
         """Check the settings of one method each.
@@ -85,6 +89,12 @@ class CompensationMethod(Options):
                     remedy=f"give {{method}} {needed}, or leave it out",
                     parameters={name: None, "method": None},
                 )
+        if self.rate and not self.removes_lag:
+            raise InputError(
+                "{rate} with the method noise-only",
+                expected="a method that removes the lag: with it, the rate of change lags behind",
+                parameters={"rate": True},
+            )
 
     @property
     def weight_criterion(self) -> Criterion:
@@ -100,6 +110,54 @@ class CompensationMethod(Options):
     def removes_lag(self) -> bool:
         """Whether the result is the temperature at the junction."""
         return self.method != "noise-only"
+
+    def output_names(self, unit: Unit, column: str) -> list[str]:
+        """Names of the columns of one sensor in the output, in their order."""
+        names = unit.names(column)
+        listed = [names.logged, names.result]
+        if not self.removes_lag:
+            return listed
+        listed.append(names.u)
+        if self.components:
+            listed += [names.noise_u, names.common_u]
+        if self.rate:
+            listed += [names.rate, names.rate_u]
+        return listed
+
+
+def output_header(
+    columns: Sequence[str], units: Mapping[str, Unit], method: CompensationMethod, where: str
+) -> list[str]:
+    """Columns of the output: those of a sensor stand together, in place of the logged column.
+
+    Parameters
+    ----------
+    columns
+        Columns of the log.
+    units
+        Unit of each column that is compensated.
+    method
+        Decides which columns a sensor has.
+    where
+        The log, in messages.
+
+    Raises
+    ------
+    InputError
+        If two columns would have one name.
+    """
+    header = list[str]()
+    for column in columns:
+        header += method.output_names(units[column], column) if column in units else [column]
+    duplicates = [name for name in header if header.count(name) > 1]
+    if duplicates:
+        raise InputError(
+            f"the output would hold column {duplicates[0]!r} twice",
+            where=where,
+            expected="names that the columns of results do not have",
+            remedy="rename it",
+        )
+    return header
 
 
 @dataclass(frozen=True)
@@ -124,6 +182,8 @@ class ChannelReadings:
         Standard uncertainty (N, M) [K] of the static lines with that of their reference.
     shared_u_K
         The part (M,) [K] that all channels have in common.
+    gain_u_rel
+        Relative standard uncertainty (M,) of the gains of the static lines.
     noise_K
         Noise (M,) [K] where it is known; None: the smoother estimates it.
     disk
@@ -145,6 +205,7 @@ class ChannelReadings:
     split_u_s: Array
     static_u_K: Array
     shared_u_K: Array
+    gain_u_rel: Array
     noise_K: Array | None = None
     disk: str = ""
     is_separable: bool = False
@@ -170,6 +231,7 @@ class ChannelReadings:
             split_u_s=self.split_u_s[one],
             static_u_K=self.static_u_K[:, one],
             shared_u_K=self.shared_u_K[one],
+            gain_u_rel=self.gain_u_rel[one],
             noise_K=None if self.noise_K is None else self.noise_K[one],
             is_left_out=None if self.is_left_out is None else self.is_left_out[:, one],
         )
@@ -205,6 +267,8 @@ class CompensatedSegment:
         if it is no temperature].
     flags
         By column: flags (R,) of the samples, see ``Compensated``.
+    decimals
+        By column of a result: number of decimals that its uncertainty here asks for.
     findings
         Findings.
     """
@@ -213,6 +277,7 @@ class CompensatedSegment:
     columns: dict[str, NDArray[Any]]
     numbers: dict[str, Array]
     flags: dict[str, NDArray[np.uint8]]
+    decimals: dict[str, int]
     findings: list[Finding]
 
     @property
@@ -278,8 +343,8 @@ def output_columns(
     result: Compensated,
     method: CompensationMethod,
     rows: slice | None = None,
-) -> dict[str, Array]:
-    """Columns of the output for some rows of a segment.
+) -> tuple[dict[str, Array], dict[str, int]]:
+    """Results for the output for some rows of a segment.
 
     Parameters
     ----------
@@ -288,31 +353,42 @@ def output_columns(
     result
         Their smoothed temperatures.
     method
-        Decides the columns: u only if the lag is removed, its components if they are requested.
+        Decides the columns, see its ``output_names``.
     rows
         Rows of the segment (R,); all by default.
 
     Returns
     -------
-    dict
-        Arrays (R,), rounded: values and u in the unit of the output, the components of u in K for
+    columns
+        Arrays (R,): values, u and rates in the unit of the output, the components of u in K for
         temperatures, in the unit of the column for other quantities.
+    decimals
+        Number of decimals of each, from its uncertainty; of those without an uncertainty none.
     """
     samples = readings.sample_of_row[rows or slice(None)]
     temperature, sd = result.determined_estimates()
     common_u = np.hypot(result.common_sd(), readings.shared_u_K)
+    rate, rate_sd = result.determined_rates()
+    rate_u = np.hypot(rate_sd, readings.gain_u_rel * rate)
     columns: dict[str, Array] = {}
+    decimals: dict[str, int] = {}
     for i, (column, unit) in enumerate(zip(readings.columns, readings.units)):
-        name, u_name = unit.names(column)
-        columns[name] = unit.rounded(unit.from_base(temperature[samples, i]))
-        if not method.removes_lag:
-            continue
-        columns[u_name] = unit.rounded(unit.per_base * sd[samples, i])
-        if method.components:
-            noise_u = unit.uncertainty_name(column, "noise")
-            columns[noise_u] = unit.rounded(result.sd_noise[samples, i])
-            columns[unit.uncertainty_name(column, "common")] = unit.rounded(common_u[samples, i])
-    return columns
+        names = unit.names(column)
+        values = {
+            names.result: unit.from_base(temperature[samples, i]),
+            names.u: unit.per_base * sd[samples, i],
+            names.noise_u: result.sd_noise[samples, i],
+            names.common_u: common_u[samples, i],
+            names.rate: unit.per_base * rate[samples, i],
+            names.rate_u: unit.per_base * rate_u[samples, i],
+        }
+        uncertainty_of = {names.result: names.u, names.rate: names.rate_u}
+        for name in method.output_names(unit, column)[1:]:
+            columns[name] = values[name]
+            count = decimals_for(values[name], values[uncertainty_of.get(name, name)])
+            if count is not None:
+                decimals[name] = count
+    return columns, decimals
 
 
 def compensate_segment(
@@ -328,15 +404,20 @@ def compensate_segment(
     columns_read: dict[str, NDArray[Any]] = {n: v[segment.keep] for n, v in segment.data.items()}
     columns = dict(columns_read)
     no_result = np.full(len(segment.time_s[segment.keep]), np.nan)
+    decimals: dict[str, int] = {}
     for column, unit in channels.units.items():
-        columns |= dict.fromkeys(unit.names(column), no_result)
+        logged, *results = method.output_names(unit, column)
+        columns |= dict.fromkeys(results, no_result)
+        columns[logged] = columns_read[column]
     prepared, findings = channels.readings(segment)
     findings = [*segment.findings, *findings]
     numbers: dict[str, Array] = {}
     flags: dict[str, NDArray[np.uint8]] = {}
     for group in prepared:
         for readings, result in _smooth_together_or_singly(group, method, events, findings):
-            columns |= output_columns(readings, result, method, segment.keep)
+            of_group, decimals_of_group = output_columns(readings, result, method, segment.keep)
+            columns |= of_group
+            decimals |= decimals_of_group
             samples = readings.sample_of_row[segment.keep]
             sd = result.determined_estimates()[1][samples]
             for i, column in enumerate(readings.columns):
@@ -348,7 +429,7 @@ def compensate_segment(
                 if np.isfinite(sd[:, i]).any():
                     typical = np.nanmedian(sd[:, i])
                     numbers[column] = np.array([result.noise_sd[i], typical, np.nanmax(sd[:, i])])
-    return CompensatedSegment(segment, columns, numbers, flags, findings)
+    return CompensatedSegment(segment, columns, numbers, flags, decimals, findings)
 
 
 def _smooth_together_or_singly(
@@ -443,6 +524,8 @@ class Totals:
         By column: noise, typical and largest standard deviation of each segment (3,) [K].
     not_used
         By column: readings that were treated as missing, and the time of the first [s].
+    decimals
+        Number of decimals by column, each from the first segment with a result.
     findings
         Findings, the first of each code about each subject.
     metadata
@@ -454,12 +537,14 @@ class Totals:
     last_s: float = -np.inf
     numbers: dict[str, list[Array]] = field(default_factory=dict)
     not_used: dict[str, tuple[int, float]] = field(default_factory=dict)
+    decimals: dict[str, int] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
 
     def add(self, result: CompensatedSegment) -> None:
         """Add one segment."""
         time_s = result.time_s
+        self.decimals = {**result.decimals, **self.decimals}
         self.rows += len(time_s)
         self.first_s = min(self.first_s, *time_s.tolist()[:1])
         self.last_s = max(self.last_s, *time_s.tolist()[-1:])
@@ -541,8 +626,9 @@ def write_segments(
         writer = log_writer(out, header, totals.metadata, text, style=style)
     with writer as write:
         while result is not None:
-            write(result.frame(header))
             totals.add(result)
+            frame = result.frame(header)
+            write(frame if callable(out) else rounded_for_file(frame, totals.decimals, out))
             progress(totals.rows)
             result = next(segments, None)
     return totals

@@ -18,6 +18,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.column_names import column_named
+from tcdyn.io.metadata import LOGGED
 from tcdyn.io.unit_names import (
     TEMPERATURES,
     UNITS,
@@ -36,11 +37,32 @@ COLDEST_K = 100.0
 NO_COUPLE = "none"  # "type" of millivolts that are not those of a thermocouple
 # What a declared unit may be, in messages.
 ANY_UNIT = "degC, K, degF, mV, or that of another quantity, such as ppm, %RH, Pa, V"
-# Significant digits of the output in units other than those of temperatures, whose size is not
-# known: a millionth of a reading is far below the uncertainty of any sensor.
-SIGNIFICANT_DIGITS = 9
-# Decimals of temperatures in the output: 0.01 mK, far below the uncertainty of any sample.
-DECIMALS = 5
+
+
+@dataclass(frozen=True)
+class OutputNames:
+    """Names of the columns of one sensor in the output.
+
+    Attributes
+    ----------
+    logged
+        The readings as logged.
+    result, u
+        The compensated readings, and their standard uncertainty.
+    noise_u, common_u
+        Components of that: what differs from sample to sample, and what all channels of a disk
+        share.
+    rate, rate_u
+        Rate of change of the result, and its standard uncertainty.
+    """
+
+    logged: str
+    result: str
+    u: str
+    noise_u: str
+    common_u: str
+    rate: str
+    rate_u: str
 
 
 @dataclass(frozen=True)
@@ -68,8 +90,9 @@ class Unit:
     (array([100.]), array([412.]))
     >>> Unit("mV", "K").to_base(np.array([4.096])).round(1)
     array([100.])
-    >>> Unit("ppm").names("CO2_ppm"), Unit("K").names("T1_K")
-    (('CO2_ppm', 'CO2_u_ppm'), ('T1_K', 'T1_u_K'))
+    >>> names = Unit("ppm").names("CO2_ppm")
+    >>> names.logged, names.result, names.u
+    ('CO2_logged_ppm', 'CO2_ppm', 'CO2_u_ppm')
     """
 
     name: str = "degC"
@@ -166,32 +189,37 @@ class Unit:
             return 1.8 * base + 32
         return base
 
-    def rounded(self, values: Array) -> Array:
-        """Return values of the output with the digits that are written.
+    def names(self, column: str) -> OutputNames:
+        """Return the names of all columns that the output has for a column.
 
-        >>> Unit("V").rounded(np.array([1.23456789012e-5, 0.0, np.nan]))
-        array([1.23456789e-05, 0.00000000e+00,            nan])
+        The logged column gets another name, because its own is that of the result. Of the voltage
+        of a thermocouple, the result is a temperature.
+
+        Parameters
+        ----------
+        column
+            Name of the column in the log.
+
+        Examples
+        --------
+        >>> vars(Unit("mV", "K").names("T1_mV"))  # doctest: +NORMALIZE_WHITESPACE
+        {'logged': 'T1_logged_mV', 'result': 'T1_degC', 'u': 'T1_u_K', 'noise_u': 'T1_noise_u_K',
+         'common_u': 'T1_common_u_K', 'rate': 'T1_rate_K_s', 'rate_u': 'T1_rate_u_K_s'}
+        >>> names = Unit().names("T1 [°C]")
+        >>> names.logged, names.result, names.rate
+        ('T1_logged [°C]', 'T1 [°C]', 'T1_rate_K_s')
         """
-        if self.is_temperature:
-            return np.round(values, DECIMALS)
-        size = np.where(np.isfinite(values) & (values != 0), np.abs(values), 1.0)
-        scale = 10.0 ** (SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size)))
-        return np.asarray(np.round(values * scale) / scale)
-
-    def names(self, column: str) -> tuple[str, str]:
-        """Return the names of the result and of its standard uncertainty in the output."""
+        stem = without_unit(column)
         is_thermocouple = self.name == "mV" and self.is_temperature
-        result = f"{without_unit(column)}_degC" if is_thermocouple else column
-        return result, self.uncertainty_name(column)
-
-    def uncertainty_name(self, column: str, component: str = "") -> str:
-        """Return the name of the standard uncertainty of a column, or of a component of it.
-
-        >>> Unit("ppm").uncertainty_name("CO2 [ppm]"), Unit().uncertainty_name("T1", "noise")
-        ('CO2_u_ppm', 'T1_noise_u_K')
-        """
-        stem = f"{without_unit(column)}_{component}" if component else without_unit(column)
-        return f"{stem}_u_{self.base_difference if component else self.difference}"
+        return OutputNames(
+            logged=f"{stem}{LOGGED}{column.removeprefix(stem)}",
+            result=f"{stem}_degC" if is_thermocouple else column,
+            u=f"{stem}_u_{self.difference}",
+            noise_u=f"{stem}_noise_u_{self.base_difference}",
+            common_u=f"{stem}_common_u_{self.base_difference}",
+            rate=f"{stem}_rate_{self.difference}_s",
+            rate_u=f"{stem}_rate_u_{self.difference}_s",
+        )
 
 
 def units_of(
@@ -435,4 +463,4 @@ def uncertainty_column(column: str, unit: str = "") -> str:
         The name; the unit is K for degC and for millivolts, which are those of a thermocouple.
     """
     name = unit or unit_in(column) or "degC"
-    return Unit(name, "K" if name == "mV" else "").uncertainty_name(column)
+    return Unit(name, "K" if name == "mV" else "").names(column).u

@@ -753,7 +753,7 @@ def average_over_event(
     Returns
     -------
     SmoothedSamples
-        ``samples`` with new temperature, slope, lag sensitivity and standard deviation near the
+        ``samples`` with new temperature, slope, lag sensitivity and standard deviations near the
         event.
 
     Notes
@@ -771,10 +771,10 @@ def average_over_event(
     shift = first * record.dt_s
 
     def run(intensities: Sequence[Intensity]) -> Array:
-        """Temperature, slope, lag sensitivity and variance (4, n, M) of the window."""
+        """Temperature, slope, lag sensitivity and two variances (5, n, M) of the window."""
         shifted = [q.shifted(shift_s=shift) for q in intensities]
         part = smooth_record(window, fit.noise_var, shifted).at_samples()
-        return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
+        return _means_and_variances(part)
 
     start = run(fit.intensities)
     weights = [w for _, _, w in event.possibilities]
@@ -784,14 +784,23 @@ def average_over_event(
         weights.append(event.no_event_probability)
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))
-    totals = np.stack([samples.temperature, samples.slope, samples.lag_sensitivity, samples.sd**2])
+    totals = _means_and_variances(samples)
+    smallest = 0.25 * totals[3:, first:last]
     totals[:, first:last] += mean - start
-    temperature, slope, lag_sensitivity, var = totals
-    spread = np.einsum("hm,hnm->nm", weight, (np.array(runs)[:, 0] - mean[0]) ** 2)
-    var[first:last] = np.maximum(var[first:last] + spread, 0.25 * samples.sd[first:last] ** 2)
+    temperature, slope, lag_sensitivity, var, slope_var = totals
+    spread = np.einsum("hm,hknm->knm", weight, (np.array(runs)[:, :2] - mean[:2]) ** 2)
+    var[first:last] = np.maximum(var[first:last] + spread[0], smallest[0])
+    slope_var[first:last] = np.maximum(slope_var[first:last] + spread[1], smallest[1])
     return samples._replace(
         temperature=temperature,
         slope=slope,
         lag_sensitivity=lag_sensitivity,
         sd=np.sqrt(var),
+        slope_sd=np.sqrt(slope_var),
     )
+
+
+def _means_and_variances(samples: SmoothedSamples) -> Array:
+    """Temperature, slope, lag sensitivity, and the variances of temperature and slope (5, N, M)."""
+    means = [samples.temperature, samples.slope, samples.lag_sensitivity]
+    return np.stack([*means, samples.sd**2, samples.slope_sd**2])

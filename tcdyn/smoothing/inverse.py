@@ -79,14 +79,26 @@ class InverseFilter:
 
         The square root of the sum of the squared impulse response, until it has decayed.
         """
+        return float(np.sqrt(np.sum(self._impulse_response() ** 2)))
+
+    @property
+    def rate_noise_gain(self) -> float:
+        """Noise of the rate of change over that of the input [1/s].
+
+        The rate is that of ``numpy.gradient``. Zeros beside the response make both its ends count.
+        """
+        response = np.pad(self._impulse_response(), 2)
+        return float(np.sqrt(np.sum(np.gradient(response, self.dt_s) ** 2)))
+
+    def _impulse_response(self) -> Array:
+        """The impulse response until it has decayed."""
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
         decay_rows = np.log(DECAYED) / np.log(max(slowest, 0.1))
         length = int(min(decay_rows, MAX_DECAY_ROWS)) + 64 + len(self.b)
         impulse = np.zeros(length)
         impulse[0] = 1.0
-        response = signal.lfilter(self.b, self.a, impulse)
-        return float(np.sqrt(np.sum(response**2)))
+        return np.asarray(signal.lfilter(self.b, self.a, impulse))
 
     def __call__(self, y: ArrayLike) -> Array:
         """Filter readings from equilibrium with the first sample.
@@ -214,7 +226,7 @@ def invert(
     """
     record = record_of(y, dt_s, chains, (), noise_sd, names, units)
     sd = record.noise_sd
-    x, lag, slope, sd_noise = np.empty((4, *record.y.shape))
+    x, lag, slope, sd_noise, slope_sd = np.empty((5, *record.y.shape))
     names = names or labels_of(y) or channel_names(None, len(sd))
     for c, chain in enumerate(record.chains):
         f = proper_inverse(chain, dt_s, bandwidth_Hz)
@@ -224,10 +236,13 @@ def invert(
         width = max(int(f.remaining_shift_s / dt_s), 1)
         mean_slope = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
         sd_noise[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * mean_slope)
+        mean_curvature = np.gradient(mean_slope, dt_s)
+        slope_sd[:, c] = np.hypot(f.rate_noise_gain * sd[c], f.remaining_shift_s * mean_curvature)
     result = Compensated.from_components(
         x,
         sd_noise,
         slope,
+        slope_sd,
         lag,
         lag_covariance,
         static_u,

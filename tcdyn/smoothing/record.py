@@ -519,8 +519,9 @@ class Compensated(Result):
         Change for one standard uncertainty of how a lag divides into its parts [K].
     static_u
         Standard uncertainty of the static line [K].
-    slope
-        Slope of the temperature [K/s].
+    slope, slope_sd
+        Rate of change of the temperature [K/s], the mean over one sampling interval, and its
+        standard deviation from all but the static line.
     lag_covariance
         Covariance of the lags (M, M) [s2].
     noise_sd
@@ -563,6 +564,7 @@ class Compensated(Result):
     sd: Array
     sd_noise: Array
     slope: Array
+    slope_sd: Array
     lag_sensitivity: Array
     static_u: Array
     lag_covariance: Array
@@ -587,6 +589,7 @@ class Compensated(Result):
         temperature: Array,
         sd_noise: Array,
         slope: Array,
+        slope_sd_noise: Array,
         lag_sensitivity: Array,
         lag_covariance: ArrayLike | None,
         static_u: ArrayLike | None,
@@ -600,6 +603,8 @@ class Compensated(Result):
         ----------
         temperature, sd_noise, slope, lag_sensitivity
             As the fields (N, M).
+        slope_sd_noise
+            Standard deviation (N, M) [K/s] of the slope from noise and regularisation.
         lag_covariance
             Covariance of the lags (M, M) [s2]; zero when left out.
         static_u
@@ -618,7 +623,8 @@ class Compensated(Result):
         are independent. For the covariance between samples or channels, ``window_covariance`` of
         :mod:`tcdyn.smoothing.smoother` and ``window_means`` of :mod:`tcdyn.smoothing.windows`
         combine the same contributions: change them together. ``tests/smoothing/test_smoother.py``
-        compares them.
+        compares them. The change of the slope by a lag is the derivative of that of the
+        temperature.
         """
         n, m = temperature.shape
         lags: Array = np.zeros((m, m))
@@ -628,11 +634,15 @@ class Compensated(Result):
         line = np.broadcast_to(np.asarray(line_u, dtype=np.float64), (n, m))
         split = np.broadcast_to(np.asarray(split_K, dtype=np.float64), (n, m))
         variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
+        lag_change = np.gradient(lag_sensitivity, dt_s, axis=0)
+        split_change = np.gradient(split, dt_s, axis=0)
+        slope_variance = slope_sd_noise**2 + lag_change**2 * np.diag(lags) + split_change**2
         return cls(
             temperature,
             np.sqrt(variance),
             sd_noise,
             slope,
+            np.sqrt(slope_variance),
             lag_sensitivity,
             line,
             lags,
@@ -723,6 +733,13 @@ class Compensated(Result):
         temperature = np.where(self.undetermined, np.nan, self.temperature)
         return temperature, np.where(self.undetermined, np.nan, self.sd)
 
+    def determined_rates(self) -> tuple[Array, Array]:
+        """Rate of change and its standard deviation (N, M) [K/s], NaN where undetermined."""
+        if self.undetermined is None or not self.undetermined.any():
+            return self.slope, self.slope_sd
+        slope = np.where(self.undetermined, np.nan, self.slope)
+        return slope, np.where(self.undetermined, np.nan, self.slope_sd)
+
     def common_sd(self) -> Array:
         """Contribution (N, M) [K] to ``sd`` of the lag error that all channels have in common.
 
@@ -791,7 +808,7 @@ class Compensated(Result):
             unit = self._units[c]
             if not unit.is_temperature:
                 columns[name] = temperature[:, c]
-                columns[unit.uncertainty_name(name)] = sd[:, c]
+                columns[unit.names(name).u] = sd[:, c]
                 continue
             base = without_unit(name) if unit_in(name) == "degC" else name
             columns[f"{base}_degC"] = temperature[:, c]

@@ -68,6 +68,11 @@ SPECTRUM_START = 0.2
 MIN_FREQUENCIES = 50
 # bands in which the spectrum is averaged, at most
 MAX_BANDS = 200
+# Frequency, in corner frequencies, at which the readings show how strong slope noise and level
+# noise are together, but not which of them it is: the middle of those below the corner. Without the
+# level noise that there may be, the band of the rate of a random walk is too narrow
+# (tests/smoothing/rate_study.py).
+SHAPE_SHARE = 0.5
 # degrees of freedom up to which the uncertainty of an intensity widens the band noticeably
 FEW_DOF_OF_BAND = 30.0
 
@@ -393,14 +398,19 @@ def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
     return smooth_record(fit.record, fit.noise_var, intensities)
 
 
-def intensity_var(fit: Smoothed) -> Array:
-    """Variance (N, M) [K2] that the band misses because its intensities are estimates.
+def intensity_var(fit: Smoothed) -> tuple[Array, Array]:
+    """Variance that the band misses because its intensities are estimates.
+
+    Returns
+    -------
+    var, slope_var
+        Of the temperature (N, M) [K2] and of its rate of change [K2/s2].
 
     Notes
     -----
     Of d degrees of freedom of the process noise, the logarithm of an intensity has the standard
     deviation u = sqrt(2 / d). The result is the rise of the variance for exp(u) times the intensity
-    and the square of the change of the temperature. It is zero where d exceeds
+    and the square of the change of the estimate. It is zero where d exceeds
     ``FEW_DOF_OF_BAND``.
     """
     knots = fit.knots_s[:-1]
@@ -410,9 +420,9 @@ def intensity_var(fit: Smoothed) -> Array:
         _, expected = score_sums(fit, c, knots[:1], weight)
         dof[c] = expected.sum()
     few = dof < FEW_DOF_OF_BAND
-    out = np.zeros_like(fit.predicted)
+    var, slope_var = np.zeros((2, *fit.predicted.shape))
     if not few.any():
-        return out
+        return var, slope_var
     factors = np.exp(np.sqrt(2 / np.maximum(dof[few], 1.0))).tolist()
     chosen = [q for q, use in zip(fit.intensities, few) if use]
     higher = [_scaled(q, factor) for q, factor in zip(chosen, factors)]
@@ -421,30 +431,40 @@ def intensity_var(fit: Smoothed) -> Array:
     rougher = smooth_record(record, fit.noise_var[few], higher).at_samples()
     rise = np.maximum(rougher.sd**2 - samples.sd[:, few] ** 2, 0.0)
     change_K = rougher.temperature - samples.temperature[:, few]
-    out[:, few] = rise + change_K**2
-    return out
+    var[:, few] = rise + change_K**2
+    slope_rise = np.maximum(rougher.slope_sd**2 - samples.slope_sd[:, few] ** 2, 0.0)
+    slope_var[:, few] = slope_rise + (rougher.slope - samples.slope[:, few]) ** 2
+    return var, slope_var
 
 
-def unresolved_var(fit: Smoothed) -> Array:
-    """Variance (M,) [K2] that the band of a rough temperature misses, up to half the sampling rate.
+def unresolved_var(fit: Smoothed) -> tuple[Array, Array]:
+    """Variance that the band of a rough temperature misses, up to half the sampling rate.
 
     The spectrum of level noise falls as w^-2. That of a temperature may fall more slowly above the
     corner of the smoother, where the readings show nothing of it.
+
+    Returns
+    -------
+    var, slope_var
+        Of the temperature (M,) [K2], and of its mean rate of change over one sampling interval
+        [K2/s2].
 
     Notes
     -----
     S(w) = A w^-b is fitted to the periodogram around and above the corner by Whittle's likelihood.
     The result is the mean square error of the Wiener filter, the integral of S R dt / (|G|^2 S +
     R dt) dw / pi, averaged over the exponents with their likelihoods as weights, less that for
-    b = 2.
+    b = 2. The rate of change over one sampling interval is the temperature through a filter of the
+    gain 2 sin(w dt / 2) / dt.
     """
     record = fit.record
     n = len(record.y)
     dt = record.dt_s
-    out = np.zeros(len(fit.intensities))
+    var_of_channel = np.zeros((2, len(fit.intensities)))
     taper = np.hanning(n + 1)[:-1]
     taper = taper / np.linalg.norm(taper)
     w = 2 * np.pi * np.fft.rfftfreq(n, dt)[1:]
+    squared_gains = np.stack([np.ones(len(w)), (2 * np.sin(0.5 * w * dt) / dt) ** 2])
     for c, (chain, q, var) in enumerate(zip(record.chains, fit.intensities, fit.noise_var)):
         if not q.level_noise:
             continue
@@ -471,10 +491,36 @@ def unresolved_var(fit: Smoothed) -> Array:
         costs = np.min(cost, axis=0)
         weights = np.exp(costs.min() - costs)
         weights /= weights.sum()
-        missed = np.zeros(len(EXPONENTS))
+        missed = np.zeros((2, len(EXPONENTS)))
         for index in np.unique([*np.flatnonzero(weights > MIN_EXPONENT_WEIGHT), len(weights) - 1]):
             spectrum = scales[best[index], index] * w ** -EXPONENTS[index]
             error = spectrum * var / (gain * spectrum + var)
-            missed[index] = float(error.sum() * (w[1] - w[0]) / np.pi)
-        out[c] = max(float(weights @ missed) - missed[-1], 0.0)
+            missed[:, index] = squared_gains @ error * (w[1] - w[0]) / np.pi
+        var_of_channel[:, c] = np.maximum(missed @ weights - missed[:, -1], 0.0)
+    return var_of_channel[0], var_of_channel[1]
+
+
+def unseen_slope_var(fit: Smoothed) -> Array:
+    """Variance (N, M) [K2/s2] of the rate of change by noise that is not seen to drive the level.
+
+    In a record with level noise, the readings do not show whether what is ascribed to slope noise
+    is level noise, too: both have one power below the corner of the smoother. Above it they part,
+    and the rate of change over one sampling interval depends on that.
+
+    Notes
+    -----
+    Slope noise of the intensity q has at the frequency w the power of level noise of q / w^2. That
+    of ``SHAPE_SHARE`` of the corner is taken for level noise, as far as there is level noise at the
+    corner. In one sampling interval dt, level noise p adds the variance p / dt.
+    """
+    record = fit.record
+    out = np.zeros_like(fit.predicted)
+    time_s = np.arange(len(out)) * record.dt_s
+    for c, (chain, q, var) in enumerate(zip(record.chains, fit.intensities, fit.noise_var)):
+        if not q.level_noise:
+            continue
+        at_corner = _first_level_noise(q, chain, var * record.dt_s)
+        unseen = np.minimum(at_corner, q.level_noise) / SHAPE_SHARE**2
+        segment = np.maximum(np.searchsorted(q.starts_s, time_s, side="right") - 1, 0)
+        out[:, c] = unseen[segment] / record.dt_s
     return out

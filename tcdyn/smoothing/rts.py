@@ -88,6 +88,9 @@ class RtsResult:
     adjoint, adjoint_var
         Adjoint (J, M, 2) of level and slope at the knot, which is the score for a jump there, and
         its variance (J, M, 2, 2).
+    jump_slope
+        Minus the covariance (J, M) [1/s] of a jump of the level at the knot and the slope after it,
+        given all samples, over the prior variance of that jump.
     """
 
     mean: Array
@@ -95,6 +98,7 @@ class RtsResult:
     filtered_cov: Array
     adjoint: Array
     adjoint_var: Array
+    jump_slope: Array
 
 
 def rts_smooth(model: IntervalModel) -> RtsResult:
@@ -123,7 +127,8 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
     samples, the covariance is (P+^-1 + V)^-1; the variance of the adjoint is ((L + V)^-1 + P)^-1.
     Bryson and Frazier's covariance P+ - P+ A' W A P+, with W of the next adjoint, is the same, but
     a difference: in the first interval, in a gap or beside a jump P+ is many orders of magnitude
-    larger, and only rounding errors remain.
+    larger, and only rounding errors remain. A jump w of the level at the knot, of prior variance
+    Q, has with the state after it the covariance Q (I - W P), with W of the adjoint there.
 
     What may be changed: ``MIN_RUN`` freely (speed), ``SETTLED_CHANGE`` and ``EQUAL_TOLERANCE`` as
     long as ``tests/smoothing/test_smoother.py`` finds the same result with and without constant
@@ -153,12 +158,14 @@ def rts_smooth(model: IntervalModel) -> RtsResult:
     later_info = later_info[first]
     cov = _with_information(filtered_cov[first], later_info)
     adjoint_var = _with_information(info[first] + later_info, predicted_cov[first])
+    jump_slope = np.einsum("jmn,jmn->jm", adjoint_var[..., 0, :], predicted_cov[first][..., 1])
     return RtsResult(
         mean,
         np.repeat(cov, count, axis=0),
         filtered_cov,
         adjoint[:-1, :, :2],
         np.repeat(adjoint_var[..., :2, :2], count, axis=0),
+        np.repeat(jump_slope, count, axis=0),
     )
 
 

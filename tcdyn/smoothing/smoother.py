@@ -52,6 +52,7 @@ from tcdyn.smoothing.roughness import (
     intensity_var,
     refine,
     unresolved_var,
+    unseen_slope_var,
     with_least_risk,
 )
 from tcdyn.smoothing.rts import rts_smooth
@@ -219,14 +220,24 @@ def smooth(
     samples = fit.at_samples()
     for event in possible_events:
         samples = average_over_event(fit, samples, event)
-    sd = samples.sd
+    var = samples.sd**2
+    slope_var = samples.slope_sd**2
+    # rate of change of an error of a kelvin with the spectrum of that of the smoother [1/s]
+    per_kelvin = samples.slope_sd / np.maximum(samples.sd, 1e-300)
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
+    slope_var = slope_var + (per_kelvin * record.aliasing_u_K) ** 2
     if intensity is None:
-        sd = np.hypot(sd, jump_K)
-        sd = np.sqrt(sd**2 + unresolved_var(fit) + intensity_var(fit))
+        var = var + jump_K**2
+        slope_var = slope_var + (per_kelvin * jump_K) ** 2
+        for of_temperature, of_slope in (unresolved_var(fit), intensity_var(fit)):
+            var = var + of_temperature
+            slope_var = slope_var + of_slope
+        slope_var = slope_var + unseen_slope_var(fit)
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
-        sd = np.hypot(sd, shift_K)
+        var = var + shift_K**2
+        slope_var = slope_var + np.gradient(shift_K, dt_s, axis=0) ** 2
+    sd = np.sqrt(var)
     split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
     split_K = samples.lag_split_sensitivity * [
         c.split_s2(u) for c, u in zip(record.chains, split_u)
@@ -242,6 +253,7 @@ def smooth(
         samples.temperature,
         sd,
         samples.slope,
+        np.sqrt(slope_var),
         samples.lag_sensitivity,
         lag_covariance,
         line_u_K,

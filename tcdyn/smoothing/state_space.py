@@ -377,15 +377,19 @@ class SmoothedSamples(NamedTuple):
 
     Parameters
     ----------
-    temperature, slope, sd
-        Temperature [degC], its slope [K/s] and its standard deviation [K].
+    temperature, sd
+        Temperature [degC] and its standard deviation [K].
+    slope, slope_sd
+        Its rate of change [K/s], the mean over one sampling interval around the sample, and the
+        standard deviation of that.
     lag_sensitivity, lag_split_sensitivity
         Sensitivity to the lag [K/s] and to its division into parts [K/s2], see ``Sensor``.
     """
 
     temperature: Array
-    slope: Array
     sd: Array
+    slope: Array
+    slope_sd: Array
     lag_sensitivity: Array
     lag_split_sensitivity: Array
 
@@ -413,6 +417,9 @@ class Smoothed:
         Adjoint (J, M, 2) of level [1/K] and slope [s/K] at each knot, and its variance if the
         intensities are right: the derivative of the log likelihood with respect to the variance of
         a jump there is half of ``score**2 - score_var``.
+    jump_var, jump_slope
+        Prior variance (J, M) [K2] of the jump of the level at each knot, and minus its covariance
+        with the slope after it over that variance [1/s].
     predicted, predicted_var
         Predicted reading without noise (N, M) [degC], and its variance [K2].
     """
@@ -429,6 +436,8 @@ class Smoothed:
     jump_chi2: Array
     score: Array
     score_var: Array
+    jump_var: Array
+    jump_slope: Array
     predicted: Array
     predicted_var: Array
 
@@ -439,7 +448,7 @@ class Smoothed:
         covariance at the knot; the sensitivities are interpolated linearly between knots.
         """
         dt = self.record.dt_s
-        t = np.arange(len(self.predicted)) * dt
+        t = np.asarray(np.arange(len(self.predicted)) * dt, dtype=np.float64)
         interval = np.searchsorted(self.knots_s[:-1], t + 1e-6 * dt, side="right") - 1
         since_knot_s = (t - self.knots_s[interval])[:, None]
 
@@ -457,13 +466,52 @@ class Smoothed:
             return polynomial(steps / np.diff(self.knots_s)[:, None], at_knot)
 
         level_var, cross, slope_var = self.var
+        rate, rate_var = self._rates(t)
         return SmoothedSamples(
             polynomial(self.slope, self.level),
-            self.slope[interval],
             np.sqrt(np.maximum(polynomial(slope_var, 2 * cross, level_var), 0.0)),
+            rate,
+            np.sqrt(np.maximum(rate_var, 0.0)),
             interpolated(self.lag_change),
             interpolated(self.split_change),
         )
+
+    def _rates(self, time_s: Array) -> tuple[Array, Array]:
+        """Rate of change (N, M) [K/s] and its variance at times (N,) [s].
+
+        It is the mean over one sampling interval around each time. The noise that drives the level
+        itself has no rate at an instant.
+
+        Notes
+        -----
+        The slope is that in the middle of each interval, and straight between the middles. The jump
+        w of the level at the knot between them, with prior variance Q, stands for the noise of the
+        level in the time H from one middle to the other. It adds the rate w / H, where
+        w = Q score; the variance of w is Q - Q^2 score_var. In one sampling interval dt of them the
+        noise deviates from that mean, with the variance (Q / H) (1 / dt - 1 / H) (Brownian bridge).
+        At an event, where slope or level may jump, neither side has a part in the other.
+        """
+        dt = self.record.dt_s
+        starts = self.knots_s[:-1]
+        middles = 0.5 * (starts + self.knots_s[1:])
+        last = len(starts) - 1
+        after = np.clip(np.searchsorted(middles, time_s), 1, max(last, 1))
+        after = np.minimum(after, last)  # of a single interval
+        before = np.maximum(after - 1, 0)
+        around_s = np.maximum(middles[after] - middles[before], dt)[:, None]
+        share = np.clip((time_s - middles[before])[:, None] / around_s, 0.0, 1.0)
+        bursts = {b.start_s for q in self.intensities for b in q.bursts if b.width_s == 0}
+        is_event = np.isin(starts[after], [*self.record.events_s, *bursts])[:, None]
+        share = np.where(is_event, time_s[:, None] >= starts[after][:, None] - 1e-6 * dt, share)
+        slope_var = self.var[2]
+        prior_var = np.where(is_event, 0.0, self.jump_var[after])
+        jump = prior_var * self.score[after, :, 0]
+        jump_var = prior_var - prior_var**2 * self.score_var[after, :, 0]
+        cross = -prior_var * self.jump_slope[after]
+        within = prior_var / around_s * (1.0 / dt - 1.0 / around_s)
+        rate = (1.0 - share) * self.slope[before] + share * self.slope[after] + jump / around_s
+        var = (1.0 - share) * slope_var[before] + share * slope_var[after]
+        return rate, var + jump_var / around_s**2 + 2.0 * cross / around_s + within
 
 
 def smooth_record(
@@ -504,6 +552,7 @@ def smooth_record(
     level, slope, lag_change, split_change, jump_chi2 = np.empty((5, n_intervals, n_channels))
     var = np.empty((3, n_intervals, n_channels))
     score, score_var = np.empty((2, n_intervals, n_channels, 2))
+    jump_var, jump_slope = np.empty((2, n_intervals, n_channels))
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
     split_rows = np.stack([s.split_row for s in record.sensors])
@@ -527,6 +576,8 @@ def smooth_record(
         jump_chi2[first:last] = quadratic / determinant
         score[first:last] = chunk.adjoint[stored]
         score_var[first:last] = diagonal
+        jump_var[first:last] = model.jump_var[stored, :, 0, 0]
+        jump_slope[first:last] = chunk.jump_slope[stored]
         level[first:last] = mean[..., 0]
         slope[first:last] = mean[..., 1]
         var[:, first:last] = np.moveaxis(cov[..., [0, 0, 1], [0, 1, 1]], -1, 0)
@@ -553,6 +604,8 @@ def smooth_record(
         jump_chi2,
         score,
         score_var,
+        jump_var,
+        jump_slope,
         read[:-1],
         read_var[:-1],
     )

@@ -50,9 +50,12 @@ from tcdyn.sensors.compensation import (
     compensate_readings,
     compensated_segments,
     output_columns,
+    output_header,
     write_segments,
 )
+from tcdyn.sensors.decimals import rounded_for_file
 from tcdyn.series.clock import mean_interval_s
+from tcdyn.series.units import Unit
 from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
@@ -128,17 +131,21 @@ class LogSegments:
 
 @dataclass(frozen=True, repr=False)
 class CompensatedLog(Result):
-    """The log with junction temperatures instead of readings, and ``<channel>_u_K`` for each.
+    """The log with junction temperatures beside the readings, and ``<channel>_u_K`` for each.
 
+    ``<channel>_logged_degC`` is the reading as logged, ``<channel>_degC`` the junction temperature.
     With ``parts``, ``<channel>_noise_u_K`` is the uncertainty that differs from sample to sample,
     and ``<channel>_common_u_K`` the one common to all channels of a disk: common lag and oven
-    reference. Where only noise was removed there is no column ``_u_K``.
+    reference. With ``rate``, ``<channel>_rate_K_s`` is the rate of change of the junction
+    temperature, and ``<channel>_rate_u_K_s`` its standard uncertainty. Where only noise was removed
+    there is no uncertainty.
 
     Attributes
     ----------
     frame, metadata, findings
-        Table, notes and findings. Of a log of more than 120,000 rows ``frame`` holds the rows
-        around the unloading; ``write`` compensates all rows, segment by segment.
+        Table, notes and findings. The numbers are not rounded. Of a log of more than 120,000 rows
+        ``frame`` holds the rows around the unloading; ``write`` compensates all rows, segment by
+        segment.
     disks, traces
         Compensated channels, and what the compensator used, by disk.
     events_s
@@ -147,6 +154,8 @@ class CompensatedLog(Result):
         The log as it was recorded, and the method.
     segments
         How to compensate the remaining rows of a long log; None for a short one.
+    decimals
+        Number of decimals in a CSV file, of each column with results.
     numbers
         Noise and standard deviation of each column with a fixed delay, where ``disks`` and
         ``traces`` are empty; otherwise None.
@@ -160,6 +169,7 @@ class CompensatedLog(Result):
     events_s: tuple[float, ...]
     raw_log: Log
     method: CompensationMethod
+    decimals: Mapping[str, int]
     segments: LogSegments | None = None
     numbers: pd.DataFrame | None = None
 
@@ -235,7 +245,8 @@ class CompensatedLog(Result):
         if self.segments is not None:
             segment_findings = self.segments.write(path, progress, style)
             return Path(path), unique_by_subject([*findings, *segment_findings])
-        return write_log(self.frame, path, self.metadata, style=style), findings
+        frame = rounded_for_file(self.frame, self.decimals, path)
+        return write_log(frame, path, self.metadata, style=style), findings
 
     def _table_of_log(self) -> Table | None:
         """The file of the log, for its dialect; None if it is not there any more."""
@@ -245,8 +256,8 @@ class CompensatedLog(Result):
             return None
 
     def as_log(self) -> Log:
-        """The compensated log as ``read_log`` would read it, without uncertainties."""
-        frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
+        """The compensated log with the columns of the log: results only, as they were logged."""
+        frame = self.frame[[name for name in self.raw_log.frame.columns if name in self.frame]]
         return replace(
             self.raw_log, frame=frame, metadata=dict(self.metadata), findings=self.findings
         )
@@ -325,6 +336,7 @@ def compensate_log(
     refine: bool = True,
     way: CompensationMethod | None = None,
     parts: bool = False,
+    rate: bool = False,
     delay_s: float | None = None,
     progress: Progress = no_progress,
 ) -> CompensatedLog:
@@ -343,6 +355,8 @@ def compensate_log(
         The method; the smoother by default.
     parts
         Whether to add columns with the components of the uncertainty.
+    rate
+        Whether to add columns with the rate of change of each result and its standard uncertainty.
     delay_s
         None: each row is compensated with all rows near it. A number [s]: with the rows that are
         there this long after it, and the lags of the records; the result is that of
@@ -381,7 +395,7 @@ def compensate_log(
             parameters=dict.fromkeys(("way", "parts", "delay_s")),
         )
     way = way or CompensationMethod()
-    way = replace(way, components=way.components or parts)
+    way = replace(way, components=way.components or parts, rate=way.rate or rate)
     progress("reading the log")
     pieces, unused = open_log_for_records(log, rig, records)
     kind = pieces.kind
@@ -389,11 +403,20 @@ def compensate_log(
     if delay_s is not None:
         rows: list[pd.DataFrame] = []
         done = compensate_table(
-            log, records, rows.append, rig=rig, delay_s=delay_s, progress=progress
+            log, records, rows.append, rig=rig, delay_s=delay_s, rate=rate, progress=progress
         )
         frame = pd.concat(rows, ignore_index=True)
         return CompensatedLog(
-            frame, done.metadata, done.findings, {}, {}, (), table, way, numbers=done.numbers
+            frame,
+            done.metadata,
+            done.findings,
+            {},
+            {},
+            (),
+            table,
+            way,
+            done.decimals,
+            numbers=done.numbers,
         )
     disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {
@@ -458,16 +481,25 @@ def compensate_log(
     progress(f"junctions, {' and '.join(records)}")
     time_s = frame["time_s"].to_numpy(dtype=float)
     results: dict[str, Compensated] = {}
+    units: dict[str, Unit] = {}
+    columns: dict[str, Array] = {}
+    decimals: dict[str, int] = {}
     for disk in records:
         disk_traces_used = traces[disk]
         readings = disk_readings(disk_traces_used, time_s)
         results[disk] = compensate_readings(readings, way, events_at_s)
-        frame = frame.assign(**output_columns(readings, results[disk], way))
+        columns_of_disk, decimals_of_disk = output_columns(readings, results[disk], way)
+        columns |= columns_of_disk
+        decimals |= decimals_of_disk
+        units |= dict(zip(readings.columns, readings.units))
         findings += [
             f.at(disk)
             for f in (*results[disk].findings, *disk_traces_used.extrapolation_findings("the log"))
         ]
         findings += disk_traces_used.findings
+    header = output_header([*frame.columns], units, way, table.path.name)
+    columns |= {unit.names(name).logged: frame[name].to_numpy() for name, unit in units.items()}
+    frame = pd.DataFrame({name: columns.get(name, frame.get(name)) for name in header}, frame.index)
     t_start_s, t_end_s = (float(frame["time_s"].iloc[k]) for k in (0, -1))
     events_s = sorted(t - t_start_s for t in events_at_s if t_start_s < t <= t_end_s) or [
         t for t, _ in next(iter(results.values())).events_s
@@ -478,10 +510,19 @@ def compensate_log(
     else:
         channels = DiskColumns(rig, records, fits, kind == "ehl", way.removes_lag, table.path.name)
         segments = LogSegments(
-            pieces, channels, way, events_at_s, [*table.frame.columns], [*frame.columns], notes
+            pieces, channels, way, events_at_s, [*table.frame.columns], header, notes
         )
     return CompensatedLog(
-        frame, notes, tuple(findings), results, traces, tuple(events_s), table, way, segments
+        frame,
+        notes,
+        tuple(findings),
+        results,
+        traces,
+        tuple(events_s),
+        table,
+        way,
+        decimals,
+        segments,
     )
 
 

@@ -27,6 +27,7 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
 from tcdyn.sensors.compensation import (
     CompensatedSegment,
+    CompensationMethod,
     Totals,
     compensated_segments,
     write_segments,
@@ -74,6 +75,8 @@ class CompensatedTable(Result):
         One row a compensated column: its name, noise, and typical and largest standard deviation
         of the compensated readings [K]. If a column is no temperature, the names do not state K,
         and ``unit`` is the unit of each.
+    decimals
+        Number of decimals in a CSV file, of each column with results.
     metadata
         Metadata of the file that was written.
     findings
@@ -87,6 +90,7 @@ class CompensatedTable(Result):
     columns: tuple[Channel, ...]
     carried: tuple[str, ...]
     numbers: pd.DataFrame
+    decimals: dict[str, int]
     metadata: dict[str, str]
     findings: tuple[Finding, ...]
     reading: SeriesReport | None = None
@@ -140,11 +144,11 @@ def compensate_table(
 ) -> CompensatedTable:
     """Compensate the columns of any table that sensors cover, and write the table to ``out``.
 
-    Each column with a sensor is replaced by what the sensor measures, a temperature by that of the
-    junction, in its own unit (mV of a thermocouple: degrees Celsius). A column ``<name>_u_K``
-    (``_u_degF``, ``_u_ppm``) behind the last one is its standard uncertainty: noise, smoothing, lag
-    and static line. Other columns pass through as numbers and are named in a
-    finding.
+    Each column with a sensor becomes what the sensor measures, a temperature that of the junction,
+    in its own unit (mV of a thermocouple: degrees Celsius). Before it stands the column as logged,
+    ``<name>_logged_degC``; behind it its standard uncertainty, ``<name>_u_K`` (``_u_degF``,
+    ``_u_ppm``): noise, smoothing, lag and static line. Other columns pass through as numbers and
+    are named in a finding.
 
     Parameters
     ----------
@@ -180,6 +184,7 @@ def compensate_table(
     check_type("log", log, (str, Path, Source), "the path of a table, or an opened table")
     calibrations = calibrations_of(calibrations)
     delay_s = settings.delay_s
+    method = CompensationMethod(rate=settings.rate)
     if isinstance(calibrations, Mapping) and delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
     out_path = Path() if callable(out) else Path(out)
@@ -188,11 +193,12 @@ def compensate_table(
     raw, report_of_rows = _open_log(log, calibrations, rig, settings)
     if not callable(out):
         check_not_input(out_path, raw.source.path)
-        check_size(out_path, report_of_rows.rows if report_of_rows else 0, len(raw.header))
+        check_size(out_path, report_of_rows.rows if report_of_rows else 0, len(raw.header(method)))
     style = output_style(settings.dialect, settings.comments, raw.source.table, out_path)
     is_netcdf = out_path.suffix.lower() == ".nc"
     if is_netcdf:
         style = replace(style, time=raw.source.time, units=_units_of_output(raw))
+    header = raw.header(method)
     notes = dict(raw.notes)
     if raw.source.path.is_file():
         notes["source_sha256"] = sha256_of_file(raw.source.path)
@@ -212,13 +218,14 @@ def compensate_table(
         FilledTimes(raw.source, raw.time_in_log) if delay_s is None else seen,
         raw.source.table.names,
         raw.channels,
+        method,
         delay_s=delay_s,
     )
     if is_netcdf:
         segments = _with_seconds(segments, raw.source.time)
     if delay_s is not None:
         notes["delay_s"] = f"{delay_s:g}"
-    totals = write_segments(out, raw.header, notes, segments, report, style=style, time=raw.stamps)
+    totals = write_segments(out, header, notes, segments, report, style=style, time=raw.stamps)
     if delay_s is None:
         findings = [*raw.findings, *totals.findings]
     else:
@@ -241,6 +248,7 @@ def compensate_table(
         raw.channels.channels,
         raw.carried,
         uncertainties,
+        totals.decimals,
         totals.metadata,
         unique_by_subject(findings),
         report_of_rows,
@@ -275,7 +283,7 @@ def _units_of_output(raw: RawLog) -> dict[str, str]:
     """Units of the columns of the output that the table or its channels state."""
     units = dict(raw.source.table.units)
     for column, unit in raw.channels.units.items():
-        units[unit.names(column)[0]] = unit.output
+        units[unit.names(column).result] = unit.output
     return units
 
 

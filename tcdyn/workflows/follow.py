@@ -44,10 +44,12 @@ from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
     CompensatedSegment,
+    CompensationMethod,
     Totals,
     compensated_segments,
     text_columns,
 )
+from tcdyn.sensors.decimals import rounded_for_file
 from tcdyn.sensors.given import with_column
 from tcdyn.sensors.segments import SegmentPosition
 from tcdyn.series.report import SeriesReport
@@ -232,7 +234,10 @@ def follow(
     if delay_s is None:
         delay_s = max(USUAL_DELAY_LAGS * raw.channels.lag_s, LEAST_USUAL_DELAY_S)
     style = output_style(settings.dialect, settings.comments, raw.source.table, out)
-    key = {**_state_key(raw, used, delay_s), "dialect": settings.dialect}
+    method = CompensationMethod(rate=settings.rate)
+    header = raw.header(method)
+    choices = {"dialect": settings.dialect, "rate": settings.rate}
+    key = {**_state_key(raw, used, delay_s), **choices}
     is_new = not out.exists()
     if state is not None and continues:
         stand = _read_state(state, key, growing, out)
@@ -240,12 +245,12 @@ def follow(
         _check_output_free(out, overwrite)  # it may have come while the header was waited for
         # what stood there stays until this is complete
         notes = {**raw.notes, "delay_s": f"{delay_s:g}", **_start_time_metadata(growing, raw)}
-        out_bytes = start_csv(out, raw.header, notes, style=style)
-        stand = _Stand(growing.offset, None, 0, out_bytes)
+        out_bytes = start_csv(out, header, notes, style=style)
+        stand = _Stand(growing.offset, None, 0, out_bytes, {})
     announce(raw, delay_s)
     rising = RisingRows(raw.source)
     seen = SurveyedSource(rising, raw.channels.raw_columns, survey_of(raw))
-    totals = Totals()
+    totals = Totals(decimals=stand.decimals)
     with (
         _removed_without_rows(out, state) if is_new else nullcontext(),
         AppendedFile(out, stand.out_bytes, stand.written) as output,
@@ -255,6 +260,7 @@ def follow(
             seen,
             [*raw.source.table.names, ROW_END],
             raw.channels,
+            method,
             delay_s=delay_s,
             position=stand.position,
         )
@@ -262,13 +268,13 @@ def follow(
         for result in segments:
             if result.segment.is_last and state:  # a run that continues writes these rows again
                 _write_state(state, key, growing, stand, output)
-            frame = result.frame(raw.header)
-            text = text_columns(result, raw.header)
-            output.append(csv_rows(frame, text, style), len(frame))
             totals.add(result)
+            frame = rounded_for_file(result.frame(header), totals.decimals, out)
+            text = text_columns(result, header)
+            output.append(csv_rows(frame, text, style), len(frame))
             if result.segment.is_last:
                 break
-            stand = stand.after(result, output)
+            stand = stand.after(result, output, totals.decimals)
             if state and time.monotonic() - saved_at > SAVE_EVERY_S:
                 _write_state(state, key, growing, stand, output)
                 saved_at = time.monotonic()
@@ -463,22 +469,26 @@ def _start_time_metadata(growing: GrowingText, raw: RawLog) -> dict[str, str]:
 @dataclass(frozen=True)
 class _Stand:
     """Where a run stands: position in the log of the first row that the next block needs [bytes],
-    position of the reading, rows written and size of the output [bytes].
+    position of the reading, rows written, size of the output [bytes], and number of decimals by
+    column of the output.
     """
 
     offset: int
     position: SegmentPosition | None
     written: int
     out_bytes: int
+    decimals: dict[str, int]
 
-    def after(self, result: CompensatedSegment, output: AppendedFile) -> _Stand:
+    def after(
+        self, result: CompensatedSegment, output: AppendedFile, decimals: dict[str, int]
+    ) -> _Stand:
         """Where it stands after a segment that was written."""
         segment = result.segment
         first = segment.keep.stop - segment.position.history_rows
         offset = self.offset
         if first > 0:
             offset = int(segment.data[ROW_END][first - 1])
-        return _Stand(offset, segment.position, output.rows, output.size)
+        return _Stand(offset, segment.position, output.rows, output.size, decimals)
 
 
 def _state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, Any]:
@@ -529,6 +539,7 @@ def _write_state(
         "written": stand.written,
         "out_bytes": stand.out_bytes,
         "out_sha256": output.hash.hexdigest(),
+        "decimals": stand.decimals,
     }
     plain = json.loads(json.dumps(content))
     write_text(file, json.dumps({**plain, CHECKSUM_KEY: checksum(plain)}) + "\n")
@@ -569,7 +580,9 @@ def _read_state(file: Path, key: dict[str, Any], growing: GrowingText, out: Path
             place = data["position"]
             rows = (int(place["done_rows"]), int(place["history_rows"]))
             position = SegmentPosition(float(place["interval_s"]), *rows)
-        stand = _Stand(int(data["offset"]), position, int(data["written"]), int(data["out_bytes"]))
+        decimals = {str(name): int(count) for name, count in data["decimals"].items()}
+        written = int(data["written"])
+        stand = _Stand(int(data["offset"]), position, written, int(data["out_bytes"]), decimals)
     except DAMAGED as problem:
         raise InputError(
             f"is no state of a followed log ({problem!r})", where=str(file), **anew

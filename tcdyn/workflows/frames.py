@@ -8,27 +8,24 @@ those of a file with the same columns. Guarded by ``tests/sensors/test_compensat
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from tcdyn.core.arguments import (
-    as_names,
-    check_type,
-    described,
-    with_named_arguments,
-)
+from tcdyn.core.arguments import check_type, described, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages, warnings_and_errors
 from tcdyn.core.options import options_of
 from tcdyn.io.netcdf import variable_attributes
+from tcdyn.sensors.compensation import CompensationMethod
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.given import Sensors, sensor_files
 from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.frame import UNITS_KEY, rows_with
 from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.options import FrameOptions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,16 +35,7 @@ WARNINGS_KEY = "warnings"  # entry of ``attrs`` with the warnings as sentences
 
 @with_named_arguments
 def compensate_frame(
-    data: pd.DataFrame | pd.Series,
-    sensors: Sensors,
-    *,
-    columns: Sequence[str] | str = (),
-    time: str | None = None,
-    time_unit: str | None = None,
-    unit: Mapping[str, str] | str = "",
-    couple: str = "",
-    cold: float | str = 0.0,
-    **reading: Any,
+    data: pd.DataFrame | pd.Series, sensors: Sensors, **options: Any
 ) -> pd.DataFrame:
     """Compensate the columns of a DataFrame, or a Series, that sensors cover.
 
@@ -60,33 +48,24 @@ def compensate_frame(
         or (25, 1) and "25+-1" with its standard uncertainty; or a :class:`tcdyn.Chain` that is
         known. These are for ``columns``, or for the only column of numbers; without an uncertainty
         they are taken as exact, with a warning. Or a dict of any of these by column.
-    columns
-        Columns that a single sensor covers here, instead of its own.
-    time
-        Column of the time; None: the index. An index of numbers is seconds unless its name or
-        ``time_unit`` states another unit. An index of integers without a name is taken for the
-        numbers of the rows, unless ``time_unit`` is given; a column with the name of a time is used
-        then.
-    time_unit
-        Unit of the time (s, ms, us, ns, min, h or days), where its name does not say so.
-    unit
-        "degC", "K", "degF", "mV" or that of another quantity ("ppm", "%RH", "Pa", "V") for all
-        columns, or by column; otherwise as the names say.
-    couple, cold
-        Of millivolts: the thermocouple's type ("none" if it is another voltage), and the reference
-        junction [degC] or its column.
-    reading
-        ``dt_s``, ``where``, ``on_change`` and ``averages_s`` as in
-        :class:`tcdyn.series.ReadingOptions`.
+    options
+        How the table is read and compensated: the fields of
+        :class:`tcdyn.workflows.options.FrameOptions`, such as ``columns=["T1"]``, ``time="t"``,
+        ``unit="degF"`` and ``rate=True``. Without ``time``, the time is the index. An index of
+        numbers is seconds unless its name or ``time_unit`` states another unit. An index of
+        integers without a name is taken for the numbers of the rows, unless ``time_unit`` is given;
+        a column with the name of a time is used then.
 
     Returns
     -------
     DataFrame
         The table with the same index and columns. Each column with a sensor is what the sensor
         measures, for a thermocouple the temperature at the junction, in its own unit (mV of a
-        thermocouple: degrees Celsius); a column ``<name>_u_K`` (``_u_degF``, ``_u_ppm``) at the end
-        is its standard uncertainty. ``attrs`` holds those of ``data``, the metadata that a
-        file would have, and the list ``warnings``.
+        thermocouple: degrees Celsius). Before it stands the column as logged,
+        ``<name>_logged_degC``; behind it its standard uncertainty, ``<name>_u_K`` (``_u_degF``,
+        ``_u_ppm``), and with ``rate`` the rate of change and its standard uncertainty,
+        ``<name>_rate_K_s`` and ``<name>_rate_u_K_s``. The numbers are not rounded. ``attrs`` holds
+        those of ``data``, the metadata that a file would have, and the list ``warnings``.
 
     Raises
     ------
@@ -109,34 +88,24 @@ def compensate_frame(
     >>> time = pd.date_range("2026-03-01 10:00", periods=60, freq="s")
     >>> done = compensate_frame(pd.Series(reading, time, name="T_degC"), probe)
     >>> list(done), done.index.equals(time), done.attrs["start_time"]
-    (['T_degC', 'T_u_K'], True, '2026-03-01T10:00:00')
+    (['T_logged_degC', 'T_degC', 'T_u_K'], True, '2026-03-01T10:00:00')
     >>> done = compensate_frame(pd.Series(reading, time, name="T_degC"), (5.0, 0.1))
     >>> list(done)
-    ['T_degC', 'T_u_K']
+    ['T_logged_degC', 'T_degC', 'T_u_K']
     """
+    settings = options_of(FrameOptions, options, "compensate_frame")
     check_type("data", data, (pd.DataFrame, pd.Series), "a DataFrame or a Series")
-    columns = as_names("columns", columns)
     files = sensor_files(sensors)
     if isinstance(data, pd.Series):
         name = data.name if data.name is not None else _single_column(files)
         data = data.to_frame(name)
-        columns = columns or ([str(name)] if len(files) == 1 and len(files[0].columns) == 1 else ())
-    options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
-    given = {"time": time, "time_unit": time_unit, **reading}
-    rows = options_of(ReadingOptions, given, "compensate_frame")
-    return _compensate_frame(data, files, rows, {}, options)[0]
+        settings = _for_one_column(settings, str(name), files)
+    return _compensate_frame(data, files, settings, {}).frame
 
 
 @with_named_arguments
 def compensate_dataset(
-    data: xr.Dataset | xr.DataArray,
-    sensors: Sensors,
-    *,
-    columns: Sequence[str] | str = (),
-    time_unit: str | None = None,
-    unit: Mapping[str, str] | str = "",
-    couple: str = "",
-    cold: float | str = 0.0,
+    data: xr.Dataset | xr.DataArray, sensors: Sensors, **options: Any
 ) -> xr.Dataset:
     """Compensate the variables of an xarray Dataset, or a DataArray, that sensors cover.
 
@@ -145,16 +114,16 @@ def compensate_dataset(
     data
         Variables along one dimension, whose coordinate is the time. Units are read from the
         attribute ``units`` of variables and coordinate where they have one.
-    sensors, columns, time_unit, unit, couple, cold
+    sensors, options
         As for ``compensate_frame``.
 
     Returns
     -------
     Dataset
-        The dataset with the temperatures at the junctions and their standard uncertainties, as
-        for ``compensate_frame``; coordinates and other variables as they were. Values and
-        uncertainties have the attributes ``units`` and ``long_name``, and a value the attribute
-        ``ancillary_variables`` (CF conventions); attributes that a variable had stay.
+        The dataset with the logged readings, the temperatures at the junctions and their standard
+        uncertainties, as for ``compensate_frame``; coordinates and other variables as they were.
+        Values and uncertainties have the attributes ``units`` and ``long_name``, and a value the
+        attribute ``ancillary_variables`` (CF conventions); attributes that a variable had stay.
 
     Raises
     ------
@@ -166,14 +135,16 @@ def compensate_dataset(
     >>> kiln = xr.open_dataset("kiln.nc")  # doctest: +SKIP
     >>> compensate_dataset(kiln["T1_degC"], "probe.sensor.json")  # doctest: +SKIP
     """
-    columns = as_names("columns", columns)
+    settings = options_of(FrameOptions, options, "compensate_dataset")
+    if not hasattr(data, "dims"):
+        raise InputError(
+            f"data is {described(data)}", expected="a Dataset or a DataArray of xarray"
+        )
     files = sensor_files(sensors)
-    if not hasattr(data, "data_vars") and not hasattr(data, "to_dataset"):
-        raise InputError(f"data is {described(data)}", expected="a Dataset or DataArray of xarray")
     if not hasattr(data, "data_vars"):
         name = str(data.name) if data.name is not None else _single_column(files)
         data = data.to_dataset(name=name)
-        columns = columns or ([name] if len(files) == 1 and len(files[0].columns) == 1 else ())
+        settings = _for_one_column(settings, name, files)
     if len(data.dims) != 1:
         raise InputError(
             f"the data have dimensions {', '.join(map(repr, data.dims)) or 'none'}",
@@ -187,20 +158,25 @@ def compensate_dataset(
     frame = pd.DataFrame({str(n): v.values for n, v in data.data_vars.items()}, index)
     frame.attrs = dict(data.attrs)
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
-    options = {"columns": columns, "unit": unit, "couple": couple, "cold_junction": cold}
-    rows = ReadingOptions(time_unit=time_unit)
-    done, output_units = _compensate_frame(frame, files, rows, units, options)
-    result = data.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
+    done = _compensate_frame(frame, files, settings, units)
+    names = [str(name) for name in done.frame.columns]
+    result = data.drop_vars(list(data.data_vars))
+    result = result.assign({name: (dimension, done.frame[name].to_numpy()) for name in names})
     for label, variable in data.data_vars.items():
-        if label in done.columns:
-            result[label].attrs = dict(variable.attrs)
-    names = [str(name) for name in done.columns]
-    attributes = variable_attributes(names, output_units)
-    for column, entry in attributes.items():
-        if column in output_units or column not in data.data_vars:
-            result[column].attrs = {**entry, **result[column].attrs}
-    result = result.drop_vars([name for name in data.data_vars if name not in done.columns])
-    return result.assign_attrs(done.attrs)
+        for new_name in (str(label), done.logged_names.get(str(label), "")):
+            if new_name in names:
+                result[new_name].attrs = dict(variable.attrs)
+    for name, entry in variable_attributes(names, done.units).items():
+        if name in done.units or name not in data.data_vars:
+            result[name].attrs = {**entry, **result[name].attrs}
+    return result.assign_attrs(done.frame.attrs)
+
+
+def _for_one_column(settings: FrameOptions, name: str, files: Sequence[SensorFile]) -> FrameOptions:
+    """The options with the only column of the data as that of a single sensor."""
+    if settings.columns or len(files) != 1 or len(files[0].columns) != 1:
+        return settings
+    return replace(settings, columns=[name])
 
 
 def _single_column(files: Sequence[SensorFile]) -> str:
@@ -209,13 +185,31 @@ def _single_column(files: Sequence[SensorFile]) -> str:
     return name or "temperature"
 
 
+@dataclass(frozen=True)
+class _Compensated:
+    """A compensated frame.
+
+    Attributes
+    ----------
+    frame
+        The frame.
+    logged_names
+        New name of each logged column, by its old one.
+    units
+        Units of the results, by their names in the frame.
+    """
+
+    frame: pd.DataFrame
+    logged_names: dict[str, str]
+    units: dict[str, str]
+
+
 def _compensate_frame(
     frame: pd.DataFrame,
     files: Sequence[SensorFile],
-    reading: ReadingOptions,
+    settings: FrameOptions,
     units: Mapping[str, str],
-    options: Mapping[str, Any],
-) -> tuple[pd.DataFrame, dict[str, str]]:
+) -> _Compensated:
     """The frame with compensated columns, warnings and attributes; see ``compensate_frame``.
 
     Parameters
@@ -224,49 +218,50 @@ def _compensate_frame(
         The table.
     files
         The sensors.
-    reading
-        How its rows are read.
+    settings
+        How it is read and compensated.
     units
         Units by column, from attributes of xarray.
-    options
-        Further arguments of ``compensate_table``.
-
-    Returns
-    -------
-    frame
-        The frame.
-    units
-        Units of the compensated columns, by their names in the frame.
     """
     names = [str(label) for label in frame.columns]
     if not len(frame):
         raise InputError("no rows", where="the DataFrame", expected="a table with readings")
+    reading = settings.rows
     if reading.where is not None:
         frame = rows_with(frame, *reading.condition)
         reading = replace(reading, where=None)
     table = frame.copy(deep=False)
     table.attrs = {**frame.attrs, UNITS_KEY: {**frame.attrs.get(UNITS_KEY, {}), **units}}
     source = open_source(table, options=reading)
+    of_rows = [each.name for each in fields(ReadingOptions)]
+    others = {name: value for name, value in settings.stated.items() if name not in of_rows}
     parts: list[pd.DataFrame] = []
-    done = compensate_table(source, files, parts.append, **options)
+    done = compensate_table(source, files, parts.append, **others)
     serious = messages(warnings_and_errors(done.findings))
     for message in serious:
         warnings.warn(message, UserWarning, stacklevel=4)  # the caller of the public function
     made = pd.concat(parts, ignore_index=True)
-    result = frame.copy()
-    new_names = {}
+    method = CompensationMethod(rate=settings.rate)
+    units_of_channels = {channel.column: channel.unit for channel in done.columns}
+    columns: dict[Hashable, pd.Series] = {}
+    logged_names = {}
     output_units = {}
-    for channel in done.columns:
-        label = frame.columns[names.index(channel.column)]
-        name, u_name = channel.unit.names(channel.column)
-        result[label] = made[name].to_numpy()
-        result[u_name] = made[u_name].to_numpy()
-        output_units[name] = channel.unit.output
-        if name != channel.column:
-            new_names[label] = name
+    for name, label in zip(names, frame.columns):
+        if name not in units_of_channels:
+            columns[label] = frame[label]
+            continue
+        unit = units_of_channels[name]
+        logged, *results = method.output_names(unit, name)
+        logged_names[name] = logged
+        output_units[results[0]] = unit.output
+        columns[logged] = frame[label]
+        for result_name in results:
+            new_label: Hashable = label if result_name == name else result_name
+            columns[new_label] = pd.Series(made[result_name].to_numpy(), frame.index)
     metadata = {key: value for key, value in done.metadata.items() if key != "source"}
-    result = result.rename(columns=new_names)
+    result = pd.DataFrame(columns, frame.index)
+    result.columns.name = frame.columns.name
     result.attrs = dict(frame.attrs)
     result.attrs.update(metadata)
     result.attrs[WARNINGS_KEY] = list(serious)
-    return result, output_units
+    return _Compensated(result, logged_names, output_units)

@@ -49,8 +49,21 @@ class LogOptions(TableOptions):
 
 
 @dataclass(frozen=True)
-class CompensateOptions(OutputOptions, LogOptions):
+class FrameOptions(LogOptions):
     """How a table is compensated.
+
+    Attributes
+    ----------
+    rate
+        also write the rate of change of each result and its standard uncertainty
+    """
+
+    rate: bool = option(False, "Output")
+
+
+@dataclass(frozen=True)
+class CompensateOptions(OutputOptions, FrameOptions):
+    """How a table is compensated and written.
 
     Attributes
     ----------

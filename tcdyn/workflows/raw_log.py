@@ -32,6 +32,7 @@ from tcdyn.rig.opened_log import (
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import TableChannels, sensor_channels
+from tcdyn.sensors.compensation import CompensationMethod, output_header
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.given import Sensors, sensor_files, with_column
 from tcdyn.series import ReadingOptions
@@ -67,8 +68,6 @@ class RawLog:
         another name.
     channels
         The columns that are compensated.
-    header
-        Columns of the output.
     carried
         Columns that pass through.
     notes
@@ -81,10 +80,14 @@ class RawLog:
     time_in_log: str
     stamps: str
     channels: TableChannels
-    header: tuple[str, ...]
     carried: tuple[str, ...]
     notes: dict[str, str]
     findings: tuple[Finding, ...]
+
+    def header(self, method: CompensationMethod) -> list[str]:
+        """Columns of the output; see ``tcdyn.sensors.compensation.output_header``."""
+        where = display_path(self.source.path)
+        return output_header(self.source.table.names, self.channels.units, method, where)
 
 
 def calibrations_of(given: Given) -> Calibrations:
@@ -350,7 +353,7 @@ def _with_output(
     carried: tuple[str, ...],
     findings: list[Finding],
 ) -> RawLog:
-    """Add header and notes of the output to an opened log.
+    """Add the notes of the output to an opened log.
 
     Parameters
     ----------
@@ -361,33 +364,14 @@ def _with_output(
     stamps
         Name of the column that keeps its clock stamps; empty: none.
     channels
-        Channels that are compensated. Each result stands in the column of its channel, the
-        uncertainties are at the end.
+        Channels that are compensated.
     carried
         Columns that are copied.
     findings
         Findings about the log.
-
-    Raises
-    ------
-    InputError
-        If two columns of the output would have one name.
     """
-    table = source.table
-    output_names = {column: unit.names(column) for column, unit in channels.units.items()}
-    header = [output_names[n][0] if n in output_names else n for n in table.names]
-    header += [output_names[n][1] for n in table.names if n in output_names]
-    duplicates = [n for n in header if header.count(n) > 1]
-    if duplicates:
-        raise InputError(
-            f"the output would hold column {duplicates[0]!r} twice",
-            where=display_path(source.path),
-            remedy="rename it",
-        )
-    notes = {**table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
+    notes = {**source.table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
     for channel in channels.channels:
         lag = channel.lag_s.text("s")
         notes[f"lag_s of {channel.column}"] = f"{lag}, sensor {channel.sensor}"
-    return RawLog(
-        source, time_in_log, stamps, channels, tuple(header), carried, notes, tuple(findings)
-    )
+    return RawLog(source, time_in_log, stamps, channels, carried, notes, tuple(findings))

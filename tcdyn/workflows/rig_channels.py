@@ -124,6 +124,7 @@ def disk_readings(traces: DiskTraces, time_s: Array) -> ChannelReadings:
         traces.split_u_s,
         np.hypot(traces.static_u(traces.readings_degC), shared_K),
         shared_K,
+        np.array([line.gain_u_rel for line in traces.lines]),
         traces.noise_K,
         traces.name,
     )

@@ -69,25 +69,26 @@ def compensated_traces(log: RawLog, out: Path, columns: Sequence[str] = ()) -> l
         if isinstance(unit.reference_junction, str)
     ]
     time_s, logged, _ = read_all(log.source, [*units, *references])
-    output_names = [name for column, unit in units.items() for name in unit.names(column)]
+    names_of = {column: unit.names(column) for column, unit in units.items()}
+    output_names = [name for names in names_of.values() for name in (names.result, names.u)]
     result = Source(out, open_table(out, output_names), log.source.clock)
     compensated_s, compensated, _ = read_all(result, output_names)
     traces = []
     for column, unit in units.items():
         reference = unit.reference_junction
         cold_degC = logged[reference] if isinstance(reference, str) else reference
-        name, u_name = unit.names(column)
+        names = names_of[column]
         values = unit.from_base(unit.to_base(logged[column], cold_degC))
         traces.append(
             Trace(
-                name,
+                names.result,
                 unit.output,
                 disk_of[column],
                 time_s,
                 values,
                 compensated_s,
-                compensated[name],
-                compensated[u_name],
+                compensated[names.result],
+                compensated[names.u],
             )
         )
     return traces

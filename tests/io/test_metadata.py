@@ -17,9 +17,9 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.io.metadata import (
     check_not_compensated,
+    compensated_pair,
     metadata_path,
     read_metadata,
-    uncertainty_pair,
 )
 from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.io.write import OutputStyle, log_writer, write_log
@@ -76,9 +76,10 @@ def test_a_failing_writer_leaves_table_and_metadata_before(tmp_path):
     [
         ("{", "metadata.damaged"),
         ("[]", "metadata.damaged"),
+        ('{"schema": "tcdyn.table/2"}', "metadata.damaged"),
         ('{"schema": "tcdyn.table/1"}', "metadata.damaged"),
         (
-            '{"schema": "tcdyn.table/1", "columns": ["t", "T"], "metadata": {"a": "b"}}',
+            '{"schema": "tcdyn.table/2", "columns": ["t", "T"], "metadata": {"a": "b"}}',
             "metadata.other_table",
         ),
     ],
@@ -90,6 +91,16 @@ def test_a_file_that_is_damaged_or_of_another_table_is_reported_and_not_used(
     metadata_path(path).write_text(content, encoding="utf-8")
     assert open_table(path).metadata == {}
     assert findings(path) == [code]
+
+
+def test_metadata_of_the_first_schema_are_read_and_replaced(tmp_path):
+    path = write_log(FRAME, tmp_path / "a.csv", NOTES)
+    file = metadata_path(path)
+    first = json.loads(file.read_text(encoding="utf-8")) | {"schema": "tcdyn.table/1"}
+    file.write_text(json.dumps(first), encoding="utf-8")
+    assert open_table(path).metadata == NOTES
+    write_log(FRAME, path, NOTES)
+    assert json.loads(file.read_text(encoding="utf-8"))["schema"] == "tcdyn.table/2"
 
 
 def test_a_file_of_another_program_is_neither_used_nor_replaced(tmp_path):
@@ -128,10 +139,21 @@ def test_rows_may_be_cut_off_and_files_renamed_together(tmp_path):
         (["time", "T1", "T2_u_K"], None),
         (["time", "T1", "u_K"], None),
         (["time", "menu_K", "T_K"], None),
+        (["T_logged_degC", "T_degC", "T_u_K"], ("T_degC", "T_logged_degC")),
+        (["T_logged_degC", "T_degC"], ("T_degC", "T_logged_degC")),
+        (["T1_degC", "T1_logged_mV"], ("T1_degC", "T1_logged_mV")),
+        (["T1_logged [°C]", "T1 [°C]"], ("T1 [°C]", "T1_logged [°C]")),
+        (["x_logged_ppm", "x_ppm"], ("x_ppm", "x_logged_ppm")),
+        (["x_logged_ppm", "x_u_ppm"], ("x_logged_ppm", "x_u_ppm")),
+        (["T_logged_degC", "T_rate_K_s"], ("T_logged_degC", "T_rate_K_s")),
+        (["x_rate_ppm_s", "x_rate_u_ppm_s"], ("x_rate_ppm_s", "x_rate_u_ppm_s")),
+        (["time_s", "T_logged_degC"], None),  # the readings alone are raw
+        (["gas_logged_degC", "gas_kW"], None),
+        (["air_degC", "air_rate_kg_s"], None),
     ],
 )
-def test_a_temperature_with_its_uncertainty_is_recognised(names, pair):
-    assert uncertainty_pair(names) == pair
+def test_columns_that_only_a_compensation_makes_are_recognised(names, pair):
+    assert compensated_pair(names) == pair
     if pair is None:
         check_not_compensated(names, {}, "a.csv")
     else:

@@ -83,7 +83,7 @@ def test_a_quantity_is_compensated_in_its_unit_and_the_band_holds_the_truth(
     log = write(tmp_path / "log.csv", time_s=t, **{f"slow_{unit}": y})
     made = compensate_table(log, [probe(f"slow_{unit}")], tmp_path / "out.csv")
     done = written(made.path)
-    assert list(done) == ["time_s", f"slow_{unit}", f"slow_u_{unit}"]
+    assert list(done) == ["time_s", f"slow_logged_{unit}", f"slow_{unit}", f"slow_u_{unit}"]
     assert coverage(done, f"slow_{unit}", f"slow_u_{unit}", truth) > 0.9
     before = np.sqrt(np.mean((y - truth) ** 2))
     after = np.sqrt(np.mean((done[f"slow_{unit}"] - truth) ** 2))
@@ -105,7 +105,8 @@ def test_columns_of_one_file_are_compensated_each_in_its_unit(tmp_path: Path) ->
     sensors = [probe("T1"), probe("CO2")]
     made = compensate_table(log, sensors, tmp_path / "out.csv")
     done = written(made.path)
-    assert list(done) == ["time_s", "T1 [°C]", "CO2 [ppm]", "T1_u_K", "CO2_u_ppm"]
+    of_temperature = ["T1_logged [°C]", "T1 [°C]", "T1_u_K"]
+    assert list(done) == ["time_s", *of_temperature, "CO2_logged [ppm]", "CO2 [ppm]", "CO2_u_ppm"]
     assert coverage(done, "T1 [°C]", "T1_u_K", temperature) > 0.9
     assert coverage(done, "CO2 [ppm]", "CO2_u_ppm", gas) > 0.9
     assert [row["unit"] for row in made.to_dict()["columns"]] == ["K", "ppm"]
@@ -270,7 +271,7 @@ def test_a_unit_is_stated_in_python_and_xarray() -> None:
     with pytest.raises(InputError, match=r"unit 'sausages'.*\[sausages\]"):
         tcdyn.compensate_frame(series, probe("gas"), unit="sausages")
     in_other_unit = tcdyn.compensate_frame(series, probe("gas"), unit="[a.u.]")
-    assert list(in_other_unit) == ["gas", "gas_u_a.u."]
+    assert list(in_other_unit) == ["gas_logged", "gas", "gas_u_a.u."]
 
 
 def test_a_sensor_of_a_temperature_is_not_used_for_another_quantity_of_its_name() -> None:
@@ -278,9 +279,10 @@ def test_a_sensor_of_a_temperature_is_not_used_for_another_quantity_of_its_name(
     frame = pd.DataFrame({"time_s": t, "gas_kW": 5 + t / 100, "gas_degC": y})
     with pytest.raises(InputError, match="'gas' may be 'gas_kW' or 'gas_degC'"):
         tcdyn.compensate_frame(frame, probe("gas"))
-    assert list(tcdyn.compensate_frame(frame, probe("gas_degC"))) == [*frame, "gas_u_K"]
-    power = tcdyn.compensate_frame(frame, probe("gas_MW"))
-    assert list(power) == [*frame, "gas_u_kW"]
+    done = list(tcdyn.compensate_frame(frame, probe("gas_degC")))
+    assert done == ["time_s", "gas_kW", "gas_logged_degC", "gas_degC", "gas_u_K"]
+    power = list(tcdyn.compensate_frame(frame, probe("gas_MW")))
+    assert power == ["time_s", "gas_logged_kW", "gas_kW", "gas_u_kW", "gas_degC"]
 
 
 def test_a_unit_in_the_attributes_of_xarray_is_used() -> None:

@@ -88,11 +88,14 @@ def test_the_dialect_of_the_input_is_written_on_request(tmp_path, name):
     raw = pd.read_csv(log, **DIALECTS[name]["read"])
     back = pd.read_csv(same.path, **DIALECTS[name]["read"])  # as the user's tool reads the log
     usual = pd.read_csv(plain.path)
-    assert list(back) == [*raw, "T1_u_K"] == list(usual)
+    time, reading, *others = raw
+    logged = reading.replace("T1", "T1_logged")
+    assert list(back) == [time, logged, reading, "T1_u_K", *others] == list(usual)
+    assert np.array_equal(back[logged], raw[reading], equal_nan=True)
     for frame in (back, usual):
         assert frame.iloc[:, 0].tolist() == DIALECTS[name]["time"]  # to the letter
-        assert frame.iloc[:, 2].tolist() == [12.5] * N
-    for column in (1, 3):
+        assert frame.iloc[:, 4].tolist() == [12.5] * N
+    for column in (1, 2, 3):
         assert back.iloc[:, column].dtype == float
         assert np.array_equal(back.iloc[:, column], usual.iloc[:, column], equal_nan=True)
     text = same.path.read_bytes().decode(DIALECTS[name]["encoding"])
@@ -195,7 +198,7 @@ def test_a_compensated_table_is_refused_with_and_without_its_metadata(tmp_path):
     with pytest.raises(InputError, match="compensated already: its metadata say so"):
         compensate_table(done.path, [PROBE], tmp_path / "again.csv")
     metadata_path(done.path).unlink()
-    with pytest.raises(InputError, match=r"it has columns 'T1 \(°C\)' and 'T1_u_K'"):
+    with pytest.raises(InputError, match=r"it has columns 'T1 \(°C\)' and 'T1_logged \(°C\)'"):
         compensate_table(done.path, [PROBE], tmp_path / "again.csv")
     with pytest.raises(InputError, match="compensated already: it has columns"):
         follow(done.path, [PROBE], tmp_path / "live.csv", idle_s=0.01, poll_s=0.01)

@@ -27,7 +27,6 @@ from tcdyn.sensors import channels as channel_module
 from tcdyn.sensors import compensation as engine
 from tcdyn.sensors import read_sensor, segments, specified_sensor, step_times, write_sensor
 from tcdyn.series import Context
-from tcdyn.series import units as unit_module
 from tcdyn.series.series import clock_of
 from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.series.units import uncertainty_column
@@ -116,19 +115,15 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
     out = written(done.path)
     assert list(out) == [
         "Time [ms]",
-        "a_degC",
-        "b [K]",
-        "c (°F)",
-        "d_degC",
-        "e",
+        *("a_logged_degC", "a_degC", "a_u_K"),
+        *("b_logged [K]", "b [K]", "b_u_K"),
+        *("c_logged (°F)", "c (°F)", "c_u_degF"),
+        *("d_logged_mV", "d_degC", "d_u_K"),
+        *("e_logged", "e", "e_u_K"),
         "cj",
         "power_W",
-        "a_u_K",
-        "b_u_K",
-        "c_u_degF",
-        "d_u_K",
-        "e_u_K",
     ]
+    assert np.allclose(out["d_logged_mV"], emf_mV(y, "K") - emf_mV(cold, "K"), rtol=4e-16, atol=0)
     rms, share = held(out, "a_degC", "a_u_K", x)
     assert rms < 0.1 < 0.93 < share
     for same, u in (
@@ -250,7 +245,6 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
 
     The tolerance is exp(-10), what margins leave of an error, times a standard deviation of 0.1 K.
     """
-    monkeypatch.setattr(unit_module, "DECIMALS", 12)
     monkeypatch.setattr(segments, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(segments, "MARGIN_ROWS", 10)
     monkeypatch.setattr(segments, "FLOOR", 1.0)  # noise variances per second cubed: 0.01 K2/s3
@@ -268,12 +262,12 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
         done = compensate_table(
             log,
             [specified_sensor("s", ["T1"], [(0.5, 0.02)])],
-            tmp_path / "out.csv",
+            tmp_path / "out.parquet",  # without rounding
             progress=told.append,
         )
         assert len(told) >= 4
         whole = given(y, 0.05, Chain(0.5), lag_covariance=[[0.02**2]])
-        out = written(done.path)
+        out = pd.read_parquet(done.path)
         inside = slice(
             200, -200
         )  # where the table ends, what a trace may do is taken from the part that is there
@@ -434,7 +428,7 @@ def test_a_growing_table_is_followed(tmp_path: Path) -> None:
     )
     out = written(tmp_path / "live.csv")
     assert run.rows_written == len(out) == 1500
-    assert list(out) == ["time", "T1 [K]", "other", "T1_u_K"]
+    assert list(out) == ["time", "T1_logged [K]", "T1 [K]", "T1_u_K", "other"]
     rms, share = held(out.assign(x=out["T1 [K]"] - 273.15), "x", "T1_u_K", x, 50)
     assert rms < 0.5 < 0.92 < share
 
@@ -477,7 +471,8 @@ def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_cels
 
     alone = answers(plain, ["T1", "b", "c"])
     done = answers(other, ["T1", "b", "c"], unit={"T1": "degF"}, couple="K", cold_junction="cj")
-    assert list(done) == ["Time [ms]", "T1", "b_K", "c_degC", "cj", "T1_u_degF", "b_u_K", "c_u_K"]
+    results = ["T1", "T1_u_degF", "b_logged_K", "b_K", "b_u_K", "c_logged_mV", "c_degC", "c_u_K"]
+    assert list(done) == ["Time [ms]", "T1_logged", *results, "cj"]
     assert done["Time [ms]"].to_numpy() == pytest.approx(1000 * alone["time_s"].to_numpy())
     x, u = alone["T1"].to_numpy(), alone["T1_u_K"].to_numpy()
     for name, back, per_K in (

@@ -111,7 +111,7 @@ def test_of_every_tenth_that_is_written_one_line_is_told(
             yield SimpleNamespace(time_s=np.zeros(rows), keep=slice(None))
 
     def compensated(segment: SimpleNamespace, *_: object) -> CompensatedSegment:
-        return CompensatedSegment(cast(Any, segment), {"time_s": segment.time_s}, {}, {}, [])
+        return CompensatedSegment(cast(Any, segment), {"time_s": segment.time_s}, {}, {}, {}, [])
 
     monkeypatch.setattr(engine, "read_segments", in_four)
     monkeypatch.setattr(engine, "compensate_segment", compensated)
