@@ -6,7 +6,7 @@ that ``tcdyn follow`` has when it writes it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
@@ -19,13 +19,15 @@ from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.endings import LONG_TABLE, check_ending
-from tcdyn.io.read import sha256_of_file
+from tcdyn.io.read import open_table, sha256_of_file
+from tcdyn.io.table import SourceFile
 from tcdyn.io.write import DialectName, check_not_input, output_style
 from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
 from tcdyn.sensors.compensation import Totals, compensated_segments, write_segments
 from tcdyn.series import Source
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import FilledTimes, RisingRows
 from tcdyn.series.survey import SurveyedSource
@@ -72,6 +74,8 @@ class CompensatedTable(Result):
         Findings about the log and the compensation, without repetitions.
     reading
         What was understood of the rows; None where there are fewer than two.
+    sources
+        The files of the log, in the order of their rows; none for data in memory.
     """
 
     path: Path
@@ -82,6 +86,7 @@ class CompensatedTable(Result):
     metadata: dict[str, str]
     findings: tuple[Finding, ...]
     reading: SeriesReport | None = None
+    sources: tuple[SourceFile, ...] = ()
 
     def summary(self) -> str:
         """Number of rows and output, then one line a column.
@@ -113,6 +118,7 @@ class CompensatedTable(Result):
             "columns": self.numbers.to_dict("records"),
             "carried": list(self.carried),
             "metadata": self.metadata,
+            "sources": [source.to_dict() for source in self.sources],
             "reading": None if self.reading is None else self.reading.to_dict(),
             "warnings": list(self.warnings),
             "findings": [f.to_dict() for f in self.findings],
@@ -121,7 +127,7 @@ class CompensatedTable(Result):
 
 @one_blas_thread
 def compensate_table(
-    log: str | Path | Source,
+    log: str | Path | Sequence[str | Path] | Source,
     calibrations: Calibrations,
     out: str | Path | Callable[[pd.DataFrame], None],
     *,
@@ -143,7 +149,8 @@ def compensate_table(
     Parameters
     ----------
     log
-        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate; or an opened table.
+        CSV, LVM, TDMS or Parquet with a column of time, rows at any rate; several files of one log
+        in any order, see :func:`tcdyn.series.joined.open_files`; or an opened table.
     calibrations
         One or several sensor files; each column belongs to one. With ``delay_s`` also the records
         of a rig by disk, for the file of a log of the rig.
@@ -174,12 +181,17 @@ def compensate_table(
     if not callable(out):
         check_ending(out_path, LONG_TABLE)
     raw, report_of_rows = _open_log(log, calibrations, rig, options, delay_s is not None)
+    paths = [source.path for source in raw.source.table.sources] or [raw.source.path]
     if not callable(out):
-        check_not_input(out_path, raw.source.path)
-    style = output_style(dialect, comments, raw.source.table, out_path)
+        for path in paths:
+            check_not_input(out_path, path)
+    table_of_style = raw.source.table
+    if len(paths) > 1 and dialect != "standard":
+        table_of_style = open_table(paths[0])
+    style = output_style(dialect, comments, table_of_style, out_path)
     notes = dict(raw.notes)
-    if raw.source.path.is_file():
-        notes["source_sha256"] = sha256_of_file(raw.source.path)
+    if len(paths) == 1 and paths[0].is_file():
+        notes["source_sha256"] = sha256_of_file(paths[0])
     next_row = 0
 
     def report(rows: int) -> None:
@@ -223,13 +235,14 @@ def compensate_table(
         raw.carried,
         uncertainties,
         totals.metadata,
-        unique_by_subject(findings),
+        unique_by_subject(raw.source.table.at_files(findings)),
         report_of_rows,
+        raw.source.files(totals.rows),
     )
 
 
 def _open_log(
-    log: str | Path | Source,
+    log: str | Path | Sequence[str | Path] | Source,
     calibrations: Calibrations,
     rig: Rig | None,
     options: TableOptions,
@@ -241,9 +254,9 @@ def _open_log(
     log that is followed has no later rows.
     """
     if not isinstance(log, Source):
-        path = Path(log)
-        table = open_log_table(path, calibrations, rig)
-        raw = raw_log(path, table, calibrations, rig, options)
+        files = files_of_log(log)
+        table = open_log_table(files, calibrations, rig, options)
+        raw = raw_log(files[0], table, calibrations, rig, options)
     elif isinstance(calibrations, Mapping):
         raise InputError("records with an opened table", expected="the file of a log of the rig")
     else:

@@ -7,6 +7,7 @@ Any table with sensor files, or a log of the rig with the records of its disks. 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +16,8 @@ from typing import TypedDict
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.metadata import COMPENSATED, check_not_compensated
-from tcdyn.io.read import Table, display_path, open_table
-from tcdyn.io.table import CHUNK_ROWS, Columns
+from tcdyn.io.read import Table, display_path
+from tcdyn.io.table import CHUNK_ROWS, Columns, SourceFile
 from tcdyn.io.times import TIME_COLUMN_NAMES
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
 from tcdyn.rig.opened_log import (
@@ -32,6 +33,7 @@ from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import TableChannels, sensor_channels
 from tcdyn.sensors.file import SensorFile
 from tcdyn.series import ReadingOptions
+from tcdyn.series.joined import open_files
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.reading import Kind
 from tcdyn.series.report import SeriesReport
@@ -110,20 +112,35 @@ class RawLog:
     findings: tuple[Finding, ...]
 
 
-def open_log_table(path: Path, calibrations: Calibrations, rig: Rig | None) -> Table:
-    """Open the file of a log; the names that it may hold help to find its header.
+def open_log_table(
+    log: str | Path | Sequence[str | Path],
+    calibrations: Calibrations,
+    rig: Rig | None,
+    options: TableOptions | None = None,
+) -> Table:
+    """Open the file or files of a log; the names that it may hold help to find its header.
+
+    Parameters
+    ----------
+    log
+        The file, or several files of one log, see :func:`tcdyn.series.joined.open_files`.
+    calibrations, rig, options
+        As for ``raw_log``.
 
     Raises
     ------
     InputError
-        For a file that is no table.
+        For a file that is no table, and files that are not of one log.
     """
+    reading, _ = ReadingOptions.split(options or {})
     known: tuple[str, ...] = TIME_COLUMN_NAMES
     if isinstance(calibrations, Mapping):
         rig = rig or rig_from_records(calibrations)
         disk = next(iter(calibrations))
         known = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
-    return open_table(path, known)
+        if reading == ReadingOptions():
+            reading = rig.reading
+    return open_files(log, known, reading)
 
 
 def raw_log(
@@ -305,6 +322,15 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
     return _with_output(source, time_in_log, stamps, channels, carried, findings)
 
 
+def source_notes(sources: Sequence[SourceFile]) -> dict[str, str]:
+    """Metadata of an output that is made from several files: their names, and all about each."""
+    content = [source.to_dict() for source in sources]
+    return {
+        "source": ", ".join(source.file for source in sources),
+        "sources": json.dumps(content, ensure_ascii=False),
+    }
+
+
 def _rename_columns(table: Table, names: Mapping[str, str], stamps: str) -> Table:
     """Select and rename columns of a table; clock stamps become seconds.
 
@@ -374,6 +400,8 @@ def _with_output(
             remedy="rename it",
         )
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
+    if table.sources:
+        notes |= source_notes(table.sources)
     for channel in channels.channels:
         lag = channel.lag_s.text("s")
         notes[f"lag_s of {channel.column}"] = f"{lag}, sensor {channel.sensor}"
