@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.io.endings import PAGE, check_ending
@@ -27,6 +28,7 @@ from tcdyn.report.sources import to_table
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.series import ReadingOptions, open_source
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
 from tcdyn.workflows.compensate import compensate_log
@@ -38,7 +40,7 @@ MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
 
 
 def view(
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     calibrations: Calibrations = (),
     *,
     rig: Rig | None = None,
@@ -52,7 +54,7 @@ def view(
     Parameters
     ----------
     log
-        A log of the rig, or any table with a column of time.
+        A log of the rig, or any table with a column of time; several files of one log in any order.
     calibrations
         Records by disk, or sensor files; without them all columns are shown as logged.
     rig
@@ -94,7 +96,10 @@ def view(
     unknown = sorted(set(reading) - set(TableOptions.__annotations__))
     if unknown:
         raise TypeError(f"view() got an unexpected keyword argument {unknown[0]!r}")
-    path = Path(log)
+    files = files_of_log(log)
+    if not files:
+        raise InputError("no log", expected="a file, or several files of one log")
+    path = files[0]
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
     check_ending(page, PAGE)
     findings: tuple[Finding, ...] = ()
@@ -106,19 +111,19 @@ def view(
                 of_rows, _ = ReadingOptions.split(reading)
                 if of_rows != ReadingOptions():
                     rig = rig.with_reading(of_rows)
-                done = compensate_log(path, calibrations, rig, progress=progress)
+                done = compensate_log(files, calibrations, rig, progress=progress)
                 _, findings = done.write(compensated, progress)
             else:
                 table = compensate_table(
-                    path, calibrations, compensated, progress=progress, **reading
+                    files, calibrations, compensated, progress=progress, **reading
                 )
                 findings = table.findings
-            opened = open_log_table(path, calibrations, rig)
             options = cast(TableOptions, reading)
+            opened = open_log_table(files, calibrations, rig, options)
             raw = raw_log(path, opened, calibrations, rig, options)
             traces = compensated_traces(raw, compensated)
     else:
-        traces = _logged_traces(path, reading)
+        traces = _logged_traces(files, reading)
     progress("writing the page")
     limit = MAX_POINTS // (3 * max(len(traces), 1))
     panels: dict[str, list[Trace]] = {}
@@ -126,25 +131,29 @@ def view(
         panels.setdefault(_panel_key(trace), []).append(trace)
     sections = [_traces_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
     content = "as logged and compensated" if calibrations else "as logged"
+    title = path.name if len(files) == 1 else f"{path.name} and {len(files) - 1} more"
     rows = max((len(trace.time_s) for trace in traces), default=0)
+    content_of_file = f"{rows} rows" if len(files) == 1 else f"one of {len(files)} files"
     write_page(
         page,
-        f"{path.name}: {content}",
+        f"{title}: {content}",
         sections,
         verdict=f"{rows:,} rows. A line has at most {limit:,} points here; its extremes are kept. "
         "A click on an entry of the legend hides it, a double click shows it alone.",
         findings=findings,
-        sources=to_table([("log", path.name, f"{rows} rows", sha256_of_file(path))]),
+        sources=to_table(
+            [("log", file.name, content_of_file, sha256_of_file(file)) for file in files]
+        ),
     )
     if open_browser:
         webbrowser.open(page.resolve().as_uri())
     return page, findings
 
 
-def _logged_traces(path: Path, reading: dict[str, Any]) -> list[Trace]:
-    """Return all columns of numbers of a table."""
+def _logged_traces(files: Sequence[Path], reading: dict[str, Any]) -> list[Trace]:
+    """Return all columns of numbers of a table in one file or several."""
     options, others = ReadingOptions.split(reading)
-    source = open_source(path, (), options)
+    source = open_source(files, (), options)
     names = list(others.get("columns") or source.value_columns)
     source.check_columns(names)
     check_one_channel(source.table, source.time, others.get("columns") or None)

@@ -485,10 +485,7 @@ def _by_start_times(looks: Sequence[_File], where: str) -> list[_Part]:
     starts = []
     for look in looks:
         text = look.metadata[START_TIME_KEY]
-        try:
-            start = pd.Timestamp(text)
-        except ValueError:
-            start = pd.NaT
+        start = pd.to_datetime(text, errors="coerce")
         if pd.isna(start):
             raise InputError(
                 f"{START_TIME_KEY} in the metadata is {text!r}",
@@ -645,9 +642,7 @@ def _findings(parts: Sequence[_Part], text: Collection[str]) -> list[list[Findin
     for part, of_file in zip(parts, findings):
         for name, column in (part.columns or {}).items():
             if column in part.file.text and name not in text:
-                of_file.append(
-                    warning("files.no_numbers", subject=name, where=part.file.name)
-                )
+                of_file.append(warning("files.no_numbers", subject=name, where=part.file.name))
     return findings
 
 
@@ -741,9 +736,7 @@ def _chunks(
 
     def merged() -> Columns:
         """The chunks that are waiting as one."""
-        location = JoinedLocation(
-            where, files=tuple(locations), first_samples=tuple(first_samples)
-        )
+        location = JoinedLocation(where, files=tuple(locations), first_samples=tuple(first_samples))
         return concatenate_columns(waiting, requested, location)
 
     for part, of_file in zip(parts, findings):

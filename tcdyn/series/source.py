@@ -300,8 +300,8 @@ def open_source(
     if not files:
         raise InputError(
             f"the data are a {type(data).__name__}",
-            expected="a file, several files of one log, a DataFrame, a Series over time, or a tuple "
-            "of times and arrays",
+            expected="a file, several files of one log, a DataFrame, a Series over time, or a "
+            "tuple of times and arrays",
         )
     table = open_files(files, (*TIME_COLUMN_NAMES, *known), options)
     return source_of_table(files[0], table, known, options)

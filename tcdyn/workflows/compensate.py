@@ -24,6 +24,7 @@ from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import open_table
+from tcdyn.io.table import SourceFile
 from tcdyn.io.write import (
     STANDARD_STYLE,
     DialectName,
@@ -55,6 +56,7 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
 from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.raw_log import source_notes
 from tcdyn.workflows.rig_channels import DiskColumns, disk_readings, with_common_lag
 
 # Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
@@ -147,6 +149,8 @@ class CompensatedLog(Result):
     numbers
         Noise and standard deviation of each column with a fixed delay, where ``disks`` and
         ``traces`` are empty; otherwise None.
+    sources
+        The files of the log, where it has several.
     """
 
     frame: pd.DataFrame
@@ -159,6 +163,7 @@ class CompensatedLog(Result):
     method: CompensationMethod
     segments: LogSegments | None = None
     numbers: pd.DataFrame | None = None
+    sources: tuple[SourceFile, ...] = ()
 
     def headline(self) -> str:
         """Name and length of the log."""
@@ -216,7 +221,8 @@ class CompensatedLog(Result):
             Findings of the log and of all its segments.
         """
         progress("writing")
-        check_not_input(path, self.raw_log.path)
+        for file in [source.path for source in self.sources] or [self.raw_log.path]:
+            check_not_input(path, file)
         style = STANDARD_STYLE
         if comments or dialect != "standard":
             style = output_style(dialect, comments, open_table(self.raw_log.path), path)
@@ -298,7 +304,7 @@ class CompensatedLog(Result):
 
 @one_blas_thread
 def compensate_log(
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     records: Mapping[str, DiskRecord],
     rig: Rig | None = None,
     *,
@@ -313,7 +319,8 @@ def compensate_log(
     Parameters
     ----------
     log, records, rig
-        The log; records by disk; the rig (None: the one that the records were made with). How the
+        The log, one file or several in any order (:func:`tcdyn.series.joined.open_files`); records
+        by disk; the rig (None: the one that the records were made with). How the
         rows are read, if the log does not say it itself, is stated by ``rig.with_reading``, with
         :class:`tcdyn.series.ReadingOptions`.
     refine
@@ -373,7 +380,16 @@ def compensate_log(
         )
         frame = pd.concat(rows, ignore_index=True)
         return CompensatedLog(
-            frame, done.metadata, done.findings, {}, {}, (), table, way, numbers=done.numbers
+            frame,
+            done.metadata,
+            done.findings,
+            {},
+            {},
+            (),
+            table,
+            way,
+            numbers=done.numbers,
+            sources=pieces.sources,
         )
     disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {
@@ -382,6 +398,8 @@ def compensate_log(
         "source": table.path.name,
         "source_sha256": table.sha256,
     }
+    if pieces.sources:
+        notes |= source_notes(pieces.sources)
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings = [*summarise_spikes(table.findings)]
     events_at_s = dict[float, float]()
@@ -461,7 +479,16 @@ def compensate_log(
             pieces, channels, way, events_at_s, [*table.frame.columns], [*frame.columns], notes
         )
     return CompensatedLog(
-        frame, notes, tuple(findings), results, traces, tuple(events_s), table, way, segments
+        frame,
+        notes,
+        tuple(findings),
+        results,
+        traces,
+        tuple(events_s),
+        table,
+        way,
+        segments,
+        sources=pieces.sources,
     )
 
 

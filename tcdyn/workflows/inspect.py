@@ -22,6 +22,7 @@ from tcdyn.core.findings import Finding, info, messages, unique_by_subject
 from tcdyn.core.result import Result
 from tcdyn.io.read import display_path
 from tcdyn.io.start_time import start_time
+from tcdyn.io.table import SourceFile
 from tcdyn.io.unit_names import unit_in, without_unit, written_unit
 from tcdyn.series import Context, ReadingOptions, Series, SeriesReport, Source, open_source
 from tcdyn.series.long_tables import check_one_channel
@@ -98,6 +99,8 @@ class Inspection(Result):
         Time of each row (R,) [s].
     columns
         Values of the columns, for a picture.
+    sources
+        The files of the table, in the order of their rows; none for data in memory.
     """
 
     where: str
@@ -107,6 +110,7 @@ class Inspection(Result):
     findings: tuple[Finding, ...]
     time_s: Array = field(repr=False)
     columns: tuple[InspectedColumn, ...] = field(repr=False)
+    sources: tuple[SourceFile, ...] = ()
 
     @property
     def rate_Hz(self) -> float:
@@ -120,7 +124,13 @@ class Inspection(Result):
 
     def summary(self) -> str:
         """Rows and clock, gaps, then one line a column, the other columns, and the findings."""
-        lines = [self._headline(), *self._clock_lines(), *self._gap_lines(), ""]
+        lines = [
+            self._headline(),
+            *self._file_lines(),
+            *self._clock_lines(),
+            *self._gap_lines(),
+            "",
+        ]
         lines += _aligned(self.card())
         left_out = [
             f"  {column.name}: {_left_out_text(each)}"
@@ -142,6 +152,16 @@ class Inspection(Result):
             f"{self.where}: {report.rows} rows in {report.duration_s:.6g} s, one every "
             f"{report.interval_s:.6g} s ({self.rate_Hz:.6g} Hz)"
         )
+
+    def _file_lines(self) -> list[str]:
+        """Lines about the files, where there are several; rows are counted over all of them."""
+        if len(self.sources) < 2:
+            return []
+        return [
+            f"  {source.file}: {source.rows} rows"
+            + (f", from row {source.first_row}" if source.first_row else "")
+            for source in self.sources
+        ]
 
     def _clock_lines(self) -> list[str]:
         """Lines about the time."""
@@ -190,6 +210,7 @@ class Inspection(Result):
         }
         return {
             "file": self.where,
+            "sources": [source.to_dict() for source in self.sources],
             "rate_Hz": self.rate_Hz,
             "u_rate_Hz": self.u_rate_Hz,
             "reading": self.reading.to_dict(),
@@ -269,7 +290,7 @@ def _left_out_text(left_out: LeftOut) -> str:
 
 
 def inspect(
-    data: str | Path | pd.DataFrame | pd.Series,
+    data: str | Path | Sequence[str | Path] | pd.DataFrame | pd.Series,
     columns: Sequence[str] = (),
     *,
     unit: Mapping[str, str] | str = "",
@@ -282,7 +303,7 @@ def inspect(
     Parameters
     ----------
     data
-        A file, a DataFrame, or a Series over time.
+        A file, several files of one log, a DataFrame, or a Series over time.
     columns
         Columns to look at, or patterns; none: all columns of numbers that are no times.
     unit, couple, cold
@@ -312,7 +333,7 @@ def inspect(
     """
     source = open_source(data, columns, ReadingOptions(**reading))
     names = _selected(source, columns)
-    where = display_path(source.path)
+    where = source.table.where if source.table.sources else display_path(source.path)
     cold = cold_column(cold, source.table.names, source.table.where)
     if source.value_columns:
         check_one_channel(source.table, source.time, names if columns else None)
@@ -368,6 +389,7 @@ def inspect(
         unique_by_subject([*findings, *unit_infos, *doubts, *look.findings]),
         time_s,
         inspected,
+        source.files(len(time_s)),
     )
 
 
