@@ -282,9 +282,7 @@ def sensor_from_dip(
     units: list[Unit] = []
     for table, entry in zip(tables, entries):
         # of several dips only some may be in mV
-        dip = read_readings(
-            table, _as_list(column), needs_millivolts=len(tables) == 1, **reading
-        )
+        dip = read_readings(table, _as_list(column), needs_millivolts=len(tables) == 1, **reading)
         units += dip.units
         if film is not None or junction != "axis":
             check_temperatures(dip, "{medium} or {junction}")

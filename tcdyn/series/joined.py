@@ -32,7 +32,7 @@ from tcdyn.io.table import CHUNK_ROWS, Columns, SourceFile, concatenate_columns
 from tcdyn.io.times import EARLIEST_EPOCH_S, TimeColumn, find_time_column, split_unit
 from tcdyn.io.unit_names import TEMPERATURES, is_same_name, unit_in, written_unit
 from tcdyn.series.options import ReadingOptions
-from tcdyn.series.units import Unit
+from tcdyn.series.units import convert_temperature
 
 # Rows in which the columns of text of a file are found; the reader decides by all rows. Memory.
 FIRST_ROWS = 1000
@@ -594,7 +594,7 @@ def _with_columns(part: _Part, first: _File) -> _Part:
                 where=display_path(file.path),
                 expected="one unit in all files of a log; degC, K and degF are converted",
             )
-        conversions[name] = partial(_converted, units[0], units[1])
+        conversions[name] = partial(convert_temperature, units[0], units[1])
     return replace(part, columns=columns, conversions=conversions)
 
 
@@ -607,15 +607,6 @@ def _is_same_temperature(first: str, second: str) -> bool:
     """Whether two names are one temperature in two units."""
     units = [unit_in(first), unit_in(second)]
     return is_same_name(first, second) and all(unit in TEMPERATURES for unit in units)
-
-
-def _converted(unit: str, target: str, values: Array) -> Array:
-    """Temperatures (N,) in another unit.
-
-    >>> _converted("degF", "K", np.array([32.0]))
-    array([273.15])
-    """
-    return Unit(target).from_base(Unit(unit).to_base(values))
 
 
 def _text_columns(parts: Sequence[_Part]) -> frozenset[str]:

@@ -277,6 +277,15 @@ def units_of(
     return units, findings
 
 
+def convert_temperature(unit: str, target: str, values: Array) -> Array:
+    """Temperatures (N,) in another unit: degC, K or degF.
+
+    >>> convert_temperature("degF", "K", np.array([32.0]))
+    array([273.15])
+    """
+    return Unit(target).from_base(Unit(unit).to_base(values))
+
+
 def check_millivolts(units: Iterable[Unit]) -> None:
     """Raise InputError where a thermocouple or a reference junction is given without need."""
     if any(unit.name == "mV" for unit in units):
