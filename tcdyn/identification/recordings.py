@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.arguments import check_type, with_named_arguments
 from tcdyn.core.errors import InputError, utf8
-from tcdyn.core.findings import unique_by_subject
+from tcdyn.core.findings import Finding, unique, unique_by_subject
+from tcdyn.core.messages.phrases import count_with_noun
 from tcdyn.core.options import options_of
 from tcdyn.identification.held_inputs import with_new_values_of_inputs
 from tcdyn.identification.holds import (
@@ -33,14 +34,17 @@ from tcdyn.identification.holds import (
 )
 from tcdyn.identification.iodata import IOData
 from tcdyn.io.column_names import column_named
-from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
+from tcdyn.io.read import sha256_of_file
+from tcdyn.io.unit_names import TEMPERATURES, names_temperature, unit_in, written_unit
 from tcdyn.series import Context, ReadingOptions, Series, Source, make_series, open_source
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
 from tcdyn.series.reading import READING, REPEAT, Kind
 from tcdyn.series.scaled_readings import in_degC
 from tcdyn.series.series import SHIFTED_ONLY, ColumnRows, Policy
 from tcdyn.series.source import check_numbers
+from tcdyn.series.units import convert_temperature
 
 # Relative spread of the sampling intervals of runs that are one record: lags in rows are then wrong
 # by as much, below the 1 % of a good measurement of a lag.
@@ -115,13 +119,13 @@ def from_frame(
     epoch = None
     if isinstance(frame.index, pd.DatetimeIndex) and source.time not in columns and len(frame):
         epoch = frame.index[0]
-    data = _record(source, roles, hold, resample_s, name)
+    data = _record([(source, roles)], hold, resample_s, name)
     return replace(data, runs=tuple(replace(each, epoch=epoch) for each in data.runs))
 
 
 @with_named_arguments
 def from_csv(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     *,
     input: str | Sequence[str],
     output: str | Sequence[str],
@@ -130,12 +134,12 @@ def from_csv(
     resample_s: float | None = None,
     **reading: Any,
 ) -> IOData:
-    """Read input-output data from a file: text of any dialect, TDMS, LVM, Parquet, .xlsx, .mat.
+    """Read input-output data from files: text of any dialect, TDMS, LVM, Parquet, .xlsx, .mat.
 
     Parameters
     ----------
     path
-        The file.
+        The file; or several files, each of which is a run (with ``run``, some runs).
     input, output, run, hold, resample_s, reading
         As for :func:`from_frame`; ``sheet`` of a workbook and ``variable`` of a .mat file are among
         the keywords of ``reading``.
@@ -143,7 +147,18 @@ def from_csv(
     Returns
     -------
     IOData
-        The data, named after the file.
+        The data, named after the file. Runs of several files have the names of their files.
+
+    Raises
+    ------
+    InputError
+        As :func:`from_frame` does; for files with the same content, and for columns of several
+        files in units that are not converted.
+
+    Notes
+    -----
+    A column may be named with another unit in each file. Temperatures in degC, K and degF are
+    converted to the unit of the first file; other units must be the same.
 
     Examples
     --------
@@ -157,9 +172,32 @@ def from_csv(
     """
     options = options_of(ReadingOptions, reading, "from_csv")
     known = [*_as_list(input), *_as_list(output), *_as_list(run)]
-    source = open_source(path, known, options)
-    roles = _Roles.of(source.table.names, input, output, run, source.table.where)
-    return _record(source, roles, hold, resample_s, utf8(Path(path).name))
+    files = files_of_log(path)
+    _check_different(files)
+    tables = []
+    for file in files:
+        source = open_source(file, known, options)
+        roles = _Roles.of(source.table.names, input, output, run, source.table.where)
+        tables.append((source, roles))
+    name = utf8(files[0].name)
+    if len(files) > 1:
+        name += f" and {count_with_noun(len(files) - 1, 'more file')}"
+    return _record(tables, hold, resample_s, name)
+
+
+def _check_different(files: Sequence[Path]) -> None:
+    """Raise InputError without files, and for two files with the same content."""
+    if not files:
+        raise InputError("no files", expected="at least one")
+    seen: dict[str, Path] = {}
+    for file in files if len(files) > 1 else ():
+        first = seen.setdefault(sha256_of_file(file), file)
+        if first is not file:
+            raise InputError(
+                f"{utf8(first.name)} and {utf8(file.name)} have the same content",
+                expected="different runs",
+                remedy="give each file once",
+            )
 
 
 @dataclass(frozen=True)
@@ -242,49 +280,37 @@ def _as_list(names: str | Collection[str] | None) -> list[str]:
 
 
 def _record(
-    source: Source,
-    roles: _Roles,
+    tables: Sequence[tuple[Source, _Roles]],
     hold: Holds | Literal["auto"],
     resample_s: float | None,
     name: str,
 ) -> IOData:
-    """The runs of an open table as input-output data; the parameters are those of ``from_frame``.
+    """The runs of open tables as input-output data.
+
+    Parameters
+    ----------
+    tables
+        The tables and their columns; the names and units of the first one are those of the data.
+    hold, resample_s, name
+        As for ``from_frame``.
 
     Notes
     -----
     A clock belongs to a run. The interval of the data is the time of all runs over their samples.
     """
+    source, roles = tables[0]
     where = name or source.table.where
-    check_one_channel(
-        source.table, source.time, roles.outputs, [*roles.inputs, *_as_list(roles.run)], roles.run
-    )
-    time_s, raw, findings = read_all(source, roles.named)
-    for column in (*roles.inputs, *roles.outputs):
-        check_numbers(column, raw[column], where)
     if resample_s is not None:
         _check_interval(resample_s, where)
     policy = EVEN_RECORD if resample_s is None else ANY_TIMES
-    recorded = []
-    runs = _rows_of_runs(raw, roles.run, where)
-    for label, rows in runs:
-        location = f"{where}, run {label}" if label else where
-        columns = _column_rows(source, roles, {n: raw[n][rows] for n in roles.named})
-        context = Context(
-            location,
-            time=source.time,
-            options=source.options,
-            policy=policy,
-            findings=findings if len(runs) == 1 else (),
-            table=source.table,
-            other_times=source.clock.others,
-        )
-        run_s = time_s[rows]
-        if source.options.dt_s is not None and source.options.time is None:
-            run_s = source.options.dt_s * np.arange(len(rows), dtype=float)
-        recorded.append(_Run(label or name, run_s, columns, make_series(run_s, columns, context)))
+    recorded: list[_Run] = []
+    all_findings: list[Finding] = []
+    for table in tables:
+        of_file = name if len(tables) == 1 else utf8(table[0].path.name)
+        runs, findings = _runs_of_table(table, tables[0], policy, of_file, len(tables) > 1)
+        all_findings += findings if len(tables) == 1 else [each.at(of_file) for each in findings]
+        recorded += runs
     all_series = [each.series for each in recorded]
-    all_findings = [*findings]
-    all_findings += [finding for series in all_series for finding in series.findings]
     selected: Holds | Literal["auto"] = hold
     if resample_s is None:
         values = [each.on_grid(roles) for each in recorded]
@@ -314,12 +340,111 @@ def _record(
     data = replace(
         data,
         name=name,
-        findings=unique_by_subject(all_findings),
+        findings=unique(all_findings),
         reading=tuple(series.report for series in all_series),
     )
     if resample_s is not None:
         return with_hold(data, selected)
     return with_hold(with_new_values_of_inputs(data, hold), hold)
+
+
+def _runs_of_table(
+    table: tuple[Source, _Roles],
+    first: tuple[Source, _Roles],
+    policy: Policy,
+    name: str,
+    is_one_of_several: bool,
+) -> tuple[list[_Run], tuple[Finding, ...]]:
+    """The runs of one table, in the names and units of the first table.
+
+    Parameters
+    ----------
+    table, first
+        The table and the first one, with their columns.
+    policy
+        What is tolerated in the rows.
+    name
+        Name of the record or the file.
+    is_one_of_several
+        Whether there are several files, so that labels of runs get the name of their file.
+
+    Returns
+    -------
+    runs, findings
+        The runs, and the findings about them and their table.
+    """
+    source, roles = table
+    where = name or source.table.where
+    check_one_channel(
+        source.table, source.time, roles.outputs, [*roles.inputs, *_as_list(roles.run)], roles.run
+    )
+    time_s, raw, findings = read_all(source, roles.named)
+    for column in (*roles.inputs, *roles.outputs):
+        check_numbers(column, raw[column], where)
+    if table is not first:
+        raw = _as_in_first(raw, table, first)
+        roles = first[1]
+    rows_of_runs = _rows_of_runs(raw, roles.run, where)
+    recorded = []
+    for label, rows in rows_of_runs:
+        location = f"{where}, run {label}" if label else where
+        columns = _column_rows(first[0], roles, {n: raw[n][rows] for n in roles.named})
+        context = Context(
+            location,
+            time=source.time,
+            options=source.options,
+            policy=policy,
+            findings=findings if len(rows_of_runs) == 1 else (),
+            table=source.table,
+            other_times=source.clock.others,
+        )
+        run_s = time_s[rows]
+        if source.options.dt_s is not None and source.options.time is None:
+            run_s = source.options.dt_s * np.arange(len(rows), dtype=float)
+        run_name = label or name
+        if label and is_one_of_several:
+            run_name = f"{name}, {label}"
+        recorded.append(_Run(run_name, run_s, columns, make_series(run_s, columns, context)))
+    of_runs = [finding for run in recorded for finding in run.series.findings]
+    return recorded, unique_by_subject([*findings, *of_runs])
+
+
+def _as_in_first(
+    raw: Mapping[str, NDArray[Any]], table: tuple[Source, _Roles], first: tuple[Source, _Roles]
+) -> dict[str, NDArray[Any]]:
+    """Columns of a file with the names, and in the units, of the first file.
+
+    Raises
+    ------
+    InputError
+        For another unit that is no temperature.
+    """
+    converted = {}
+    for name, name_in_first in zip(table[1].named, first[1].named):
+        values = raw[name]
+        units = [
+            _unit_of(source, column)
+            for source, column in ((table[0], name), (first[0], name_in_first))
+        ]
+        is_signal = name_in_first != first[1].run
+        if is_signal and units[0] != units[1]:
+            if not all(unit in TEMPERATURES for unit in units):
+                stated = [unit or "no unit" for unit in units]
+                raise InputError(
+                    f"column {name!r} is in {stated[0]}, and {name_in_first!r} of "
+                    f"{utf8(first[0].path.name)} in {stated[1]}",
+                    where=table[0].table.where,
+                    expected="one unit in all files; degC, K and degF are converted",
+                )
+            values = convert_temperature(units[0], units[1], values)
+        converted[name_in_first] = values
+    return converted
+
+
+def _unit_of(source: Source, column: str) -> str:
+    """Unit of a column, by its name or the row of units."""
+    of_row = source.table.units.get(column, "")
+    return unit_in(column) or written_unit(of_row) or of_row
 
 
 def _check_interval(interval_s: float, where: str) -> None:

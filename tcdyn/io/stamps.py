@@ -164,6 +164,53 @@ def is_time_of_day(text: str) -> bool:
     return stamp is not _NO_STAMP and not stamp.date
 
 
+def instants(texts: Sequence[str], column: str, where: str) -> tuple[date, Array, Flags]:
+    """Instants of stamps with a date, such as the first and the last of several files.
+
+    Parameters
+    ----------
+    texts
+        The stamps (N,), in about the order of their times.
+    column, where
+        Column and files, for messages.
+
+    Returns
+    -------
+    day
+        Date of the first stamp.
+    instants_s
+        Seconds (N,) since the midnight of this day, in UTC where the stamp has a zone. From there,
+        and not from a fixed date: microseconds are kept.
+    have_zone
+        Whether each stamp (N,) has a zone.
+
+    Raises
+    ------
+    InputError
+        For a stamp without a date, and dates such as 03/04/2021 that can be read in two ways.
+
+    Examples
+    --------
+    >>> instants(["28/02/2026 23:00:00", "01/03/2026 01:00:00"], "time", "log")[:2]
+    (datetime.date(2026, 2, 28), array([82800., 90000.]))
+    """
+    stamps = [_parse_stamp_or_midnight(text) for text in texts]
+    for stamp, text in zip(stamps, texts):
+        if not stamp.date:
+            raise InputError(f"column {column}: {text!r} has no date", where=where)
+    dates = [stamp.date for stamp in stamps]
+    fields = [_date_fields(text, column, where) for text in dates]
+    order = "dmy"  # into which _date_fields has put what is clear
+    if any(_OPEN_ORDER.match(text) for text in dates):
+        order = _date_order(dict.fromkeys(fields), column, where) or "dmy"
+    days = np.array([_day_number(f, order, column, where) for f in fields], dtype=float)
+    of_day_s = np.array([stamp.of_day_s for stamp in stamps])
+    zones_s = np.array([stamp.zone_s or 0.0 for stamp in stamps])
+    have_zone = np.array([stamp.zone_s is not None for stamp in stamps])
+    instants_s = SECONDS_PER_DAY * (days - days[0]) + of_day_s - zones_s
+    return date.fromordinal(int(days[0])), instants_s, have_zone
+
+
 def has_fraction(text: str) -> bool:
     """Whether a stamp has a fraction of a second.
 

@@ -6,8 +6,9 @@ channels of different starts and rates on one grid; guarded by ``tests/io/test_f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.io.times import is_time_name, split_unit
 
@@ -49,6 +50,43 @@ class Columns:
 
 
 @dataclass(frozen=True)
+class SourceFile:
+    """One of the files of a log.
+
+    Attributes
+    ----------
+    path
+        The file.
+    sha256
+        SHA-256 of its bytes.
+    first_row
+        Row of the log that is its first, from 1 below the header; 0 where the log has not all rows
+        of its files.
+    rows
+        Number of its rows.
+    """
+
+    path: Path
+    sha256: str
+    first_row: int
+    rows: int
+
+    @property
+    def file(self) -> str:
+        """Its name, without the folder."""
+        return utf8(self.path.name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Name, checksum, first row and number of rows as plain data."""
+        return {
+            "file": self.file,
+            "sha256": self.sha256,
+            "first_row": self.first_row,
+            "rows": self.rows,
+        }
+
+
+@dataclass(frozen=True)
 class Table:
     """An open log.
 
@@ -73,6 +111,8 @@ class Table:
         Columns whose first cell is a date without a time.
     cells
         Cells (N,) of the columns of text of a table in memory, as they are.
+    sources
+        The files, where the log has several.
     """
 
     where: str
@@ -84,6 +124,37 @@ class Table:
     types: Mapping[str, pa.DataType] = field(default_factory=dict, kw_only=True)
     date_columns: tuple[str, ...] = field(default=(), kw_only=True)
     cells: Mapping[str, NDArray[Any]] = field(default_factory=dict, kw_only=True)
+    sources: tuple[SourceFile, ...] = field(default=(), kw_only=True)
+
+    def place(self, row: int) -> tuple[str, int]:
+        """File and row in it of a row of the log, from 1; no name where the log is one file."""
+        for source in reversed(self.sources):
+            if 0 < source.first_row <= row:
+                return source.file, row - source.first_row + 1
+        return "", row
+
+    def row_text(self, row: int) -> str:
+        """A row below the header, from 1, as messages name it.
+
+        >>> Table("log.csv", ("t",), {}, lambda *_: iter(())).row_text(3)
+        'row 3 below the header'
+        """
+        file, row_in_file = self.place(row)
+        return f"row {row_in_file} below the header" + (f" of {file}" if file else "")
+
+    def at_files(self, findings: Iterable[Finding]) -> list[Finding]:
+        """The findings; one about a row below the header of several files names its file."""
+        placed = []
+        for finding in findings:
+            row = finding.numbers.get("row")
+            # readers of files state their rows themselves
+            is_of_log = finding.code.startswith("series.") and not finding.where
+            file, row_in_file = self.place(row) if is_of_log and isinstance(row, int) else ("", 0)
+            if file:
+                numbers = {**finding.numbers, "row": row_in_file}
+                finding = replace(finding, where=file, numbers=numbers)
+            placed.append(finding)
+        return placed
 
     def is_time(self, name: str) -> bool:
         """Whether a column holds dates, clock times or a time by its name (not "T" alone)."""

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.core.arguments import as_names, check_type, with_named_arguments
+from tcdyn.core.arguments import as_names, check_type, described, with_named_arguments
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
@@ -29,6 +30,7 @@ from tcdyn.report.sources import to_table
 from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.series import open_source
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.read import read_all
 from tcdyn.series.units import match_columns
@@ -43,7 +45,7 @@ MAX_POINTS = 150_000  # of all lines of a page: about 2 MB of it; measured
 
 @with_named_arguments
 def view(
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     calibrations: Given = (),
     *,
     rig: Rig | None = None,
@@ -57,7 +59,7 @@ def view(
     Parameters
     ----------
     log
-        A log of the rig, or any table with a column of time.
+        A log of the rig, or any table with a column of time; several files of one log in any order.
     calibrations
         Records by disk, or sensors as for :func:`tcdyn.compensate_frame`; without them all columns
         are shown as logged.
@@ -95,10 +97,12 @@ def view(
     'kiln.view.html'
     """
     options = options_of(LogOptions, reading, "view")
-    check_type("log", log, (str, Path), "the path of a table")
     check_type("out", out, (str, Path, type(None)), "the path of the page, .html")
     used = calibrations_of(calibrations)
-    path = Path(log)
+    files = files_of_log(log)
+    if not files:
+        raise InputError(f"log is {described(log)}", expected="a file, or several files of one log")
+    path = files[0]
     page = Path(out) if out is not None else path.with_name(f"{path.stem}.view.html")
     check_ending(page, PAGE)
     findings: tuple[Finding, ...] = ()
@@ -109,16 +113,16 @@ def view(
                 rig = rig or rig_from_records(used)
                 if options.rows.stated:
                     rig = rig.with_reading(options.rows)
-                done = compensate_log(path, used, rig, progress=progress)
+                done = compensate_log(files, used, rig, progress=progress)
                 _, findings = done.write(compensated, progress)
             else:
-                table = compensate_table(path, used, compensated, progress=progress, **reading)
+                table = compensate_table(files, used, compensated, progress=progress, **reading)
                 findings = table.findings
-            opened = open_log_table(path, used, rig, options)
+            opened = open_log_table(files, used, rig, options)
             raw = raw_log(path, opened, used, rig, options)
             traces = compensated_traces(raw, compensated)
     else:
-        traces = _logged_traces(path, options)
+        traces = _logged_traces(files, options)
     progress("writing the page")
     limit = MAX_POINTS // (3 * max(len(traces), 1))
     panels: dict[str, list[Trace]] = {}
@@ -126,24 +130,28 @@ def view(
         panels.setdefault(_panel_key(trace), []).append(trace)
     sections = [_traces_section(traces_of_panel, limit) for traces_of_panel in panels.values()]
     content = "as logged and compensated" if used else "as logged"
+    title = path.name if len(files) == 1 else f"{path.name} and {len(files) - 1} more"
     rows = max((len(trace.time_s) for trace in traces), default=0)
+    content_of_file = f"{rows} rows" if len(files) == 1 else f"one of {len(files)} files"
     write_page(
         page,
-        f"{path.name}: {content}",
+        f"{title}: {content}",
         sections,
         verdict=f"{rows:,} rows. A line has at most {limit:,} points here; its extremes are kept. "
         "A click on an entry of the legend hides it, a double click shows it alone.",
         findings=findings,
-        sources=to_table([("log", path.name, f"{rows} rows", sha256_of_file(path))]),
+        sources=to_table(
+            [("log", file.name, content_of_file, sha256_of_file(file)) for file in files]
+        ),
     )
     if open_browser:
         webbrowser.open(page.resolve().as_uri())
     return page, findings
 
 
-def _logged_traces(path: Path, options: LogOptions) -> list[Trace]:
-    """Return all columns of numbers of a table."""
-    source = open_source(path, (), options.rows)
+def _logged_traces(files: Sequence[Path], options: LogOptions) -> list[Trace]:
+    """Return all columns of numbers of a table in one file or several."""
+    source = open_source(files, (), options.rows)
     names = source.value_columns
     asked = as_names("columns", options.columns, source.table.where)
     if asked:

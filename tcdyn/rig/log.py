@@ -11,7 +11,8 @@ the chunks. ``read_log`` joins the chunks, so both give the same numbers. Tests:
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import hashlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -38,7 +39,7 @@ from tcdyn.estimation.trace_noise import SPIKES
 from tcdyn.io.metadata import COMPENSATED, SIMULATED_KEY, START_TIME_KEY
 from tcdyn.io.read import Table, display_path, read_all_rows, sha256_of_file
 from tcdyn.io.start_time import start_time
-from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
+from tcdyn.io.table import CHUNK_ROWS, Columns, SourceFile, concatenate_columns, in_chunks
 from tcdyn.io.unit_names import names_temperature, unit_in, written_unit
 from tcdyn.io.write import write_log
 from tcdyn.rig.check_columns import MAX_MISSING_RUN_S, ColumnCheck, DecimatedLog
@@ -57,6 +58,7 @@ from tcdyn.rig.oven_log import oven_frame
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.series.clock import MIN_STRAY
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.reading import Codes
 from tcdyn.series.real_share import at_grid_times
 from tcdyn.series.report import SeriesReport
@@ -321,6 +323,11 @@ class LogChunks:
         return self.sampling.dt_s
 
     @property
+    def sources(self) -> tuple[SourceFile, ...]:
+        """The files, where the log has several."""
+        return self._table.sources
+
+    @property
     def rows(self) -> int:
         """Number of rows of all chunks together."""
         return int(self.sampling.grid[-1]) + 1
@@ -497,7 +504,7 @@ class LogChunks:
 
 @with_named_arguments
 def iter_log(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     kind: Kind,
     rig: Rig | None = None,
     disk: str | None = None,
@@ -517,7 +524,7 @@ def iter_log(
     Parameters
     ----------
     path
-        The file.
+        The file, or several files of one log in any order.
     kind
         "immersion", "ehl" or "hole".
     rig
@@ -563,9 +570,9 @@ def iter_log(
             "oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log"
         )
     rig_or_default = rig or load_rig()
-    file = Path(path)
+    files = files_of_log(path)
     source, names = open_log(
-        file, kind, rig, disk, allow_compensated=allow_compensated, without=without
+        files, kind, rig, disk, allow_compensated=allow_compensated, without=without
     )
     table = source.table
     chunks: list[Columns] = []  # of a short file, which is then read only once
@@ -621,8 +628,8 @@ def iter_log(
         table = replace(table, chunks=partial(in_chunks, stored))
         chunks.clear()
     log = LogChunks(
-        file,
-        sha256_of_file(file),
+        files[0],
+        _checksum(files),
         kind,
         metadata,
         sampling,
@@ -642,15 +649,23 @@ def iter_log(
     return log
 
 
+def _checksum(files: Sequence[Path]) -> str:
+    """SHA-256 of a file; of several files that of their checksums in hexadecimal digits."""
+    checksums = [sha256_of_file(file) for file in files]
+    if len(checksums) == 1:
+        return checksums[0]
+    return hashlib.sha256("".join(checksums).encode()).hexdigest()
+
+
 def open_log_for_records(
-    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+    log: str | Path | Sequence[str | Path], rig: Rig, records: Mapping[str, DiskRecord]
 ) -> tuple[LogChunks, list[str]]:
     """Open the EHL or immersion log that ``records`` are for.
 
     Parameters
     ----------
     log
-        The file.
+        The file, or several files of one log.
     rig
         The rig.
     records
@@ -665,7 +680,7 @@ def open_log_for_records(
     InputError
         As ``iter_log`` does, and for records of a disk that the log does not hold.
     """
-    where = display_path(Path(log))
+    where = display_path(files_of_log(log)[0])
     names = column_names(log, rig, next(iter(records)))
     kind, disk = log_kind(names, rig, records, where)
     skipped: list[str] = []

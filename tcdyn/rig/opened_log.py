@@ -41,6 +41,7 @@ from tcdyn.rig.columns import (
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
+from tcdyn.series.joined import files_of_log, open_files
 from tcdyn.series.source import Source, selected_rows, time_of_table
 from tcdyn.series.thermocouple_types import convert_columns, to_degC
 
@@ -167,7 +168,7 @@ def missing_and_unused(
 
 
 def open_log(
-    file: Path,
+    file: Path | Sequence[Path],
     kind: str,
     rig: Rig | None,
     disk: str | None,
@@ -180,7 +181,7 @@ def open_log(
     Parameters
     ----------
     file
-        The file.
+        The file, or several files of one log.
     kind
         Kind of log.
     rig
@@ -219,8 +220,9 @@ def open_log(
     options = rig.reading
     time = {"time_s": options.time} if options.time else {}
     mapping = {**mapping, **time}
-    part = Part(options.sheet, options.variable)
-    table = open_table(file, (*all_column_names(layouts), *mapping.values(), *air.values()), part)
+    files = files_of_log(file)
+    known = (*all_column_names(layouts), *mapping.values(), *air.values())
+    table = open_files(files, known, options, allow_compensated=allow_compensated)
     table, row_time = selected_rows(table, options)
     if row_time:
         mapping = {**mapping, "time_s": row_time}
@@ -232,7 +234,7 @@ def open_log(
     conversions = unit_conversions(names, table, rig, disk or "", mapping)
     canonical = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
     return Source(
-        file, convert_columns(table, conversions), _time(table, names, rig, row_time)
+        files[0], convert_columns(table, conversions), _time(table, names, rig, row_time)
     ), canonical
 
 
@@ -244,22 +246,24 @@ def _time(table: Table, names: Mapping[str, str], rig: Rig, row_time: str) -> Ti
     return time_of_table(table, options, row_time)
 
 
-def column_names(file: str | Path, rig: Rig, disk: str | None = None) -> tuple[str, ...]:
+def column_names(
+    file: str | Path | Sequence[str | Path], rig: Rig, disk: str | None = None
+) -> tuple[str, ...]:
     """The columns in the file of a log.
 
     Parameters
     ----------
     file
-        The file.
+        The file; of several files the first one.
     rig
         The rig, whose columns help to find the header.
     disk
         Disk of an immersion log.
     """
     mapping = {**rig.columns(), **rig.air_columns(), **rig.columns(disk)}
-    part = Part(rig.reading.sheet, rig.reading.variable)
     known = (*all_column_names(rig_layouts(rig, disk)), *mapping.values())
-    return open_table(file, known, part).names
+    part = Part(rig.reading.sheet, rig.reading.variable)
+    return open_table(files_of_log(file)[0], known, part).names
 
 
 def missing_columns(

@@ -17,6 +17,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, warning
+from tcdyn.io.unit_names import is_same_name
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_size
 from tcdyn.sensors.plunge import MEDIUM_LIMIT, TAIL_LIMIT
 from tcdyn.sensors.surface_h import BoundaryLayer
@@ -188,7 +189,8 @@ def pool_dips(
     Notes
     -----
     The chain is that of the dip with the smallest relative uncertainty, with all its times scaled
-    to the combined lag.
+    to the combined lag. Dips of one thermocouple may be in different units, each with the unit in
+    the name of its column; the sensor has the column of the first.
     """
     _check_same_sensor(dips)
     column = dips[0].columns[0]
@@ -206,7 +208,7 @@ def pool_dips(
     within_split_u_s = np.sqrt(np.mean([dip.split_u_s[0] ** 2 for dip in dips]))
     split_u_s = float(np.hypot(within_split_u_s, lag.value * np.std(largest_shares, ddof=1)))
     times = {
-        key: _pooled_time([dip.times[column][key] for dip in dips], common_u_s, pooled)
+        key: _pooled_time([dip.times[dip.columns[0]][key] for dip in dips], common_u_s, pooled)
         for key in SHARES
     }
     within = float(np.sqrt(max(np.mean(np.square(relative_u)) - common_u**2, 0.0)))
@@ -308,9 +310,15 @@ def _check_same_sensor(dips: Sequence[SensorFile]) -> None:
     if any(dip.method != "plunge" or len(dip.columns) != 1 for dip in dips):
         raise InputError("a dip is not the result of a plunge", expected="plunges of one column")
     columns = list(dict.fromkeys(dip.columns[0] for dip in dips))
-    if len(columns) > 1:
+    if any(not is_same_name(columns[0], name) for name in columns):
         raise InputError(
-            f"the dips have the columns {', '.join(columns)}", expected="one sensor, so one column"
+            f"the dips have the columns {', '.join(columns)}",
+            expected="one sensor, so one column, whatever its unit",
+        )
+    units = list(dict.fromkeys(dip.fit.get("unit", "K") for dip in dips))
+    if len(units) > 1:
+        raise InputError(
+            f"the dips are in {' and '.join(units)}", expected="one quantity, such as temperature"
         )
     if any(dip.conditioning != dips[0].conditioning for dip in dips):
         raise InputError("the dips have different filters", expected="one filter")

@@ -7,7 +7,7 @@ estimators are in the other modules of the package. Tests: ``tests/sensors/test_
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,13 +31,22 @@ from tcdyn.sensors.options import CurrentOptions, DipOptions, PairOptions
 from tcdyn.sensors.pair import OFFSET_SD_K, pair_sensor
 from tcdyn.sensors.plunge import plunge_sensor
 from tcdyn.series import SeriesReport, open_source
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.options import TableOptions
 from tcdyn.series.read import read_series
 from tcdyn.series.series import ONE_PIECE
-from tcdyn.series.units import Unit, cold_column, match_columns, unit_findings, units_of
+from tcdyn.series.units import (
+    Unit,
+    check_millivolts,
+    cold_column,
+    match_columns,
+    unit_findings,
+    units_of,
+)
 
-# A file, a DataFrame with a time, a Series over time, or a tuple of times [s] and arrays.
-TableLike = str | Path | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
+# A file, files of one log, a DataFrame with a time, a Series over time, or a tuple of times [s] and
+# arrays.
+TableLike = str | Path | Sequence[str | Path] | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
 
 
 @dataclass(frozen=True)
@@ -89,14 +98,15 @@ def read_readings(
     options: TableOptions | None = None,
     *,
     several: bool = False,
+    needs_millivolts: bool = True,
 ) -> Readings:
     """Read columns of a table of any kind.
 
     Parameters
     ----------
     data
-        A file, a DataFrame, a Series, or a tuple of times [s] and arrays (N,) that ``columns`` and
-        ``others`` name.
+        A file, several files of one log, a DataFrame, a Series, or a tuple of times [s] and arrays
+        (N,) that ``columns`` and ``others`` name.
     columns
         Columns of readings, or patterns that match one each; none: the only column.
     others
@@ -105,19 +115,21 @@ def read_readings(
         How the table is read.
     several
         Whether a pattern may match several columns.
+    needs_millivolts
+        Whether ``couple`` or ``cold_junction`` without a column in mV is an error.
 
     Raises
     ------
     InputError
         For columns that are missing or not clear, and times that cannot be used.
     """
-    if isinstance(data, tuple):
-        data = _frame_of_arrays(data, [*columns, *others])
+    files = files_of_log(data)
+    table_data: Any = files or data
+    if isinstance(data, tuple) and not files:
+        table_data = _frame_of_arrays(data, [*columns, *others])
     options = options or TableOptions()
-    source = open_source(data, [*columns, *others], options.rows)
-    inputs: tuple[InputFile, ...] = ()
-    if isinstance(data, str | Path):
-        inputs = (InputFile.of_path(Path(data), sha256_of_file(Path(data))),)
+    source = open_source(table_data, [*columns, *others], options.rows)
+    inputs = tuple(InputFile.of_path(path, sha256_of_file(path)) for path in files)
     table = source.table
     candidates = source.value_columns
     if not columns:
@@ -143,9 +155,19 @@ def read_readings(
         names += matches
     if several:
         names = list(dict.fromkeys(names))
-    reference = cold_column(options.cold, table.names, table.where)
     temperatures = names[: len(names) - len(others)]
-    units, findings = units_of(temperatures, options.units, options.couple, reference, table.units)
+    units, findings = units_of(
+        temperatures,
+        options.units,
+        options.couple,
+        options.cold,
+        table.units,
+        needs_millivolts=needs_millivolts,
+    )
+    reference: float | str = 0.0
+    if needs_millivolts or any(each.name == "mV" for each in units.values()):
+        reference = cold_column(options.cold, table.names, table.where)
+    units = {n: replace(each, reference_junction=reference) for n, each in units.items()}
     series = read_series(source, units, names[len(temperatures) :], ONE_PIECE)
     for name in temperatures:
         findings += unit_findings(name, units[name], series.readings[name])
@@ -193,8 +215,8 @@ def sensor_from_dip(
     ----------
     data
         The dip: a file, a DataFrame, a Series over time, or a tuple of times [s] and readings
-        [degC]; or a list of several dips of one sensor. The uncertainty then includes the spread
-        between dips.
+        [degC]; or a list of several dips of one sensor, each in its own unit. The uncertainty then
+        includes the spread between dips.
     column
         Column of the sensor; None: the only one.
     name
@@ -236,8 +258,13 @@ def sensor_from_dip(
             parameters={"entry_s": None},
         )
     dips = []
+    units: list[Unit] = []
     for table, entry in zip(tables, entries):
-        dip = read_readings(table, _as_list(column), options=settings)
+        # of several dips only some may be in mV
+        dip = read_readings(
+            table, _as_list(column), options=settings, needs_millivolts=len(tables) == 1
+        )
+        units += dip.units
         if film is not None or settings.junction != "axis":
             check_temperatures(dip, "{medium} or {junction}")
 
@@ -258,6 +285,8 @@ def sensor_from_dip(
         dips.append(_with_reader_findings(dip, fit))
     if len(dips) == 1:
         return dips[0]
+    if settings.couple or settings.cold:
+        check_millivolts(units)
     pooled = pool_dips(dips, name, film)
     return pooled.model_copy(update={"reading": [each for dip in dips for each in dip.reading]})
 
@@ -275,7 +304,8 @@ def sensor_from_pair(
     Parameters
     ----------
     data
-        A file, a DataFrame, or a tuple of times [s], both readings [degC] and the speed if any.
+        A file, several files of one log, a DataFrame, or a tuple of times [s], both readings [degC]
+        and the speed if any.
     columns
         The two columns; of a DataFrame with two columns they need not be named.
     name
@@ -356,7 +386,8 @@ def sensor_from_current(
     Parameters
     ----------
     data
-        A file, a DataFrame, or a tuple of times [s], readings [degC] and current.
+        A file, several files of one log, a DataFrame, or a tuple of times [s], readings [degC] and
+        current.
     column
         Column of the sensor; None: the only one beside the current.
     current
@@ -415,7 +446,8 @@ def sensor_from_noise(
     Parameters
     ----------
     data
-        A file, a DataFrame, a Series over time, or a tuple of times [s] and readings [degC].
+        A file, several files of one log, a DataFrame, a Series over time, or a tuple of times [s]
+        and readings [degC].
     column
         Column of the sensor; None: the only one.
     name

@@ -334,6 +334,10 @@ class Context:
     is_surveyed: bool = False
     other_times: Sequence[str] = ()
 
+    def row_text(self, row: int) -> str:
+        """A row below the header, from 1, as messages name it."""
+        return f"row {row} below the header" if self.table is None else self.table.row_text(row)
+
 
 def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) -> Series:
     """Put the rows of a table on an even grid, and decide which values are readings.
@@ -428,6 +432,8 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
         start_time=context.start_time,
         first_row=context.first_row,
     )
+    if context.table is not None:
+        findings = context.table.at_files(findings)
     all_findings = (*context.findings, *findings)
     return Series(clock, readings, reasons, u_time_s, report, all_findings, bands)
 
@@ -553,7 +559,7 @@ def check_times(time_s: Array, context: Context) -> None:
     if not finite.all():
         row = int(np.argmin(finite)) + context.first_row
         raise InputError(
-            f"column {context.time}: no time in row {row} below the header",
+            f"column {context.time}: no time in {context.row_text(row)}",
             where=where,
             expected="a time in each row",
         )
@@ -561,8 +567,9 @@ def check_times(time_s: Array, context: Context) -> None:
     if backward.any():
         k = int(np.argmax(backward))
         raise InputError(
-            f"column {context.time}: time runs backward at row {k + 1 + context.first_row} below "
-            f"the header ({time_s[k]:.9g} s, then {time_s[k + 1]:.9g} s)",
+            f"column {context.time}: time runs backward at "
+            f"{context.row_text(k + 1 + context.first_row)} ({time_s[k]:.9g} s, then "
+            f"{time_s[k + 1]:.9g} s)",
             where=where,
             expected="time that rises",
             remedy="sort the rows, or cut the table; where a clock without dates goes on after a "
@@ -617,7 +624,7 @@ def _check_clock(time_s: Array, clock: Clock, context: Context) -> list[Finding]
     if float(np.mean(uneven)) > policy.max_uneven_share:
         row = int(np.argmax(uneven)) + 1 + context.first_row
         raise InputError(
-            f"column {context.time}, row {row} below the header: sampling is uneven "
+            f"column {context.time}, {context.row_text(row)}: sampling is uneven "
             f"({np.diff(time_s).min():.4g} to {np.diff(time_s).max():.4g} s)",
             where=where,
             expected="one sampling rate",
@@ -660,8 +667,8 @@ def check_gaps(time_s: Array, clock: Clock, context: Context) -> None:
         limit_s = min(limit_s, max(n, policy.gap_rows) * dt_s)
     if gap_s > limit_s:
         raise InputError(
-            f"{gap_s:.6g} s are missing after row {longest + context.first_row} below the header, "
-            f"at {time_s[longest]:.6g} s",
+            f"{gap_s:.6g} s are missing after {context.row_text(longest + context.first_row)}, at "
+            f"{time_s[longest]:.6g} s",
             where=context.where,
             expected=f"gaps of at most {limit_s:.3g} s",
             remedy="cut the table there and give one part; if the logger writes rows only when a "

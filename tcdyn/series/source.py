@@ -21,8 +21,8 @@ from tcdyn.core.findings import Finding, info
 from tcdyn.io.clock_numbers import Midnights
 from tcdyn.io.column_names import column_named, missing_column_error
 from tcdyn.io.metadata import check_not_compensated
-from tcdyn.io.read import Part, Table, open_table
-from tcdyn.io.table import CHUNK_ROWS, Columns
+from tcdyn.io.read import Table, sha256_of_file
+from tcdyn.io.table import CHUNK_ROWS, Columns, SourceFile
 from tcdyn.io.times import (
     TIME_COLUMN_NAMES,
     TimeColumn,
@@ -31,6 +31,7 @@ from tcdyn.io.times import (
 )
 from tcdyn.series.cells import has_cell, missing_cell_error
 from tcdyn.series.frame import table_of_frame
+from tcdyn.series.joined import files_of_log, open_files
 from tcdyn.series.options import ReadingOptions
 from tcdyn.series.units import is_match
 
@@ -54,7 +55,7 @@ class Source:
     Attributes
     ----------
     path
-        The file.
+        The file; the first one of a log of several.
     table
         The opened table.
     clock
@@ -77,6 +78,15 @@ class Source:
     def value_columns(self) -> list[str]:
         """Names of the other columns."""
         return [name for name in self.table.names if name != self.time]
+
+    def files(self, rows: int) -> tuple[SourceFile, ...]:
+        """The files of the table, which has so many rows; none for data in memory."""
+        if self.table.sources:
+            return self.table.sources
+        if not self.path.is_file():
+            return ()
+        first_row = 0 if self.options.where else 1
+        return (SourceFile(self.path, sha256_of_file(self.path), first_row, rows),)
 
     def check_columns(self, columns: Sequence[str]) -> None:
         """Raise InputError for a column that the table does not have."""
@@ -257,7 +267,7 @@ def with_single_times(time_s: Array) -> tuple[Array, NDArray[np.intp]]:
 
 
 def open_source(
-    data: str | Path | pd.DataFrame | pd.Series,
+    data: str | Path | Sequence[str | Path] | pd.DataFrame | pd.Series,
     known: Sequence[str] = (),
     options: ReadingOptions | None = None,
 ) -> Source:
@@ -266,7 +276,8 @@ def open_source(
     Parameters
     ----------
     data
-        A file, a DataFrame, or a Series over time.
+        A file, several files of one log (:func:`tcdyn.series.joined.open_files`), a DataFrame, or a
+        Series over time.
     known
         Names or patterns of the columns that the caller needs; they help to find the header of a
         file. Other columns may have one name; it gets a number.
@@ -291,14 +302,15 @@ def open_source(
         table, time, time_unit = table_of_frame(data, options)
         options = replace(options, time=time, time_unit=time_unit)
         return source_of_table(Path("DataFrame"), table, known, options)
-    if not isinstance(data, str | Path):
+    files = files_of_log(data)
+    if not files:
         raise InputError(
             f"the data are a {type(data).__name__}",
-            expected="a file, a DataFrame, a Series over time, or a tuple of times and arrays",
+            expected="a file, several files of one log, a DataFrame, a Series over time, or a "
+            "tuple of times and arrays",
         )
-    part = Part(options.sheet, options.variable)
-    table = open_table(data, (*TIME_COLUMN_NAMES, *known), part)
-    return source_of_table(Path(data), table, known, options)
+    table = open_files(files, (*TIME_COLUMN_NAMES, *known), options)
+    return source_of_table(files[0], table, known, options)
 
 
 def source_of_table(
@@ -459,6 +471,7 @@ def _rows_with(table: Table, label: str, cell: str) -> Table:
         types=table.types,
         date_columns=table.date_columns,
         cells=cells,
+        sources=tuple(replace(source, first_row=0) for source in table.sources),
     )
 
 

@@ -8,7 +8,7 @@ The readers of tables and ``tcdyn sensor`` use it; every command asks for units 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -228,6 +228,8 @@ def units_of(
     couple: str = "",
     cold: float | str = 0.0,
     unit_row: Mapping[str, str] | None = None,
+    *,
+    needs_millivolts: bool = True,
 ) -> tuple[dict[str, Unit], list[Finding]]:
     """Return the unit of each column.
 
@@ -244,6 +246,9 @@ def units_of(
         For mV: type of the thermocouple, and reference junction.
     unit_row
         Row of units below the header, by column.
+    needs_millivolts
+        Whether a couple or a reference junction without a column in mV is an error; of several
+        files only some may be in mV.
 
     Returns
     -------
@@ -291,17 +296,33 @@ def units_of(
             assumed.append(name)
             unit = "degC"
         units[name] = Unit(unit, couple if unit == "mV" else "", cold, is_assumed)
-    if (couple or cold) and not any(unit.name == "mV" for unit in units.values()):
-        raise InputError(
-            "a thermocouple type or a reference junction is given, but no column is in mV",
-            expected="{unit}",
-            remedy="or leave {couple} and {cold_junction} out",
-            parameters={"unit": "mV", "couple": None, "cold_junction": None},
-        )
+    if needs_millivolts and (couple or cold):
+        check_millivolts(units.values())
     if assumed:
         subject = ", ".join(assumed)
         findings.append(info("sensor.unit_assumed", subject=subject, count=len(assumed)))
     return units, findings
+
+
+def convert_temperature(unit: str, target: str, values: Array) -> Array:
+    """Temperatures (N,) in another unit: degC, K or degF.
+
+    >>> convert_temperature("degF", "K", np.array([32.0]))
+    array([273.15])
+    """
+    return Unit(target).from_base(Unit(unit).to_base(values))
+
+
+def check_millivolts(units: Iterable[Unit]) -> None:
+    """Raise InputError where a thermocouple or a reference junction is given without need."""
+    if any(unit.name == "mV" for unit in units):
+        return
+    raise InputError(
+        "a thermocouple type or a reference junction is given, but no column is in mV",
+        expected="{unit}",
+        remedy="or leave {couple} and {cold_junction} out",
+        parameters={"unit": "mV", "couple": None, "cold_junction": None},
+    )
 
 
 def kind_of(column: str, unit: Unit) -> Kind:

@@ -26,6 +26,7 @@ from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.endings import check_size
 from tcdyn.io.read import Table, open_table
+from tcdyn.io.table import SourceFile
 from tcdyn.io.write import (
     STANDARD_STYLE,
     DialectName,
@@ -61,6 +62,7 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
 from tcdyn.workflows.compensate_table import compensate_table
+from tcdyn.workflows.raw_log import source_notes
 from tcdyn.workflows.rig_channels import DiskColumns, disk_readings, with_common_lag
 
 # Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
@@ -159,6 +161,8 @@ class CompensatedLog(Result):
     numbers
         Noise and standard deviation of each column with a fixed delay, where ``disks`` and
         ``traces`` are empty; otherwise None.
+    sources
+        The files of the log, where it has several.
     """
 
     frame: pd.DataFrame
@@ -172,6 +176,7 @@ class CompensatedLog(Result):
     decimals: Mapping[str, int]
     segments: LogSegments | None = None
     numbers: pd.DataFrame | None = None
+    sources: tuple[SourceFile, ...] = ()
 
     def headline(self) -> str:
         """Name and length of the log."""
@@ -234,7 +239,8 @@ class CompensatedLog(Result):
             For a file that cannot be written, and for more rows than .xlsx or .nc can hold.
         """
         progress("writing")
-        check_not_input(path, self.raw_log.path)
+        for file in [source.path for source in self.sources] or [self.raw_log.path]:
+            check_not_input(path, file)
         rows = len(self.frame) if self.segments is None else self.segments.log.rows
         check_size(path, rows, len(self.frame.columns))
         style = STANDARD_STYLE
@@ -329,7 +335,7 @@ class CompensatedLog(Result):
 @with_named_arguments
 @one_blas_thread
 def compensate_log(
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     records: Mapping[str, DiskRecord],
     rig: Rig | None = None,
     *,
@@ -345,7 +351,8 @@ def compensate_log(
     Parameters
     ----------
     log, records, rig
-        The log; records by disk; the rig (None: the one that the records were made with). How the
+        The log, one file or several in any order (:func:`tcdyn.series.joined.open_files`); records
+        by disk; the rig (None: the one that the records were made with). How the
         rows are read, if the log does not say it itself, is stated by ``rig.with_reading``, with
         :class:`tcdyn.series.ReadingOptions`.
     refine
@@ -417,6 +424,7 @@ def compensate_log(
             way,
             done.decimals,
             numbers=done.numbers,
+            sources=pieces.sources,
         )
     disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {
@@ -425,6 +433,8 @@ def compensate_log(
         "source": table.path.name,
         "source_sha256": table.sha256,
     }
+    if pieces.sources:
+        notes |= source_notes(pieces.sources)
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings = [*summarise_spikes(table.findings)]
     events_at_s = dict[float, float]()
@@ -523,6 +533,7 @@ def compensate_log(
         way,
         decimals,
         segments,
+        sources=pieces.sources,
     )
 
 

@@ -6,14 +6,14 @@ that ``tcdyn follow`` has when it writes it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from tcdyn.core.arguments import check_type, with_named_arguments
+from tcdyn.core.arguments import described, with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, error, info, unique_by_subject, warning
 from tcdyn.core.options import options_of
@@ -21,7 +21,8 @@ from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.endings import LONG_TABLE, check_ending, check_size
-from tcdyn.io.read import sha256_of_file
+from tcdyn.io.read import open_table, sha256_of_file
+from tcdyn.io.table import SourceFile
 from tcdyn.io.write import check_not_input, dialect_findings, output_style
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
@@ -33,6 +34,7 @@ from tcdyn.sensors.compensation import (
     write_segments,
 )
 from tcdyn.series import Source
+from tcdyn.series.joined import files_of_log
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import FilledTimes, RisingRows
 from tcdyn.series.survey import SurveyedSource
@@ -83,6 +85,8 @@ class CompensatedTable(Result):
         Findings about the log and the compensation, without repetitions.
     reading
         What was understood of the rows; None where there are fewer than two.
+    sources
+        The files of the log, in the order of their rows; none for data in memory.
     """
 
     path: Path
@@ -94,6 +98,7 @@ class CompensatedTable(Result):
     metadata: dict[str, str]
     findings: tuple[Finding, ...]
     reading: SeriesReport | None = None
+    sources: tuple[SourceFile, ...] = ()
 
     def summary(self) -> str:
         """Number of rows and output, then one line a column.
@@ -125,6 +130,7 @@ class CompensatedTable(Result):
             "columns": self.numbers.to_dict("records"),
             "carried": list(self.carried),
             "metadata": self.metadata,
+            "sources": [source.to_dict() for source in self.sources],
             "reading": None if self.reading is None else self.reading.to_dict(),
             "warnings": list(self.warnings),
             "findings": [f.to_dict() for f in self.findings],
@@ -134,7 +140,7 @@ class CompensatedTable(Result):
 @with_named_arguments
 @one_blas_thread
 def compensate_table(
-    log: str | Path | Source,
+    log: str | Path | Sequence[str | Path] | Source,
     calibrations: Given,
     out: str | Path | Callable[[pd.DataFrame], None],
     *,
@@ -153,7 +159,8 @@ def compensate_table(
     Parameters
     ----------
     log
-        CSV, LVM, TDMS, Parquet, .xlsx or .mat with a column of time, rows at any rate; or an opened
+        CSV, LVM, TDMS, Parquet, .xlsx or .mat with a column of time, rows at any rate; several
+        files of one log in any order, see :func:`tcdyn.series.joined.open_files`; or an opened
         table.
     calibrations
         Sensors: sensor files or their paths, each column belongs to one; a lag [s] that is stated,
@@ -181,7 +188,10 @@ def compensate_table(
         before the first is computed where their number is known (without ``delay_s``).
     """
     settings = options_of(CompensateOptions, options, "compensate_table")
-    check_type("log", log, (str, Path, Source), "the path of a table, or an opened table")
+    if not isinstance(log, Source) and not files_of_log(log):
+        raise InputError(
+            f"log is {described(log)}", expected="the path of a table, or an opened table"
+        )
     calibrations = calibrations_of(calibrations)
     delay_s = settings.delay_s
     method = CompensationMethod(rate=settings.rate)
@@ -191,17 +201,22 @@ def compensate_table(
     if not callable(out):
         check_ending(out_path, LONG_TABLE)
     raw, report_of_rows = _open_log(log, calibrations, rig, settings)
+    header = raw.header(method)
+    paths = [source.path for source in raw.source.table.sources] or [raw.source.path]
     if not callable(out):
-        check_not_input(out_path, raw.source.path)
-        check_size(out_path, report_of_rows.rows if report_of_rows else 0, len(raw.header(method)))
-    style = output_style(settings.dialect, settings.comments, raw.source.table, out_path)
+        for path in paths:
+            check_not_input(out_path, path)
+        check_size(out_path, report_of_rows.rows if report_of_rows else 0, len(header))
+    table_of_style = raw.source.table
+    if len(paths) > 1 and settings.dialect != "standard":
+        table_of_style = open_table(paths[0])
+    style = output_style(settings.dialect, settings.comments, table_of_style, out_path)
     is_netcdf = out_path.suffix.lower() == ".nc"
     if is_netcdf:
         style = replace(style, time=raw.source.time, units=_units_of_output(raw))
-    header = raw.header(method)
     notes = dict(raw.notes)
-    if raw.source.path.is_file():
-        notes["source_sha256"] = sha256_of_file(raw.source.path)
+    if len(paths) == 1 and paths[0].is_file():
+        notes["source_sha256"] = sha256_of_file(paths[0])
     next_row = 0
 
     def report(rows: int) -> None:
@@ -250,13 +265,14 @@ def compensate_table(
         uncertainties,
         totals.decimals,
         totals.metadata,
-        unique_by_subject(findings),
+        unique_by_subject(raw.source.table.at_files(findings)),
         report_of_rows,
+        raw.source.files(totals.rows),
     )
 
 
 def _open_log(
-    log: str | Path | Source,
+    log: str | Path | Sequence[str | Path] | Source,
     calibrations: Calibrations,
     rig: Rig | None,
     options: CompensateOptions,
@@ -267,9 +283,9 @@ def _open_log(
     log that is followed has no later rows.
     """
     if not isinstance(log, Source):
-        path = Path(log)
-        table = open_log_table(path, calibrations, rig, options)
-        raw = raw_log(path, table, calibrations, rig, options)
+        files = files_of_log(log)
+        table = open_log_table(files, calibrations, rig, options)
+        raw = raw_log(files[0], table, calibrations, rig, options)
     elif isinstance(calibrations, Mapping):
         raise InputError("records with an opened table", expected="the file of a log of the rig")
     else:

@@ -24,6 +24,7 @@ from tcdyn.core.options import options_of
 from tcdyn.core.result import Result
 from tcdyn.io.read import display_path
 from tcdyn.io.start_time import start_time
+from tcdyn.io.table import SourceFile
 from tcdyn.io.unit_names import unit_in, without_unit, written_unit
 from tcdyn.series import (
     Context,
@@ -107,6 +108,8 @@ class Inspection(Result):
         Time of each row (R,) [s].
     columns
         Values of the columns, for a picture.
+    sources
+        The files of the table, in the order of their rows; none for data in memory.
     """
 
     where: str
@@ -116,6 +119,7 @@ class Inspection(Result):
     findings: tuple[Finding, ...]
     time_s: Array = field(repr=False)
     columns: tuple[InspectedColumn, ...] = field(repr=False)
+    sources: tuple[SourceFile, ...] = ()
 
     @property
     def rate_Hz(self) -> float:
@@ -129,7 +133,13 @@ class Inspection(Result):
 
     def summary(self) -> str:
         """Rows and clock, gaps, then one line a column, the other columns, and the findings."""
-        lines = [self._headline(), *self._clock_lines(), *self._gap_lines(), ""]
+        lines = [
+            self._headline(),
+            *self._file_lines(),
+            *self._clock_lines(),
+            *self._gap_lines(),
+            "",
+        ]
         lines += _aligned(self.card())
         left_out = [
             f"  {column.name}: {_left_out_text(each)}"
@@ -151,6 +161,16 @@ class Inspection(Result):
             f"{self.where}: {report.rows} rows in {report.duration_s:.6g} s, one every "
             f"{report.interval_s:.6g} s ({self.rate_Hz:.6g} Hz)"
         )
+
+    def _file_lines(self) -> list[str]:
+        """Lines about the files, where there are several; rows are counted over all of them."""
+        if len(self.sources) < 2:
+            return []
+        return [
+            f"  {source.file}: {source.rows} rows"
+            + (f", from row {source.first_row}" if source.first_row else "")
+            for source in self.sources
+        ]
 
     def _clock_lines(self) -> list[str]:
         """Lines about the time."""
@@ -199,6 +219,7 @@ class Inspection(Result):
         }
         return {
             "file": self.where,
+            "sources": [source.to_dict() for source in self.sources],
             "rate_Hz": self.rate_Hz,
             "u_rate_Hz": self.u_rate_Hz,
             "reading": self.reading.to_dict(),
@@ -279,7 +300,7 @@ def _left_out_text(left_out: LeftOut) -> str:
 
 @with_named_arguments
 def inspect(
-    data: str | Path | pd.DataFrame | pd.Series,
+    data: str | Path | Sequence[str | Path] | pd.DataFrame | pd.Series,
     columns: Sequence[str] | str = (),
     **options: Any,
 ) -> Inspection:
@@ -288,7 +309,7 @@ def inspect(
     Parameters
     ----------
     data
-        A file, a DataFrame, or a Series over time.
+        A file, several files of one log, a DataFrame, or a Series over time.
     columns
         Columns to look at, or patterns; none: all columns of numbers that are no times.
     **options
@@ -318,7 +339,7 @@ def inspect(
     columns = as_names("columns", columns)
     source = open_source(data, columns, settings.rows)
     names = _selected(source, columns)
-    where = display_path(source.path)
+    where = source.table.where if source.table.sources else display_path(source.path)
     cold = cold_column(settings.cold, source.table.names, source.table.where)
     if source.value_columns:
         check_one_channel(source.table, source.time, names if columns else None)
@@ -374,6 +395,7 @@ def inspect(
         unique_by_subject([*findings, *unit_infos, *doubts, *look.findings]),
         time_s,
         inspected,
+        source.files(len(time_s)),
     )
 
 

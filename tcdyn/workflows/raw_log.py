@@ -7,6 +7,7 @@ Any table with sensor files, or a log of the rig with the records of its disks. 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +17,8 @@ from tcdyn.core.arguments import as_names, described
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.io.metadata import COMPENSATED, check_not_compensated
-from tcdyn.io.read import Part, Table, display_path, open_table
-from tcdyn.io.table import CHUNK_ROWS, Columns
+from tcdyn.io.read import Table, display_path
+from tcdyn.io.table import CHUNK_ROWS, Columns, SourceFile
 from tcdyn.io.times import TIME_COLUMN_NAMES
 from tcdyn.rig.columns import TORQUE_COLUMNS, match_columns
 from tcdyn.rig.disk import DISKS
@@ -36,6 +37,7 @@ from tcdyn.sensors.compensation import CompensationMethod, output_header
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.given import Sensors, sensor_files, with_column
 from tcdyn.series import ReadingOptions
+from tcdyn.series.joined import open_files
 from tcdyn.series.long_tables import check_one_channel
 from tcdyn.series.reading import Kind
 from tcdyn.series.report import SeriesReport
@@ -110,9 +112,19 @@ def calibrations_of(given: Given) -> Calibrations:
 
 
 def open_log_table(
-    path: Path, calibrations: Calibrations, rig: Rig | None, options: LogOptions
+    log: str | Path | Sequence[str | Path],
+    calibrations: Calibrations,
+    rig: Rig | None,
+    options: LogOptions,
 ) -> Table:
-    """Open the file of a log; the names that it may hold help to find its header.
+    """Open the file or files of a log; the names that it may hold help to find its header.
+
+    Parameters
+    ----------
+    log
+        The file, or several files of one log, see :func:`tcdyn.series.joined.open_files`.
+    calibrations, rig, options
+        As for ``raw_log``.
 
     Parameters
     ----------
@@ -124,7 +136,7 @@ def open_log_table(
     Raises
     ------
     InputError
-        For a file that is no table.
+        For a file that is no table, and files that are not of one log.
     """
     known: tuple[str, ...] = TIME_COLUMN_NAMES
     reading = options.rows
@@ -134,7 +146,7 @@ def open_log_table(
         known = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
         if reading == ReadingOptions():
             reading = rig.reading
-    return open_table(path, known, Part(reading.sheet, reading.variable))
+    return open_files(log, known, reading)
 
 
 def raw_log(
@@ -319,6 +331,15 @@ def _rig_log(path: Path, table: Table, records: Mapping[str, DiskRecord], rig: R
     return _with_output(source, time_in_log, stamps, channels, carried, findings)
 
 
+def source_notes(sources: Sequence[SourceFile]) -> dict[str, str]:
+    """Metadata of an output that is made from several files: their names, and all about each."""
+    content = [source.to_dict() for source in sources]
+    return {
+        "source": ", ".join(source.file for source in sources),
+        "sources": json.dumps(content, ensure_ascii=False),
+    }
+
+
 def _rename_columns(table: Table, names: Mapping[str, str], stamps: str) -> Table:
     """Select and rename columns of a table; clock stamps become seconds.
 
@@ -371,6 +392,8 @@ def _with_output(
         Findings about the log.
     """
     notes = {**source.table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
+    if source.table.sources:
+        notes |= source_notes(source.table.sources)
     for channel in channels.channels:
         lag = channel.lag_s.text("s")
         notes[f"lag_s of {channel.column}"] = f"{lag}, sensor {channel.sensor}"

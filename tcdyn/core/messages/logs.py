@@ -16,6 +16,8 @@ from tcdyn.core.errors import Spelling
 from tcdyn.core.estimate import text_with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
+LISTED_FILES = 5  # files that a message names
+
 
 def _no_number(place: str, text: str, count: int, **_: Any) -> str:
     """Message of ``text.no_number``.
@@ -83,8 +85,26 @@ def _dialect(subject: str, grows: bool, option: Spelling, **_: Any) -> str:
     )
 
 
+def _left_out(files: Sequence[str], **_: Any) -> str:
+    """Message of ``files.left_out``; ``files`` are their names."""
+    names = ", ".join(files[:LISTED_FILES])
+    if len(files) > LISTED_FILES:
+        names += f" and {len(files) - LISTED_FILES} more"
+    return (
+        f"{count_with_noun(len(files), 'file')} that tcdyn wrote, or that hold no log, are not "
+        f"used: {names}"
+    )
+
+
 # rig: files, clocks, columns
 READER: dict[str, Message] = {
+    "files.left_out": _left_out,
+    "files.counted": "column {subject}: no date is stated; its times go on from one file to the "
+    "next, and are taken as those of one clock",
+    "files.no_numbers": "column {subject} holds text and no numbers in this file; its values are "
+    "taken as missing there",
+    "files.stamps": "column {subject}: the files write their time stamps in different forms; all "
+    "are given as year-month-dayThours:minutes:seconds",
     "text.no_line_end": "row {row}, the last, has no line end: its last value may be cut short",
     "table.dialect": _dialect,
     "metadata.damaged": "{subject}, the metadata of the table, is damaged and not used",

@@ -15,7 +15,11 @@ Message = str | Callable[..., str]
 
 
 def location_text(
-    subject: str = "", row: int | None = None, time_s: float | None = None, **_: Any
+    subject: str = "",
+    row: int | None = None,
+    time_s: float | None = None,
+    file: str = "",
+    **_: Any,
 ) -> str:
     """Location in a log: column, row and time, as far as given.
 
@@ -27,6 +31,8 @@ def location_text(
         Row of the file.
     time_s
         Time of the sample [s].
+    file
+        Name of the file, where the log has several.
     **_
         Other numbers of a finding, which are not used.
 
@@ -39,7 +45,7 @@ def location_text(
     if subject:
         parts.append(f"column {subject}")
     if row is not None:
-        parts.append(f"row {row}")
+        parts.append(f"row {row} of {file}" if file else f"row {row}")
     text = ", ".join(parts)
     return text if time_s is None else f"{text} ({time_s:.6g} s)"
 
