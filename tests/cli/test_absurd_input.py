@@ -149,8 +149,8 @@ def test_a_number_beyond_reason(
 @pytest.mark.parametrize(
     "words",
     [
-        "beta x --record y --window-s",
-        "campaign x --record y --out z --window-s",
+        "rig beta x --record y --window-s",
+        "rig campaign x --record y --out z --window-s",
         "rig design --noise-K",
         "rig design --entry-u-s",
         "identify x -u a -y b --dt-s",

@@ -350,7 +350,7 @@ CASES = {
     "thousands": Case(
         thousands, PLUNGE + " --time 'Zeit [s]' --unit degC", values={LAG: (2.0, 0.01)}
     ),
-    "milliseconds, the command of 0.2": Case(
+    "milliseconds": Case(
         lambda: plant("Time [ms],heater,T1", 1000.0),
         IDENTIFY + " --time 'Time [ms]' --model P1",
         values={"estimates.Tp1.value": (18.0, 0.02)},

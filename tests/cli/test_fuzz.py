@@ -176,7 +176,7 @@ def test_a_log_with_an_odd_name_does_not_end_a_campaign(
     circle.symlink_to("circle.csv")
     records = ("--record", world.files["fast"], "--record", world.files["slow"])
     words = ("--rig", world.files["rig"], *records, "--out", tmp_path / "out", "--workers", "1")
-    assert tcdyn("campaign", tmp_path / "short.csv", odd, circle, *words) in (1, 2)
+    assert tcdyn("rig", "campaign", tmp_path / "short.csv", odd, circle, *words) in (1, 2)
     table = pd.read_csv(tmp_path / "out" / "campaign.csv")
     assert len(table) == 3
 

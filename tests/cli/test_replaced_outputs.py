@@ -46,7 +46,7 @@ def words_of(world: dict[str, Path], out: Path) -> dict[str, list[object]]:
             *("--model", "P1", "--out", out),
         ],
         "view": ["view", world["table"], "--no-open", "--out", out],
-        "transducer": ["transducer", world["weights"], "--out", out],
+        "transducer": ["rig", "transducer", world["weights"], "--out", out],
     }
 
 

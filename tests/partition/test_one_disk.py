@@ -224,11 +224,11 @@ def test_missing_record_of_a_logged_disk_raises(study: StudyRig, tmp_path: Path)
         estimate_beta(log_path, None, {"fast": study.records["fast"]})
 
 
-@pytest.mark.parametrize(("command", "out"), [("beta", "out.json"), ("compensate", "out.csv")])
+@pytest.mark.parametrize(("command", "out"), [("rig beta", "out.json"), ("compensate", "out.csv")])
 def test_record_of_a_disk_without_columns_raises(
     study: StudyRig, fast_only_log: Path, tmp_path: Path, command: str, out: str
 ) -> None:
-    arguments = [command, str(fast_only_log), "--out", str(tmp_path / out)]
+    arguments = [*command.split(), str(fast_only_log), "--out", str(tmp_path / out)]
     for disk, record in study.records.items():
         arguments += ["--record", str(write_record(record, tmp_path / f"{disk}.disk.json"))]
     result = CliRunner().invoke(app, arguments)
