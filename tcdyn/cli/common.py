@@ -12,7 +12,7 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
@@ -670,6 +670,14 @@ def source_entry(path: Path) -> dict[str, str]:
     from tcdyn.io.read import sha256_of_file
 
     return {"file": path.name, "sha256": sha256_of_file(path)}
+
+
+def source_entries(paths: Sequence[Path]) -> dict[str, Any]:
+    """The entry "source" of a JSON result, and with several files "sources" with all of them."""
+    entries: dict[str, Any] = {"source": source_entry(paths[0])}
+    if len(paths) > 1:
+        entries["sources"] = [source_entry(path) for path in paths]
+    return entries
 
 
 def check_picture(picture: Path | None, inputs: Iterable[Path | None], overwrite: bool) -> None:

@@ -6,7 +6,8 @@ Any table goes to :mod:`tcdyn.workflows.compensate_table`, logs of the rig to
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,7 @@ from tcdyn.cli.common import (
     Reporter,
     Verbose,
     as_option,
+    check_folder,
     check_outputs,
     default_output_path,
     options_from_docstring,
@@ -23,7 +25,13 @@ from tcdyn.cli.common import (
     stage_progress,
     write_json,
 )
-from tcdyn.cli.tables import CalibrationFiles, refuse_with_sensor
+from tcdyn.cli.tables import (
+    CalibrationFiles,
+    EachOptions,
+    TableFiles,
+    files_of_tables,
+    refuse_with_sensor,
+)
 from tcdyn.core.errors import InputError
 from tcdyn.core.options import Options, option
 from tcdyn.io.endings import JSON, LONG_TABLE, PAGE, TABLE
@@ -32,6 +40,7 @@ from tcdyn.workflows.options import CompensateOptions, OutputOptions
 
 if TYPE_CHECKING:
     from tcdyn.core.findings import Finding
+    from tcdyn.rig.rigfile import Rig
     from tcdyn.workflows.compensate import CompensatedLog
     from tcdyn.workflows.raw_log import Calibrations
 
@@ -62,14 +71,53 @@ class RigLogOptions(Options):
     covariance_s: float = option(1.0, "Two-disk rig", low=0, high=60)
 
 
+@dataclass(frozen=True)
+class _Job:
+    """One table to compensate.
+
+    Attributes
+    ----------
+    paths
+        Its files.
+    out
+        File to write, which is checked.
+    options
+        How it is read, compensated and written.
+    reporter
+        Output of the command.
+    verbose
+        Print a line for each stage.
+    findings
+        Findings about its files.
+    """
+
+    paths: Sequence[Path]
+    out: Path
+    options: CompensateOptions
+    reporter: Reporter
+    verbose: bool
+    findings: Sequence[Finding]
+
+    @property
+    def log(self) -> Path | Sequence[Path]:
+        """The file, or the files of one log."""
+        return self.paths[0] if len(self.paths) == 1 else self.paths
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+        return self.paths[0].name
+
+
 @options_from_docstring
 def compensate(
-    log: Path,
+    logs: TableFiles,
     out: Annotated[Path | None, typer.Option(rich_help_panel="Output")] = None,
     verbose: Verbose = False,
     *,
     files: CalibrationFiles,
     options: CompensateOptions,
+    each: EachOptions,
     method: CompensationMethod,
     of_rig: RigLogOptions,
     reporter: Reporter,
@@ -78,46 +126,90 @@ def compensate(
 
     Example: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
 
-    A file of a spreadsheet program in German: tcdyn compensate ofen.csv --sensor probe.sensor.json
-    --dialect input
+    Times in milliseconds, degrees Fahrenheit: tcdyn compensate kiln.csv --sensor probe.sensor.json
+    --time-unit ms --unit degF
 
-    Times in milliseconds, readings in degrees Fahrenheit: tcdyn compensate kiln.csv --sensor
-    probe.sensor.json --time-unit ms --unit degF
+    For a spreadsheet program: tcdyn compensate ofen.csv --sensor probe.sensor.json --out ofen.xlsx
+
+    Files of one log: tcdyn compensate day1.csv day2.csv --sensor probe.sensor.json
+
+    Many logs, each on its own: tcdyn compensate logs --each --sensor probe.sensor.json --out done
 
     A log of the rig: tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json
 
     Parameters
     ----------
-    log
-        any table with a column of time, or a log of the rig: CSV, TDMS, LVM or Parquet
     out
-        output: .csv or .parquet, of a log of the rig also .tdms (default LOG.compensated.csv)
+        output: .csv, .parquet, .xlsx or .nc, of a log of the rig without --delay-s also .tdms
+        (default LOG.compensated.csv)
     """
     files.check_given()
-    target = out or default_output_path(log, ".compensated.csv")
-    only_of_rig = {**method.stated, **of_rig.stated}
-    only_of_rig.pop("rate", None)
-    if "refine" in only_of_rig:
-        only_of_rig["refine"] = True
+    paths, left_out = files_of_tables(logs)
+    only_of_rig = {name: value for name, value in method.stated.items() if name != "rate"}
+    only_of_rig |= of_rig.stated
     if files.sensor:
-        refuse_with_sensor([*only_of_rig], only_of_rig)
+        refuse_with_sensor(only_of_rig)
+    if each.each:
+        _compensate_each(paths, out, files, options, each, reporter)
+        return
+    target = out or default_output_path(paths[0], ".compensated.csv")
     has_parts = bool(files.sensor) or options.delay_s is not None
     outputs = {
         "out": (target, LONG_TABLE if has_parts else TABLE),
         "report": (of_rig.report, PAGE),
         "covariance": (of_rig.covariance, JSON),
     }
-    check_outputs([log, *files.files], reporter.overwrite, **outputs)
+    check_outputs([*paths, *files.files], reporter.overwrite, **outputs)
+    job = _Job(paths, target, options, reporter, verbose, left_out)
     if files.sensor:
-        compensate_any_table(log, files.sensors(), None, target, options, reporter, verbose)
+        _compensate_any_table(job, files.sensors(), None)
     elif options.delay_s is not None:
         for name in only_of_rig:
             raise InputError(f"{as_option(name)} with --delay-s", remedy="leave one of them out")
-        rig = files.rig_settings(options.rows)
-        compensate_any_table(log, files.records(), rig, target, options, reporter, verbose)
+        _compensate_any_table(job, files.records(), files.rig_settings(options.rows))
     else:
         _check_rig_options(method, of_rig)
-        _compensate_rig_log(log, files, target, options, method, of_rig, reporter, verbose)
+        _compensate_rig_log(job, files, replace(method, rate=options.rate), of_rig)
+
+
+def _compensate_each(
+    paths: Sequence[Path],
+    out: Path | None,
+    files: CalibrationFiles,
+    options: CompensateOptions,
+    each: EachOptions,
+    reporter: Reporter,
+) -> None:
+    """Compensate each of many tables on its own: ``--each``.
+
+    Parameters
+    ----------
+    paths
+        The tables.
+    out
+        Folder of the outputs; None: beside each table.
+    files, options, each, reporter
+        As in the command.
+    """
+    from functools import partial
+
+    from tcdyn.workflows.each import compensate_each
+
+    if not files.sensor:
+        raise InputError(
+            "--each with --record", remedy="compensate logs of the rig one after the other"
+        )
+    if out is not None:
+        check_folder(out)
+    work = partial(
+        compensate_each,
+        paths,
+        files.sensors(),
+        out,
+        overwrite=reporter.overwrite,
+        **options.stated,
+    )
+    each.run(paths, reporter, work)
 
 
 def _check_rig_options(method: CompensationMethod, of_rig: RigLogOptions) -> None:
@@ -134,95 +226,67 @@ def _check_rig_options(method: CompensationMethod, of_rig: RigLogOptions) -> Non
         )
 
 
-def compensate_any_table(
-    log: Path,
-    calibrations: Calibrations,
-    rig: Any,
-    out: Path,
-    options: CompensateOptions,
-    reporter: Reporter,
-    verbose: bool,
-) -> None:
+def _compensate_any_table(job: _Job, calibrations: Calibrations, rig: Rig | None) -> None:
     """Compensate a table and report the result.
 
     Parameters
     ----------
-    log
+    job
         The table.
     calibrations
         Sensors, or with a delay records by disk.
     rig
         The rig of the records; None for sensors.
-    out
-        File to write, which the caller has checked.
-    options
-        How it is compensated.
-    reporter
-        Output of the command.
-    verbose
-        Print a line for each stage.
     """
     from tcdyn.core.findings import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table
 
-    with stage_progress(reporter.is_silent, verbose) as progress:
+    reporter = job.reporter
+    with stage_progress(reporter.is_silent, job.verbose) as progress:
         done = compensate_table(
-            log, calibrations, out, rig=rig, progress=progress, **options.stated
+            job.log, calibrations, job.out, rig=rig, progress=progress, **job.options.stated
         )
     given: Any = calibrations.values() if isinstance(calibrations, dict) else calibrations
     from_files = [finding for calibration in given for finding in calibration.findings]
-    findings = unique_by_subject([*from_files, *done.findings])
+    findings = unique_by_subject([*job.findings, *from_files, *done.findings])
     reporter.json(done.to_dict)
     reporter.summary(done.summary())
-    reporter.finish(log.name, findings)
+    reporter.finish(job.name, findings)
 
 
 def _compensate_rig_log(
-    log: Path,
-    files: CalibrationFiles,
-    out: Path,
-    options: CompensateOptions,
-    method: CompensationMethod,
-    of_rig: RigLogOptions,
-    reporter: Reporter,
-    verbose: bool,
+    job: _Job, files: CalibrationFiles, method: CompensationMethod, of_rig: RigLogOptions
 ) -> None:
     """Compensate a log of the rig and report the result.
 
     Parameters
     ----------
-    log
+    job
         The log.
     files
         Records and rig file.
-    out
-        File to write, which the caller has checked.
-    options
-        How it is read and written.
     method, of_rig
         How it is compensated.
-    reporter
-        Output of the command.
-    verbose
-        Print a line for each stage.
     """
     from tcdyn.io.read import open_table
     from tcdyn.io.write import output_style
     from tcdyn.workflows import compensate_log
 
-    output = OutputOptions(**{name: getattr(options, name) for name in asdict(OutputOptions())})
+    options = job.options
+    output = OutputOptions(dialect=options.dialect, comments=options.comments)
     if output.stated:  # an error before the work
-        output_style(output.dialect, output.comments, open_table(log), out)
+        output_style(output.dialect, output.comments, open_table(job.paths[0]), job.out)
     records = files.records()
     rig = files.rig_settings(options.rows)
-    with stage_progress(reporter.is_silent, verbose) as progress:
+    reporter = job.reporter
+    with stage_progress(reporter.is_silent, job.verbose) as progress:
         done = compensate_log(
-            log, records, rig, refine=of_rig.refine, way=method, progress=progress
+            job.log, records, rig, refine=of_rig.refine, way=method, progress=progress
         )
-        written, findings_of_file = done.write(out, progress, **asdict(output))
+        written, findings_of_file = done.write(job.out, progress, **asdict(output))
         if of_rig.covariance is not None:
             covariances = done.covariance(of_rig.covariance_s, of_rig.covariance_from_s)
-            write_json(of_rig.covariance, {"source": source_entry(log), **covariances})
+            write_json(of_rig.covariance, {"source": source_entry(job.paths[0]), **covariances})
         if of_rig.report is not None:
             from tcdyn.report.compensate import write_compensation_report
 
@@ -232,7 +296,8 @@ def _compensate_rig_log(
     reporter.text(_summary(done))
     content = "compensated" if method.removes_lag else "without noise, lag left in"
     reporter.files(**{content: written}, report=of_rig.report, covariance=of_rig.covariance)
-    reporter.finish(log.name, [*findings_of_file, *_filter_findings(done)])
+    findings = [*job.findings, *findings_of_file, *_filter_findings(done)]
+    reporter.finish(job.name, findings)
 
 
 def _filter_findings(done: CompensatedLog) -> list[Finding]:

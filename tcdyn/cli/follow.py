@@ -67,7 +67,7 @@ def follow(
     check_outputs([log, *files.files], reporter.overwrite, report=(report, PAGE))
     calibrations: Any
     if files.sensor:
-        refuse_with_sensor(("report",), {"report": report})
+        refuse_with_sensor(["report"] if report else [])
         calibrations = files.sensors()
     else:
         calibrations = files.records()

@@ -21,9 +21,11 @@ from tcdyn.cli.common import (
     count_progress,
     default_output_path,
     options_from_docstring,
+    source_entries,
     source_entry,
     write_json,
 )
+from tcdyn.cli.tables import files_of_tables
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import unique
 from tcdyn.identification.options import IdentifyOptions, ResponseOptions
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 
 @options_from_docstring
 def identify(
-    data: Path,
+    data: Annotated[list[Path], typer.Argument(metavar="DATA...")],
     input: Annotated[list[str], typer.Option("--input", "-u", rich_help_panel="Input")],
     output: Annotated[list[str], typer.Option("--output", "-y", rich_help_panel="Input")],
     out: Annotated[Path | None, typer.Option(rich_help_panel="Output")] = None,
@@ -56,10 +58,13 @@ def identify(
     Chosen models and a report: tcdyn identify step.csv --input probe_degC --output a_degC --model
     P1D --model P2D --report step.html
 
+    Several runs, a file each: tcdyn identify run1.csv run2.csv --input heater --output T1
+
     Parameters
     ----------
     data
-        table with one row for each sample: CSV, LVM, TDMS or Parquet
+        table with one row for each sample: CSV, LVM, TDMS, Parquet, .xlsx or .mat; several files, a
+        folder or a pattern are runs
     input
         column of the input, with or without its unit; repeat for several
     output
@@ -74,13 +79,14 @@ def identify(
     from tcdyn.workflows.identify import IdentifiedOutput
     from tcdyn.workflows.identify import identify as identify_table
 
-    json_files = _files_of_outputs(out or default_output_path(data, ".identified.json"), output)
+    paths, left_out = files_of_tables(data)
+    json_files = _files_of_outputs(out or default_output_path(paths[0], ".identified.json"), output)
     pages = {y: path.with_suffix(".html") for y, path in json_files.items()}
     if report:
         pages = _files_of_outputs(report, output)
     for y in output:
         outputs_of_one = {"out": (json_files[y], JSON), "report": (pages[y], PAGE)}
-        check_outputs([data], reporter.overwrite, **outputs_of_one)
+        check_outputs(paths, reporter.overwrite, **outputs_of_one)
     contents = {}
 
     def write(y: str, found: IdentifiedOutput) -> None:
@@ -89,16 +95,16 @@ def identify(
         reporter.summary(comparison.summary(as_option))
         reporter.text(comparison.lag_removal_advice(found.known_filter))
         reporter.text(found.level_dependence)
-        contents[y] = {**found.to_dict(), "source": source_entry(data)}
+        contents[y] = {**found.to_dict(), **source_entries(paths)}
         write_json(json_files[y], contents[y])
         read_identified(json_files[y])
         write_identify_report(
-            pages[y], found.record, comparison, found.known_filter, found.level_dependence, data
+            pages[y], found.record, comparison, found.known_filter, found.level_dependence, paths[0]
         )
         reporter.text(f"wrote {json_files[y]} and {pages[y]}")
 
     results = identify_table(
-        data,
+        paths[0] if len(paths) == 1 else paths,
         input,
         output,
         progress=lambda count: count_progress(count or None, reporter.is_silent),
@@ -111,7 +117,7 @@ def identify(
         reporter.text(joint_table(comparisons).to_string(index=False))
     findings = unique([finding for found in results.values() for finding in found.findings])
     conclusions = [comparison.conclusion for comparison in comparisons.values()]
-    reporter.finish(data.name, findings, conclusions)
+    reporter.finish(paths[0].name, [*left_out, *findings], conclusions)
 
 
 @options_from_docstring

@@ -5,7 +5,6 @@ The answers are :mod:`tcdyn.workflows.inspect`. Test: ``tests/cli/test_inspect_c
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -18,12 +17,13 @@ from tcdyn.cli.common import (
     save_picture,
     source_entry,
 )
+from tcdyn.cli.tables import TableFiles, files_of_tables
 from tcdyn.series.options import TableOptions
 
 
 @options_from_docstring
 def inspect(
-    file: Path,
+    files: TableFiles,
     column: Annotated[list[str] | None, typer.Option(rich_help_panel="Input")] = None,
     picture: OptionalPicture = None,
     *,
@@ -38,21 +38,20 @@ def inspect(
 
     Parameters
     ----------
-    file
-        any table with a column of time: CSV, LVM, TDMS or Parquet
     column
         column to look at, or a pattern such as T*; repeat for several (default: all columns of
         numbers)
     """
     from tcdyn.workflows.inspect import inspect as inspect_table
 
-    check_picture(picture, [file], reporter.overwrite)
-    found = inspect_table(file, column or (), **options.stated)
+    paths, left_out = files_of_tables(files)
+    check_picture(picture, paths, reporter.overwrite)
+    found = inspect_table(paths[0] if len(paths) == 1 else paths, column or (), **options.stated)
     if picture is not None:
         from tcdyn.plots.inspect import inspection_figure
 
         save_picture(inspection_figure(found), picture)
-    reporter.json(lambda: {**found.to_dict(), "source": source_entry(file), "picture": picture})
+    reporter.json(lambda: {**found.to_dict(), "source": source_entry(paths[0]), "picture": picture})
     reporter.summary(found.summary())
     reporter.files(picture=picture)
-    reporter.finish(file.name, found.findings)
+    reporter.finish(paths[0].name, [*left_out, *found.findings])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,19 +17,22 @@ from tcdyn.chain.known_filter import FilterOptions
 from tcdyn.cli.common import (
     OptionalPicture,
     Reporter,
+    check_folder,
     check_outputs,
     check_picture,
     number_option,
     options_from_docstring,
     save_picture,
 )
-from tcdyn.core.errors import utf8
+from tcdyn.cli.tables import EachOptions, TableFiles, files_of_tables
+from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.options import Options, number_with_u, option
 from tcdyn.io.endings import JSON
 from tcdyn.sensors.options import CurrentOptions, DipOptions, PairOptions
 from tcdyn.series.options import TableOptions
 
 if TYPE_CHECKING:
+    from tcdyn.core.findings import Finding
     from tcdyn.sensors import SensorFile
 
 app = typer.Typer(
@@ -38,7 +41,6 @@ app = typer.Typer(
     help="State or measure the lag of a thermocouple, or of a sensor of another quantity; the file "
     "is for compensate and follow.",
 )
-Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
 OneColumn = Annotated[str, typer.Option(help="column of the sensor", rich_help_panel="Input")]
 Columns = Annotated[
     list[str],
@@ -87,7 +89,9 @@ class SensorOutput(Options):
         """
         check_outputs(logs, reporter.overwrite, out=(self.out, JSON))
 
-    def write(self, sensor: SensorFile, reporter: Reporter) -> None:
+    def write(
+        self, sensor: SensorFile, reporter: Reporter, findings: Sequence[Finding] = ()
+    ) -> None:
         """Write the file if one is requested, and report its content.
 
         Parameters
@@ -96,6 +100,8 @@ class SensorOutput(Options):
             Content of the file.
         reporter
             Output of the command.
+        findings
+            Findings about the files that were read.
 
         Notes
         -----
@@ -107,7 +113,7 @@ class SensorOutput(Options):
         if self.out is not None:
             write_sensor(sensor, self.out)
             read_sensor(self.out)
-        _report(sensor, reporter, self.out)
+        _report(sensor, reporter, self.out, findings)
 
 
 @app.command()
@@ -175,6 +181,7 @@ def plunge(
     *,
     options: DipOptions,
     output: SensorOutput,
+    each: EachOptions,
     reporter: Reporter,
 ) -> None:
     """Measure the lag from one temperature step (a plunge): t50, t63.2, t90 and the chain.
@@ -188,19 +195,24 @@ def plunge(
     Parameters
     ----------
     logs
-        table with a time column: CSV, LVM, TDMS or Parquet; one for each dip
+        table with a column of time: CSV, LVM, TDMS, Parquet, .xlsx or .mat; one for each dip; a
+        folder or a pattern is a list of files
     """
     from tcdyn.sensors import sensor_from_dip
 
-    output.check(reporter, logs)
-    sensor = sensor_from_dip(list(logs), column, name=output.sensor_name, **options.stated)
-    output.write(sensor, reporter)
+    paths, left_out = files_of_tables(logs)
+    if each.each:
+        _measure_each(paths, "plunge", column, options, output, each, reporter)
+        return
+    output.check(reporter, paths)
+    sensor = sensor_from_dip(paths, column, name=output.sensor_name, **options.stated)
+    output.write(sensor, reporter, left_out)
 
 
 @app.command()
 @options_from_docstring
 def pair(
-    log: Log,
+    logs: TableFiles,
     column: Annotated[list[str], typer.Option(rich_help_panel="Input")],
     *,
     options: PairOptions,
@@ -222,15 +234,16 @@ def pair(
     """
     from tcdyn.sensors import sensor_from_pair
 
-    output.check(reporter, [log])
-    sensor = sensor_from_pair(log, column, name=output.sensor_name, **options.stated)
-    output.write(sensor, reporter)
+    paths, left_out = files_of_tables(logs)
+    output.check(reporter, paths)
+    sensor = sensor_from_pair(paths, column, name=output.sensor_name, **options.stated)
+    output.write(sensor, reporter, left_out)
 
 
 @app.command()
 @options_from_docstring
 def current(
-    log: Log,
+    logs: TableFiles,
     column: OneColumn,
     current: Annotated[str, typer.Option(rich_help_panel="Input")],
     *,
@@ -251,19 +264,21 @@ def current(
     """
     from tcdyn.sensors import sensor_from_current
 
-    output.check(reporter, [log])
-    sensor = sensor_from_current(log, column, current, name=output.sensor_name, **options.stated)
-    output.write(sensor, reporter)
+    paths, left_out = files_of_tables(logs)
+    output.check(reporter, paths)
+    sensor = sensor_from_current(paths, column, current, name=output.sensor_name, **options.stated)
+    output.write(sensor, reporter, left_out)
 
 
 @app.command()
 @options_from_docstring
 def noise(
-    log: Log,
+    logs: TableFiles,
     column: OneColumn,
     *,
     options: TableOptions,
     output: SensorOutput,
+    each: EachOptions,
     reporter: Reporter,
 ) -> None:
     """Measure the lag in place from the noise of the process at constant conditions.
@@ -274,15 +289,19 @@ def noise(
     """
     from tcdyn.sensors import sensor_from_noise
 
-    output.check(reporter, [log])
-    sensor = sensor_from_noise(log, column, name=output.sensor_name, **options.stated)
-    output.write(sensor, reporter)
+    paths, left_out = files_of_tables(logs)
+    if each.each:
+        _measure_each(paths, "noise", column, options, output, each, reporter)
+        return
+    output.check(reporter, paths)
+    sensor = sensor_from_noise(paths, column, name=output.sensor_name, **options.stated)
+    output.write(sensor, reporter, left_out)
 
 
 @app.command()
 @options_from_docstring
 def touch(
-    log: Log,
+    logs: TableFiles,
     column: Columns,
     order: list[str] | None = None,
     touch_s: Annotated[float, number_option(0.01, 600)] = 2.0,
@@ -315,12 +334,13 @@ def touch(
     from tcdyn.sensors.touch import find_touches
     from tcdyn.series.units import match_columns
 
-    check_picture(picture, [log], reporter.overwrite)
-    table = read_readings(log, column, options=options, several=True)
+    paths, left_out = files_of_tables(logs)
+    check_picture(picture, paths, reporter.overwrite)
+    table = read_readings(paths, column, options=options, several=True)
     check_temperatures(table, "touches")
     stated = []
     for word in order or ():
-        stated += match_columns(word, table.names, str(log))
+        stated += match_columns(word, table.names, str(paths[0]))
     t = table.time_s
     names = table.names
     readings = np.column_stack(table.values)
@@ -333,10 +353,57 @@ def touch(
     reporter.json(result.to_dict)
     reporter.summary(result.summary())
     reporter.files(picture=picture)
-    reporter.finish(log.name, [*table.findings, *result.findings])
+    reporter.finish(paths[0].name, [*left_out, *table.findings, *result.findings])
 
 
-def _report(sensor: SensorFile, reporter: Reporter, out: Path | None = None) -> None:
+def _measure_each(
+    paths: Sequence[Path],
+    method: Literal["plunge", "noise"],
+    column: str,
+    options: TableOptions,
+    output: SensorOutput,
+    each: EachOptions,
+    reporter: Reporter,
+) -> None:
+    """Measure the lag from each of many tables on its own: ``--each``.
+
+    Parameters
+    ----------
+    paths
+        The tables.
+    method
+        How the lag is measured.
+    column
+        Column of the sensor.
+    options, output, each, reporter
+        As in the command.
+    """
+    from functools import partial
+
+    from tcdyn.workflows.each import sensor_each
+
+    if output.name is not None:
+        raise InputError("--name with --each", remedy="leave it out: each has the name of its file")
+    if output.out is not None:
+        check_folder(output.out)
+    work = partial(
+        sensor_each,
+        paths,
+        method,
+        column,
+        output.out,
+        overwrite=reporter.overwrite,
+        **options.stated,
+    )
+    each.run(paths, reporter, work)
+
+
+def _report(
+    sensor: SensorFile,
+    reporter: Reporter,
+    out: Path | None = None,
+    findings: Sequence[Finding] = (),
+) -> None:
     """Print a sensor, the file that was written, and the findings.
 
     Parameters
@@ -347,8 +414,10 @@ def _report(sensor: SensorFile, reporter: Reporter, out: Path | None = None) -> 
         Output of the command.
     out
         File that was written; None: none.
+    findings
+        Findings about the files that were read.
     """
     reporter.json(sensor.to_dict)
     reporter.summary(sensor.summary())
     reporter.files(sensor=out)
-    reporter.finish(sensor.sensor, sensor.findings)
+    reporter.finish(sensor.sensor, [*findings, *sensor.findings])

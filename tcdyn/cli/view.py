@@ -17,14 +17,14 @@ from tcdyn.cli.common import (
     options_from_docstring,
     stage_progress,
 )
-from tcdyn.cli.tables import CalibrationFiles
+from tcdyn.cli.tables import CalibrationFiles, TableFiles, files_of_tables
 from tcdyn.io.endings import PAGE
 from tcdyn.workflows.options import LogOptions
 
 
 @options_from_docstring
 def view(
-    log: Path,
+    logs: TableFiles,
     out: Annotated[Path | None, typer.Option(rich_help_panel="Output")] = None,
     open_: Annotated[bool, typer.Option(rich_help_panel="Output")] = True,
     verbose: Verbose = False,
@@ -41,8 +41,6 @@ def view(
 
     Parameters
     ----------
-    log
-        any table with a column of time, or log of the rig
     out
         page to write (default LOG.view.html)
     open_
@@ -50,12 +48,13 @@ def view(
     """
     from tcdyn.report.view import view as write_view
 
-    page = out or log.with_name(f"{log.stem}.view.html")
-    check_outputs([log, *files.files], reporter.overwrite, out=(page, PAGE))
+    paths, left_out = files_of_tables(logs)
+    page = out or paths[0].with_name(f"{paths[0].stem}.view.html")
+    check_outputs([*paths, *files.files], reporter.overwrite, out=(page, PAGE))
     calibrations: Any = files.records() if files.record else files.sensors()
     with stage_progress(reporter.is_silent, verbose) as progress:
         _, findings = write_view(
-            log,
+            paths,
             calibrations,
             rig=files.rig_settings() if files.rig else None,
             out=page,
@@ -65,4 +64,4 @@ def view(
         )
     reporter.json(lambda: {"page": page})
     reporter.files(page=page)
-    reporter.finish(log.name, findings)
+    reporter.finish(paths[0].name, [*left_out, *findings])

@@ -79,7 +79,7 @@ class IdentifiedOutput:
 
 
 def identify(
-    data: str | Path,
+    data: str | Path | Sequence[str | Path],
     input: str | Sequence[str],
     output: str | Sequence[str],
     *,
@@ -92,7 +92,8 @@ def identify(
     Parameters
     ----------
     data
-        Table with one row for each sample: CSV, LVM, TDMS or Parquet.
+        Table with one row for each sample: CSV, LVM, TDMS, Parquet, .xlsx or .mat; or several
+        files, each of which is a run.
     input
         Column of the input, or several; names may lack their unit.
     output
