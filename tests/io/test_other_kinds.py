@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -90,7 +91,7 @@ def new_sensor(path: Path) -> int:
 COMMANDS = (
     ("identify", "LOG", "--input", "u", "--output", "T_degC"),
     ("inspect", "LOG"),
-    ("response", "LOG", "--frequency", "f_Hz", "--magnitude", "m", "--phase", "p"),
+    ("response", "LOG", "--frequency", "f_Hz", "--column", "m", "--column", "p"),
     ("sensor", "plunge", "LOG", "--column", "T_degC", "--out", "OUT.sensor.json"),
     ("view", "LOG", "--out", "OUT.html"),
     ("compensate", "LOG", "--sensor", "SENSOR", "--out", "OUT.csv"),
@@ -123,6 +124,7 @@ def test_each_command_names_the_kind_on_one_line(
     code = tcdyn(*arguments)
     message = capsys.readouterr().err
     assert code == 2, message
+    assert re.search(words, message), message
     assert len(message.splitlines()) == 1, message
     assert message.strip().isprintable()
 
