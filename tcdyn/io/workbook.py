@@ -128,7 +128,7 @@ class Workbook:
         try:
             sheet = self.book.get_sheet_by_name(name)
             rows = sheet.to_python(skip_empty_area=True)
-        except CalamineError as problem:
+        except (CalamineError, OSError, ValueError, ArithmeticError) as problem:
             raise _damaged_error(problem, where) from None
         if sheet.start is None:
             return b""

@@ -88,7 +88,7 @@ def test_numbers_are_those_that_pandas_reads(tmp_path: Path) -> None:
 
 
 def test_titles_units_and_empty_rows_and_columns_are_those_of_a_csv_file(tmp_path: Path) -> None:
-    rows = [
+    rows: list[list[Any]] = [
         [],
         ["", "Kiln 3, run 7"],
         [],
@@ -108,7 +108,7 @@ def test_titles_units_and_empty_rows_and_columns_are_those_of_a_csv_file(tmp_pat
 
 
 def test_decimal_commas_that_were_typed_as_text_are_numbers(tmp_path: Path) -> None:
-    rows = [["Zeit [s]", "Ofen [°C]", "Bad [°C]"]]
+    rows: list[list[Any]] = [["Zeit [s]", "Ofen [°C]", "Bad [°C]"]]
     rows += [[0.5 * k, f"{20 + 0.25 * k:.2f}".replace(".", ","), 21.5] for k in range(12)]
     _, columns = read(save(tmp_path / "log.xlsx", rows))
     np.testing.assert_array_equal(columns.data["Ofen [°C]"], 20 + 0.25 * np.arange(12))
