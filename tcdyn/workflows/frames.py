@@ -176,8 +176,8 @@ def compensate_dataset(
     done, logged_names = _compensate_frame(frame, files, rows, units, options)
     result = data.drop_vars(list(data.data_vars))
     result = result.assign({name: (dimension, done[name].to_numpy()) for name in done.columns})
-    for name, variable in data.data_vars.items():
-        for new_name in (str(name), logged_names.get(str(name))):
+    for label, variable in data.data_vars.items():
+        for new_name in (str(label), logged_names.get(str(label))):
             if new_name in done.columns:
                 result[new_name].attrs = dict(variable.attrs)
     return result.assign_attrs(done.attrs)
