@@ -69,9 +69,9 @@ MIN_FREQUENCIES = 50
 # bands in which the spectrum is averaged, at most
 MAX_BANDS = 200
 # Frequency, in corner frequencies, at which the readings show how strong slope noise and level
-# noise are together, but not which of them it is: the middle of those below the corner. Without the
-# level noise that there may be, the band of the rate of a random walk is too narrow
-# (tests/smoothing/rate_study.py).
+# noise are together, but not which of them it is: the middle of those below the corner. Without
+# what that may be, the band of the rate of a random walk is too narrow
+# (tests/smoothing/rate_study.py: 85 % instead of 98 %).
 SHAPE_SHARE = 0.5
 # degrees of freedom up to which the uncertainty of an intensity widens the band noticeably
 FEW_DOF_OF_BAND = 30.0

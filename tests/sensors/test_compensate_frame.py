@@ -164,7 +164,8 @@ def test_numbers_and_clocks_as_text_are_read_as_in_a_file(table, from_file):
     clock = (START + pd.to_timedelta(table["time_s"], "s")).dt.strftime("%Y-%m-%d %H:%M:%S.%f")
     frame = table.astype(str).assign(Uhrzeit=clock).drop(columns="time_s")
     done = tcdyn.compensate_frame(frame, PROBE)
-    assert np.allclose(done["T1_degC"], from_file["T1_degC"], rtol=0, atol=2e-5)
+    rounded = done["T1_degC"].round(from_file.attrs["decimals"])
+    assert np.array_equal(rounded.to_numpy(), from_file["T1_degC"].to_numpy())
     with pytest.raises(InputError, match="holds text"):
         tcdyn.compensate_frame(table.assign(T1_degC="warm"), PROBE)
 
@@ -186,8 +187,11 @@ def test_datasets_and_arrays_of_xarray_keep_their_coordinates(table, from_file):
         assert done.attrs["start_time"] == START.isoformat()
         assert set(done.coords) == {"time", "station"}
         xr.testing.assert_identical(done["time"], data["time"])
-        # kelvin and back: some digits of the last decimal
-        assert np.allclose(done[name] - 273.15, from_file["T1_degC"], rtol=0, atol=2e-5)
+        rounding = 0.6 * 10.0 ** -from_file.attrs["decimals"]
+        assert np.allclose(done[name] - 273.15, from_file["T1_degC"], rtol=0, atol=rounding)
+        logged = done["gas_logged" if name == "gas" else "T1_logged_degC"]
+        assert logged.attrs == array.attrs
+        assert np.array_equal(logged, array)
     assert np.array_equal(done["power"], np.ones(N))
     with pytest.raises(InputError, match="dimensions"):
         tcdyn.compensate_dataset(array.expand_dims("x"), PROBE)
