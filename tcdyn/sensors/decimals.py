@@ -21,7 +21,7 @@ SHARE_OF_U = 0.1
 # Most decimals, or significant digits of the largest value where that is below 1: a double has 15
 # to 16 significant digits, and the static gain of no chain is known to twelve.
 MOST_DIGITS = 12
-EXACT_ENDINGS = (".parquet", ".tdms")  # files that hold doubles, and no text
+EXACT_ENDINGS = (".parquet", ".tdms", ".nc")  # files that hold doubles, and no text
 
 
 def decimals_for(values: Array, u: Array) -> int | None:
