@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from inspect import signature
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,13 +24,13 @@ from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.core.findings import Finding, Severity
+from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identification.excitation import excitation
 from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, block_held_out_rms, split_held_out
-from tcdyn.identification.holds import Holds
 from tcdyn.identification.identified import Identified, from_control
 from tcdyn.identification.iodata import IOData, as_iodata
 from tcdyn.identification.ladder import Ladder, select_structures
@@ -41,6 +41,7 @@ from tcdyn.identification.large_records import (
     search_record,
 )
 from tcdyn.identification.models import Model, as_model, process, several
+from tcdyn.identification.options import RecordOptions
 from tcdyn.identification.other_hold import check_holds
 from tcdyn.identification.recommendation import (
     HELD_OUT_GAIN_RATIO,
@@ -66,6 +67,7 @@ from tcdyn.identification.validation import (
     validate,
 )
 from tcdyn.rig.disk import Conditioning
+from tcdyn.series.joined import files_of_log
 
 # What a caller may compare; a ``control`` system has no type without importing that package.
 Entry = Model | str | Fit | Identified | Any
@@ -343,21 +345,10 @@ def compare(
 
 @with_named_arguments
 def identify(
-    data: IOData | pd.DataFrame | str | Path | tuple[Any, ...],
+    data: IOData | pd.DataFrame | str | Path | Sequence[str | Path] | tuple[Any, ...],
     *models: Entry | Sequence[Entry],
     input: str | Sequence[str] = (),
     output: str | Sequence[str] = (),
-    time: str | None = None,
-    time_unit: str | None = None,
-    run: str | None = None,
-    dt_s: float | None = None,
-    resample_s: float | None = None,
-    where: str | None = None,
-    on_change: float | None = None,
-    averages_s: float | None = None,
-    sheet: str | None = None,
-    variable: str | None = None,
-    hold: Holds | Literal["auto"] | None = None,
     **options: Any,
 ) -> Comparison:
     """Compare models of the dynamics between two columns, validate them, and recommend one.
@@ -366,18 +357,15 @@ def identify(
     ----------
     data
         A table with one row for each sample: a DataFrame, or a file (CSV, LVM, TDMS, Parquet, .xlsx
-        or .mat), of which ``input`` and ``output`` name columns. Or a tuple (u, y, dt_s) of arrays
-        or Series, or IOData.
+        or .mat), of which ``input`` and ``output`` name columns; of several files each is a run. Or
+        a tuple (u, y, dt_s) of arrays or Series, or IOData.
     models
         Models to compare; without any, process models of one to three lags.
-    input, output, time, time_unit, run, dt_s, resample_s, where, on_change, averages_s
-        As for :func:`tcdyn.identification.from_frame`; only of a table.
-    sheet, variable
-        Sheet of a workbook, and variable of a .mat file, if the file has several tables.
-    hold
-        The input between samples; by default that of IOData, else selected from the samples.
+    input, output
+        Columns of the inputs and of the outputs; only of a table.
     options
-        As for :func:`compare`.
+        How a table is read, the fields of :class:`tcdyn.identification.options.RecordOptions`; and
+        those of :func:`compare`. ``hold`` may be given for other data, too.
 
     Returns
     -------
@@ -401,20 +389,14 @@ def identify(
     >>> result.recommended, round(result.best.identified.theta["Tp1"], 1)
     ('P1', 0.8)
     """
-    columns: dict[str, Any] = {
-        "time": time,
-        "time_unit": time_unit,
-        "run": run,
-        "dt_s": dt_s,
-        "resample_s": resample_s,
-        "where": where,
-        "on_change": on_change,
-        "averages_s": averages_s,
-        "sheet": sheet,
-        "variable": variable,
-    }
-    if isinstance(data, str | Path):
-        data = from_csv(data, input=input, output=output, hold=hold or "auto", **columns)
+    of_record = [each.name for each in fields(RecordOptions)]
+    given = {name: options.pop(name) for name in of_record if name in options}
+    settings = options_of(RecordOptions, given, "identify")
+    hold = None if settings.hold is None else settings.holds
+    columns = {name: value for name, value in settings.stated.items() if name != "hold"}
+    files = files_of_log(data)
+    if files:
+        data = from_csv(files, input=input, output=output, hold=hold or "auto", **columns)
     elif isinstance(data, pd.DataFrame):
         data = from_frame(data, input=input, output=output, hold=hold or "auto", **columns)
     elif isinstance(data, IOData):
