@@ -377,7 +377,7 @@ def compensate_each(
     writing = {"delay_s": delay_s, "dialect": dialect, "comments": comments}
     settings = {
         "version": __version__,
-        "sensors": [sensor.to_dict() for sensor in sensors],
+        "sensors": [_without_creation(sensor) for sensor in sensors],
         **writing,
         **options,
     }
@@ -391,6 +391,11 @@ def compensate_each(
         options={**writing, **options},
     )
     return each_file(work, files, workers=workers, dask=dask, spelling=spelling, progress=progress)
+
+
+def _without_creation(sensor: SensorFile) -> dict[str, Any]:
+    """Content of a sensor file without the time of its creation, which changes no result."""
+    return {key: value for key, value in sensor.to_dict().items() if key != "created"}
 
 
 def _compensate_one(
