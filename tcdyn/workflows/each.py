@@ -23,6 +23,7 @@ from tcdyn.core.errors import InputError, Spelling, as_argument, utf8
 from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
+from tcdyn.io.checksum import CHECKSUM_KEY
 from tcdyn.io.endings import CSV, check_ending
 from tcdyn.io.metadata import metadata_path
 from tcdyn.io.read import sha256_of_file
@@ -395,7 +396,8 @@ def compensate_each(
 
 def _without_creation(sensor: SensorFile) -> dict[str, Any]:
     """Content of a sensor file without the time of its creation, which changes no result."""
-    return {key: value for key, value in sensor.to_dict().items() if key != "created"}
+    of_creation = ("created", CHECKSUM_KEY)
+    return {key: value for key, value in sensor.to_dict().items() if key not in of_creation}
 
 
 def _compensate_one(

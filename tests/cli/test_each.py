@@ -56,7 +56,7 @@ def test_a_function_that_fails_for_one_file_does_not_stop_the_others(logs, worke
     assert [each.file for each in run.outcomes] == logs
     assert run.exit_code == 1
     assert run.table["rows"].tolist()[::2] == [80, 80]
-    assert "log1.csv: failed with ValueError: no such number" == run.table["error"][1]
+    assert run.table["error"][1] == "log1.csv: failed with ValueError: no such number"
     assert sorted(done for _, done, _ in seen) == [1, 2, 3]
     assert "3 files: 2 done, 1 failed" in run.summary()
 
