@@ -24,6 +24,7 @@ from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.options import options_of
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
+from tcdyn.io.checksum import CHECKSUM_KEY
 from tcdyn.io.endings import CSV, check_ending
 from tcdyn.io.metadata import metadata_path
 from tcdyn.io.read import sha256_of_file
@@ -373,7 +374,7 @@ def compensate_each(
     stated = options_of(CompensateOptions, options, "compensate_each").stated
     settings = {
         "version": __version__,
-        "sensors": [sensor.to_dict() for sensor in sensors],
+        "sensors": [_without_creation(sensor) for sensor in sensors],
         **stated,
     }
     fingerprint = hashlib.sha256(json_text(settings).encode()).hexdigest()
@@ -386,6 +387,12 @@ def compensate_each(
         options=stated,
     )
     return each_file(work, files, workers=workers, dask=dask, spelling=spelling, progress=progress)
+
+
+def _without_creation(sensor: SensorFile) -> dict[str, Any]:
+    """Content of a sensor file without the time of its creation, which changes no result."""
+    of_creation = ("created", CHECKSUM_KEY)
+    return {key: value for key, value in sensor.to_dict().items() if key not in of_creation}
 
 
 def _compensate_one(
