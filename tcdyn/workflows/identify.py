@@ -135,7 +135,7 @@ def identify(
     inputs = _columns("input", input)
     outputs = _columns("output", output)
     _check_narx_and_gain(settings, len(inputs))
-    known_filter = settings.conditioning
+    fit_settings = {**settings.fit_settings, "held_out": settings.held_out}
     record = from_csv(
         data,
         input=inputs,
@@ -146,16 +146,15 @@ def identify(
         **asdict(settings.rows),
     )
     names = list(record.input_names)  # with the units that the file states
-    models = [_model(name, names, settings, known_filter) for name in settings.models]
-    like = _model("P1", names[:1], settings, known_filter)
-    fit_settings = {**settings.fit_settings, "like": like, "held_out": settings.held_out}
+    known = settings.conditioning
+    models = [_model(name, names, settings, known) for name in settings.models]
+    fit_settings["like"] = _model("P1", names[:1], settings, known)
     results = {}
     for column in outputs:
         one = record.select(output=column)
         with progress(len(models)) if progress else nullcontext(_no_progress) as report:
             comparison = compare(one, models, progress=report, **fit_settings)
-        sentence, narx = _level_dependence(one, settings)
-        results[column] = IdentifiedOutput(one, comparison, known_filter, sentence, narx)
+        results[column] = IdentifiedOutput(one, comparison, known, *_level_test(one, settings))
         if done is not None:
             done(column, results[column])
     return results
@@ -187,7 +186,7 @@ def _check_narx_and_gain(settings: IdentifyOptions, n_inputs: int) -> None:
         frols_with_polynomials()
 
 
-def _level_dependence(record: IOData, settings: IdentifyOptions) -> tuple[str, dict[str, Any]]:
+def _level_test(record: IOData, settings: IdentifyOptions) -> tuple[str, dict[str, Any]]:
     """Sentence and result of the test whether the lag depends on the level; empty without it."""
     if not settings.narx:
         return "", {}

@@ -49,6 +49,14 @@ class AnalysisOptions(Options):
     seed: int = option(0, "Advanced", low=0, high=UNLIMITED)
 
     @property
+    def bearing_path(self) -> Path | None:
+        """File of the pure-rolling test; None without one."""
+        bearing = self.bearing
+        if bearing is None or isinstance(bearing, BearingFile):
+            return None
+        return Path(bearing)
+
+    @property
     def bearing_file(self) -> BearingFile | None:
         """The pure-rolling test; None without one.
 
@@ -73,8 +81,7 @@ class BetaOptions(AnalysisOptions):
     profiles
         write the likelihood profiles of the joint fits into beta.json; the report always has them
     stage
-        analyse one of several loadings in the log, from 1 (default: all; of the function the
-        longest)
+        analyse one of several loadings in the log, from 1 (default: all)
     """
 
     sensor_check: bool = option(True, "Advanced")
@@ -134,6 +141,12 @@ class CampaignOptions(AnalysisOptions):
             )
 
     @property
+    def compared_files(self) -> list[Path]:
+        """Files that the tests are compared with."""
+        files = [*self.curve, *([] if self.compare is None else [self.compare])]
+        return [Path(file) for file in files]
+
+    @property
     def of_analysis(self) -> AnalysisOptions:
         """How each log is analysed, with the pure-rolling test read.
 
@@ -172,7 +185,7 @@ class CalibrateOptions(Options):
         natural convection: mcadams, similarity or churchill-chu-laminar
     """
 
-    reading_u_K: float | None = option(None, "Two-disk rig", low=0, high=LARGEST_READING_U_K)
+    reading_u_K: float | None = option(None, "Input", low=0, high=LARGEST_READING_U_K)
     prt_u_degC: float = option(0.0, "Advanced", low=0, high=LARGEST_READING_U_K)
     structure: str = option("P2", "Advanced", choices=STRUCTURES)
     correlation: str = option("churchill-chu-laminar", "Advanced")
