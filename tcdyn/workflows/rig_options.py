@@ -1,6 +1,6 @@
 """Options of calibration, heat partition and campaign: one dataclass each, also for the commands.
 
-See :mod:`tcdyn.core.options`. Tests: ``tests/cli/test_options.py`` and
+See :mod:`tcdyn.core.options`. Tests: ``tests/cli/test_rig_options.py`` and
 ``tests/cli/test_campaign_command.py``.
 """
 

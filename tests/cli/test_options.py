@@ -149,7 +149,9 @@ class Limits(Options):
     """
 
     limit_K: float = option(0.5, "Advanced", low=0, high=1)
-    kinds: Sequence[str] = option((), "Model", name="kind", short="-k", choices=("a", "b"), takes=list[str])
+    kinds: Sequence[str] = option(
+        (), "Model", name="kind", short="-k", choices=("a", "b"), takes=list[str]
+    )
 
 
 def _command(log: Path, refine: bool = True, *, options: Limits) -> None:
@@ -343,7 +345,17 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     out = slow_plunge.with_name("smooth.csv")
     record = campaign.record_paths["fast"]
     assert (
-        tcdyn("compensate", slow_plunge, "--record", record, "--method", "noise-only", "--json", "--out", out)
+        tcdyn(
+            "compensate",
+            slow_plunge,
+            "--record",
+            record,
+            "--method",
+            "noise-only",
+            "--json",
+            "--out",
+            out,
+        )
         == 0
     )
     found = json.loads(capsys.readouterr().out)
@@ -364,7 +376,16 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     )  # a lag of 0.7 s at 0.1 K/s would be 0.07 K
     assert tcdyn("compensate", out, "--record", record) == 2  # its static lines are applied already
     assert (
-        tcdyn("compensate", slow_plunge, "--record", record, "--method", "noise-only", "--report", "x.html")
+        tcdyn(
+            "compensate",
+            slow_plunge,
+            "--record",
+            record,
+            "--method",
+            "noise-only",
+            "--report",
+            "x.html",
+        )
         == 2
     )
 
