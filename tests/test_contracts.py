@@ -128,3 +128,30 @@ def test_no_import_cycle_between_files() -> None:
         TopologicalSorter(imports()).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
+
+
+# Limits of a function of a command or a flow; options belong into a dataclass (tcdyn.core.options).
+MOST_PARAMETERS = 12
+MOST_LINES = 80
+
+
+def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Every function of a file, also inside classes and other functions."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+@pytest.mark.parametrize("package", ["tcdyn/cli", "tcdyn/workflows"])
+def test_functions_of_commands_and_flows_are_short(package: str) -> None:
+    """At most 12 parameters, and 80 lines with the docstring."""
+    too_long = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        for function in functions(path):
+            given = function.args
+            named = [*given.posonlyargs, *given.args, *given.kwonlyargs]
+            count = len(named) + (given.vararg is not None) + (given.kwarg is not None)
+            lines = (function.end_lineno or 0) - function.lineno + 1
+            if count > MOST_PARAMETERS or lines > MOST_LINES:
+                too_long[f"{path.name}: {function.name}"] = (count, lines)
+    assert too_long == {}

@@ -6,17 +6,18 @@ The estimates come from :mod:`tcdyn.workflows.beta` and :mod:`tcdyn.workflows.ca
 
 from __future__ import annotations
 
-import os
 import sys
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tcdyn.cli.common import (
     NOT_TRUSTED,
+    OutFile,
     RecordFiles,
     Reporter,
     RigFileOrRecords,
@@ -24,27 +25,20 @@ from tcdyn.cli.common import (
     check_folder,
     check_outputs,
     count_progress,
-    number_option,
     options_from_docstring,
     stage_progress,
     write_json,
 )
-from tcdyn.core.errors import InputError, printable
+from tcdyn.core.errors import printable
 from tcdyn.io.endings import JSON, PAGE, FileKind
 from tcdyn.series.options import ReadingOptions
+from tcdyn.workflows.rig_options import BetaOptions, CampaignOptions
 
-Bearing = Annotated[
-    Path | None,
-    typer.Option(
-        help="CSV of a pure-rolling test with the columns load_N, friction_N, speed_slow_rpm; half "
-        "of its friction is added to that of the test"
-    ),
-]
-Without = Annotated[
-    list[str] | None,
-    typer.Option(help="channel not to use, such as fast_c; repeat for several"),
-]
-Seed = Annotated[int, typer.Option(min=0, help="seed of the Monte Carlo of the uncertainty budget")]
+if TYPE_CHECKING:
+    from tcdyn.rig.record import DiskRecord
+    from tcdyn.rig.rigfile import Rig
+    from tcdyn.workflows.beta import BetaRun
+    from tcdyn.workflows.campaign import CampaignRun
 
 
 @options_from_docstring
@@ -52,17 +46,11 @@ def beta(
     log: Path,
     record: RecordFiles,
     rig: RigFileOrRecords = None,
-    out: Path | None = None,
-    report: Path | None = None,
-    bearing: Bearing = None,
-    without: Without = None,
-    window_s: Annotated[float, number_option(0, 1e6, ends=False)] = 5.0,
-    sensor_check: bool = True,
-    seed: Seed = 0,
-    profiles: bool = False,
-    stage: Annotated[int | None, typer.Option(min=1)] = None,
+    out: OutFile = None,
+    report: OutFile = None,
     verbose: Verbose = False,
     *,
+    options: BetaOptions,
     reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
@@ -88,51 +76,18 @@ def beta(
         beta.json to write
     report
         HTML report to write
-    window_s
-        length of the cooling fit in seconds
-    sensor_check
-        exclude dead channels, stop if channels are swapped, warn of misplaced junctions
-    profiles
-        write the likelihood profiles of the joint fits into beta.json; the report always has them
-    stage
-        analyse one of several loadings in the log, from 1 (default: all)
     """
     from tcdyn.io.read import display_path
-    from tcdyn.partition.operating_conditions import read_bearing
-    from tcdyn.rig.opened_log import (
-        check_records_used,
-        column_names,
-        records_by_disk,
-        rig_from_records,
-    )
-    from tcdyn.rig.rigfile import load_rig
-    from tcdyn.workflows.beta import estimate_beta, estimate_stages
+    from tcdyn.rig.opened_log import check_records_used, column_names
+    from tcdyn.workflows.beta import estimate_stages
 
-    read_files = [log, rig, bearing, *record]
+    read_files = [log, rig, options.bearing_path, *record]
     check_outputs(read_files, reporter.overwrite, out=(out, JSON), report=(report, PAGE))
-    records = records_by_disk(record)
-    rig_settings = load_rig(rig) if rig else rig_from_records(records)
-    rig_settings = rig_settings.with_reading(reading)
-    names = column_names(log, rig_settings)
-    check_records_used(names, rig_settings, records, display_path(log))
-    rolling = read_bearing(bearing) if bearing else None
+    records, settings = _records_and_rig(record, rig, reading)
+    check_records_used(column_names(log, settings), settings, records, display_path(log))
     with stage_progress(reporter.is_silent, verbose) as progress:
-        options: dict[str, Any] = {
-            "window_s": window_s,
-            "seed": seed,
-            "sensor_check": sensor_check,
-            "bearing": rolling,
-            "without": without or (),
-            "profiles": profiles,
-            "progress": progress,
-        }
-        if stage is None:
-            runs = estimate_stages(log, rig_settings, records, **options)
-        else:
-            runs = (estimate_beta(log, rig_settings, records, stage=stage, **options),)
-        files = []
-        if out is not None:
-            files = _output_files(out, len(runs))
+        runs = estimate_stages(log, settings, records, progress=progress, **options.stated)
+        files = [] if out is None else _output_files(out, len(runs))
         # computed once, and only where it is written: it may include the likelihood profiles
         contents = cache(lambda: [run.to_dict() for run in runs])
         if len(files) > 1:  # names that only the unloadings in the log determine
@@ -142,12 +97,73 @@ def beta(
             write_json(file, contents()[k])
         if report is not None:
             progress("writing the report")
-            from tcdyn.report.beta import write_beta_report
-            from tcdyn.report.sources import source_table
-
-            tests = {run.log.path.stem: run.partition for run in runs}
-            write_beta_report(report, tests, sources=source_table(runs, record, rig))
+            _write_report(report, runs, record, rig)
     reporter.json(lambda: contents()[0] if len(runs) == 1 else contents())
+    _print_runs(runs, files, report, reporter)
+
+
+def _records_and_rig(
+    files: list[Path], rig: Path | None, reading: ReadingOptions
+) -> tuple[dict[str, DiskRecord], Rig]:
+    """The records by disk, and the rig file or the rig that they were made with.
+
+    Parameters
+    ----------
+    files
+        Disk records.
+    rig
+        Rig file; None: that of the records.
+    reading
+        How the rows of a log are read.
+    """
+    from tcdyn.rig.opened_log import records_by_disk, rig_from_records
+    from tcdyn.rig.rigfile import load_rig
+
+    records = records_by_disk(files)
+    settings = load_rig(rig) if rig else rig_from_records(records)
+    return records, settings.with_reading(reading)
+
+
+def _write_report(
+    path: Path, runs: Sequence[BetaRun], records: list[Path], rig: Path | None
+) -> None:
+    """Write the page with all tests of a log.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    runs
+        The tests.
+    records, rig
+        Files that they were analysed with.
+    """
+    from tcdyn.report.beta import write_beta_report
+    from tcdyn.report.sources import source_table
+
+    tests = {run.log.path.stem: run.partition for run in runs}
+    write_beta_report(path, tests, sources=source_table(runs, records, rig))
+
+
+def _print_runs(
+    runs: Sequence[BetaRun], files: Sequence[Path], report: Path | None, reporter: Reporter
+) -> None:
+    """Print the tests of a log, the files that were written, and the findings.
+
+    Parameters
+    ----------
+    runs
+        The tests.
+    files, report
+        Files that were written.
+    reporter
+        Output of the command.
+
+    Raises
+    ------
+    typer.Exit
+        If a result is not to be trusted.
+    """
     for run in runs:
         if len(runs) > 1:
             reporter.text(f"{run.log.path.stem}:")
@@ -189,18 +205,10 @@ def _output_files(out: Path, count: int) -> list[Path]:
 def campaign(
     logs: list[Path],
     record: RecordFiles,
-    out: Annotated[Path, typer.Option()],
+    out: Annotated[Path, typer.Option(rich_help_panel="Output")],
     rig: RigFileOrRecords = None,
-    workers: Annotated[int | None, typer.Option(min=1, max=256)] = None,
-    dask: str | None = None,
-    bearing: Bearing = None,
-    without: Without = None,
-    curve: list[Path] | None = None,
-    compare: Path | None = None,
-    interchanged: list[str] | None = None,
-    window_s: Annotated[float, number_option(0, 1e6, ends=False)] = 5.0,
-    seed: Seed = 0,
     *,
+    options: CampaignOptions,
     reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
@@ -227,85 +235,90 @@ def campaign(
         EHL logs as recorded
     out
         folder for <log>.beta.json, campaign.csv and campaign.html
-    workers
-        worker processes (default: 2 if there are two cores)
-    dask
-        address of a Dask scheduler, e.g. tcp://host:8786
-    curve
-        CSV of a model curve to compare with beta: one of delta_T_us_K_m_s, load_N,
-        sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; repeat for several
-    compare
-        table of other tests to compare with, such as a campaign.csv: load_N, sliding_speed_m_s and
-        friction_N, fast_bulk_degC or other columns of campaign.csv
-    interchanged
-        of two logs of one test: a junction whose channel was interchanged with that of another one
-        between them, such as slow_a; give it twice; compares the temperature maps (section 6.4.2.4)
-    window_s
-        length of the cooling fit in seconds
     """
     from tcdyn.core.parallel import worker_processes_end
-    from tcdyn.partition.operating_conditions import read_bearing
-    from tcdyn.report.campaign import write_campaign_report
-    from tcdyn.report.sources import record_rows
-    from tcdyn.rig.disk import channels_left_out
-    from tcdyn.rig.opened_log import records_by_disk, rig_from_records
-    from tcdyn.rig.rigfile import load_rig
-    from tcdyn.workflows.campaign import (
-        OUTPUTS,
-        PAGE_FILE,
-        TABLE_FILE,
-        CampaignSettings,
-        run_campaign,
-    )
+    from tcdyn.workflows.campaign import run_campaign
 
-    if dask is not None and workers is not None:
-        raise typer.BadParameter("give --workers or --dask, not both")
     check_folder(out)
-    read_files = [*logs, rig, bearing, compare, *record, *(curve or ())]
-    page = out / PAGE_FILE
-    is_earlier_run = page.is_file() and b"tcdyn" in page.read_bytes()
-    overwrite = reporter.overwrite or is_earlier_run
-    for name in OUTPUTS:
-        file = out / name
-        check_outputs(read_files, overwrite, out=(file, FileKind(name, (file.suffix,))))
-    records = records_by_disk(record)
-    rig_settings = load_rig(rig) if rig else rig_from_records(records)
-    rig_settings = rig_settings.with_reading(reading)
-    rolling = read_bearing(bearing) if bearing else None
-    channels_left_out(without or (), rig_settings.setups)
-    pair = tuple(interchanged or ())
-    if len(pair) not in (0, 2):
-        raise InputError(
-            f"--interchanged is given {len(pair)} times",
-            expected="two junctions: --interchanged slow_a --interchanged slow_c",
-        )
-    settings = CampaignSettings(
-        rig_settings, records, window_s, seed, rolling, tuple(without or ())
-    )
-    files = {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
-    existing = {content for content, path in files.items() if path.exists()}
-    n_workers = workers or min(2, os.cpu_count() or 1)
-    uses_processes = dask is None and n_workers > 1 and len(logs) > 1
+    read_files = [*logs, rig, options.bearing_path, *options.compared_files, *record]
+    _check_campaign_files(out, read_files, reporter.overwrite)
+    records, settings = _records_and_rig(record, rig, reading)
+    before = {path for path in _campaign_files(out).values() if path.exists()}
+    uses_processes = options.n_workers > 1 and len(logs) > 1
     with (
         worker_processes_end() if uses_processes else nullcontext(),
         count_progress(len(logs), reporter.is_silent) as progress,
     ):
-        run = run_campaign(
-            logs,
-            settings,
-            out,
-            workers=n_workers,
-            dask=dask,
-            models=curve or (),
-            compare=compare,
-            interchanged=(pair[0], pair[1]) if pair else None,
-            progress=progress,
-        )
+        run = run_campaign(logs, settings, records, out, progress=progress, **options.stated)
+    _write_and_print(run, records, record, before, reporter)
+
+
+def _campaign_files(out: Path) -> dict[str, Path]:
+    """Table and page of a campaign, by what they are."""
+    from tcdyn.workflows.campaign import PAGE_FILE, TABLE_FILE
+
+    return {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
+
+
+def _check_campaign_files(
+    out: Path, read_files: Sequence[Path | str | None], overwrite: bool
+) -> None:
+    """Check that the files of a campaign may be written; those of an earlier run may be replaced.
+
+    Parameters
+    ----------
+    out
+        Folder of the campaign.
+    read_files
+        Files that are read.
+    overwrite
+        Whether any file may be replaced.
+    """
+    from tcdyn.workflows.campaign import OUTPUTS
+
+    page = _campaign_files(out)["report"]
+    is_earlier_run = page.is_file() and b"tcdyn" in page.read_bytes()
+    for name in OUTPUTS:
+        file = out / name
+        kind = FileKind(name, (file.suffix,))
+        check_outputs(read_files, overwrite or is_earlier_run, out=(file, kind))
+
+
+def _write_and_print(
+    run: CampaignRun,
+    records: Mapping[str, DiskRecord],
+    record_files: list[Path],
+    before: set[Path],
+    reporter: Reporter,
+) -> None:
+    """Write the page of a campaign, and print its result.
+
+    Parameters
+    ----------
+    run
+        The campaign.
+    records, record_files
+        The disk records, and their files.
+    before
+        Table and page of an earlier run, which are kept if no log could be analysed.
+    reporter
+        Output of the command.
+
+    Raises
+    ------
+    typer.Exit
+        With code 2 if no log could be analysed, with 1 if one could not, or if a result is not to
+        be trusted.
+    """
+    from tcdyn.report.campaign import write_campaign_report
+    from tcdyn.report.sources import record_rows
+
+    files = _campaign_files(run.folder)
     all_failed = len(run.failed) == len(run.outcomes)
     if all_failed:
-        files = {content: path for content, path in files.items() if content not in existing}
+        files = {content: path for content, path in files.items() if path not in before}
     if "report" in files:
-        write_campaign_report(files["report"], run, record_rows(records, record))
+        write_campaign_report(files["report"], run, record_rows(records, record_files))
     for outcome in run.failed:
         print(f"tcdyn: {printable(str(outcome.error))}", file=sys.stderr)
     reporter.json(run.card)

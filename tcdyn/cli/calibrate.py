@@ -6,44 +6,51 @@ Tests: ``tests/cli/test_calibrate_command.py`` and ``tests/cli/test_hole_command
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tcdyn.cli.common import (
     Disk,
+    OutFile,
     Reporter,
     RigFile,
     Verbose,
     check_outputs,
-    number_option,
     options_from_docstring,
     source_entry,
     stage_progress,
     write_json,
 )
 from tcdyn.core.errors import InputError
-from tcdyn.core.options import number_with_u
+from tcdyn.core.options import NumberWithU, Options, number_with_u, option
 from tcdyn.io.endings import JSON, PAGE
 from tcdyn.series.options import ReadingOptions
+from tcdyn.workflows.rig_options import CalibrateOptions
+
+if TYPE_CHECKING:
+    from tcdyn.rig.record import DiskRecord
+
+# Depths [mm] below this are no mistake: a disk is some 10 mm wide.
+DEEPEST_MM = 100.0
 
 
 @options_from_docstring
 def calibrate(
     disk: Disk,
-    immersion: Annotated[list[Path], typer.Option()],
-    oven: Path | None = None,
-    reading_u_K: Annotated[float | None, number_option(0, 50)] = None,
-    out: Path | None = None,
+    immersion: Annotated[list[Path], typer.Option(rich_help_panel="Input")],
+    oven: Annotated[Path | None, typer.Option(rich_help_panel="Input")] = None,
+    fluid: Annotated[list[str] | None, typer.Option(rich_help_panel="Input")] = None,
     rig: RigFile = None,
-    fluid: list[str] | None = None,
-    structure: str = "P2",
-    correlation: str = "churchill-chu-laminar",
-    report: Path | None = None,
-    earlier: list[Path] | None = None,
+    out: OutFile = None,
+    report: OutFile = None,
+    earlier: Annotated[list[Path] | None, typer.Option(rich_help_panel="Output")] = None,
     verbose: Verbose = False,
     *,
+    options: CalibrateOptions,
     reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
@@ -58,24 +65,16 @@ def calibrate(
         plunge log; repeat for each plunge
     oven
         oven log: one row per steady minute
-    reading_u_K
-        without an oven log: standard uncertainty of a logged reading [K], such as 0.9 for a
-        tolerance of 1.5 K
+    fluid
+        mobil-jet-ii (default), water or a table.csv; once for all plunges, or once for each
     out
         record to write (default DISK.disk.json)
-    fluid
-        mobil-jet-ii, water or a table.csv; once for all plunges, or once for each
-    structure
-        chain structure: P1 (one lag), P2 (two), P3 (three), P1D or P2D (with a dead time), P2Z
-        (with a zero: a slow tail); the others are fitted for comparison
-    correlation
-        natural convection: mcadams, similarity or churchill-chu-laminar
     report
         HTML certificate to write
     earlier
         earlier record of this disk; the certificate then states the drift
     """
-    from tcdyn.rig.record import read_record, write_record
+    from tcdyn.rig.record import write_record
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows import calibrate_disk
 
@@ -83,24 +82,11 @@ def calibrate(
     fluids = fluid or ["mobil-jet-ii"]
     read_files = [rig, oven, *immersion, *fluids, *(earlier or [])]
     check_outputs(read_files, reporter.overwrite, out=(target, JSON), report=(report, PAGE))
-    earlier_records = [read_record(path) for path in earlier or []]
-    for path, record in zip(earlier or [], earlier_records):
-        if record.disk != disk:
-            raise InputError(
-                f"--earlier is a record of another disk ({path}: {record.disk})",
-                expected=f"records of the {disk} disk",
-            )
+    earlier_records = _earlier_records(earlier or [], disk)
+    rig_settings = load_rig(rig).with_reading(reading)
     with stage_progress(reporter.is_silent, verbose) as progress:
         run = calibrate_disk(
-            load_rig(rig).with_reading(reading),
-            disk,
-            oven,
-            immersion,
-            fluids,
-            structure=structure,
-            correlation=correlation,
-            reading_u_K=reading_u_K,
-            progress=progress,
+            rig_settings, disk, oven, immersion, fluids, progress=progress, **options.stated
         )
     write_record(run.record, target)
     if report is not None:
@@ -113,16 +99,71 @@ def calibrate(
     reporter.finish(f"{disk} disk", run.findings)
 
 
+def _earlier_records(files: Sequence[Path], disk: str) -> list[DiskRecord]:
+    """Read earlier records of a disk.
+
+    Raises
+    ------
+    InputError
+        For a record of another disk.
+    """
+    from tcdyn.rig.record import read_record
+
+    records = [read_record(path) for path in files]
+    for path, record in zip(files, records):
+        if record.disk != disk:
+            raise InputError(
+                f"--earlier is a record of another disk ({path}: {record.disk})",
+                expected=f"records of the {disk} disk",
+            )
+    return records
+
+
+@dataclass(frozen=True)
+class HoleOptions(Options):
+    """How holes and cements are compared.
+
+    Attributes
+    ----------
+    ideal
+        name of a clamped channel, without _degC (default: all named ideal_*)
+    limit_s
+        extra lag in seconds above which a hole is too slow
+    depth_mm
+        depth of all junctions in mm with its standard uncertainty
+    """
+
+    ideal: Sequence[str] = option((), "Input", takes=list[str])
+    limit_s: float = option(0.20, "Advanced", low=0, high=100)
+    depth_mm: NumberWithU = option("3+-0.05", "Advanced", takes=str)
+
+    @property
+    def depth_and_u_mm(self) -> tuple[float, float]:
+        """Depth of all junctions and its standard uncertainty [mm].
+
+        Raises
+        ------
+        InputError
+            For a depth that is not positive or that no disk has.
+        """
+        depth, u = number_with_u(self.depth_mm, "depth_mm")
+        if not (0 < depth < DEEPEST_MM and u < DEEPEST_MM):
+            raise InputError(
+                f"{{depth_mm}} is {self.depth_mm}",
+                expected=f"above 0 and below {DEEPEST_MM:g} mm",
+                parameters={"depth_mm": None},
+            )
+        return depth, u
+
+
 @options_from_docstring
 def holes(
     log: Path,
     rig: RigFile = None,
-    ideal: list[str] | None = None,
-    limit_s: Annotated[float, number_option(0, 100)] = 0.20,
-    depth_mm: str = "3+-0.05",
-    out: Path | None = None,
-    report: Path | None = None,
+    out: OutFile = None,
+    report: OutFile = None,
     *,
+    options: HoleOptions,
     reading: ReadingOptions,
     reporter: Reporter,
 ) -> None:
@@ -134,12 +175,6 @@ def holes(
     ----------
     log
         log of several thermocouples at one depth, some clamped as a reference
-    ideal
-        name of a clamped channel, without _degC (default: all named ideal_*)
-    limit_s
-        extra lag in seconds above which a hole is too slow
-    depth_mm
-        depth of all junctions in mm with its standard uncertainty
     out
         JSON to write
     report
@@ -153,17 +188,15 @@ def holes(
     from tcdyn.workflows.calibrate import log_findings
 
     check_outputs([log, rig], reporter.overwrite, out=(out, JSON), report=(report, PAGE))
-    depth, depth_u = number_with_u(depth_mm, "depth_mm")
-    if not (0 < depth < 100 and depth_u < 100):
-        raise InputError(f"--depth-mm is {depth_mm}", expected="above 0 and below 100 mm")
+    depth_mm, depth_u_mm = options.depth_and_u_mm
     setup = load_rig(rig).with_reading(reading)
     table = read_log(log, "hole", setup)
     comparison = compare_holes(
         with_filled_bath(table),
-        ideal=ideal,
-        limit_s=limit_s,
-        depth_m=depth * 1e-3,
-        depth_u_m=depth_u * 1e-3,
+        ideal=options.ideal or None,
+        limit_s=options.limit_s,
+        depth_m=depth_mm * 1e-3,
+        depth_u_m=depth_u_mm * 1e-3,
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
@@ -173,33 +206,9 @@ def holes(
     if out is not None:
         write_json(out, content)
     if report is not None:
-        from functools import partial
+        from tcdyn.report.holes import write_holes_report
 
-        from tcdyn.plots.plunge import draw_holes
-        from tcdyn.plots.style import panel_figure
-        from tcdyn.report.page import Section, write_page
-        from tcdyn.report.sources import log_row
-        from tcdyn.report.sources import to_table as made_of
-
-        picture = panel_figure(partial(draw_holes, comparison), height_in=4.5)
-        caption = (
-            "Dots: readings; lines: the fit. All junctions have the same temperature around them, "
-            "so "
-            "a curve that lags the clamped ones (ideal) is delayed by its hole and cement."
-        )
-        sections = [
-            Section("Extra lag of each hole", table=comparison.card()),
-            Section("The plunge", figure=picture, caption=caption),
-        ]
-        write_page(
-            report,
-            f"Holes and cement: {log.name}",
-            sections,
-            verdict=comparison.summary().replace("\n", "\n\n"),
-            findings=findings,
-            sources=made_of([log_row(table)]),
-            assumptions=[f"all junctions lie {depth:g} +- {depth_u:g} mm deep, at one temperature"],
-        )
+        write_holes_report(report, comparison, table, (depth_mm, depth_u_mm), findings)
     reporter.json(lambda: content)
     reporter.summary(comparison.summary())
     reporter.files(numbers=out, report=report)

@@ -6,6 +6,7 @@ The field of the synthetic rig is :mod:`tcdyn.simulate.field`, the press fit
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -14,12 +15,14 @@ from tcdyn.cli.common import (
     OptionalPicture,
     Picture,
     Reporter,
-    check_choice,
+    RigFile,
     check_picture,
     options_from_docstring,
     save_picture,
 )
-from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, bore_contacts
+from tcdyn.cli.simulate import DrawnRig, SimulatedTest
+from tcdyn.core.options import Options, option
+from tcdyn.rig.disk import DISKS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,14 +40,7 @@ app = typer.Typer(
 @app.command("simulate")
 @options_from_docstring
 def simulate_circumference(
-    picture: Picture,
-    test: Test = "B3",
-    seed: Seed = 0,
-    beta: Beta = None,
-    uneven: Uneven = None,
-    rig: RigPath = None,
-    *,
-    reporter: Reporter,
+    picture: Picture, *, options: SimulatedTest, drawn: DrawnRig, reporter: Reporter
 ) -> None:
     """Draw the temperature of the synthetic disks at the end of the load.
 
@@ -55,15 +51,14 @@ def simulate_circumference(
     Example: tcdyn rig circumference simulate --picture disks.png --test D4 --uneven slow:0.5@30
     """
     from tcdyn.plots.circumferential import circumferential_figure
-    from tcdyn.rig.disk import DISKS
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.ehl import EhlOptions
     from tcdyn.simulate.field import disk_fields
     from tcdyn.simulate.truth import draw_truth
 
-    check_picture(picture, [rig], reporter.overwrite)
-    truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
-    disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
+    check_picture(picture, [drawn.rig], reporter.overwrite)
+    truth = draw_truth(drawn.seed, load_rig(drawn.rig)).with_uneven(options.bore_contacts_by_disk)
+    disks = disk_fields(options.test, drawn.seed, truth, EhlOptions(beta=options.beta))
     save_picture(circumferential_figure([disks[d] for d in DISKS]), picture)
     numbers = {
         d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].reading_degC}
@@ -76,13 +71,26 @@ def simulate_circumference(
     reporter.files(picture=picture)
 
 
+@dataclass(frozen=True)
+class FitOptions(Options):
+    """Options of the press fit.
+
+    Attributes
+    ----------
+    disk
+        fast or slow (default: each with a stated fit)
+    """
+
+    disk: str | None = option(None, "Two-disk rig", choices=DISKS)
+
+
 @app.command("fit")
 @options_from_docstring
 def fit_circumference(
-    rig: RigPath = None,
-    disk: str | None = None,
+    rig: RigFile = None,
     picture: OptionalPicture = None,
     *,
+    options: FitOptions,
     reporter: Reporter,
 ) -> None:
     """Compute the press fit that rig.toml states: pressure (6.1) and conductance (6.2).
@@ -95,24 +103,16 @@ def fit_circumference(
     stated, `tcdyn simulate ehl`, `tcdyn rig circumference simulate` and `tcdyn rig beta` use it.
 
     Example: tcdyn rig circumference fit --rig rig.toml --disk slow --picture fit.png
-
-    Parameters
-    ----------
-    disk
-        fast or slow (default: each with a stated fit)
     """
     from functools import partial
 
     from tcdyn.plots.circumferential import draw_press_fit
     from tcdyn.plots.style import panel_figure
-    from tcdyn.rig.disk import DISKS
     from tcdyn.rig.rigfile import load_rig
 
-    if disk is not None:
-        check_choice("--disk", disk, DISKS)
     check_picture(picture, [rig], reporter.overwrite)
     rig_settings = load_rig(rig)
-    setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
+    setups = [rig_settings.disk_setup(d) for d in DISKS if options.disk in (None, d)]
     stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]
     numbers = {s.name: _fit_numbers(s) for s in stated}
     if picture is not None:

@@ -42,12 +42,23 @@ OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "start_s": "--covariance-from-s",
     "models": "--model",
 }
-_PICTURE = typer.Option(help="picture to write: .png, .svg or .pdf")
+_PICTURE = typer.Option(help="picture to write: .png, .svg or .pdf", rich_help_panel="Output")
 Picture = Annotated[Path, _PICTURE]
 OptionalPicture = Annotated[Path | None, _PICTURE]
-RigFile = Annotated[Path | None, typer.Option(help="rig.toml; without it the defaults are used")]
+# Limits of temperatures [degC] that fluids and thermocouples of the rig stand.
+LOWEST_DEGC, HIGHEST_DEGC = -60.0, 400.0
+# A file to write; the docstring of the command states what it contains.
+OutFile = Annotated[Path | None, typer.Option(rich_help_panel="Output")]
+RigFile = Annotated[
+    Path | None,
+    typer.Option(help="rig.toml; without it the defaults are used", rich_help_panel="Two-disk rig"),
+]
 RigFileOrRecords = Annotated[
-    Path | None, typer.Option(help="rig.toml; without it the rig stored in the records is used")
+    Path | None,
+    typer.Option(
+        help="rig.toml; without it the rig stored in the records is used",
+        rich_help_panel="Two-disk rig",
+    ),
 ]
 Verbose = Annotated[
     bool,
@@ -58,10 +69,12 @@ Verbose = Annotated[
         rich_help_panel="Output",
     ),
 ]
-# The option of disk records, required or not.
-RECORD = typer.Option(help="*.disk.json of a disk; give it once for each disk")
-RecordFiles = Annotated[list[Path], RECORD]
-OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
+RecordFiles = Annotated[
+    list[Path],
+    typer.Option(
+        help="*.disk.json of a disk; give it once for each disk", rich_help_panel="Two-disk rig"
+    ),
+]
 
 
 def as_option(name: str, value: Value = None) -> str:
@@ -382,63 +395,19 @@ class Reporter:
                 self.text(f"{content}: {path}")
 
 
-def number_option(low: float, high: float, *, help: str | None = None, ends: bool = True) -> Any:
-    """An option whose numbers must lie within limits, and not be NaN.
-
-    Parameters
-    ----------
-    low, high
-        Limits.
-    help
-        Its help, where the docstring of the command does not have it.
-    ends
-        Whether the limits themselves are allowed.
-
-    Returns
-    -------
-    option
-        For the annotation of a parameter, one number or a list of them; it raises InputError for a
-        number out of range.
-    """
-
-    def check(param: typer.CallbackParam, value: Any) -> Any:
-        """Check one number or a list of them, and return it."""
-        numbers = value if isinstance(value, list | tuple) else [value]
-        for number in numbers:
-            if number is None or low < number < high or (ends and low <= number <= high):
-                continue
-            expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
-            raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
-        return value
-
-    return typer.Option(help=help, callback=check)
-
-
-def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    """Raise InputError for a value that is none of ``allowed``.
-
-    Parameters
-    ----------
-    option
-        Name of the option, with dashes.
-    value
-        What the user wrote.
-    allowed
-        Possible values.
-    """
-    if value not in allowed:
-        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
-
-
 def _check_disk(value: str) -> str:
     """Callback of an option that names a disk of the rig."""
     from tcdyn.rig.disk import DISKS
 
-    check_choice("--disk", value, DISKS)
+    if value not in DISKS:
+        raise InputError(f"--disk is {value!r}", expected=" or ".join(DISKS))
     return value
 
 
-Disk = Annotated[str, typer.Option(help="fast or slow", callback=_check_disk)]
+Disk = Annotated[
+    str,
+    typer.Option(help="fast or slow", callback=_check_disk, rich_help_panel="Two-disk rig"),
+]
 
 
 def _terminal_console() -> Any:

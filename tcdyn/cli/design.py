@@ -8,42 +8,160 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
 from tcdyn.cli.common import (
+    HIGHEST_DEGC,
+    LOWEST_DEGC,
     Disk,
+    OutFile,
     Reporter,
     RigFile,
     check_outputs,
-    number_option,
     options_from_docstring,
 )
 from tcdyn.core.errors import InputError
+from tcdyn.core.options import Options, option
 from tcdyn.io.endings import CSV, CSV_OR_PAGE
 
 if TYPE_CHECKING:
     from tcdyn.campaign.planned import PlannedCampaign
     from tcdyn.design.compare import Design
+    from tcdyn.rig.disk import DiskSetup
+    from tcdyn.rig.tables import UncertaintyTable
+
+# Least difference [K] of bath and disk: some forty times the noise of a sample (0.12 K).
+LEAST_STEP_K = 5.0
+
+
+@dataclass(frozen=True)
+class PlanOptions(Options):
+    """How planned tests are logged, and what they do.
+
+    Attributes
+    ----------
+    fluid
+        bath fluid: mobil-jet-ii, water or a table.csv
+    bath_degC
+        bath temperature; repeat for each plunge (default 110 and 138)
+    initial_degC
+        temperature of the disk before the plunge
+    duration_s
+        length of each plunge in seconds
+    power_W
+        heat flow into this disk before the unloading
+    lag_s
+        expected lag, with the conditioning filter
+    noise_K
+        noise of one sample (1 sd)
+    noise_before_K
+        additional noise of one sample, from before the conditioning filter (1 sd)
+    rate_Hz
+        logging rate
+    entry_u_s
+        standard uncertainty of the instant of entry
+    """
+
+    fluid: str = option("mobil-jet-ii", "Input")
+    bath_degC: Sequence[float] = option(
+        (), "Input", low=LOWEST_DEGC, high=HIGHEST_DEGC, takes=list[float]
+    )
+    initial_degC: float = option(25.0, "Input", low=LOWEST_DEGC, high=HIGHEST_DEGC)
+    duration_s: float = option(140.0, "Input", low=10, high=3600)
+    power_W: float = option(100.0, "Input", low=1e-3, high=1e6)
+    lag_s: float = option(0.73, "Sensor", low=0, high=100, ends=False)
+    noise_K: float = option(0.12, "Sensor", low=1e-6, high=100)
+    noise_before_K: float = option(0.0, "Sensor", low=0, high=100)
+    rate_Hz: float = option(75.0, "Sensor", low=1, high=1000)
+    entry_u_s: float = option(0.05, "Sensor", low=1e-6, high=10)
+
+    @property
+    def baths_degC(self) -> Sequence[float]:
+        """Temperature of the bath of each plunge.
+
+        Raises
+        ------
+        InputError
+            If one is that of the disk before it.
+        """
+        baths_degC = self.bath_degC or [110.0, 138.0]
+        if any(abs(bath - self.initial_degC) < LEAST_STEP_K for bath in baths_degC):
+            raise InputError(
+                f"bath and disk are within {LEAST_STEP_K:g} K of each other",
+                where="design",
+                remedy="plan a larger step",
+            )
+        return baths_degC
+
+    @property
+    def logged_noise_K(self) -> float:
+        """Noise of one logged sample, from before and after the filter."""
+        return math.hypot(self.noise_K, self.noise_before_K)
+
+    def predicted(self, setup: DiskSetup, uncertainty: UncertaintyTable) -> Design:
+        """The uncertainties of the planned tests of a disk.
+
+        Parameters
+        ----------
+        setup
+            The disk.
+        uncertainty
+            Uncertainties of its properties.
+        """
+        from tcdyn.chain.logger_noise import noise_power_ratio
+        from tcdyn.design.compare import compare_tests
+        from tcdyn.design.plans import PlungePlan, StepPlan
+
+        # the fits whiten the noise, so its level at low frequency decides
+        passed = noise_power_ratio(setup.conditioning, 1 / self.rate_Hz)
+        level_K = math.hypot(self.noise_K, self.noise_before_K / passed**0.5)
+        plans = [
+            PlungePlan(
+                self.fluid,
+                bath,
+                self.initial_degC,
+                self.duration_s,
+                self.rate_Hz,
+                level_K,
+                self.entry_u_s,
+            )
+            for bath in self.baths_degC
+        ]
+        step = StepPlan(power_W=self.power_W, rate_Hz=self.rate_Hz, noise_K=level_K)
+        return compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=self.lag_s)
+
+    def assumptions(self, setup: DiskSetup, uncertainty: UncertaintyTable) -> list[str]:
+        """The numbers of the plan, for the page.
+
+        Parameters
+        ----------
+        setup, uncertainty
+            As of :meth:`predicted`.
+        """
+        return [
+            f"{setup.name} disk: conductivity {setup.conductivity_W_mK:g} W/mK +- "
+            f"{100 * uncertainty.conductivity_rel:g} %, depths +- {uncertainty.depth_mm:g} mm, lag "
+            f"{self.lag_s:g} s with the conditioning filter, as specified",
+            f"each plunge: {self.fluid}, disk at {self.initial_degC:g} degC before, "
+            f"{self.duration_s:g} s at {self.rate_Hz:g} Hz with noise of {self.noise_K:g} K per "
+            f"sample and {self.noise_before_K:g} K from before the filter, u of the entry time "
+            f"{self.entry_u_s:g} s",
+            f"before the unloading {self.power_W:g} W enter this disk",
+        ]
 
 
 @options_from_docstring
 def design(
     rig: RigFile = None,
     disk: Disk = "fast",
-    fluid: str = "mobil-jet-ii",
-    bath_degC: Annotated[list[float] | None, number_option(-60, 400)] = None,
-    initial_degC: Annotated[float, number_option(-60, 400)] = 25.0,
-    duration_s: Annotated[float, number_option(10, 3600)] = 140.0,
-    noise_K: Annotated[float, number_option(1e-6, 100)] = 0.12,
-    noise_before_K: Annotated[float, number_option(0, 100)] = 0.0,
-    rate_Hz: Annotated[float, number_option(1, 1000)] = 75.0,
-    entry_u_s: Annotated[float, number_option(1e-6, 10)] = 0.05,
-    lag_s: Annotated[float, number_option(0, 100, ends=False)] = 0.73,
-    power_W: Annotated[float, number_option(1e-3, 1e6)] = 100.0,
-    campaign: Path | None = None,
-    out: Path | None = None,
+    campaign: Annotated[Path | None, typer.Option(rich_help_panel="Two-disk rig")] = None,
+    out: OutFile = None,
     *,
+    options: PlanOptions,
     reporter: Reporter,
 ) -> None:
     """Predict how well planned tests determine the lags.
@@ -58,72 +176,25 @@ def design(
 
     Parameters
     ----------
-    fluid
-        bath fluid: mobil-jet-ii, water or a table.csv
-    bath_degC
-        bath temperature; repeat for each plunge (default 110 and 138)
-    initial_degC
-        temperature of the disk before the plunge
-    duration_s
-        length of each plunge in seconds
-    noise_K
-        noise of one sample (1 sd)
-    noise_before_K
-        additional noise of one sample, from before the conditioning filter (1 sd)
-    rate_Hz
-        logging rate
-    entry_u_s
-        standard uncertainty of the instant of entry
-    lag_s
-        expected lag, with the conditioning filter
-    power_W
-        heat flow into this disk before the unloading
     campaign
         CSV of planned EHL tests (load_N, friction_N, speed_fast_rpm, speed_slow_rpm; beta,
         h_fast_W_m2K if expected): predicts u of beta, n and slopes, with the junctions of --rig
     out
         table (.csv) or HTML report (.html) to write
     """
-    from tcdyn.chain.logger_noise import noise_power_ratio
-    from tcdyn.design.compare import compare_tests
-    from tcdyn.design.plans import PlungePlan, StepPlan
     from tcdyn.rig.rigfile import load_rig
 
     kind = CSV_OR_PAGE if campaign is None else CSV
-    check_outputs([rig, fluid, campaign], reporter.overwrite, out=(out, kind))
+    check_outputs([rig, options.fluid, campaign], reporter.overwrite, out=(out, kind))
     if campaign is not None:
-        _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, reporter)
+        _campaign(campaign, rig, options.rate_Hz, options.logged_noise_K, out, reporter)
         return
-    baths_degC = bath_degC or [110.0, 138.0]
-    if any(abs(b - initial_degC) < 5 for b in baths_degC):
-        raise InputError(
-            "bath and disk are within 5 K of each other",
-            where="design",
-            remedy="plan a larger step",
-        )
-    rig_table = load_rig(rig)
-    setup = rig_table.disk_setup(disk)
-    uncertainty = rig_table.tables(disk).uncertainty
-    # the fits whiten the noise, so its level at low frequency decides
-    passed = noise_power_ratio(setup.conditioning, 1 / rate_Hz)
-    level_K = math.hypot(noise_K, noise_before_K / passed**0.5)
-    plans = [
-        PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s)
-        for b in baths_degC
-    ]
-    step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=level_K)
-    result = compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=lag_s)
+    rig_settings = load_rig(rig)
+    setup = rig_settings.disk_setup(disk)
+    uncertainty = rig_settings.tables(disk).uncertainty
+    result = options.predicted(setup, uncertainty)
     if out is not None:
-        assumptions = [
-            f"{disk} disk: conductivity {setup.conductivity_W_mK:g} W/mK +- "
-            f"{100 * uncertainty.conductivity_rel:g} %, depths +- {uncertainty.depth_mm:g} mm, lag "
-            f"{lag_s:g} s with the conditioning filter, as specified",
-            f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at "
-            f"{rate_Hz:g} Hz with noise of {noise_K:g} K per sample and {noise_before_K:g} K from "
-            f"before the filter, u of the entry time {entry_u_s:g} s",
-            f"before the unloading {power_W:g} W enter this disk",
-        ]
-        _write(result, out, assumptions)
+        _write(result, out, options.assumptions(setup, uncertainty))
     _report(result, out, reporter)
 
 

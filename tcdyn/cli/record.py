@@ -7,7 +7,7 @@ Records are :mod:`tcdyn.rig.record`, their comparison :mod:`calibration.compare`
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,16 +18,16 @@ from rich.table import Table
 
 from tcdyn.cli.common import (
     Disk,
+    OutFile,
     Reporter,
-    check_choice,
     check_outputs,
-    number_option,
     options_from_docstring,
     source_entry,
     write_json,
 )
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import messages, unique
+from tcdyn.core.options import Options, option
 from tcdyn.io.endings import JSON
 
 app = typer.Typer(
@@ -40,6 +40,7 @@ app = typer.Typer(
 if TYPE_CHECKING:
     import pandas as pd
 
+    from calibration.transducers import TransducerLine
     from tcdyn.rig.record import ChainRecord, DiskRecord
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
@@ -87,7 +88,7 @@ def _print_line(console: Console, text: str) -> None:
 def diff(
     old: RecordPath,
     new: RecordPath,
-    every: Annotated[bool, typer.Option("--all")] = False,
+    every: Annotated[bool, typer.Option("--all", rich_help_panel="Output")] = False,
     *,
     reporter: Reporter,
 ) -> None:
@@ -158,13 +159,28 @@ def check_rig(
     reporter.text(rig_toml(settings).rstrip())
 
 
+@dataclass(frozen=True)
+class TransducerOptions(Options):
+    """Options for the dead weights of a transducer.
+
+    Attributes
+    ----------
+    quantity
+        load or friction: print only the lines for the rig file
+    weight_u_rel
+        relative standard uncertainty common to all weights, and of the lever
+    """
+
+    quantity: str | None = option(None, "Output", choices=("load", "friction"))
+    weight_u_rel: float = option(0.001, "Input", low=0, high=0.5)
+
+
 @options_from_docstring
 def transducer(
     table: Path,
-    out: Path | None = None,
-    quantity: str | None = None,
-    weight_u_rel: Annotated[float, number_option(0, 0.5)] = 0.001,
+    out: OutFile = None,
     *,
+    options: TransducerOptions,
     reporter: Reporter,
 ) -> None:
     """Determine gain and zero of a load cell or friction transducer from dead weights.
@@ -186,50 +202,78 @@ def transducer(
         table with the columns volts, force_N and, for several sessions, session (a number)
     out
         JSON to write
-    quantity
-        load or friction: print only the lines for the rig file
-    weight_u_rel
-        relative standard uncertainty common to all weights, and of the lever
     """
     from calibration.transducers import fit_transducer
     from tcdyn.io.read import read_numbers
 
-    if quantity is not None:
-        check_choice("--quantity", quantity, ("load", "friction"))
     check_outputs([table], reporter.overwrite, out=(out, JSON))
     points = read_numbers(table, ("volts", "force_N"), optional=("session",))
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
         write_json(out, line.to_dict() | {"source": source_entry(table)})
-    if quantity is None:
+    if options.quantity is None:
         reporter.json(line.to_dict)
         reporter.summary(line.summary())
     else:
-        u = line.gain_u_rel(weight_u_rel)
-        comments = line.summary().splitlines()
-        if quantity == "friction":
-            keys = {"friction_rel": u}
-            comments.append("under [uncertainty] of the rig file, instead of its friction_rel:")
-        else:
-            keys = {"half_width_rel_by_load": u / 3}
-            comments.append(
-                f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"
-            )
-        lines = [f"# {comment}" for comment in comments]
-        if quantity == "friction":
-            lines.append(f"friction_rel = {u:.3g}")
+        keys, lines = _lines_for_rig_file(line, options.quantity, options.weight_u_rel)
         reporter.json(lambda: keys)
         reporter.text("\n".join(lines))
     reporter.finish(table.name, line.findings)
+
+
+def _lines_for_rig_file(
+    line: TransducerLine, quantity: str, weight_u_rel: float
+) -> tuple[dict[str, float], list[str]]:
+    """What the line of a transducer is in the rig file.
+
+    Parameters
+    ----------
+    line
+        Line of the transducer.
+    quantity
+        "load" or "friction".
+    weight_u_rel
+        Relative standard uncertainty common to all weights.
+
+    Returns
+    -------
+    keys
+        Numbers by name.
+    lines
+        Lines of text, comments first.
+    """
+    u = line.gain_u_rel(weight_u_rel)
+    comments = line.summary().splitlines()
+    if quantity == "friction":
+        comments.append("under [uncertainty] of the rig file, instead of its friction_rel:")
+        lines = [f"# {comment}" for comment in comments]
+        return {"friction_rel": u}, [*lines, f"friction_rel = {u:.3g}"]
+    comments.append(
+        f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"
+    )
+    return {"half_width_rel_by_load": u / 3}, [f"# {comment}" for comment in comments]
+
+
+@dataclass(frozen=True)
+class FluxOptions(Options):
+    """Options for the heated spot.
+
+    Attributes
+    ----------
+    flux_u_rel
+        relative uncertainty common to all fluxes: power of the heater, area of the spot
+    """
+
+    flux_u_rel: float = option(0.02, "Input", low=0, high=1)
 
 
 @options_from_docstring
 def line(
     table: Path,
     disk: Disk = "fast",
-    flux_u_rel: Annotated[float, number_option(0, 1)] = 0.02,
     *,
+    options: FluxOptions,
     reporter: Reporter,
 ) -> None:
     """Fit a straight line of flux against temperature, printed as lines for the rig file.
@@ -243,15 +287,13 @@ def line(
     ----------
     table
         table with the columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)
-    flux_u_rel
-        relative uncertainty common to all fluxes: power of the heater, area of the spot
     """
     from tcdyn.io.read import read_numbers
     from tcdyn.rig.tables import fit_surface_flux
 
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:
-        flux = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], flux_u_rel)
+        flux = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], options.flux_u_rel)
     except InputError as problem:
         raise problem.at(str(table)) from None
     keys = {name: float(f"{value:.6g}") for name, value in asdict(flux).items()}

@@ -20,7 +20,6 @@ from tcdyn.cli.common import (
     check_folder,
     check_outputs,
     check_picture,
-    number_option,
     options_from_docstring,
     save_picture,
 )
@@ -298,16 +297,30 @@ def noise(
     output.write(sensor, reporter, left_out)
 
 
+@dataclass(frozen=True)
+class TouchOptions(TableOptions):
+    """How touches are found.
+
+    Attributes
+    ----------
+    order
+        column that was touched; repeat for each in the order of touching (default: not stated)
+    touch_s
+        duration of a touch in seconds
+    """
+
+    order: Sequence[str] = option((), "Sensor", takes=list[str])
+    touch_s: float = option(2.0, "Sensor", low=0.01, high=600)
+
+
 @app.command()
 @options_from_docstring
 def touch(
     logs: TableFiles,
     column: Columns,
-    order: list[str] | None = None,
-    touch_s: Annotated[float, number_option(0.01, 600)] = 2.0,
     picture: OptionalPicture = None,
     *,
-    options: TableOptions,
+    options: TouchOptions,
     reporter: Reporter,
 ) -> None:
     """Report which column responds when the sensors are touched one after the other.
@@ -318,13 +331,6 @@ def touch(
 
     Example: tcdyn sensor touch touch.csv --column "slow_*_degC" --order slow_a --order slow_b
     --picture t.png
-
-    Parameters
-    ----------
-    order
-        column that was touched; repeat for each in the order of touching (default: not stated)
-    touch_s
-        duration of a touch in seconds
     """
     from functools import partial
 
@@ -339,12 +345,12 @@ def touch(
     table = read_readings(paths, column, options=options, several=True)
     check_temperatures(table, "touches")
     stated = []
-    for word in order or ():
+    for word in options.order:
         stated += match_columns(word, table.names, str(paths[0]))
     t = table.time_s
     names = table.names
     readings = np.column_stack(table.values)
-    result = find_touches(t, readings, names, touch_s=touch_s, order=stated)
+    result = find_touches(t, readings, names, touch_s=options.touch_s, order=stated)
     if picture is not None:
         from tcdyn.plots.calibration import draw_touches
         from tcdyn.plots.style import panel_figure

@@ -7,6 +7,7 @@ are written to separate files, which no estimator reads. Tests: ``tests/simulate
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +17,15 @@ import typer
 from rich.console import Console
 
 from tcdyn.cli.common import (
+    HIGHEST_DEGC,
+    LOWEST_DEGC,
     Disk,
     Reporter,
     Verbose,
-    check_choice,
     check_folder,
     check_outputs,
     count_progress,
     default_output_path,
-    number_option,
     options_from_docstring,
     stage_progress,
 )
@@ -32,6 +33,8 @@ from tcdyn.cli.record import rich_table
 from tcdyn.core.errors import InputError
 from tcdyn.core.options import Options, option
 from tcdyn.io.endings import CSV, JSON, PAGE, TABLE
+from tcdyn.simulate.bath import FLUIDS, FluidName
+from tcdyn.workflows.rig_options import MOST_WORKERS, UNLIMITED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,47 +48,38 @@ app = typer.Typer(
     add_completion=False,
 )
 
-Out = Annotated[Path, typer.Option(help="CSV file to write")]
-Seed = Annotated[
-    int, typer.Option(min=0, help="random seed; the same seed gives the same rig and the same file")
-]
-Test = Annotated[str, typer.Option(help="test A1 to D4 (table 6.1)")]
-Beta = Annotated[
-    float | None,
-    number_option(0, 1, help="true heat partition (default: random)"),
-]
-RigPath = Annotated[Path | None, typer.Option(help="rig.toml (default: the default values)")]
-Uneven = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="bore contact around the disk: 0.5@30 conducts 1 + 0.5 cos(angle - 30 deg) times its "
-        "mean, fast:0.5@30 for one disk; repeat for several"
-    ),
-]
-Clean = Annotated[
-    bool,
-    typer.Option(help="no noise, spikes, static errors, drift or quantisation; only the dynamics"),
-]
+Out = Annotated[Path, typer.Option(help="CSV file to write", rich_help_panel="Output")]
+OutFolder = Annotated[Path, typer.Option(rich_help_panel="Output")]
 
 
 @dataclass(frozen=True)
-class SimulatedRig(Options):
-    """Options for the rig whose logs are simulated.
+class DrawnRig(Options):
+    """Options for the rig that is drawn at random.
 
     Attributes
     ----------
     seed
-        seed of the random numbers
+        seed of the random numbers; the same seed gives the same rig and the same file
     rig
         rig.toml; without it the defaults are used
+    """
+
+    seed: int = option(0, "Advanced", low=0, high=UNLIMITED)
+    rig: Path | None = option(None, "Two-disk rig")
+
+
+@dataclass(frozen=True)
+class SimulatedRig(DrawnRig):
+    """Options for the rig whose logs are simulated.
+
+    Attributes
+    ----------
     uncertain
         random steel, depths, washers and so on, within the uncertainties of rig.toml
     clean
         no noise, spikes, static errors, drift or quantisation; only the dynamics
     """
 
-    seed: int = option(0, "Advanced", low=0, high=float("inf"))
-    rig: Path | None = option(None, "Input")
     uncertain: bool = option(False, "Advanced")
     clean: bool = option(False, "Advanced")
 
@@ -135,24 +129,11 @@ def oven(out: Out, disk: Disk = "fast", *, simulated: SimulatedRig, reporter: Re
     _write(out, reporter, *simulate_oven(disk, simulated.seed, truth))
 
 
-@app.command()
-@options_from_docstring
-def immersion(
-    out: Out,
-    disk: Disk = "fast",
-    bath_degC: Annotated[float, number_option(-60, 400)] = 110.0,
-    fluid: str = "mobil-jet-ii",
-    duration_s: Annotated[float, number_option(10, 3600)] = 140.0,
-    plunge: Annotated[int, typer.Option(min=1)] = 1,
-    *,
-    simulated: SimulatedRig,
-    reporter: Reporter,
-) -> None:
-    """Simulate a plunge of one disk into a hot bath.
+@dataclass(frozen=True)
+class SimulatedPlunge(SimulatedRig):
+    """Options for a plunge that is simulated.
 
-    Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
-
-    Parameters
+    Attributes
     ----------
     bath_degC
         temperature of the bath
@@ -163,27 +144,40 @@ def immersion(
     plunge
         number of the plunge; each is another plunge of the same rig
     """
-    from tcdyn.simulate.bath import FLUIDS
+
+    bath_degC: float = option(110.0, "Input", low=LOWEST_DEGC, high=HIGHEST_DEGC)
+    fluid: FluidName = option("mobil-jet-ii", "Input", choices=FLUIDS, takes=str)
+    duration_s: float = option(140.0, "Input", low=10, high=3600)
+    plunge: int = option(1, "Input", low=1, high=UNLIMITED)
+
+
+@app.command()
+@options_from_docstring
+def immersion(
+    out: Out, disk: Disk = "fast", *, simulated: SimulatedPlunge, reporter: Reporter
+) -> None:
+    """Simulate a plunge of one disk into a hot bath.
+
+    Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
+    """
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 
-    check_choice("--fluid", fluid, FLUIDS)
     truth = simulated.for_log(out, reporter)
-    options = PlungeOptions(after_s=duration_s)
     frame, truth_values = simulate_plunge(
         disk,
         simulated.seed,
-        fluid,  # type: ignore[arg-type]
-        bath_degC,
-        plunge,
+        simulated.fluid,
+        simulated.bath_degC,
+        simulated.plunge,
         truth,
-        options,
+        PlungeOptions(after_s=simulated.duration_s),
     )
     _write(out, reporter, frame, truth_values)
 
 
 @app.command()
 @options_from_docstring
-def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) -> None:
+def hole(out: Out, *, simulated: SimulatedRig, reporter: Reporter) -> None:
     """Simulate the comparison of holes of section 5.4.
 
     Clamped and cemented junctions are plunged into hot water.
@@ -192,32 +186,46 @@ def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) 
     """
     from tcdyn.simulate.plunge import simulate_hole
 
-    _write(
-        out, reporter, *simulate_hole(seed, SimulatedRig(seed, clean=clean).for_log(out, reporter))
-    )
+    truth = simulated.for_log(out, reporter)
+    _write(out, reporter, *simulate_hole(simulated.seed, truth))
 
 
-@app.command()
-@options_from_docstring
-def ehl(
-    out: Out,
-    test: Test = "B3",
-    beta: Beta = None,
-    unloading_s: Annotated[float, number_option(0.001, 10)] = 0.02,
-    brake_s: Annotated[float | None, number_option(0.1, 1e6)] = None,
-    again: list[str] | None = None,
-    uneven: Uneven = None,
-    film_air_K: Annotated[float, number_option(-50, 50)] = 0.0,
-    *,
-    simulated: SimulatedRig,
-    reporter: Reporter,
-) -> None:
-    """Simulate an EHL test of both disks: warm running, loading, unloading, cooling.
+@dataclass(frozen=True)
+class SimulatedTest(Options):
+    """Options for an EHL test that is simulated.
 
-    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --unloading-s 1.5 --brake-s 3
-    --again 0.2@1 --uneven slow:0.5@30
+    Attributes
+    ----------
+    test
+        test A1 to D4 (table 6.1)
+    beta
+        true heat partition (default: random)
+    uneven
+        bore contact around the disk: 0.5@30 conducts 1 + 0.5 cos(angle - 30 deg) times its mean,
+        fast:0.5@30 for one disk; repeat for several
+    """
 
-    Parameters
+    test: str = option("B3", "Input")
+    beta: float | None = option(None, "Input", low=0, high=1)
+    uneven: Sequence[str] = option((), "Two-disk rig", takes=list[str])
+
+    @property
+    def bore_contacts_by_disk(self) -> dict[str, BoreContact]:
+        """Bore contact of each disk; disks without a text are left out.
+
+        Raises
+        ------
+        InputError
+            For a text that is none of a bore contact.
+        """
+        return bore_contacts(self.uneven)
+
+
+@dataclass(frozen=True)
+class SimulatedUnloading(SimulatedTest):
+    """Options for the end of an EHL test that is simulated.
+
+    Attributes
     ----------
     unloading_s
         time in seconds in which load and friction fall to zero; 1.5 in figure 4.20
@@ -228,33 +236,60 @@ def ehl(
     film_air_K
         temperature of the air at the running surfaces, above the ambient [K]
     """
-    from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
-    truth = (
-        simulated.for_log(out, reporter)
-        .with_uneven(bore_contacts(uneven))
-        .with_film_air(film_air_K)
-    )
-    options = EhlOptions(
-        beta=beta,
-        parting_s=unloading_s,
-        brake_s=brake_s,
-        again_s=tuple(_contact_again(text) for text in again or ()),
-    )
-    _write(out, reporter, *simulate_ehl(test, simulated.seed, truth, options))
+    unloading_s: float = option(0.02, "Input", low=0.001, high=10)
+    brake_s: float | None = option(None, "Input", low=0.1, high=1e6)
+    again: Sequence[str] = option((), "Input", takes=list[str])
+    film_air_K: float = option(0.0, "Two-disk rig", low=-50, high=50)
 
 
 @app.command()
 @options_from_docstring
-def campaign(
-    out: Annotated[Path, typer.Option()],
-    test: list[str] | None = None,
-    bath_degC: Annotated[list[float] | None, number_option(-60, 400)] = None,
-    workers: Annotated[int, typer.Option(min=1, max=256)] = 1,
-    *,
-    simulated: SimulatedRig,
-    reporter: Reporter,
+def ehl(
+    out: Out, *, options: SimulatedUnloading, simulated: SimulatedRig, reporter: Reporter
 ) -> None:
+    """Simulate an EHL test of both disks: warm running, loading, unloading, cooling.
+
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --unloading-s 1.5 --brake-s 3
+    --again 0.2@1 --uneven slow:0.5@30
+    """
+    from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
+
+    truth = simulated.for_log(out, reporter)
+    truth = truth.with_uneven(options.bore_contacts_by_disk).with_film_air(options.film_air_K)
+    times = EhlOptions(
+        beta=options.beta,
+        parting_s=options.unloading_s,
+        brake_s=options.brake_s,
+        again_s=tuple(_contact_again(text) for text in options.again),
+    )
+    _write(out, reporter, *simulate_ehl(options.test, simulated.seed, truth, times))
+
+
+@dataclass(frozen=True)
+class SimulatedCampaign(SimulatedRig):
+    """Options for a campaign that is simulated.
+
+    Attributes
+    ----------
+    test
+        test A1 to D4, or all (default B3); repeat for several
+    bath_degC
+        bath temperature of a plunge; repeat for several
+    workers
+        worker processes on this machine
+    """
+
+    test: Sequence[str] = option((), "Input", takes=list[str])
+    bath_degC: Sequence[float] = option(
+        (), "Input", low=LOWEST_DEGC, high=HIGHEST_DEGC, takes=list[float]
+    )
+    workers: int = option(1, "Advanced", low=1, high=MOST_WORKERS)
+
+
+@app.command()
+@options_from_docstring
+def campaign(out: OutFolder, *, simulated: SimulatedCampaign, reporter: Reporter) -> None:
     """Simulate a complete campaign: rig.toml, oven logs, plunge logs, EHL tests and truth/.
 
     Example: tcdyn simulate campaign --out lab --test B3 --test D4 --seed 7
@@ -263,24 +298,18 @@ def campaign(
     ----------
     out
         folder to write
-    test
-        test A1 to D4, or all (default B3); repeat for several
-    bath_degC
-        bath temperature of a plunge; repeat for several
-    workers
-        worker processes on this machine
     """
     from tcdyn.core.parallel import worker_processes_end
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, PlannedPlunge, simulate_campaign
 
     check_folder(out)
-    tests = tuple(test or ("B3",))
+    tests = tuple(simulated.test or ("B3",))
     if "all" in tests:
         tests = ALL_TESTS
-    plunges = tuple(PlannedPlunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
+    plunges = tuple(map(PlannedPlunge, simulated.bath_degC)) or DEFAULT_PLUNGES
     with (
-        worker_processes_end() if workers > 1 else nullcontext(),
+        worker_processes_end() if simulated.workers > 1 else nullcontext(),
         count_progress(None, reporter.is_silent) as progress,
     ):
         files = simulate_campaign(
@@ -290,20 +319,35 @@ def campaign(
             plunges,
             rig=load_rig(simulated.rig),
             truth=simulated.truth(),
-            n_jobs=workers,
+            n_jobs=simulated.workers,
             progress=progress,
         )
     reporter.json(lambda: files)
     reporter.summary(files.summary())
 
 
+@dataclass(frozen=True)
+class DemoOptions(Options):
+    """Options of the demonstration.
+
+    Attributes
+    ----------
+    seed
+        random seed; each seed is another rig
+    test
+        test of table 6.1 (default B3); repeat for several
+    """
+
+    seed: int = option(1, "Advanced", low=0, high=UNLIMITED)
+    test: Sequence[str] = option((), "Input", takes=list[str])
+
+
 @options_from_docstring
 def demo(
-    out: Path = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0)] = 1,
-    test: list[str] | None = None,
+    out: OutFolder = Path("demo"),
     verbose: Verbose = False,
     *,
+    options: DemoOptions,
     reporter: Reporter,
 ) -> None:
     """Simulate a campaign, run all stages on its logs and write the report.
@@ -317,19 +361,15 @@ def demo(
     ----------
     out
         folder to write
-    seed
-        random seed; each seed is another rig
-    test
-        test of table 6.1 (default B3); repeat for several
     """
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import source_table
     from tcdyn.workflows import run_demo
 
-    tests = tuple(test or ("B3",))
+    tests = tuple(options.test or ("B3",))
     _check_demo_folder(out, tests, reporter.overwrite)
     with stage_progress(reporter.is_silent, verbose) as progress:
-        run = run_demo(out, seed, tests, progress=progress)
+        run = run_demo(out, options.seed, tests, progress=progress)
         progress("writing the report")
         truths = {
             name: float(
@@ -345,7 +385,7 @@ def demo(
     if reporter.is_silent:
         return
     console = Console()
-    console.print(rich_table(run.card(), f"simulated campaign, seed {seed}"))
+    console.print(rich_table(run.card(), f"simulated campaign, seed {options.seed}"))
     for name, beta in run.tests.items():
         console.print(f"{name}: {beta.partition.crosscheck.sentence}", highlight=False)
     console.print(f"report: {report}", highlight=False, soft_wrap=True)
@@ -460,7 +500,15 @@ def _contact_again(text: str) -> tuple[float, float]:
     return length_s, after_s
 
 
-def bore_contacts(values: list[str] | None) -> dict[str, BoreContact]:
+def _check_bore(disk: str) -> None:
+    """Raise InputError for a bore of a disk that the rig does not have."""
+    from tcdyn.rig.disk import DISKS
+
+    if disk not in DISKS:
+        raise InputError(f"the disk of --uneven is {disk!r}", expected=" or ".join(DISKS))
+
+
+def bore_contacts(values: Sequence[str]) -> dict[str, BoreContact]:
     """Bore contact of each disk, from the values of ``--uneven``.
 
     Parameters
@@ -482,7 +530,7 @@ def bore_contacts(values: list[str] | None) -> dict[str, BoreContact]:
     from tcdyn.simulate.truth import BoreContact
 
     contacts: dict[str, BoreContact] = {}
-    for value in values or ():
+    for value in values:
         disk, _, numbers = value.rpartition(":")
         amplitude, _, angle = numbers.partition("@")
         try:
@@ -493,7 +541,7 @@ def bore_contacts(values: list[str] | None) -> dict[str, BoreContact]:
                 f"--uneven {value!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
             ) from None
         if disk:
-            check_choice("the disk of --uneven", disk, DISKS)
+            _check_bore(disk)
         contact = BoreContact(share, angle_deg)
         for name in [disk] if disk else DISKS:
             contacts[name] = contact

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import NOT_TRUSTED, Reporter, check_outputs, options_from_docstring
+from tcdyn.cli.common import NOT_TRUSTED, OutFile, Reporter, check_outputs, options_from_docstring
 from tcdyn.core.findings import warning
 from tcdyn.io.endings import CSV, PAGE
 
@@ -35,9 +35,9 @@ COLOURS = {
 
 @options_from_docstring
 def verify(
-    report: Path | None = None,
-    out: Path | None = None,
-    why: bool = False,
+    report: OutFile = None,
+    out: OutFile = None,
+    why: Annotated[bool, typer.Option(rich_help_panel="Output")] = False,
     *,
     reporter: Reporter,
 ) -> None:

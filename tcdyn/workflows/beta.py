@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,12 @@ from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
+from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result, estimates_frame
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import (
-    WINDOW_S,
     Partition,
     analyse_corrected,
     apply_corrections,
@@ -31,10 +31,8 @@ from tcdyn.partition.analyse import (
 )
 from tcdyn.partition.beta_file import beta_file
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.operating_conditions import (
-    BearingFile,
-)
 from tcdyn.partition.prepare import prepare_test
+from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, channels_left_out
 from tcdyn.rig.log import Log, iter_log
@@ -42,6 +40,7 @@ from tcdyn.rig.opened_log import column_names, missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.beta_tables import estimates_table
+from tcdyn.workflows.rig_options import BetaOptions
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,14 +122,8 @@ def estimate_beta(
     rig: Rig | None,
     records: Mapping[str, DiskRecord],
     *,
-    without: Sequence[str] = (),
-    window_s: float = WINDOW_S,
-    seed: int = 0,
-    sensor_check: bool = True,
-    bearing: BearingFile | None = None,
-    stage: int | None = None,
-    profiles: bool = False,
     progress: Progress = no_progress,
+    **options: Any,
 ) -> BetaRun:
     """Read one EHL log and estimate beta by the speed law, the cooling fits and the joint fits.
 
@@ -140,22 +133,12 @@ def estimate_beta(
         The log, the rig (None: the one that the records were made with) and a record of each disk.
         For a log of one disk give its record only; speed law and fit of both disks are then
         missing.
-    without
-        Channels to leave out, such as "fast_c".
-    window_s
-        Length of cooling that the h-only fit uses [s].
-    seed
-        Seed of the Monte Carlo samples.
-    sensor_check
-        Whether to run the sensor check.
-    bearing
-        Pure-rolling test whose friction is added (section 2.10).
-    stage
-        Which of several loadings in the log, from 1; None for the longest.
-    profiles
-        Whether beta.json holds the likelihood profiles of the joint fits.
     progress
         Called with the name of each stage.
+    **options
+        Fields of :class:`tcdyn.workflows.rig_options.BetaOptions`: ``without``, ``window_s``,
+        ``seed``, ``sensor_check``, ``bearing``, ``stage`` and ``profiles``. Without ``stage`` the
+        longest of several loadings in the log is analysed.
 
     Raises
     ------
@@ -180,37 +163,35 @@ def estimate_beta(
     >>> list(run.to_frame().loc["both beta"].index)  # doctest: +SKIP
     ['value', 'u', 'low95', 'high95', 'unit']
     """
+    settings = options_of(BetaOptions, options, "estimate_beta")
     rig = rig or rig_from_records(records)
     skipped = _columns_without_record(log, rig, records)
-    left_out = LeftOut.by_user(without, rig)
+    left_out = LeftOut.by_user(settings.without, rig)
+    bearing = settings.bearing_file
     progress("reading the log")
-    table, count, left_out = _read_without_lost_channels(log, rig, stage, skipped, left_out)
+    table, count, left_out = _read_without_lost_channels(
+        log, rig, settings.stage, skipped, left_out
+    )
 
-    def corrected_test() -> EhlTest:
+    def corrected_test(left_out: LeftOut) -> EhlTest:
         """The test without the channels left out, ready for the fits."""
         added = bearing.friction_added if bearing else None
         return apply_corrections(prepare_test(table, rig, records, added, left_out.reasons))
 
-    test = corrected_test()
+    test = corrected_test(left_out)
     sensors = None
     try:
-        if sensor_check:
+        if settings.sensor_check:
             progress("sensor map")
-            sensors = check_sensors_or_power(test)
-            problem = unusable_channel(sensors)
-            while problem is not None:
-                left_out = left_out.with_channel_of(problem, rig)
-                test = corrected_test()
-                sensors = check_sensors_or_power(test)
-                problem = unusable_channel(sensors)
+            test, sensors = _without_unusable_channels(test, corrected_test, left_out, rig)
         partition = analyse_corrected(
-            test, sensors, window_s=window_s, seed=seed, progress=progress
+            test, sensors, window_s=settings.window_s, seed=settings.seed, progress=progress
         )
     except InputError as problem:
         raise problem.at(table.path.name) from None
     logged_disks = [d for d in DISKS if d in records]
     fingerprint = campaign.rig_fingerprint(rig, records, logged_disks)
-    return BetaRun(table, partition, fingerprint, count, records, profiles)
+    return BetaRun(table, partition, fingerprint, count, records, settings.profiles)
 
 
 def _columns_without_record(
@@ -349,34 +330,73 @@ def _read_without_lost_channels(
             return table, count, left_out
 
 
-def estimate_stages(
-    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
-) -> tuple[BetaRun, ...]:
-    """Analyse every loading of one log that an unloading follows, in order.
+def _without_unusable_channels(
+    test: EhlTest, corrected_test: Callable[[LeftOut], EhlTest], left_out: LeftOut, rig: Rig
+) -> tuple[EhlTest, SensorCheck]:
+    """A test without each channel that the sensor check finds unusable, and its sensor check.
 
     Parameters
     ----------
-    log, rig, records
+    test
+        The test with all channels but ``left_out``.
+    corrected_test
+        Makes the test without other channels.
+    left_out
+        The channels left out so far.
+    rig
+        The rig.
+
+    Raises
+    ------
+    InputError
+        If the others do not determine beta.
+    """
+    sensors = check_sensors_or_power(test)
+    problem = unusable_channel(sensors)
+    while problem is not None:
+        left_out = left_out.with_channel_of(problem, rig)
+        test = corrected_test(left_out)
+        sensors = check_sensors_or_power(test)
+        problem = unusable_channel(sensors)
+    return test, sensors
+
+
+def estimate_stages(
+    log: str | Path,
+    rig: Rig | None,
+    records: Mapping[str, DiskRecord],
+    *,
+    progress: Progress = no_progress,
+    **options: Any,
+) -> tuple[BetaRun, ...]:
+    """Analyse the loadings of one log that an unloading follows, in order.
+
+    Parameters
+    ----------
+    log, rig, records, progress
         As for ``estimate_beta``.
-    options
-        Further arguments of ``estimate_beta``.
+    **options
+        Options of ``estimate_beta``; with ``stage`` only this loading is analysed.
 
     Returns
     -------
     tuple
-        One run for each test in the log.
+        One run for each test.
     """
-    first = estimate_beta(log, rig, records, stage=1, **options)
-    report = options.pop("progress", no_progress)
+    settings = options_of(BetaOptions, options, "estimate_stages")
+    given = {**settings.stated, "bearing": settings.bearing_file}
+    if settings.stage is not None:
+        return (estimate_beta(log, rig, records, progress=progress, **given),)
+    first = estimate_beta(log, rig, records, progress=progress, **{**given, "stage": 1})
     runs = [first]
     for k in range(2, first.stages + 1):
         prefix = f"test {k} of {first.stages}"
 
-        def progress(what: str, prefix: str = prefix) -> None:
+        def report(what: str, prefix: str = prefix) -> None:
             """Report a stage with the number of its test in front."""
-            report(f"{prefix}: {what}")
+            progress(f"{prefix}: {what}")
 
-        runs.append(estimate_beta(log, rig, records, stage=k, progress=progress, **options))
+        runs.append(estimate_beta(log, rig, records, progress=report, **{**given, "stage": k}))
     return tuple(runs)
 
 

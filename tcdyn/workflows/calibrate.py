@@ -8,8 +8,8 @@ and ``tests/calibration/test_new_user_run.py``.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from immersion.plunge_result import PlungeFit
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, unique, warning
+from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
@@ -45,6 +46,7 @@ from tcdyn.rig.record import (
 )
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, extrapolation_warnings, identity_lines
+from tcdyn.workflows.rig_options import CalibrateOptions
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,11 +105,8 @@ def calibrate_disk(
     immersion: Sequence[str | Path],
     fluids: Sequence[str],
     *,
-    structure: str = "P2",
-    correlation: str = "churchill-chu-laminar",
-    prt_u_degC: float = 0.0,
-    reading_u_K: float | None = None,
     progress: Progress = no_progress,
+    **options: Any,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
@@ -119,16 +118,11 @@ def calibrate_disk(
         Oven log; None with ``reading_u_K``.
     immersion, fluids
         Plunge logs; one fluid (name or table) for all plunges, or one for each.
-    structure, correlation
-        Chain structure and heat transfer correlation.
-    prt_u_degC
-        Standard uncertainty of each reading of the oven's PRT relative to itself, if it was stated
-        apart from its certificate. The certificate's part is in the rig's [traceability] and common
-        to all readings; the scatter gives the remainder.
-    reading_u_K
-        Without an oven log: standard uncertainty of a reading as it was logged [K].
     progress
         Called with the name of each stage.
+    **options
+        Fields of :class:`tcdyn.workflows.rig_options.CalibrateOptions`: ``structure``,
+        ``correlation``, ``reading_u_K`` and ``prt_u_degC``.
 
     Returns
     -------
@@ -150,110 +144,193 @@ def calibrate_disk(
     >>> write_record(run.record, "fast.disk.json").name  # doctest: +SKIP
     'fast.disk.json'
     """
-    if disk not in DISKS:
-        raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))
-    if len(fluids) not in (1, len(immersion)):
-        raise InputError(
-            f"{len(fluids)} fluids for {len(immersion)} plunge(s)",
-            where="calibrate",
-            expected="one fluid for all plunges, or one for each, in their order",
-        )
+    settings = options_of(CalibrateOptions, options, "calibrate_disk")
+    _check_disk_and_fluids(disk, fluids, len(immersion))
     tables = rig.tables(disk)
-    setup = rig.disk_setup(disk)
-    static, lines, findings, inputs = _static_lines(
-        oven, reading_u_K, rig, disk, prt_u_degC, progress
-    )
-    runs: list[PlungeRun] = []
-    logs: list[Log] = []
-    for k, path in enumerate(immersion):
-        progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
-        log = read_log(path, "immersion", rig, disk)
-        check_not_repeated(log, logs)
-        logs.append(log)
-        substance = fluid(fluids[k if len(fluids) > 1 else 0])
-        run = run_from_log(
-            with_filled_bath(log), substance, lines, channels=setup.channels, name=log.path.name
-        )
-        runs.append(run)
-        inputs.append(InputFile.of_path(log.path, log.sha256))
-        findings += extrapolation_warnings(
-            run.name, dict(zip(run.channels, run.readings_degC.T)), lines
-        )
-        findings += log_findings(log, run.entry)
+    static = _static_lines(oven, settings, rig, disk, progress)
+    plunges = _read_plunges(immersion, fluids, rig, disk, static.lines, progress)
     progress("grey-box fit of the chain to all plunges")
-    priors = PlungePriors.for_rig(tables.uncertainty)
-    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
-    check_junction_order(logs, fit)
+    fit = identify_plunges(
+        plunges.runs,
+        rig.disk_setup(disk),
+        correlation=settings.correlation,
+        structure=settings.structure,
+        priors=PlungePriors.for_rig(tables.uncertainty),
+    )
+    check_junction_order(plunges.logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_uncertainty(fit)
-    line_findings = [
-        f
-        for f in fit.findings
-        if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")
-    ]
-    pulled_channels = {f.subject for f in line_findings}
-    deviating = set.intersection(*(deviating_at_rest(run) for run in runs))
-    if static is not None and (
-        len(pulled_channels) > len(setup.channels) // 2 or len(deviating) > 1
-    ):
-        findings.append(
-            warning("calibrate.other_disk", subject=disk, count=len(pulled_channels | deviating))
-        )
+    findings = [*static.findings, *plunges.findings]
+    if static.fit is not None:
+        findings += _other_disk_findings(disk, fit, plunges.runs)
     findings += fit.findings
     record = DiskRecord(
         disk=disk,
         created=now_utc(),
         created_by=tables.traceability.calibrated_by,
-        inputs=inputs,
-        static=lines,
-        chain=chain_record(fit, structure),
+        inputs=[*static.inputs, *plunges.inputs],
+        static=static.lines,
+        chain=chain_record(fit, settings.structure),
         conditioning=tables.conditioning,
         setup=tables,
-        fit=fit_summary(fit, correlation),
+        fit=fit_summary(fit, settings.correlation),
         findings=list(unique(findings)),
     )
-    return CalibrationRun(record, static, tuple(runs), fit)
+    return CalibrationRun(record, static.fit, tuple(plunges.runs), fit)
 
 
-def _static_lines(
-    oven: str | Path | None,
-    reading_u_K: float | None,
+def _check_disk_and_fluids(disk: str, fluids: Sequence[str], n_plunges: int) -> None:
+    """Check the disk, and that there is one fluid for all plunges or one for each.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
+    if disk not in DISKS:
+        raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))
+    if len(fluids) not in (1, n_plunges):
+        raise InputError(
+            f"{len(fluids)} fluids for {n_plunges} plunge(s)",
+            where="calibrate",
+            expected="one fluid for all plunges, or one for each, in their order",
+        )
+
+
+@dataclass(frozen=True)
+class _Plunges:
+    """The plunges of a disk as they were read.
+
+    Attributes
+    ----------
+    runs
+        Readings for the fit, one for each plunge.
+    logs
+        Their logs.
+    inputs
+        Their files.
+    findings
+        Findings of the logs.
+    """
+
+    runs: list[PlungeRun] = field(default_factory=list)
+    logs: list[Log] = field(default_factory=list)
+    inputs: list[InputFile] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+
+
+def _read_plunges(
+    immersion: Sequence[str | Path],
+    fluids: Sequence[str],
     rig: Rig,
     disk: str,
-    prt_u_degC: float,
+    lines: Mapping[str, StaticLine],
     progress: Progress,
-) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
-    """Static lines from the oven log, or readings as they are with a stated uncertainty.
+) -> _Plunges:
+    """Read the plunge logs.
 
     Parameters
     ----------
-    oven
-        Oven log, or None.
-    reading_u_K
-        Standard uncertainty of a reading without an oven log [K], or None.
-    rig, disk
-        The rig, and the name of the disk.
-    prt_u_degC
-        Standard uncertainty of a reading of the PRT relative to its other readings [K].
-    progress
-        Called with the name of the stage.
+    immersion, fluids, rig, disk, progress
+        As for :func:`calibrate_disk`.
+    lines
+        Static line of each channel.
 
-    Returns
-    -------
-    oven_fit
-        Fit of the lines, or None.
+    Raises
+    ------
+    InputError
+        For a log that cannot be used, or one that is another one's copy.
+    """
+    plunges = _Plunges()
+    channels = rig.disk_setup(disk).channels
+    for k, path in enumerate(immersion):
+        progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
+        log = read_log(path, "immersion", rig, disk)
+        check_not_repeated(log, plunges.logs)
+        substance = fluid(fluids[k if len(fluids) > 1 else 0])
+        filled = with_filled_bath(log)
+        run = run_from_log(filled, substance, lines, channels=channels, name=log.path.name)
+        readings_degC = dict(zip(run.channels, run.readings_degC.T))
+        plunges.logs.append(log)
+        plunges.runs.append(run)
+        plunges.inputs.append(InputFile.of_path(log.path, log.sha256))
+        plunges.findings.extend(extrapolation_warnings(run.name, readings_degC, lines))
+        plunges.findings.extend(log_findings(log, run.entry))
+    return plunges
+
+
+def _other_disk_findings(disk: str, fit: PlungeFit, runs: Sequence[PlungeRun]) -> list[Finding]:
+    """A warning if the oven log seems to be that of another disk.
+
+    It is if the plunges contradict the static lines of more than half of the channels, or if more
+    than one channel deviates at rest in every plunge.
+
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    fit
+        Fit of the chains.
+    runs
+        The plunges.
+    """
+    pulled_channels = {
+        finding.subject
+        for finding in fit.findings
+        if finding.code == "plunge.pull" and finding.numbers["kind"] in ("offset", "gain")
+    }
+    deviating = set.intersection(*(deviating_at_rest(run) for run in runs))
+    is_most = len(pulled_channels) > len(fit.setup.channels) // 2
+    if not is_most and len(deviating) <= 1:
+        return []
+    count = len(pulled_channels | deviating)
+    return [warning("calibrate.other_disk", subject=disk, count=count)]
+
+
+@dataclass(frozen=True)
+class _StaticLines:
+    """Static lines of a disk.
+
+    Attributes
+    ----------
+    fit
+        Fit of the lines; None without an oven log.
     lines
         Static line of each channel.
     findings
         Findings.
     inputs
         The oven log as an input file.
+    """
+
+    fit: OvenFit | None
+    lines: dict[str, StaticLine]
+    findings: list[Finding]
+    inputs: list[InputFile]
+
+
+def _static_lines(
+    oven: str | Path | None, options: CalibrateOptions, rig: Rig, disk: str, progress: Progress
+) -> _StaticLines:
+    """Static lines from the oven log, or readings as they are with a stated uncertainty.
+
+    Parameters
+    ----------
+    oven
+        Oven log, or None.
+    options
+        The options of the calibration.
+    rig, disk
+        The rig, and the name of the disk.
+    progress
+        Called with the name of the stage.
 
     Raises
     ------
     InputError
         Unless exactly one of ``oven`` and ``reading_u_K`` is given.
     """
+    reading_u_K = options.reading_u_K
     if (oven is None) == (reading_u_K is None):
         raise InputError(
             "no oven log" if oven is None else "an oven log and a stated line",
@@ -264,19 +341,15 @@ def _static_lines(
             parameters={"oven": "LOG", "reading_u_K": "K"},
         )
     if oven is None or reading_u_K is not None:
-        return (
-            None,
-            identity_lines(reading_u_K or 0.0, rig.disk_setup(disk).channels),
-            [info("static.stated", u_K=reading_u_K)],
-            [],
-        )
+        lines = identity_lines(reading_u_K or 0.0, rig.disk_setup(disk).channels)
+        return _StaticLines(None, lines, [info("static.stated", u_K=reading_u_K)], [])
     progress("static lines from the oven log")
     log = read_log(oven, "oven", rig, disk)
     stated = rig.tables(disk).traceability.shared_u_K(parse_time(now_utc()).date())
-    static = fit_static_lines(log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=stated)
+    fit = fit_static_lines(log.frame, prt_u_degC=options.prt_u_degC, prt_shared_u_degC=stated)
+    findings = [*log.findings, *simulated_findings(log), *fit.findings]
     made_from = [InputFile.of_path(log.path, log.sha256)]
-    findings = [*log.findings, *simulated_findings(log), *static.findings]
-    return static, static.lines, findings, made_from
+    return _StaticLines(fit, fit.lines, findings, made_from)
 
 
 def log_findings(log: Log, entry: EntryEvent) -> list[Finding]:

@@ -6,7 +6,7 @@ analysis :func:`tcdyn.campaign.join_results`. Guarded by ``tests/cli/test_campai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -40,13 +40,18 @@ from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
 from tcdyn.core.errors import InputError, utf8
 from tcdyn.core.findings import Finding, error, info
+from tcdyn.core.options import options_of
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import table_csv, write_text
+from tcdyn.rig.disk import channels_left_out
+from tcdyn.rig.opened_log import rig_from_records
+from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
+from tcdyn.workflows.rig_options import CampaignOptions
 
 # files that a campaign writes into its folder, next to one result a test
 TABLE_FILE = "campaign.csv"
@@ -227,15 +232,12 @@ Progress = Callable[[str, int, int], None]  # (log, logs done, logs in all)
 @one_blas_thread
 def run_campaign(
     logs: Sequence[str | Path],
-    settings: CampaignSettings,
+    rig: Rig | None,
+    records: Mapping[str, DiskRecord],
     out: str | Path,
     *,
-    workers: int = 1,
-    dask: str | None = None,
-    models: Sequence[str | Path] = (),
-    compare: str | Path | None = None,
-    interchanged: tuple[str, str] | None = None,
     progress: Progress = lambda *_: None,
+    **options: Any,
 ) -> CampaignRun:
     """Analyse every log, and combine the tests into a table and one measurement.
 
@@ -243,23 +245,15 @@ def run_campaign(
     ----------
     logs
         EHL logs. A <stem>.beta.json is a test whose log is not available: it is used as it is.
-    settings
-        Rig, records and options.
+    rig, records
+        The rig (None: the one that the records were made with) and a record of each disk.
     out
         Folder for <stem>.beta.json, campaign.csv, campaign.json and the tables for a paper.
-    workers
-        Number of worker processes.
-    dask
-        Address of a scheduler; its workers must have the logs under the same paths.
-    models
-        Files of curves to compare with the tests.
-    compare
-        Table of other tests to compare with (``tcdyn.campaign.summary_table.read_compared``).
-    interchanged
-        Two junctions, such as ("slow_a", "slow_c"), whose channels were interchanged between the
-        first test and the second; then there must be two tests.
     progress
         Called with the name of a log, the number of logs done, and the number of all.
+    **options
+        Fields of :class:`tcdyn.workflows.rig_options.CampaignOptions`. With ``interchanged`` there
+        must be two tests, the first before the interchange.
 
     Returns
     -------
@@ -279,25 +273,90 @@ def run_campaign(
     result is written when it is ready, so that a stopped campaign continues where it was. Where no
     log could be analysed, the table of an earlier run is left as it is.
     """
+    wanted = options_of(CampaignOptions, options, "run_campaign")
+    rig = rig or rig_from_records(records)
+    settings = CampaignSettings(rig, records, wanted.of_analysis)
+    channels_left_out(wanted.without, rig.setups)
     paths = [Path(p) for p in logs]
     _check_names(paths)
     folder = Path(out)
-    curves = [read_curve(path) for path in models]
+    curves = [read_curve(path) for path in wanted.curve]
+    compare = wanted.compare
     compared = None if compare is None else read_compared(compare)
-    given_results = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
-    outcomes: dict[int, list[LogOutcome]] = {}
-    if given_results:
-        rig = rig_fingerprint(settings.rig, settings.records)
-        rig_of_0_2 = rig_fingerprint(settings.rig, settings.records, later_keys=KEYS_SINCE_0_2)
-        for i, path in given_results:
-            data = read_given_result(path, rig, rig_of_0_2)
-            outcomes[i] = [LogOutcome(path, data, from_earlier_run=True)]
-    jobs: list[tuple[int, Path]] = []
+    outcomes = _given_outcomes(paths, settings)
     altered = tuple(
         p.stem
         for i, p in enumerate(paths)
         if i not in outcomes and is_altered(_answer_file(p, folder, 0))
     )
+    _analyse_logs(paths, outcomes, settings, folder, wanted, progress)
+    ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
+    table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
+    if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
+        write_text(folder / TABLE_FILE, table_csv(table, "%.8g"))
+    interchange = None
+    if wanted.interchanged:
+        interchange = _compare_interchange(ordered, wanted.interchanged)
+    joined = join_results({o.name: o.data for o in ordered if o.data is not None}, curves)
+    run = CampaignRun(folder, ordered, table, joined, altered, compared, interchange, rig)
+    _write_joined(run)
+    return run
+
+
+def _given_outcomes(
+    paths: Sequence[Path], settings: CampaignSettings
+) -> dict[int, list[LogOutcome]]:
+    """Tests that were given by their results, by the position of the result among the logs.
+
+    Parameters
+    ----------
+    paths
+        Logs and results.
+    settings
+        Settings of the campaign.
+
+    Raises
+    ------
+    InputError
+        For a result that was changed or is of another rig.
+    """
+    given = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
+    if not given:
+        return {}
+    rig = rig_fingerprint(settings.rig, settings.records)
+    rig_of_0_2 = rig_fingerprint(settings.rig, settings.records, later_keys=KEYS_SINCE_0_2)
+    return {
+        i: [LogOutcome(path, read_given_result(path, rig, rig_of_0_2), from_earlier_run=True)]
+        for i, path in given
+    }
+
+
+def _analyse_logs(
+    paths: Sequence[Path],
+    outcomes: dict[int, list[LogOutcome]],
+    settings: CampaignSettings,
+    folder: Path,
+    options: CampaignOptions,
+    progress: Progress,
+) -> None:
+    """Add the tests of each log to ``outcomes``: stored ones, and those of the analysis.
+
+    Parameters
+    ----------
+    paths
+        Logs and results.
+    outcomes
+        Tests by position among the logs; those of the results that were given are there already.
+    settings
+        Settings of the campaign.
+    folder
+        Folder of the results, which are written when they are ready.
+    options
+        Options of the campaign.
+    progress
+        As of :func:`run_campaign`.
+    """
+    jobs: list[tuple[int, Path]] = []
     for i, path in enumerate(paths):
         if i in outcomes:
             continue
@@ -308,41 +367,56 @@ def run_campaign(
         else:
             jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
-    for job, answer in parallel_map(work, [path.absolute() for _, path in jobs], workers, dask):
+    full_paths = [path.absolute() for _, path in jobs]
+    for job, answer in parallel_map(work, full_paths, options.n_workers, options.dask):
         i, path = jobs[job]
         if isinstance(answer, Exception):
             answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]
-        outcomes[i] = []
-        for stage, one in enumerate(answer, 1) if len(answer) > 1 else [(0, answer[0])]:
-            if isinstance(one, str):
-                outcomes[i].append(LogOutcome(path, None, utf8(one), stage=stage))
-            else:
-                outcomes[i].append(LogOutcome(path, one, stage=stage))
-                file = _answer_file(path, folder, stage)
-                write_text(file, json_text(one))
+        outcomes[i] = [
+            _analysed_outcome(path, one, stage if len(answer) > 1 else 0, folder)
+            for stage, one in enumerate(answer, 1)
+        ]
         progress(path.stem, len(outcomes), len(paths))
-    ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
-    table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
-    if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
-        write_text(folder / TABLE_FILE, table_csv(table, "%.8g"))
-    interchange = None if interchanged is None else _compare_interchange(ordered, interchanged)
-    campaign = join_results({o.name: o.data for o in ordered if o.data is not None}, curves)
-    if campaign is not None:
-        content = campaign.to_dict()
-        if interchange is not None:
-            content["interchange"] = interchange.to_dict()
-        if compared is not None:
-            content["compared"] = comparison_table(table, compared)
-        write_text(folder / JOINED_FILE, json_text(content))
-        for name, text in zip(PAPER_FILES, (paper_csv(campaign), paper_latex(campaign))):
-            write_text(folder / name, text)
-    return CampaignRun(
-        folder, ordered, table, campaign, altered, compared, interchange, settings.rig
-    )
+
+
+def _analysed_outcome(
+    path: Path, answer: dict[str, Any] | str, stage: int, folder: Path
+) -> LogOutcome:
+    """One test of a log; its result is written.
+
+    Parameters
+    ----------
+    path
+        The log.
+    answer
+        Content of beta.json, or the message of the failure.
+    stage
+        Number of the test in its log; 0 in a log with one.
+    folder
+        Folder of the results.
+    """
+    if isinstance(answer, str):
+        return LogOutcome(path, None, utf8(answer), stage=stage)
+    write_text(_answer_file(path, folder, stage), json_text(answer))
+    return LogOutcome(path, answer, stage=stage)
+
+
+def _write_joined(run: CampaignRun) -> None:
+    """Write campaign.json and the tables for a paper; nothing where no log could be analysed."""
+    if run.joined is None:
+        return
+    content = run.joined.to_dict()
+    if run.interchange is not None:
+        content["interchange"] = run.interchange.to_dict()
+    if run.compared is not None:
+        content["compared"] = comparison_table(run.table, run.compared)
+    write_text(run.folder / JOINED_FILE, json_text(content))
+    for name, text in zip(PAPER_FILES, (paper_csv(run.joined), paper_latex(run.joined))):
+        write_text(run.folder / name, text)
 
 
 def _compare_interchange(
-    outcomes: Sequence[LogOutcome], interchanged: tuple[str, str]
+    outcomes: Sequence[LogOutcome], interchanged: Sequence[str]
 ) -> MapComparison:
     """Compare the maps of two tests before and after an interchange of channels.
 
@@ -372,7 +446,8 @@ def _compare_interchange(
             remedy="; ".join(reasons) or "analyse the logs anew, into another folder",
         )
     first, second = tests
-    return compare_maps(tests[first], tests[second], interchanged, (first, second))
+    one, other = interchanged
+    return compare_maps(tests[first], tests[second], (one, other), (first, second))
 
 
 def _stored_outcomes(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,52 +19,48 @@ from tcdyn.campaign.steady_maps import logged_map_degC, steady_degC
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages
 from tcdyn.io.checksum import with_checksum
-from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.operating_conditions import BearingFile
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import iter_log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.version import __version__
 from tcdyn.workflows.beta import estimate_beta
+from tcdyn.workflows.rig_options import AnalysisOptions
 
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """Settings with which all logs of a campaign are analysed.
+    """What all logs of a campaign are analysed with.
 
     Parameters
     ----------
     rig, records
         The rig, and the record of each disk.
-    window_s, seed, bearing
-        As for ``tcdyn.workflows.beta.estimate_beta``.
-    without
-        Channels left out of each log, such as "fast_c".
+    options
+        How each log is analysed.
     """
 
     rig: Rig
     records: Mapping[str, DiskRecord]
-    window_s: float = WINDOW_S
-    seed: int = 0
-    bearing: BearingFile | None = None
-    without: tuple[str, ...] = ()
+    options: AnalysisOptions = field(default_factory=AnalysisOptions)
 
     def fingerprint(self) -> dict[str, Any]:
         """What must be the same for a stored result to be used: version, rig, records, options.
 
         A new setting that changes results must be added here; otherwise old results would be kept.
         """
+        options = self.options
+        bearing = options.bearing_file
         return {
             "version": __version__,
             "rig_sha256": _text_sha256(self.rig.model_dump_json()),
             "records_sha256": {
                 d: _text_sha256(r.to_json()) for d, r in sorted(self.records.items())
             },
-            "bearing_sha256": self.bearing.sha256 if self.bearing else None,
-            "window_s": self.window_s,
-            "seed": self.seed,
-            "without": sorted(self.without) or None,
+            "bearing_sha256": bearing.sha256 if bearing else None,
+            "window_s": options.window_s,
+            "seed": options.seed,
+            "without": sorted(options.without) or None,
             "reading": asdict(self.rig.reading),
         }
 
@@ -119,10 +115,8 @@ def _try_stage(
 def _count_stages(path: Path, settings: CampaignSettings) -> int:
     """Number of tests in a log whose first cannot be analysed; one where it cannot be read."""
     try:
-        pieces = iter_log(
-            path, "ehl", settings.rig, without=[f"{c}_degC" for c in settings.without]
-        )
-        return read_stage(pieces, None)[1]
+        columns = [f"{channel}_degC" for channel in settings.options.without]
+        return read_stage(iter_log(path, "ehl", settings.rig, without=columns), None)[1]
     except InputError:
         return 1
 
@@ -135,17 +129,8 @@ def _analyse_stage(
     Paths in messages are shortened to the name of the log, so that results do not depend on
     folders.
     """
-    s = settings
-    run = estimate_beta(
-        path,
-        s.rig,
-        s.records,
-        window_s=s.window_s,
-        seed=s.seed,
-        bearing=s.bearing,
-        without=s.without,
-        stage=stage,
-    )
+    options = {**settings.options.stated, "stage": stage}
+    run = estimate_beta(path, settings.rig, settings.records, **options)
     test = run.partition.test
     data = run.to_dict()
     findings = [
@@ -159,7 +144,7 @@ def _analyse_stage(
     data["campaign"] = {
         **settings.fingerprint(),
         "friction_coefficient": test.friction_N / test.load_N,
-        "bearing_N": test.added_friction.value_N if settings.bearing else None,
+        "bearing_N": test.added_friction.value_N if settings.options.bearing else None,
         "bulk_degC": {
             d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS
         },

@@ -135,20 +135,8 @@ def identify(
     settings = options_of(IdentifyOptions, options, "identify")
     inputs = _columns("input", input)
     outputs = _columns("output", output)
-    if len(inputs) > 1 and (settings.narx or settings.gain is not None):
-        name = "narx" if settings.narx else "gain"
-        raise InputError(
-            f"{{{name}}} with {len(inputs)} inputs",
-            expected="one input",
-            remedy="leave it out",
-            parameters={name: None},
-        )
-    if settings.narx:  # an error before the work
-        from tcdyn.identification.narx import frols_with_polynomials
-
-        frols_with_polynomials()
-    known_filter = settings.conditioning
-    fit_settings = settings.fit_settings
+    _check_narx_and_gain(settings, len(inputs))
+    fit_settings = {**settings.fit_settings, "held_out": settings.held_out}
     record = from_csv(
         data,
         input=inputs,
@@ -159,17 +147,15 @@ def identify(
         **asdict(settings.rows),
     )
     names = list(record.input_names)  # with the units that the file states
-    models = [_model(name, names, settings, known_filter) for name in settings.models]
-    fit_settings["like"] = _model("P1", names[:1], settings, known_filter)
+    known = settings.conditioning
+    models = [_model(name, names, settings, known) for name in settings.models]
+    fit_settings["like"] = _model("P1", names[:1], settings, known)
     results = {}
     for column in outputs:
         one = record.select(output=column)
         with progress(len(models)) if progress else nullcontext(_no_progress) as report:
-            comparison = compare(
-                one, models, held_out=settings.held_out, progress=report, **fit_settings
-            )
-        sentence, narx = _level_dependence(one, settings)
-        results[column] = IdentifiedOutput(one, comparison, known_filter, sentence, narx)
+            comparison = compare(one, models, progress=report, **fit_settings)
+        results[column] = IdentifiedOutput(one, comparison, known, *_level_test(one, settings))
         if done is not None:
             done(column, results[column])
     return results
@@ -179,7 +165,29 @@ def _no_progress(name: str, number: int, count: int) -> None:
     """Report nothing."""
 
 
-def _level_dependence(record: IOData, settings: IdentifyOptions) -> tuple[str, dict[str, Any]]:
+def _check_narx_and_gain(settings: IdentifyOptions, n_inputs: int) -> None:
+    """Check, before any work, that the options of one input are not given for several.
+
+    Raises
+    ------
+    InputError
+        If they are, or if the package for ``narx`` is not installed.
+    """
+    if n_inputs > 1 and (settings.narx or settings.gain is not None):
+        name = "narx" if settings.narx else "gain"
+        raise InputError(
+            f"{{{name}}} with {n_inputs} inputs",
+            expected="one input",
+            remedy="leave it out",
+            parameters={name: None},
+        )
+    if settings.narx:
+        from tcdyn.identification.narx import frols_with_polynomials
+
+        frols_with_polynomials()
+
+
+def _level_test(record: IOData, settings: IdentifyOptions) -> tuple[str, dict[str, Any]]:
     """Sentence and result of the test whether the lag depends on the level; empty without it."""
     if not settings.narx:
         return "", {}

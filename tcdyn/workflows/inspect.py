@@ -374,7 +374,28 @@ def inspect(
     if report is None:
         raise InputError(f"only {len(time_s)} rows", where=where, expected="at least 2 rows")
     doubts = [each for name, of in units.items() for each in unit_findings(name, of, raw[name])]
-    inspected = tuple(
+    all_findings = unique_by_subject([*findings, *unit_infos, *doubts, *look.findings])
+    inspected = _inspected_columns(report, raw, parts)
+    assumed = _assumed_temperatures(report, units)
+    files = source.files(len(time_s))
+    return Inspection(where, report, others, assumed, all_findings, time_s, inspected, files)
+
+
+def _inspected_columns(
+    report: SeriesReport, raw: Mapping[str, NDArray[Any]], parts: Sequence[Series]
+) -> tuple[InspectedColumn, ...]:
+    """The values of each column, for a picture.
+
+    Parameters
+    ----------
+    report
+        Report on the columns.
+    raw
+        Values (R,) of each column.
+    parts
+        The rows with the reasons why a value is no reading, in pieces.
+    """
+    return tuple(
         InspectedColumn(
             each.name,
             each.unit,
@@ -383,19 +404,14 @@ def inspect(
         )
         for each in report.columns
     )
-    return Inspection(
-        where,
-        report,
-        others,
-        tuple(
-            each.name
-            for each in report.columns
-            if each.kind == Kind.TEMPERATURE.value and units[each.name].is_assumed
-        ),
-        unique_by_subject([*findings, *unit_infos, *doubts, *look.findings]),
-        time_s,
-        inspected,
-        source.files(len(time_s)),
+
+
+def _assumed_temperatures(report: SeriesReport, units: Mapping[str, Unit]) -> tuple[str, ...]:
+    """Columns of temperature whose unit nobody states."""
+    return tuple(
+        each.name
+        for each in report.columns
+        if each.kind == Kind.TEMPERATURE.value and units[each.name].is_assumed
     )
 
 

@@ -14,7 +14,7 @@ from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.campaign import simulate_campaign
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
 from tcdyn.workflows import calibrate_disk
-from tcdyn.workflows.campaign import CampaignSettings, run_campaign
+from tcdyn.workflows.campaign import run_campaign
 
 
 def main(count: int = 4) -> None:
@@ -30,8 +30,7 @@ def main(count: int = 4) -> None:
     logs = [folder / f"EHL_{k}.csv" for k in range(count)]
     for log in logs:
         shutil.copy(files.ehl["B3"], log)
-    settings = CampaignSettings(rig, records)
-    run_campaign(logs[:1], settings, folder / "warm")
+    run_campaign(logs[:1], rig, records, folder / "warm")
     tables = {}
     base = 0.0
     for name, chosen_logs, workers in (
@@ -41,7 +40,7 @@ def main(count: int = 4) -> None:
     ):
         start = perf_counter()
         tables[name] = run_campaign(
-            chosen_logs, settings, folder / name.replace(" ", ""), workers=workers
+            chosen_logs, rig, records, folder / name.replace(" ", ""), workers=workers
         ).table
         took = perf_counter() - start
         base = base or took

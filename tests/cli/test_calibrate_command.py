@@ -198,7 +198,7 @@ def test_an_unknown_structure_names_the_known_ones(
         "--quiet",
     )
     assert code == 2
-    assert "P1, P2, P1D, P2D, P2Z" in capsys.readouterr().err
+    assert "expected P1 or P2 or P1D or P2D or P2Z or P3" in capsys.readouterr().err
 
 
 @pytest.mark.e2e

@@ -24,7 +24,7 @@ from tcdyn.report.campaign import write_campaign_report
 from tcdyn.rig.log import read_log
 from tcdyn.workflows import campaign_log as stage
 from tcdyn.workflows.beta import BetaRun
-from tcdyn.workflows.campaign import run_campaign
+from tcdyn.workflows.campaign import CampaignRun, run_campaign
 from tcdyn.workflows.campaign_log import CampaignSettings
 from tests.conftest import Campaign
 
@@ -43,8 +43,9 @@ def records(campaign: Campaign) -> list[object]:
     ]
 
 
-def settings_of(campaign: Campaign, **changes: Any) -> CampaignSettings:
-    return CampaignSettings(campaign.rig, campaign.records, **changes)
+def run_again(logs: list[Path], campaign: Campaign, out: Path, **options: Any) -> CampaignRun:
+    """Analyse logs with the rig and the records of the campaign."""
+    return run_campaign(logs, campaign.rig, campaign.records, out, **options)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +127,7 @@ def test_a_campaign_of_simulated_logs_says_so_on_its_page_and_on_the_terminal(
     said = capsys.readouterr()
     assert "simulated" in said.out
     assert "simulated" in said.err
-    again = run_campaign([log], settings_of(campaign), out)
+    again = run_again([log], campaign, out)
     assert again.simulated == ("EHL_B3",)
     assert [f.code for f in again.findings].count("campaign.simulated") == 1
     (outcome,) = again.outcomes
@@ -159,12 +160,12 @@ def test_finished_logs_are_not_analysed_again(
 
     monkeypatch.setattr(stage, "estimate_beta", refuse)
     log, before = campaign.files.ehl["B3"], (done[0] / "EHL_B3.beta.json").read_bytes()
-    again = run_campaign([log], settings_of(campaign), done[0])
+    again = run_again([log], campaign, done[0])
     assert again.n_from_earlier_run == 1
     assert not again.failed
     assert (done[0] / "EHL_B3.beta.json").read_bytes() == before
-    for changed in (settings_of(campaign, window_s=4.0), settings_of(campaign, seed=1)):
-        assert run_campaign([log], changed, done[0]).failed  # it was asked for again
+    for changed in ({"window_s": 4.0}, {"seed": 1}):
+        assert run_again([log], campaign, done[0], **changed).failed  # it was asked for again
 
 
 def test_an_altered_answer_is_not_kept(
@@ -177,7 +178,7 @@ def test_an_altered_answer_is_not_kept(
     (tmp_path / "EHL_B3.beta.json").write_text(
         text.replace('"load_N": 18', '"load_N": 19', 1), encoding="utf-8"
     )
-    again = run_campaign([campaign.files.ehl["B3"]], settings_of(campaign), tmp_path)
+    again = run_again([campaign.files.ehl["B3"]], campaign, tmp_path)
     assert [o.error for o in again.failed] == ["called"]
     assert [f.code for f in again.findings] == ["campaign.altered"]
 
@@ -224,7 +225,7 @@ def test_map_has_the_error_of_a_channel_as_it_is_in_the_log(
     log.assign(slow_a_degC=log["slow_a_degC"] + 1.5, slow_c_degC=log["slow_c_degC"] - 1.0).to_csv(
         path, index=False
     )
-    (data,) = stage.analyse_log(path, settings_of(campaign))
+    (data,) = stage.analyse_log(path, CampaignSettings(campaign.rig, campaign.records))
     assert isinstance(data, dict)
     readings = data["campaign"]["map_degC"]
     true = pd.read_parquet(campaign.files.folder / "truth" / "EHL_B3_traces.parquet")
@@ -285,9 +286,7 @@ def test_another_log_of_the_same_name_is_analysed_again(
     )
     other = tmp_path / "EHL_B3.csv"
     other.write_bytes(campaign.files.ehl["B3"].read_bytes() + b"\n")
-    assert [o.error for o in run_campaign([other], settings_of(campaign), done[0]).failed] == [
-        "called"
-    ]
+    assert [o.error for o in run_again([other], campaign, done[0]).failed] == ["called"]
 
 
 def test_all_logs_bad_is_exit_2_and_still_a_table(
@@ -437,13 +436,13 @@ def test_two_loadings_in_one_log_are_two_tests(campaign: Campaign, tmp_path: Pat
     log = tmp_path / "EHL_B3.csv"
     pd.concat([one, later]).to_csv(log, index=False, float_format="%.6f")
     out = tmp_path / "o"
-    run_ = run_campaign([log], settings_of(campaign), out)
+    run_ = run_again([log], campaign, out)
     assert [o.name for o in run_.outcomes] == ["EHL_B3.1", "EHL_B3.2"]
     assert not run_.failed
     assert run_.joined is not None
     a, b = (e["beta"] for e in run_.joined.posterior.estimates)
     assert abs(a.value - b.value) < 0.2 * a.u
-    assert run_campaign([log], settings_of(campaign), out).n_from_earlier_run == 2
+    assert run_again([log], campaign, out).n_from_earlier_run == 2
     tcdyn("rig", "beta", log, *records(campaign), "--out", tmp_path / "beta.json", "-q")
     assert (tmp_path / "beta.1.json").exists()
     assert (tmp_path / "beta.2.json").exists()
@@ -460,11 +459,11 @@ def test_the_table_is_the_same_whoever_works_on_it(campaign: Campaign, tmp_path:
         logs.append(tmp_path / name)
     tables = []
     for folder, workers in (("w1", 1), ("w2", 2)):
-        run_campaign(logs, settings_of(campaign), tmp_path / folder, workers=workers)
+        run_again(logs, campaign, tmp_path / folder, workers=workers)
         tables.append((tmp_path / folder / "campaign.csv").read_bytes())
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=":0"
     ) as local:
-        run_campaign(logs, settings_of(campaign), tmp_path / "dask", dask=local.scheduler_address)
+        run_again(logs, campaign, tmp_path / "dask", dask=local.scheduler_address)
     tables.append((tmp_path / "dask" / "campaign.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]

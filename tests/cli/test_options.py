@@ -8,8 +8,10 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -17,9 +19,10 @@ import typer
 from typer.testing import CliRunner
 
 from tcdyn.cli.app import app
-from tcdyn.cli.common import Reporter, as_option, number_option, options_from_docstring
+from tcdyn.cli.common import Reporter, as_option, options_from_docstring
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
+from tcdyn.core.options import PANELS, Options, option
 from tcdyn.rig.log import read_log
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
@@ -118,9 +121,26 @@ def test_an_option_has_one_meaning_in_all_commands() -> None:
     assert {short: names for short, names in short_names.items() if len(names) > 1} == {}
 
 
-def _command(
-    log: Path, limit_K: Annotated[float, number_option(0, 1)] = 0.5, refine: bool = True
-) -> None:
+@dataclass(frozen=True)
+class Limits(Options):
+    """Limits.
+
+    Attributes
+    ----------
+    limit_K
+        largest error,
+        without {window_s}
+    kinds
+        kind of error
+    """
+
+    limit_K: float = option(0.5, "Advanced", low=0, high=1)
+    kinds: Sequence[str] = option(
+        (), "Model", name="kind", short="-k", choices=("a", "b"), takes=list[str]
+    )
+
+
+def _command(log: Path, refine: bool = True, *, options: Limits) -> None:
     """Do nothing.
 
     Parameters
@@ -128,23 +148,63 @@ def _command(
     log
         log to
         read
-    limit_K
-        largest error
     refine
         refine it
     """
+    print(options.stated)
 
 
 def test_options_have_the_names_of_parameters_and_the_help_of_the_docstring() -> None:
     one = typer.Typer()
     one.command()(options_from_docstring(_command))
     command = typer.main.get_command(one)
-    log, limit, refine = command.params[:3]
+    log, kinds, limit, refine = command.params[:4]
     assert command.help == "Do nothing."
     assert log.param_type_name == "argument"
     assert "log to read" in CliRunner().invoke(one, ["--help"]).output
-    assert (limit.opts, limit.help, limit.default) == (["--limit-K"], "largest error", 0.5)
+    assert (limit.opts, limit.default) == (["--limit-K"], 0.5)
+    assert limit.help == "largest error, without --window-s"
+    assert kinds.opts == ["--kind", "-k"]
     assert (refine.opts, refine.secondary_opts) == (["--refine"], ["--no-refine"])
+
+
+@pytest.mark.parametrize(
+    ("words", "stated"),
+    [
+        ([], "{}"),
+        (["--limit-K", "0.5"], "{}"),  # the default
+        (["--limit-K", "0", "-k", "a", "--kind", "b"], "{'limit_K': 0.0, 'kinds': ['a', 'b']}"),
+    ],
+)
+def test_a_command_gets_the_dataclass_of_its_options(words: list[str], stated: str) -> None:
+    one = typer.Typer()
+    one.command()(options_from_docstring(_command))
+    assert CliRunner().invoke(one, ["a.csv", *words]).output.strip() == stated
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--limit-K", "2"], "limit_K is 2; expected 0 to 1"),
+        (["--kind", "c"], "kinds is 'c'; expected a or b"),
+    ],
+)
+def test_a_command_checks_its_options_when_it_is_called(words: list[str], message: str) -> None:
+    one = typer.Typer()
+    one.command()(options_from_docstring(_command))
+    problem = CliRunner().invoke(one, ["a.csv", *words]).exception
+    assert isinstance(problem, InputError)
+    assert str(problem) == message
+
+
+@pytest.mark.parametrize("name", sorted(ALL))
+def test_every_option_has_its_group_in_the_help(name: str) -> None:
+    groups = {
+        parameter.opts[0]: parameter.rich_help_panel
+        for parameter in ALL[name].params
+        if parameter.opts[0].startswith("--") and parameter.opts[0] != "--help"
+    }
+    assert {option: panel for option, panel in groups.items() if panel not in PANELS} == {}
 
 
 def test_a_parameter_that_the_docstring_does_not_describe_is_an_error() -> None:

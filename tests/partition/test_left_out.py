@@ -29,6 +29,7 @@ from tcdyn.workflows import beta as stage
 from tcdyn.workflows.beta import estimate_beta
 from tcdyn.workflows.beta_tables import junctions_table
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
+from tcdyn.workflows.rig_options import AnalysisOptions
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
 
@@ -385,7 +386,9 @@ def test_without_option_excludes_channels_on_the_command_line(
 
 @pytest.mark.study
 def test_campaign_row_of_an_excluded_channel_is_nan(campaign: Campaign) -> None:
-    settings = CampaignSettings(campaign.rig, campaign.records, without=("fast_a",))
+    settings = CampaignSettings(
+        campaign.rig, campaign.records, AnalysisOptions(without=("fast_a",))
+    )
     [data] = analyse_log(campaign.files.ehl["B3"], settings)
     assert isinstance(data, dict), data
     row = table_row("EHL_B3", data)

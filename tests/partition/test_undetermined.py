@@ -33,7 +33,6 @@ from tcdyn.workflows import beta as beta_workflow
 from tcdyn.workflows import campaign_log
 from tcdyn.workflows.beta import BetaRun
 from tcdyn.workflows.campaign import run_campaign
-from tcdyn.workflows.campaign_log import CampaignSettings
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 
@@ -261,7 +260,7 @@ def test_an_undetermined_beta_ends_with_1_also_in_a_campaign(
     assert not _is_told(said.out)
     stored = json.loads((tmp_path / "EHL_B3.beta.json").read_text(encoding="utf-8"))
     assert stored["status"] == "withheld"
-    again = run_campaign([log], CampaignSettings(campaign.rig, campaign.records), tmp_path)
+    again = run_campaign([log], campaign.rig, campaign.records, tmp_path)
     assert again.joined is None
     assert "campaign.withheld" in [finding.code for finding in again.findings]
     assert np.isnan(again.table["beta_both"].astype(float)[0])
