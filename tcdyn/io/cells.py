@@ -17,7 +17,7 @@ from tcdyn.core import Array
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.io.no_reading import OtherCells, are_mostly_numbers
 from tcdyn.io.response_units import is_response_unit
-from tcdyn.io.stamps import Stamps, is_stamp
+from tcdyn.io.stamps import ORDER_NAMES, Stamps, is_stamp
 from tcdyn.io.unit_names import SECONDS_PER_UNIT, is_clear_unit, is_temperature_unit
 
 # groups of three digits: 1,234.5 or 1.234,5 (both marks are needed), 1 234.5 and 1'234.5
@@ -278,4 +278,8 @@ class TextColumn:
         if self.stamps.clock_changes:
             dates = ", ".join(self.stamps.clock_changes)
             findings.append(warning("text.clock_change", subject=self.name, dates=dates))
+        order, date = self.stamps.assumed
+        if order:
+            taken = ORDER_NAMES[order]
+            findings.append(warning("text.date_order", subject=self.name, date=date, order=taken))
         return findings
