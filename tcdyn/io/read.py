@@ -31,6 +31,8 @@ from tcdyn.io.csv_dialect import Dialect, detect_dialect
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
 from tcdyn.io.metadata import read_metadata
 from tcdyn.io.rows import CheckedRows, check_rows
+from tcdyn.io.sea_bird import FIRST_BYTES as SEA_BIRD_FIRST_BYTES
+from tcdyn.io.sea_bird import cnv_table
 from tcdyn.io.stamps import has_fraction, is_date, is_stamp, is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
 
@@ -97,7 +99,7 @@ class CsvTable(Table):
 
 
 def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
-    """Open a log: TDMS or Parquet by ending or first bytes, LVM by its first bytes, otherwise text.
+    """Open a log: TDMS or Parquet by ending or first bytes, LVM and CNV by these, otherwise text.
 
     Parameters
     ----------
@@ -142,8 +144,8 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
 
     Notes
     -----
-    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM by its first bytes;
-    refusal of spreadsheets and archives by their first bytes, then of ``OTHER_ENDINGS``; text. Keep
+    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM and CNV by their
+    first bytes; refusal of spreadsheets and archives by their first bytes, then of ``OTHER_ENDINGS``; text. Keep
     it: first bytes of one format and the ending of another must not change their reader, and any
     file could be text. A new format goes before the refusals. Guarded by
     ``tests/io/test_file_formats.py`` (each format), ``tests/io/test_damaged_files.py`` (a
@@ -161,6 +163,8 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         return tdms_table(file, where) if is_tdms else parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(FIRST_BYTES):
         return lvm_table(file, where, text_chunks)
+    if head.startswith(SEA_BIRD_FIRST_BYTES):
+        return cnv_table(file, where, text_chunks)
     if head.startswith(GZIP_FIRST_BYTES):
         raise InputError("this is a compressed file", where=where, remedy="decompress it first")
     if head.startswith(SPREADSHEET_FIRST_BYTES):
@@ -188,7 +192,9 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
     if findings:
         chunks = partial(_chunks_with_findings, chunks, findings)
     first_cells = list(zip(dialect.names, dialect.first_row))
-    clocks = tuple(name for name, cell in first_cells if is_stamp(cell))
+    clocks = [name for name, cell in first_cells if is_stamp(cell)]
+    without_date = {name for name, cell in first_cells if is_time_of_day(cell)}
+    clocks.sort(key=lambda name: name in without_date)
     dates = tuple(name for name, cell in first_cells if is_date(cell, name))
     return CsvTable(
         where,
@@ -197,7 +203,7 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         chunks,
         dialect,
         units=dialect.units,
-        clock_columns=clocks,
+        clock_columns=tuple(clocks),
         date_columns=dates,
     )
 
@@ -493,6 +499,8 @@ class TextReader:
         self.reads_text = False
         self.text_columns: dict[str, TextColumn] = {}
         first_cells = dict(zip(reversed(dialect.names), reversed(dialect.first_row)))
+        # a caller asks for the time first, and other clocks need not be readable
+        self.first_clock = next((name for name in requested if is_stamp(first_cells[name])), "")
         self.date_columns = [name for name in dialect.names if is_date(first_cells[name], name)]
         # a time of day belongs to the date in the same row if there is one column of dates
         self.dated_columns: set[str] = set()
@@ -714,7 +722,10 @@ class TextReader:
                 continue
             text_column = self.text_columns.get(name)
             if text_column is None:
-                text_column = TextColumn(name, self.dialect.decimal, self.location, words=False)
+                is_time = name == self.first_clock
+                text_column = TextColumn(
+                    name, self.dialect.decimal, self.location, words=False, is_time=is_time
+                )
                 self.text_columns[name] = text_column
             texts = self._with_dates(batch, cells) if name in self.dated_columns else cells
             data[name] = text_column.numbers(texts, self.rows_done)

@@ -36,7 +36,7 @@ UNIT_NAMES = frozenset(
 )
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"t|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
+    r"t|time[smhjyknq]|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
     r"|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
     r"|x_value"
     r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
@@ -332,7 +332,7 @@ def find_time_column(
     requested: str | None = None,
     unit: str | None = None,
     unit_row: Mapping[str, str] | None = None,
-    clock_columns: Collection[str] = (),
+    clock_columns: Sequence[str] = (),
 ) -> TimeColumn:
     """Find the time column of a table and its unit.
 
@@ -348,8 +348,8 @@ def find_time_column(
         The unit as the caller states it; it overrides the header.
     unit_row : mapping, optional
         Units from a row below the header, by column.
-    clock_columns : collection of str, optional
-        Columns whose first cell is a clock time.
+    clock_columns : sequence of str, optional
+        Columns whose first cell is a clock time, those with a date first.
 
     Raises
     ------
@@ -358,8 +358,9 @@ def find_time_column(
 
     Notes
     -----
-    The first column with the name of a time column and a known unit or a clock is taken; then the
-    first column with a clock; then the first one with the name of a time column.
+    The first column with the name of a time column and a known unit or a clock is taken, of several
+    clocks with such a name one with a date; then the first column with a clock; then the first one
+    with the name of a time column.
 
     Examples
     --------
@@ -419,15 +420,17 @@ def _may_be_time(name: str, units: Mapping[str, str], clock_columns: Collection[
 
 
 def _time_column_name(
-    names: Sequence[str], units: Mapping[str, str], clock_columns: Collection[str]
+    names: Sequence[str], units: Mapping[str, str], clock_columns: Sequence[str]
 ) -> str | None:
     """The most probable time column; None if no name and no clock tells of one."""
     named = [name for name in names if has_time_name(name, units)]
     for name in named:
         unit = split_unit(name)[1] or units.get(name, "")
-        if name in clock_columns or is_time_unit(unit):
+        if name in clock_columns:
+            return next(clock for clock in clock_columns if clock in named)
+        if is_time_unit(unit):
             return name
-    clocks = [name for name in names if name in clock_columns]
+    clocks = list(clock_columns)
     by_unit = [name for name in names if name.strip().lower() in UNIT_NAMES]
     return next(iter([*clocks, *named, *by_unit]), None)
 
