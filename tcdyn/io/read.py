@@ -35,6 +35,8 @@ from tcdyn.io.sea_bird import FIRST_BYTES as SEA_BIRD_FIRST_BYTES
 from tcdyn.io.sea_bird import cnv_table
 from tcdyn.io.stamps import has_fraction, is_date, is_stamp, is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
+from tcdyn.io.times import is_time_name
+from tcdyn.io.unit_names import unit_in, written_unit
 
 __all__ = [
     "CsvTable",
@@ -71,6 +73,8 @@ OTHER_FIRST_BYTES = {
     b"\x28\xb5\x2f\xfd": ("a compressed file", "decompress it first"),
     b"7z\xbc\xaf\x27\x1c": ("an archive", "extract its files first"),
 }
+# names of a column with the unit of each row
+UNIT_COLUMNS = ("unit", "units", "einheit", "unité", "unidad", "unità", "eenheid")
 MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
 LEAST_BLOCK_BYTES = 1 << 16
@@ -185,7 +189,7 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
             where=where,
             expected="a log (CSV, LVM, TDMS or Parquet)",
         )
-    dialect = detect_dialect(file, where, known_names)
+    dialect = _with_unit_column(detect_dialect(file, where, known_names))
     in_file_beside, findings = read_metadata(file, dialect.names)
     metadata = {**in_file_beside, **dialect.metadata}
     chunks = partial(text_chunks, dialect)
@@ -206,6 +210,34 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
         clock_columns=tuple(clocks),
         date_columns=dates,
     )
+
+
+def _with_unit_column(dialect: Dialect) -> Dialect:
+    """The dialect with the unit of its only column of values, where a column of units states it.
+
+    Such a column has one and the same unit in all rows.
+    """
+    first_cells = list(zip(dialect.names, dialect.first_row))
+    units = [
+        (name, cell)
+        for name, cell in first_cells
+        if name.strip().lower() in UNIT_COLUMNS and written_unit(cell)
+    ]
+    values = [
+        name
+        for name, cell in first_cells
+        if is_number(cell, dialect.decimal) and not is_time_name(name) and not is_date(cell, name)
+    ]
+    if len(units) != 1 or len(values) != 1 or values[0] in dialect.units or unit_in(values[0]):
+        return dialect
+    name, cell = units[0]
+    try:
+        _, labels = read_labels(dialect, [name])[name]
+    except InputError:  # the error comes again when the columns are read
+        return dialect
+    if len(labels) != 1:
+        return dialect
+    return replace(dialect, units={**dialect.units, values[0]: cell})
 
 
 def _chunks_with_findings(

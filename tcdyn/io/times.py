@@ -26,7 +26,7 @@ from tcdyn.io.clock_numbers import (
     seconds_of_day,
     seconds_of_stamp,
 )
-from tcdyn.io.unit_names import SECONDS_PER_UNIT, TIME_UNITS, split_unit_text
+from tcdyn.io.unit_names import SECONDS_PER_UNIT, TIME_UNITS, split_unit_text, unit_in
 
 # spellings that name a column of time by themselves: "millis"; "minute" may be a part of a clock
 UNIT_NAMES = frozenset(
@@ -449,16 +449,18 @@ def split_unit(name: str) -> tuple[str, str]:
 
     Text in brackets always is a unit; what follows "/", a comma or "in", or a suffix such as
     ``_ms``, only if it is a known one (a key of ``SECONDS_PER_UNIT``). The unit is as written,
-    without a dot at its end.
+    without a dot at its end. The unit of a quotient, such as l/min, is none of a time.
 
     >>> split_unit("Time (minutes)"), split_unit("t/ms")
     (('Time', 'minutes'), ('t', 'ms'))
     >>> split_unit("elapsed_time"), split_unit("Time_h")
     (('elapsed_time', ''), ('Time', 'h'))
-    >>> split_unit("Time (min.)"), split_unit("time in ticks")
-    (('Time', 'min'), ('time in ticks', ''))
+    >>> split_unit("Time (min.)"), split_unit("time in ticks"), split_unit("flow l/min")
+    (('Time', 'min'), ('time in ticks', ''), ('flow l/min', ''))
     """
     stem, unit = split_unit_text(name.strip(), _is_unit_after)
+    if unit and unit_in(name).endswith(f"/{unit}"):
+        return name.strip(), ""
     return stem, unit.rstrip(".")
 
 
