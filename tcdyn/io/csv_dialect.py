@@ -95,6 +95,7 @@ class _Layout:
     has_row_names: bool = False
     ambiguous_cell: str = ""
     unix_unit: str = ""
+    most_fields: int = 0
 
 
 def detect_dialect(path: Path, where: str, known_names: Collection[str] = ()) -> Dialect:
@@ -199,6 +200,14 @@ def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
         names[0] = f"unix_time_{layout.unix_unit}"
     while len(names) > fields and not names[-1]:
         names.pop()
+    if len(names) == layout.most_fields > fields:
+        raise InputError(
+            f"row {row} has {fields} fields, but the header and other rows have {len(names)}: "
+            "cells at the end of rows are left out",
+            where=where,
+            expected="all cells in each row",
+            remedy="write a separator for each cell that is left out",
+        )
     if len(names) > fields or fields > len(names) + 1:
         remedy = ""
         if layout.separator == ",":
@@ -463,6 +472,9 @@ def _find_layout(
         units = _unit_row([cells for _, cells in rows[header + 1 : first]], fields)
     elif comments and len(comments[-1]) == fields:
         names = tuple(comments[-1])
+    else:  # the header may be that of the longest rows, see ``_column_names``
+        header = _header_index(rows[:first], max(widths), decimal, known_names)
+        names = tuple(rows[header][1]) if header is not None else ()
     line, cells = rows[first]
     cells = _with_midnight(cells, [rows[k][1] for k in complete])
     if not units:
@@ -485,6 +497,7 @@ def _find_layout(
         has_row_names,
         ambiguous,
         _unix_unit([rows[k][1][0] for k in complete], decimal),
+        max(widths),
     )
 
 

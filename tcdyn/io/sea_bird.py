@@ -89,12 +89,12 @@ def cnv_table(path: Path, where: str, read_chunks: ChunkReader) -> Table:
             expected="one name for each column",
         )
     body = tabs_for_spaces(text.encode("utf-8"))
-    dialect = Dialect(
-        where, "utf-8", "\t", ".", names, rows[0], tuple(first_row), {}, path, body
-    )
+    dialect = Dialect(where, "utf-8", "\t", ".", names, rows[0], tuple(first_row), {}, path, body)
     read = read_all_rows(Table(where, names, {}, partial(read_chunks, dialect)), names)
     bad_flag = float(entries.get("bad_flag", _BAD_FLAG))
-    data = {name: np.where(values == bad_flag, np.nan, values) for name, values in read.data.items()}
+    data = {
+        name: np.where(values == bad_flag, np.nan, values) for name, values in read.data.items()
+    }
     metadata = {}
     interval_s = _interval_s(entries)
     if interval_s is not None and not any(is_time_name(name) for name in names):
