@@ -517,7 +517,8 @@ def _unix_unit(cells: Sequence[str], decimal: str) -> str:
     if any(later <= earlier for earlier, later in pairwise(times)):
         return ""
     for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
-        if EARLIEST_EPOCH_S <= seconds * times[0] and seconds * times[-1] <= LATEST_EPOCH_S:
+        is_late = seconds * times[0] >= EARLIEST_EPOCH_S
+        if is_late and seconds * times[-1] <= LATEST_EPOCH_S:
             return unit
     return ""
 

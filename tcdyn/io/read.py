@@ -149,9 +149,10 @@ def _open_by_format(file: Path, known_names: Collection[str]) -> Table:
     Notes
     -----
     The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM and CNV by their
-    first bytes; refusal of spreadsheets and archives by their first bytes, then of ``OTHER_ENDINGS``; text. Keep
-    it: first bytes of one format and the ending of another must not change their reader, and any
-    file could be text. A new format goes before the refusals. Guarded by
+    first bytes; refusal of spreadsheets and archives by their first bytes, then of
+    ``OTHER_ENDINGS``; text. Keep it: first bytes of one format and the ending of another must not
+    change their reader, and any file could be text. A new format goes before the refusals. Guarded
+    by
     ``tests/io/test_file_formats.py`` (each format), ``tests/io/test_damaged_files.py`` (a
     spreadsheet) and ``tests/cli/test_options.py`` (another ending).
     """

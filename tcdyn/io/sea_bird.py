@@ -17,8 +17,8 @@ import numpy as np
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import LINE_END, Dialect, split, tabs_for_spaces
-from tcdyn.io.stamps import instant_of
 from tcdyn.io.metadata import START_TIME_KEY
+from tcdyn.io.stamps import instant_of
 from tcdyn.io.table import Columns, Table, in_chunks, read_all_rows
 from tcdyn.io.times import is_time_name
 
@@ -125,7 +125,7 @@ def _names(header: Sequence[str], where: str) -> tuple[str, ...]:
     InputError
         If the header names no columns, or not each of them once.
     """
-    names = []
+    names: list[str] = []
     for line in header:
         match = _NAME.fullmatch(line)
         if match is None:

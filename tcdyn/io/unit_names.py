@@ -92,7 +92,10 @@ _SYMBOLS = (
 )
 # Volumes of gas at standard conditions, as of flows in smL/min.
 _STANDARD_VOLUME = r"s(?:m?[lL]|cc)"
-_FACTOR = rf"(?:{_STANDARD_VOLUME}|[pnuµμmcdhkMG]?(?:{_SYMBOLS})|%|ppm|ppb|counts?)(?:\^?[-−]?\d|[⁻]?[¹²³⁴])?"
+_FACTOR = (
+    rf"(?:{_STANDARD_VOLUME}|[pnuµμmcdhkMG]?(?:{_SYMBOLS})|%|ppm|ppb|counts?)"
+    r"(?:\^?[-−]?\d|[⁻]?[¹²³⁴])?"
+)
 _PRODUCT = re.compile(rf"1?(?:(?:[/·⋅*. ]|_per_| per |^|(?<=[\d²³])){_FACTOR})+")
 _LETTER_AND_NUMBER = re.compile(r"[A-Z]\d?")  # a label rather than a unit: V1, A
 LONGEST_SYMBOL = 2  # letters of the symbol of a quantity in front of "/": U/V, I1/A

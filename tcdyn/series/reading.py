@@ -73,8 +73,9 @@ def find_codes(values: Array, kind: Kind) -> Codes:
     Notes
     -----
     The limits of a register of 16 bits (``OVERFLOWS``) are codes where all readings are such, also
-    if a temperature may have these values. A drop-out code is isolated and recurs (``tcdyn.series.plausible.dropout_codes``); so are values
-    beyond the range of a thermocouple where they are at most ``MAX_CODES`` different ones.
+    if a temperature may have these values. A drop-out code is isolated and recurs
+    (``tcdyn.series.plausible.dropout_codes``); so are values beyond the range of a thermocouple
+    where they are at most ``MAX_CODES`` different ones.
 
     Examples
     --------

@@ -104,7 +104,7 @@ def test_cells_that_are_left_out_are_the_cause_that_is_named(tmp_path: Path) -> 
     path = tmp_path / "log.csv"
     rows = [f"{k},10:00:{k:02},20.{k}" + (",3.6,1.5" if k % 5 == 1 else "") for k in range(1, 30)]
     path.write_text("\n".join(["No,Time,T1,bat,p", *rows, ""]), encoding="utf-8")
-    with pytest.raises(InputError, match="row 3 has 3 fields.* have 5: cells .* are left out"):
+    with pytest.raises(InputError, match=r"row 3 has 3 fields.* have 5: cells .* are left out"):
         open_table(path)
 
 
