@@ -14,10 +14,11 @@ from functools import lru_cache
 import numpy as np
 
 from tcdyn.core import Array
+from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.io.no_reading import OtherCells, are_mostly_numbers
 from tcdyn.io.response_units import is_response_unit
-from tcdyn.io.stamps import Stamps, is_stamp
+from tcdyn.io.stamps import ORDER_NAMES, Stamps, is_stamp
 from tcdyn.io.unit_names import SECONDS_PER_UNIT, is_clear_unit, is_temperature_unit
 
 # groups of three digits: 1,234.5 or 1.234,5 (both marks are needed), 1 234.5 and 1'234.5
@@ -156,6 +157,9 @@ class TextColumn:
         Whether the column holds clock times; None: decided by the first chunk that is not empty.
     words
         Whether it holds text, which is no error and has no numbers; None: decided in the same way.
+    is_time
+        Whether clock times that cannot be read are an error; those of a column that is not the time
+        are text.
 
     Notes
     -----
@@ -175,6 +179,7 @@ class TextColumn:
         location: SampleLocation,
         clock: bool | None = None,
         words: bool | None = None,
+        is_time: bool = True,
     ) -> None:
         """Start before the first cell; the parameters are those of the class."""
         self.name = name
@@ -182,6 +187,7 @@ class TextColumn:
         self.location = location
         self.clock = clock
         self.words = words
+        self.is_time = is_time
         self.is_switch: bool | None = None
         self.unit = ""
         self.others = OtherCells(name, decimal, location)
@@ -202,12 +208,22 @@ class TextColumn:
         if self.words:
             return np.full(len(texts), np.nan)
         if self.clock:
-            return self.stamps.seconds(texts)
+            return self._seconds(texts)
         values = np.full(len(texts), np.nan)
         for i, text in enumerate(texts):
             values[i] = self._number(text, first_index + i)
         self.others.add_numbers(values)
         return values
+
+    def _seconds(self, texts: list[str]) -> Array:
+        """Seconds (N,) of clock times; NaN from where those of another column cannot be read on."""
+        try:
+            return self.stamps.seconds(texts)
+        except InputError:
+            if self.is_time:
+                raise
+        self.words = True
+        return np.full(len(texts), np.nan)
 
     def _decide_kind(self, filled: list[str]) -> None:
         """Decide what the column holds, by the filled cells of a chunk; not if there is none."""
@@ -278,4 +294,8 @@ class TextColumn:
         if self.stamps.clock_changes:
             dates = ", ".join(self.stamps.clock_changes)
             findings.append(warning("text.clock_change", subject=self.name, dates=dates))
+        order, date = self.stamps.assumed
+        if order:
+            taken = ORDER_NAMES[order]
+            findings.append(warning("text.date_order", subject=self.name, date=date, order=taken))
         return findings

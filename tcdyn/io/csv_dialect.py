@@ -16,12 +16,13 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 from tcdyn.core.errors import InputError
-from tcdyn.io.cells import ABSENT, is_number, is_unit, kind_of_cell, number_and_unit
+from tcdyn.io.cells import ABSENT, is_number, is_unit, kind_of_cell, number_and_unit, to_number
 from tcdyn.io.stamps import is_date, is_stamp
-from tcdyn.io.times import is_time_name
+from tcdyn.io.times import EARLIEST_EPOCH_S, LATEST_EPOCH_S, is_time_name
 
 LINE_END = re.compile(r"\r\n|\n|\r")  # str.splitlines would also split at form feeds and the like
 HEAD_BYTES = 1 << 17  # read to detect the dialect: header and some rows must fit
@@ -95,6 +96,8 @@ class _Layout:
     units: tuple[str, ...]
     has_row_names: bool = False
     ambiguous_cell: str = ""
+    unix_unit: str = ""
+    most_fields: int = 0
 
 
 def detect_dialect(
@@ -154,7 +157,7 @@ def detect_dialect(
     separator = layout.separator
     if separator == " ":
         separator = "\t"
-        body = _tabs_for_spaces(body or path.read_bytes())
+        body = tabs_for_spaces(body or path.read_bytes())
     units = {name: unit for name, unit in zip(names, layout.units) if unit}
     return Dialect(
         where,
@@ -173,6 +176,8 @@ def detect_dialect(
 
 def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
     """A name for each column; one without a name is called by its number.
+
+    A first column without a name that holds times since 1970 is called by this.
 
     Parameters
     ----------
@@ -197,8 +202,18 @@ def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
             remedy="write the names into the first row",
         )
     names = [" ".join(name.split()) for name in layout.header]
+    if not names[0] and len(names) == fields and layout.unix_unit:
+        names[0] = f"unix_time_{layout.unix_unit}"
     while len(names) > fields and not names[-1]:
         names.pop()
+    if len(names) == layout.most_fields > fields:
+        raise InputError(
+            f"row {row} has {fields} fields, but the header and other rows have {len(names)}: "
+            "cells at the end of rows are left out",
+            where=where,
+            expected="all cells in each row",
+            remedy="write a separator for each cell that is left out",
+        )
     if len(names) > fields or fields > len(names) + 1:
         remedy = ""
         if layout.separator == ",":
@@ -222,7 +237,7 @@ def _utf16_as_utf8(path: Path, encoding: str, where: str) -> bytes:
         raise InputError(f"broken UTF-16 text ({problem.reason})", where=where) from None
 
 
-def _tabs_for_spaces(text: bytes) -> bytes:
+def tabs_for_spaces(text: bytes) -> bytes:
     """The text with one tab for each run of spaces, none at the ends of lines."""
     text = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", text)
     return re.sub(rb"[ \t]+", b"\t", text)
@@ -463,6 +478,9 @@ def _find_layout(
         units = _unit_row([cells for _, cells in rows[header + 1 : first]], fields)
     elif comments and len(comments[-1]) == fields:
         names = tuple(comments[-1])
+    else:  # the header may be that of the longest rows, see ``_column_names``
+        header = _header_index(rows[:first], max(widths), decimal, known_names)
+        names = tuple(rows[header][1]) if header is not None else ()
     line, cells = rows[first]
     cells = _with_midnight(cells, [rows[k][1] for k in complete])
     if not units:
@@ -484,7 +502,31 @@ def _find_layout(
         units,
         has_row_names,
         ambiguous,
+        _unix_unit([rows[k][1][0] for k in complete], decimal),
+        max(widths),
     )
+
+
+def _unix_unit(cells: Sequence[str], decimal: str) -> str:
+    """Unit of cells that are times since 1970 and rise, "s" or "ms"; empty for any others.
+
+    Parameters
+    ----------
+    cells
+        Cells of the first column in the first rows.
+    decimal
+        Decimal mark.
+    """
+    if len(cells) < 2 or not all(is_number(cell, decimal) for cell in cells):
+        return ""
+    times = [to_number(cell, decimal) for cell in cells]
+    if any(later <= earlier for earlier, later in pairwise(times)):
+        return ""
+    for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
+        is_late = seconds * times[0] >= EARLIEST_EPOCH_S
+        if is_late and seconds * times[-1] <= LATEST_EPOCH_S:
+            return unit
+    return ""
 
 
 def _with_midnight(cells: list[str], data: list[list[str]]) -> list[str]:
@@ -686,13 +728,26 @@ def _header_index(
         Column names in lower case.
     """
     texts = [
-        k for k, (_, cells) in enumerate(rows) if len(cells) > 1 and not _is_data(cells, decimal)
+        k
+        for k, (_, cells) in enumerate(rows)
+        if len(cells) > 1 and not _is_data(cells, decimal) and not _is_prose(cells)
     ]
     candidates = [k for k in texts if abs(len(rows[k][1]) - fields) <= 1]
     if candidates:
         return max(candidates, key=lambda k: (*_header_likeness(rows[k][1], known_names), k))
     last = len(rows) - 1
     return last if last in texts else None
+
+
+def _is_prose(cells: Sequence[str]) -> bool:
+    """Whether a row is no header: a line of asterisks or one with a sign or a key among its cells.
+
+    >>> _is_prose(["*", "Sea-Bird", "SBE", "39"]), _is_prose(["start", "=", "10"])
+    (True, True)
+    >>> _is_prose(["Time", "T1", "#"]), _is_prose(["t", "T (°C)"])
+    (False, False)
+    """
+    return cells[0].startswith("*") or any(cell in ("=", ":", "*") for cell in cells)
 
 
 def _header_likeness(cells: list[str], known_names: Collection[str]) -> tuple[int, int, int]:

@@ -34,9 +34,12 @@ from tcdyn.io.csv_dialect import Dialect, detect_dialect
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
 from tcdyn.io.metadata import read_metadata
 from tcdyn.io.rows import CheckedRows, check_rows
+from tcdyn.io.sea_bird import FIRST_BYTES as SEA_BIRD_FIRST_BYTES
+from tcdyn.io.sea_bird import cnv_table
 from tcdyn.io.stamps import has_fraction, is_date, is_stamp, is_time_of_day
 from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
 from tcdyn.io.times import is_time_name
+from tcdyn.io.unit_names import unit_in, written_unit
 
 __all__ = [
     "CsvTable",
@@ -85,6 +88,8 @@ OTHER_FIRST_BYTES = {
     b"\x28\xb5\x2f\xfd": ("a compressed file", "decompress it first"),
     b"7z\xbc\xaf\x27\x1c": ("an archive", "extract its files first"),
 }
+# names of a column with the unit of each row
+UNIT_COLUMNS = ("unit", "units", "einheit", "unité", "unidad", "unità", "eenheid")
 MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
 LEAST_BLOCK_BYTES = 1 << 16
@@ -186,7 +191,7 @@ def _open_by_format(file: Path, known_names: Collection[str], part: Part) -> Tab
 
     Notes
     -----
-    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM, workbooks and
+    The order is: TDMS, then Parquet, each by its first bytes or its ending; LVM, CNV, workbooks and
     MATLAB files by their first bytes; refusal of other kinds by their first bytes; MATLAB files of
     version 4 by their ending; refusal of ``OTHER_ENDINGS``; text. Keep it: first bytes of one
     format and the ending of another must not change their reader, and any file could be text. A new
@@ -212,6 +217,8 @@ def _open_by_format(file: Path, known_names: Collection[str], part: Part) -> Tab
         return tdms_table(file, where) if is_tdms else parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(FIRST_BYTES):
         return lvm_table(file, where, text_chunks)
+    if head.startswith(SEA_BIRD_FIRST_BYTES):
+        return cnv_table(file, where, text_chunks)
     if is_workbook:
         return _sheet_table(file, where, known_names, part.sheet)
     if is_binary_mat:
@@ -223,7 +230,7 @@ def _open_by_format(file: Path, known_names: Collection[str], part: Part) -> Tab
         raise InputError(
             f"is {OTHER_ENDINGS[ending]} by its ending", where=where, expected=LOG_FORMATS
         )
-    dialect = detect_dialect(file, where, known_names)
+    dialect = _with_unit_column(detect_dialect(file, where, known_names))
     table = _table_of_text(file, dialect)
     return CsvTable(**vars(table))
 
@@ -244,7 +251,9 @@ def _table_of_text(file: Path, dialect: Dialect) -> TextTable:
     if findings:
         chunks = partial(_chunks_with_findings, chunks, findings)
     first_cells = list(zip(dialect.names, dialect.first_row))
-    clocks = tuple(name for name, cell in first_cells if is_stamp(cell))
+    clocks = [name for name, cell in first_cells if is_stamp(cell)]
+    without_date = {name for name, cell in first_cells if is_time_of_day(cell)}
+    clocks.sort(key=lambda name: name in without_date)
     dates = tuple(name for name, cell in first_cells if is_date(cell, name))
     return TextTable(
         dialect.where,
@@ -253,7 +262,7 @@ def _table_of_text(file: Path, dialect: Dialect) -> TextTable:
         chunks,
         dialect,
         units=dialect.units,
-        clock_columns=clocks,
+        clock_columns=tuple(clocks),
         date_columns=dates,
     )
 
@@ -299,7 +308,7 @@ def _sheet_table(
         where_in_file = where if len(all_names) == 1 else f"{where}, sheet {printable(name)!r}"
         try:
             text = workbook.sheet_text(name)
-            dialect = detect_dialect(file, where_in_file, known_names, text)
+            dialect = _with_unit_column(detect_dialect(file, where_in_file, known_names, text))
         except InputError as problem:
             problems.append(problem)
             continue
@@ -390,6 +399,34 @@ def _database_error(file: Path, where: str) -> InputError:
         expected=LOG_FORMATS,
         remedy="export its table to CSV",
     )
+
+
+def _with_unit_column(dialect: Dialect) -> Dialect:
+    """The dialect with the unit of its only column of values, where a column of units states it.
+
+    Such a column has one and the same unit in all rows.
+    """
+    first_cells = list(zip(dialect.names, dialect.first_row))
+    units = [
+        (name, cell)
+        for name, cell in first_cells
+        if name.strip().lower() in UNIT_COLUMNS and written_unit(cell)
+    ]
+    values = [
+        name
+        for name, cell in first_cells
+        if is_number(cell, dialect.decimal) and not is_time_name(name) and not is_date(cell, name)
+    ]
+    if len(units) != 1 or len(values) != 1 or values[0] in dialect.units or unit_in(values[0]):
+        return dialect
+    name, cell = units[0]
+    try:
+        _, labels = read_labels(dialect, [name])[name]
+    except InputError:  # the error comes again when the columns are read
+        return dialect
+    if len(labels) != 1:
+        return dialect
+    return replace(dialect, units={**dialect.units, values[0]: cell})
 
 
 def _chunks_with_findings(
@@ -683,6 +720,8 @@ class TextReader:
         self.reads_text = False
         self.text_columns: dict[str, TextColumn] = {}
         first_cells = dict(zip(reversed(dialect.names), reversed(dialect.first_row)))
+        # a caller asks for the time first, and other clocks need not be readable
+        self.first_clock = next((name for name in requested if is_stamp(first_cells[name])), "")
         self.date_columns = [name for name in dialect.names if is_date(first_cells[name], name)]
         # a time of day belongs to the date in the same row if there is one column of dates
         self.dated_columns: set[str] = set()
@@ -904,7 +943,10 @@ class TextReader:
                 continue
             text_column = self.text_columns.get(name)
             if text_column is None:
-                text_column = TextColumn(name, self.dialect.decimal, self.location, words=False)
+                is_time = name == self.first_clock
+                text_column = TextColumn(
+                    name, self.dialect.decimal, self.location, words=False, is_time=is_time
+                )
                 self.text_columns[name] = text_column
             texts = self._with_dates(batch, cells) if name in self.dated_columns else cells
             data[name] = text_column.numbers(texts, self.rows_done)

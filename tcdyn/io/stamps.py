@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import date
+from datetime import date, datetime, timedelta, timezone
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -20,6 +21,8 @@ SECONDS_PER_DAY = 86400.0
 SECONDS_PER_HOUR = 3600.0
 HOURS_OF_HALF_DAY = 12
 ORDERS = ("dmy", "mdy", "ymd")  # of day, month and year
+# The same in messages.
+ORDER_NAMES = {"dmy": "day.month.year", "mdy": "month.day.year", "ymd": "year.month.day"}
 # Local hour at which clocks change to or from daylight saving time, between 1 and 3 everywhere
 CHANGE_HOURS = (1, 2, 3)
 # A step that is an hour too long or too short is a change of the clock if the rest is at most this
@@ -66,6 +69,10 @@ _MONTHS: tuple[tuple[str, ...], ...] = (
     ("dec", "déc", "dez", "dic"),
 )
 _MONTH_BEGINNINGS = "|".join(beginning for names in _MONTHS for beginning in names)
+# AM and PM in English, Czech, Polish and Hungarian, as the locales of Windows write them. A file
+# read in another encoding has another letter for the "ł".
+_AM = r"(?:[Aa]\.?\s?[Mm]\.?|dop\.|przed po\S\.?|de\.)"
+_PM = r"(?:[Pp]\.?\s?[Mm]\.?|odp\.|po po\S\.?|du\.)"
 DATE_COLUMN_NAMES = (
     "date",
     "datum",
@@ -95,7 +102,7 @@ _CLOCK = (
     r"(?:(?P<days>\d{1,4})(?:[:.]|\s?d(?:ays?)?,?\s?))??"
     r"(?P<hour>\d{1,3}):(?P<minute>\d\d(?=\D|$)|\d(?=:|[.,]\d))(?::(?P<second>\d{1,2}(?!\d)))?"
     r"(?P<fraction>[.,]\d+|:\d{3})?"
-    rf"\s?(?P<half>[AaPp]\.?\s?[Mm]\.?)?\s?(?P<zone>{_ZONE})?"
+    rf"\s?(?P<half>{_AM}|{_PM})?\s?(?P<zone>{_ZONE})?"
 )
 _STAMP = re.compile(
     rf"\s*'?(?:{_WEEKDAY}(?P<date>{_DATE})(?:[T_:]|,?\s*-?\s+|,))?{_CLOCK}\s*", re.ASCII
@@ -107,13 +114,29 @@ _COMPACT_STAMP = re.compile(
     r"([01]\d|2[0-3])([0-5]\d)(?:([0-5]\d)([.,]\d+)?)?"
     rf"\s?({_ZONE})?\s*"
 )
+# 2023-03-07-22-00-00 and 2023-03-07_22-00, as names of files have it
+_DASHED_STAMP = re.compile(
+    r"\s*((?:19|20)\d\d-\d\d-\d\d)[-_T ]([01]\d|2[0-3])-([0-5]\d)(?:-([0-5]\d)([.,]\d+)?)?"
+    rf"\s?({_ZONE})?\s*"
+)
 # Clocks that are read as such only behind a date: 8:1 is 8:01, 23.59.00 is 23:59:00
 _SHORT_CLOCK = re.compile(
     rf"(\s*'?{_WEEKDAY}{_DATE}(?:[T_:]|,?\s*-?\s+|,))"
     r"(\d{1,2})(?::(\d)|\.(\d{1,2})\.(\d{1,2}))((?:[.,]\d+)?(?:\s?[AaPp]\.?[Mm]\.?)?\s*)"
 )
-_OPEN_ORDER = re.compile(r"\d{1,2}[-/]\d{1,2}[-/]")  # the day or the month may be first
+_OPEN_ORDER = re.compile(r"\d{1,2}[-/.]\d{1,2}[-/.]")  # the day or the month may be first
 _DATE_ONLY = re.compile(rf"\s*'?{_WEEKDAY}({_DATE})\s*")
+
+
+_Fields = tuple[int, int, int]  # of a date, in the order of the text
+
+
+class _DateChange(NamedTuple):
+    """Two dates of consecutive rows, and the difference of their times of the day [s]."""
+
+    before: _Fields
+    after: _Fields
+    of_day_s: float
 
 
 class _Stamp(NamedTuple):
@@ -199,10 +222,15 @@ def instants(texts: Sequence[str], column: str, where: str) -> tuple[date, Array
         if not stamp.date:
             raise InputError(f"column {column}: {text!r} has no date", where=where)
     dates = [stamp.date for stamp in stamps]
-    fields = [_date_fields(text, column, where) for text in dates]
+    fields = [_date_fields(text) for text in dates]
     order = "dmy"  # into which _date_fields has put what is clear
     if any(_OPEN_ORDER.match(text) for text in dates):
-        order = _date_order(dict.fromkeys(fields), column, where) or "dmy"
+        different = list(dict.fromkeys(fields))
+        has_dots = any("." in text for text in dates)
+        order = _date_order(different, has_dots)
+        if not order and len(different) > 1 and not has_dots:
+            raise _two_ways_error(different[1], column, where)
+        order = order or "dmy"
     days = np.array([_day_number(f, order, column, where) for f in fields], dtype=float)
     of_day_s = np.array([stamp.of_day_s for stamp in stamps])
     zones_s = np.array([stamp.zone_s or 0.0 for stamp in stamps])
@@ -239,7 +267,7 @@ def _parse_stamp(text: str) -> _Stamp:
     part = float("0." + fraction[1:]) if fraction else 0.0
     hours = float(hour)
     if half:
-        hours = hours % 12 + (12.0 if half[0] in "Pp" else 0.0)
+        hours = hours % 12 + (12.0 if re.fullmatch(_PM, half) else 0.0)
     first_field = -1
     if second is not None:
         of_day_s = SECONDS_PER_HOUR * hours + 60 * float(minute) + float(second) + part
@@ -263,8 +291,8 @@ def _with_colons(match: re.Match[str]) -> str:
 
 
 def _parse_compact(text: str) -> _Stamp:
-    """The fields of a stamp without marks."""
-    match = _COMPACT_STAMP.fullmatch(text)
+    """The fields of a stamp without marks, or with dashes between all fields."""
+    match = _COMPACT_STAMP.fullmatch(text) or _DASHED_STAMP.fullmatch(text)
     if match is None:
         return _NO_STAMP
     day, hour, minute, second, fraction, zone = match.groups()
@@ -322,6 +350,9 @@ class Stamps:
         Days counted in a column without dates, where the clock passes midnight.
     clock_changes
         Dates at which a local clock changed to or from daylight saving time.
+    assumed
+        Order of day, month and year, and a date, where the dates do not decide between several;
+        empty otherwise.
 
     Notes
     -----
@@ -337,8 +368,12 @@ class Stamps:
     last_s: float = np.nan
     midnights: float = 0.0
     clock_changes: list[str] = field(default_factory=list)
-    _dates: list[tuple[int, int, int]] = field(default_factory=list)
+    assumed: tuple[str, str] = ("", "")
+    _dates: list[_Fields] = field(default_factory=list)
     _order: str = ""
+    _date_changes: list[_DateChange] = field(default_factory=list)
+    _last_date: tuple[_Fields, float] | None = None
+    _usual_step_s: float = np.nan
     _is_minutes: bool | None = None
     _last_wall_s: float = np.nan
     _last_step_s: float = np.nan
@@ -371,7 +406,7 @@ class Stamps:
             self.last_s = float(of_day[0])
         if any(stamp.date for stamp in stamps):
             dates = pd.Series([stamp.date or None for stamp in stamps], dtype="str")
-            days, is_sunday = self._days(dates)
+            days, is_sunday = self._days(dates, of_day)
             wall_s = of_day + SECONDS_PER_DAY * days
             if not has_zone:
                 wall_s = self._without_clock_changes(wall_s, dates, is_sunday)
@@ -455,6 +490,8 @@ class Stamps:
                     "hours and minutes or minutes and seconds",
                     where=self.where,
                     expected="hours:minutes:seconds, or a date in the same row",
+                    remedy="if another column is the time, name it, {time}",
+                    parameters={"time": "COLUMN"},
                 )
             self._is_minutes = True
         return np.where(first >= 0, of_day / 60, of_day)
@@ -468,17 +505,26 @@ class Stamps:
         self.midnights = float(days[-1])
         return days
 
-    def _days(self, dates: pd.Series) -> tuple[Array, Flags]:
+    def _days(self, dates: pd.Series, of_day: Array) -> tuple[Array, Flags]:
         """Days (N,) since the first date of the column, NaN without a date; whether it is a Sunday.
 
         A date that can be read in two ways is a Sunday if it is one in either.
+
+        Parameters
+        ----------
+        dates
+            The dates (N,) as text.
+        of_day
+            Times of the day (N,) [s].
         """
         codes, texts = pd.factorize(dates)
-        fields = [_date_fields(text, self.column, self.where) for text in texts]
+        fields = [_date_fields(text) for text in texts]
         if not any(_OPEN_ORDER.match(text) for text in texts):
             self._order = self._order or "dmy"  # _date_fields has put them into this order
         self._dates += [f for f in fields if f not in self._dates]
-        order = self._order_of_dates()
+        if not self._order:
+            self._note_date_changes(codes, fields, of_day)
+        order = self._order_of_dates(next(iter(texts), ""))
         numbers = [_day_number(f, order, self.column, self.where) for f in fields]
         first = _day_number(self._dates[0], order, self.column, self.where)
         orders = (self._order,) if self._order else ORDERS
@@ -487,10 +533,50 @@ class Stamps:
         days = np.array([*numbers, np.nan], dtype=float)[codes] - first
         return days, np.array([*sundays, False])[codes]
 
-    def _order_of_dates(self) -> str:
-        """Order of day, month and year; day first while the dates do not decide."""
+    def _note_date_changes(
+        self, codes: NDArray[np.intp], fields: Sequence[_Fields], of_day: Array
+    ) -> None:
+        """Note the step of the clock at each change of the date, and the usual step between.
+
+        Parameters
+        ----------
+        codes
+            Index of the date of each row (N,); -1 without a date.
+        fields
+            The dates.
+        of_day
+            Times of the day (N,) [s].
+        """
+        rows = np.flatnonzero((codes >= 0) & np.isfinite(of_day))
+        within_s = []
+        for row in rows:
+            now = fields[codes[row]]
+            now_s = float(of_day[row])
+            before, before_s = self._last_date or (now, now_s)
+            if before != now:
+                self._date_changes.append(_DateChange(before, now, now_s - before_s))
+            elif now_s > before_s:
+                within_s.append(now_s - before_s)
+            self._last_date = now, now_s
+        if within_s:
+            self._usual_step_s = float(np.median(within_s))
+
+    def _order_of_dates(self, example: str) -> str:
+        """Order of day, month and year; day first while the dates do not decide.
+
+        Dates with dots have the day first where nothing else decides; ``example`` is one of them.
+        """
         if not self._order:
-            self._order = _date_order(self._dates, self.column, self.where)
+            has_dots = "." in example
+            self._order = _date_order(self._dates, has_dots)
+            if not self._order:
+                self._order = _order_by_steps(self._dates, self._date_changes, self._usual_step_s)
+        n_pairs = len({(first, second) for first, second, _ in self._dates})
+        if not self._order and n_pairs > 1:
+            if not has_dots:
+                raise _two_ways_error(self._dates[1], self.column, self.where)
+            self._order = "dmy"
+            self.assumed = "dmy", example
         return self._order or "dmy"
 
     def _without_clock_changes(self, wall_s: Array, dates: pd.Series, is_sunday: Flags) -> Array:
@@ -534,15 +620,39 @@ class Stamps:
         return np.asarray(wall_s + shift_s)
 
 
-def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
+def instant_of(text: str, order: str) -> datetime | None:
+    """The instant of a stamp with a date, with its zone if it has one; None where it has none.
+
+    Parameters
+    ----------
+    text
+        The stamp.
+    order
+        Order of day, month and year where the text does not tell it: one of ``ORDERS``.
+
+    Examples
+    --------
+    >>> instant_of("23.03.07 22:00:00", "ymd"), instant_of("23.03.07 22:00:00", "dmy")
+    (datetime.datetime(2023, 3, 7, 22, 0), datetime.datetime(2007, 3, 23, 22, 0))
+    """
+    stamp = _parse_stamp_or_midnight(text)
+    if not stamp.date:
+        return None
+    is_open = _OPEN_ORDER.match(stamp.date) is not None
+    parts = _by_order(_date_fields(stamp.date), order if is_open else "dmy")
+    if not _is_date(parts):
+        return None
+    zone = None if stamp.zone_s is None else timezone(timedelta(seconds=stamp.zone_s))
+    return datetime(*parts, tzinfo=zone) + timedelta(seconds=stamp.of_day_s)
+
+
+def _date_fields(text: str) -> _Fields:
     """The three fields of a date in the order of the text.
 
     Parameters
     ----------
     text
         The date, with separators, with the name of a month, or of eight digits (year first).
-    column, where
-        Column and file, for messages.
 
     Returns
     -------
@@ -561,16 +671,10 @@ def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
         year, month, day = numbers
         return day, month, year
     first, second, third = numbers
-    if "." in text:
-        if second > 12:
-            raise InputError(
-                f"column {column}: {text!r} is no date", where=where, expected="day.month.year"
-            )
-        return first, second, third if third > 99 else third + 2000
     return first, second, -third if third < 100 else third
 
 
-def _by_order(fields: tuple[int, int, int], order: str) -> tuple[int, int, int]:
+def _by_order(fields: _Fields, order: str) -> _Fields:
     """(year, month, day) of three fields; a negative third field is a year of two digits."""
     first, second, third = fields
     if order == "ymd":
@@ -579,36 +683,73 @@ def _by_order(fields: tuple[int, int, int], order: str) -> tuple[int, int, int]:
     return (year, second, first) if order == "dmy" else (year, first, second)
 
 
-def _date_order(dates: Iterable[tuple[int, int, int]], column: str, where: str) -> str:
-    """Order of the fields: "dmy", "mdy" or "ymd"; empty while one date can be read in several ways.
+def _possible_orders(dates: Iterable[_Fields]) -> list[str]:
+    """Orders in which each of the dates is one."""
+    listed = list(dates)
+    return [order for order in ORDERS if all(_is_date(_by_order(f, order)) for f in listed)]
+
+
+def _date_order(dates: Sequence[_Fields], has_dots: bool) -> str:
+    """Order of the fields: "dmy", "mdy" or "ymd"; empty where several are possible.
 
     An order in which a field is no day or month is excluded. Otherwise the order in which the dates
-    are consecutive days decides.
+    are consecutive days decides. Dates with dots and four digits of the year are seldom those of
+    another order than day.month.year, so that this does not decide there: a row on the first of
+    each month is as frequent.
+
+    Parameters
+    ----------
+    dates
+        The dates, in the order of the rows.
+    has_dots
+        Whether there are dots between their fields.
     """
-    listed = list(dates)
-    possible = []
-    for order in ORDERS:
-        if order == "ymd" and any(third > 0 for _, _, third in listed):
-            continue
-        if all(_is_date(_by_order(f, order)) for f in listed):
-            possible.append(order)
+    possible = _possible_orders(dates)
     if not possible:
         return "dmy"  # the error names the date
     if len(possible) == 1:
         return possible[0]
-    if len(listed) < 2:
+    if len(dates) < 2 or (has_dots and dates[0][2] > 0):
         return ""
     consecutive = []
     for order in possible:
-        numbers = [date(*_by_order(f, order)).toordinal() for f in listed]
+        numbers = [date(*_by_order(f, order)).toordinal() for f in dates]
         if all(later - earlier == 1 for earlier, later in pairwise(numbers)):
             consecutive.append(order)
-    if len(consecutive) == 1:
-        return consecutive[0]
-    if len({(first, second) for first, second, _ in listed}) == 1:
-        return ""
-    first, second, third = listed[1]
-    raise InputError(
+    return consecutive[0] if len(consecutive) == 1 else ""
+
+
+def _order_by_steps(
+    dates: Sequence[_Fields], changes: Sequence[_DateChange], usual_step_s: float
+) -> str:
+    """Order in which most steps over a change of the date are usual steps; empty without one.
+
+    Parameters
+    ----------
+    dates
+        The dates.
+    changes
+        Changes of the date.
+    usual_step_s
+        Usual step of the clock within a day [s]; NaN where no day has two rows.
+    """
+    counts = dict.fromkeys(_possible_orders(dates), 0)
+    for order in counts:
+        for change in changes:
+            before, after = (
+                date(*_by_order(f, order)).toordinal() for f in (change.before, change.after)
+            )
+            step_s = SECONDS_PER_DAY * (after - before) + change.of_day_s
+            counts[order] += 0 < step_s <= LONGEST_REST * usual_step_s
+    most = max(counts.values(), default=0)
+    best = [order for order, count in counts.items() if count == most]
+    return best[0] if most and len(best) == 1 else ""
+
+
+def _two_ways_error(fields: _Fields, column: str, where: str) -> InputError:
+    """Error for a date that can be read in two ways."""
+    first, second, third = fields
+    return InputError(
         f"column {column}: a date such as {first:02}/{second:02}/{abs(third):02} may be day/month "
         "or month/day",
         where=where,
@@ -617,12 +758,12 @@ def _date_order(dates: Iterable[tuple[int, int, int]], column: str, where: str) 
     )
 
 
-def _is_sunday(fields: tuple[int, int, int]) -> bool:
+def _is_sunday(fields: _Fields) -> bool:
     """Whether (year, month, day) is a date and a Sunday."""
     return _is_date(fields) and date(*fields).isoweekday() == 7
 
 
-def _is_date(fields: tuple[int, int, int]) -> bool:
+def _is_date(fields: _Fields) -> bool:
     """Whether (year, month, day) is a date."""
     try:
         date(*fields)
@@ -631,7 +772,7 @@ def _is_date(fields: tuple[int, int, int]) -> bool:
     return True
 
 
-def _day_number(fields: tuple[int, int, int], order: str, column: str, where: str) -> int:
+def _day_number(fields: _Fields, order: str, column: str, where: str) -> int:
     """Days since the year 1 of a date given as three fields in this order."""
     parts = _by_order(fields, order)
     if not _is_date(parts):

@@ -8,21 +8,18 @@ was. Used by ``tcdyn.workflows.compensate_table`` and ``tcdyn.rig.log``. Guarded
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.core import Array
-from tcdyn.io.stamps import is_date, is_time_of_day
+from tcdyn.io.stamps import ORDERS, instant_of, is_date, is_time_of_day
 
-# dates such as 4.3.2026 have the day first, dates such as 2026-03-04 the month; 4/3/2026 may be
-# either
-_DAY_FIRST = re.compile(r"\s*\d{1,2}\.\d{1,2}\.")
-_YEAR_FIRST = re.compile(r"\s*\d{4}")
+# dates with dots have the day first where nothing else tells the order
+_WITH_DOTS = re.compile(r"\s*'?\d{1,2}\.\d{1,2}\.")
 # largest difference [s] of two intervals that are equal, for stamps of whole seconds
 SAME_INTERVAL_S = 1.0
 
@@ -48,7 +45,8 @@ def start_time(cells: Mapping[str, NDArray[Any]], time: str, times_s: Array) -> 
     Notes
     -----
     The order of day and month is the one in which the first and the last stamp are as far apart as
-    ``times_s``. The date of a time of day may be in another column.
+    ``times_s``; dates with dots have the day first where this leaves several. The date of a time of
+    day may be in another column.
 
     Examples
     --------
@@ -67,20 +65,17 @@ def start_time(cells: Mapping[str, NDArray[Any]], time: str, times_s: Array) -> 
             return ""
         first = f"{date[0]} {first}"
         last = f"{date[-1]} {last}"
-    orders = [True, False]
-    if _DAY_FIRST.match(first):
-        orders = [True]
-    elif _YEAR_FIRST.match(first):
-        orders = [False]
-    starts = [(order, _parse_stamp(first, order)) for order in orders]
-    parsed = {order: start for order, start in starts if start is not None}
+    starts = {order: instant_of(first, order) for order in ORDERS}
+    parsed = {order: start for order, start in starts.items() if start is not None}
     if len(set(parsed.values())) > 1:
         interval_s = float(times_s[-1] - times_s[0])
         parsed = {
             order: start
             for order, start in parsed.items()
-            if _is_later_by(interval_s, start, _parse_stamp(last, order))
+            if _is_later_by(interval_s, start, instant_of(last, order))
         }
+    if _WITH_DOTS.match(first) and "dmy" in parsed:
+        return parsed["dmy"].isoformat()
     distinct = set(parsed.values())
     return distinct.pop().isoformat() if len(distinct) == 1 else ""
 
@@ -95,18 +90,7 @@ def _date_column(cells: Mapping[str, NDArray[Any]], time: str) -> NDArray[Any] |
     return columns[0] if len(columns) == 1 else None
 
 
-def _parse_stamp(text: str, day_first: bool) -> pd.Timestamp | None:
-    """The instant of a stamp; None if it cannot be read."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # pandas warns where the order is the other one
-        try:
-            instant = pd.to_datetime(text.replace(",", "."), dayfirst=day_first)
-        except (ValueError, OverflowError):
-            return None
-    return None if pd.isna(instant) else instant
-
-
-def _is_later_by(interval_s: float, first: pd.Timestamp, last: pd.Timestamp | None) -> bool:
+def _is_later_by(interval_s: float, first: datetime, last: datetime | None) -> bool:
     """Whether the second instant is so much later than the first."""
     if last is None or (first.tzinfo is None) != (last.tzinfo is None):
         return False

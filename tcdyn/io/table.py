@@ -100,11 +100,12 @@ class Table:
         Keys and values that the file states about itself.
     chunks
         Function of names of columns and a number of rows; yields these columns in chunks of about
-        so many rows. It can be called several times.
+        so many rows. It can be called several times. Of several clocks the first one of the names
+        is the time; others that cannot be read are text.
     units
         Units by column, from a row below the header.
     clock_columns
-        Columns whose first cell is a clock time.
+        Columns whose first cell is a clock time, those with a date first.
     types
         Types of the columns of instants and durations of a Parquet file, by column.
     date_columns

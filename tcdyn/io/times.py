@@ -26,7 +26,7 @@ from tcdyn.io.clock_numbers import (
     seconds_of_stamp,
 )
 from tcdyn.io.column_names import column_named
-from tcdyn.io.unit_names import SECONDS_PER_UNIT, TIME_UNITS, split_unit_text
+from tcdyn.io.unit_names import SECONDS_PER_UNIT, TIME_UNITS, split_unit_text, unit_in
 
 # spellings that name a column of time by themselves: "millis"; "minute" may be a part of a clock
 UNIT_NAMES = frozenset(
@@ -36,7 +36,7 @@ UNIT_NAMES = frozenset(
 )
 # names of a time column without their unit
 TIME_NAMES = re.compile(
-    r"t|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
+    r"t|time[smhjyknq]|hhmm(ss)?|epoch|unix[_ ]?(time([_ ]?stamp)?|epoch)?"
     r"|_?time|times|(time|tm)[_ ]?stamps?|time[_ ]?string|time[_ ]?code|row[_ ]?times"
     r"|x_value"
     r"|date[_ /&-]*(and )?time|datetimes?|time[_ ]?elapsed|elapsed([_ ]?time)?|clock|utc"
@@ -351,7 +351,7 @@ def find_time_column(
     requested: str | None = None,
     unit: str | None = None,
     unit_row: Mapping[str, str] | None = None,
-    clock_columns: Collection[str] = (),
+    clock_columns: Sequence[str] = (),
 ) -> TimeColumn:
     """Find the time column of a table and its unit.
 
@@ -367,8 +367,8 @@ def find_time_column(
         The unit as the caller states it; it overrides the header.
     unit_row : mapping, optional
         Units from a row below the header, by column.
-    clock_columns : collection of str, optional
-        Columns whose first cell is a clock time.
+    clock_columns : sequence of str, optional
+        Columns whose first cell is a clock time, those with a date first.
 
     Raises
     ------
@@ -377,8 +377,9 @@ def find_time_column(
 
     Notes
     -----
-    The first column with the name of a time column and a known unit or a clock is taken; then the
-    first column with a clock; then the first one with the name of a time column.
+    The first column with the name of a time column and a known unit or a clock is taken, of several
+    clocks with such a name one with a date; then the first column with a clock; then the first one
+    with the name of a time column.
 
     Examples
     --------
@@ -432,15 +433,17 @@ def _may_be_time(name: str, units: Mapping[str, str], clock_columns: Collection[
 
 
 def _time_column_name(
-    names: Sequence[str], units: Mapping[str, str], clock_columns: Collection[str]
+    names: Sequence[str], units: Mapping[str, str], clock_columns: Sequence[str]
 ) -> str | None:
     """The most probable time column; None if no name and no clock tells of one."""
     named = [name for name in names if has_time_name(name, units)]
     for name in named:
         unit = split_unit(name)[1] or units.get(name, "")
-        if name in clock_columns or is_time_unit(unit):
+        if name in clock_columns:
+            return next(clock for clock in clock_columns if clock in named)
+        if is_time_unit(unit):
             return name
-    clocks = [name for name in names if name in clock_columns]
+    clocks = list(clock_columns)
     by_unit = [name for name in names if name.strip().lower() in UNIT_NAMES]
     return next(iter([*clocks, *named, *by_unit]), None)
 
@@ -459,16 +462,18 @@ def split_unit(name: str) -> tuple[str, str]:
 
     Text in brackets always is a unit; what follows "/", a comma or "in", or a suffix such as
     ``_ms``, only if it is a known one (a key of ``SECONDS_PER_UNIT``). The unit is as written,
-    without a dot at its end.
+    without a dot at its end. The unit of a quotient, such as l/min, is none of a time.
 
     >>> split_unit("Time (minutes)"), split_unit("t/ms")
     (('Time', 'minutes'), ('t', 'ms'))
     >>> split_unit("elapsed_time"), split_unit("Time_h")
     (('elapsed_time', ''), ('Time', 'h'))
-    >>> split_unit("Time (min.)"), split_unit("time in ticks")
-    (('Time', 'min'), ('time in ticks', ''))
+    >>> split_unit("Time (min.)"), split_unit("time in ticks"), split_unit("flow l/min")
+    (('Time', 'min'), ('time in ticks', ''), ('flow l/min', ''))
     """
     stem, unit = split_unit_text(name.strip(), _is_unit_after)
+    if unit and unit_in(name).endswith(f"/{unit}"):
+        return name.strip(), ""
     return stem, unit.rstrip(".")
 
 

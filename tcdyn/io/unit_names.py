@@ -90,7 +90,12 @@ _SINGLE_UNITS = frozenset(
 _SYMBOLS = (
     r"Pa|bar|Hz|mol|Ohm|ohm|Ω|Wh|VA|eV|rad|lx|lm|cd|min|deg|°|degC|degF|°C|°F|[VAWNJSKmgslLhd]"
 )
-_FACTOR = rf"(?:[pnuµμmcdhkMG]?(?:{_SYMBOLS})|%|ppm|ppb|counts?)(?:\^?[-−]?\d|[⁻]?[¹²³⁴])?"
+# Volumes of gas at standard conditions, as of flows in smL/min.
+_STANDARD_VOLUME = r"s(?:m?[lL]|cc)"
+_FACTOR = (
+    rf"(?:{_STANDARD_VOLUME}|[pnuµμmcdhkMG]?(?:{_SYMBOLS})|%|ppm|ppb|counts?)"
+    r"(?:\^?[-−]?\d|[⁻]?[¹²³⁴])?"
+)
 _PRODUCT = re.compile(rf"1?(?:(?:[/·⋅*. ]|_per_| per |^|(?<=[\d²³])){_FACTOR})+")
 _LETTER_AND_NUMBER = re.compile(r"[A-Z]\d?")  # a label rather than a unit: V1, A
 LONGEST_SYMBOL = 2  # letters of the symbol of a quantity in front of "/": U/V, I1/A
@@ -98,7 +103,8 @@ LONGEST_SYMBOL = 2  # letters of the symbol of a quantity in front of "/": U/V, 
 # that only these units are recognised there.
 _AFTER_UNDERSCORE = frozenset(
     (
-        *("Pa", "pa", "hPa", "hpa", "kPa", "kpa", "MPa", "mPa", "bar", "mbar", "psi", "torr"),
+        *("Pa", "pa", "hPa", "hpa", "kPa", "kpa", "MPa", "mPa", "bar", "mbar", "mBar", "psi"),
+        *("torr",),
         *("atm", "mmHg", "ppm", "PPM", "ppb", "PPB", "V", "uV", "µV", "μV", "kV", "Volt", "volt"),
         *("volts", "mA", "uA", "µA", "μA", "kA", "mW", "kW", "MW", "Hz", "hz", "kHz", "MHz", "GHz"),
         *("mHz", "rpm", "kN", "kJ", "MJ", "kWh", "nm", "um", "µm", "μm", "mm", "cm", "km", "mg"),
@@ -114,9 +120,14 @@ _QUOTIENT = re.compile(
 _SQUARE = re.compile(r"(?P<stem>.*?)\s*\[\s*(?P<unit>[^\[\]]*?)\s*\]\s*")
 _ROUND = re.compile(r"(?P<stem>.*?)\s*\(\s*(?P<unit>(?:[^()]|\([^()]*\))*?)\s*\)\s*")
 # What stands between a name and its unit.
-_MARK = re.compile(r"\s*[/,]\s*|\s+in\s+|_|\s+")
+_MARK = re.compile(r"\s*[/,:]\s*|\s+in\s+|_|\s+")
 # A unit with its own sign, which needs no mark: ``T1°C``, ``RH%``.
-_ATTACHED = re.compile(r"(?P<unit>(?:[°ºﾟ˚]\s?|deg\s?)[CFK]|[℃℉]|%)$")
+_ATTACHED = re.compile(
+    r"(?P<unit>(?:[°ºﾟ˚]\s?|[Dd]eg(?:rees?)?[\s.]{0,2})[CFK]|(?<![^\W\d_])o[CF]|[℃℉]|%)$"
+)
+# Celsius behind the word of its quantity: raw_temp_c. Of temp_f and temp_k the letter is as often
+# a label, and would change the readings.
+_CELSIUS_AFTER_TEMPERATURE = re.compile(r"(?P<stem>(?:.*_)?temp(?:erature)?)_c", re.IGNORECASE)
 # A unit in front of a remark: ``Temp, °F (serial number)``.
 _BEFORE_REMARK = re.compile(r",\s*(?P<unit>[^,(\[]+?)\s*[(\[]")
 # A letter after an underscore is a unit behind a word or symbol of its quantity: I_A, load_N.
@@ -135,10 +146,12 @@ _TEMPERATURE_NAME = re.compile(
 def plain_unit(text: str) -> str:
     """A unit in lower case without degree signs, blanks and the word "degree".
 
-    >>> plain_unit("Deg. F"), plain_unit("°C"), plain_unit("℃")
-    ('f', 'c', 'c')
+    An "o" in front of C or F is a degree sign.
+
+    >>> plain_unit("Deg. F"), plain_unit("°C"), plain_unit("℃"), plain_unit("oC")
+    ('f', 'c', 'c', 'c')
     """
-    plain = text.lower().replace("℃", "c").replace("℉", "f")
+    plain = re.sub(r"^o(?=[CF]$)", "", text.strip()).lower().replace("℃", "c").replace("℉", "f")
     return re.sub(r"[\s._°ºﾟ˚]|deg(rees?)?|grad", "", plain)
 
 
@@ -196,8 +209,8 @@ def split_unit_text(
     name
         Name of a column.
     is_unit
-        Whether a text is a unit after a mark, one of ``[``, ``(``, ``/``, ``,``, ``in``, ``_`` and
-        a blank.
+        Whether a text is a unit after a mark, one of ``[``, ``(``, ``/``, ``,``, ``:``, ``in``,
+        ``_`` and a blank.
 
     Notes
     -----
@@ -226,12 +239,14 @@ def unit_in(column: str) -> str:
     """Return the unit in a column's name; empty where there is none.
 
     Any text in square brackets is a unit, but no number; in round brackets a known one, as they
-    may hold a remark; after "/", "in", a comma, an underscore or a blank a known one.
+    may hold a remark; after "/", "in", a comma, a colon, an underscore or a blank a known one.
 
     >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
     ('degF', 'K', '')
     >>> unit_in("T1/°C"), unit_in("Temp, °F (serial number 7)")
     ('degC', 'degF')
+    >>> unit_in("#1:oC"), unit_in("Temp. Deg C"), unit_in("raw_temp_c"), unit_in("Flow smL/min")
+    ('degC', 'degC', 'degC', 'smL/min')
     >>> unit_in("CO2_ppm"), unit_in("Luftfeuchte [% r.F.]"), unit_in("Druck in hPa")
     ('ppm', '%RH', 'hPa')
     >>> unit_in("dose [a.u.]"), unit_in("T1 (left)"), unit_in("zone_A"), unit_in("T[1]")
@@ -300,6 +315,9 @@ def _split(column: str) -> tuple[str, str]:
     letter = _LETTER_AFTER_QUANTITY.fullmatch(column)
     if letter:
         return letter["stem"], letter["unit"]
+    celsius = _CELSIUS_AFTER_TEMPERATURE.fullmatch(column)
+    if celsius:
+        return celsius["stem"], "degC"
     attached = _ATTACHED.search(column)
     if attached and attached.start():
         return column[: attached.start()].rstrip(" /,"), written_unit(attached["unit"])

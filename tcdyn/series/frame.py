@@ -87,7 +87,7 @@ def table_of_frame(
         else:
             cells = ["" if cell is None or cell is pd.NA else str(cell).strip() for cell in values]
             raw_cells[name] = np.array(cells, dtype=object)
-            column = TextColumn(name, ".", location)
+            column = TextColumn(name, ".", location, is_time=time is None or name == time)
             data[name] = column.numbers(cells, 0)
             findings += column.findings(len(cells), is_complete=False)
             if not (column.clock or column.words):

@@ -24,6 +24,10 @@ EMPTY = 1
 RANGE = 2
 CODE = 3
 REPEAT = 4
+# Largest and smallest number of 16 bits in loggers that count in units, tenths and hundredths: a
+# channel without a sensor, or beyond its range.
+OVERFLOWS = np.array([32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68])
+SAME_OVERFLOW = 1e-6  # rounding of the conversion of units
 REASON_NAMES = {EMPTY: "empty", RANGE: "range", CODE: "code", REPEAT: "repeat"}
 
 
@@ -68,8 +72,10 @@ def find_codes(values: Array, kind: Kind) -> Codes:
 
     Notes
     -----
-    A drop-out code is isolated and recurs (``tcdyn.series.plausible.dropout_codes``); so are values
-    beyond the range of a thermocouple where they are at most ``MAX_CODES`` different ones.
+    The limits of a register of 16 bits (``OVERFLOWS``) are codes where all readings are such, also
+    if a temperature may have these values. A drop-out code is isolated and recurs
+    (``tcdyn.series.plausible.dropout_codes``); so are values beyond the range of a thermocouple
+    where they are at most ``MAX_CODES`` different ones.
 
     Examples
     --------
@@ -92,9 +98,39 @@ def find_codes(values: Array, kind: Kind) -> Codes:
         possible = np.where(np.abs(finite) > beyond, np.nan, finite)
     if kind is Kind.INPUT:
         return Codes((), beyond)
+    overflow = _overflow_codes(finite, kind)
+    if overflow:
+        return Codes(overflow, beyond)
     is_code = dropout_codes(possible, kind is Kind.TEMPERATURE)
     codes = np.concatenate([outside, np.unique(possible[is_code])])
     return Codes(tuple(np.sort(codes).tolist()), beyond)
+
+
+def _overflow_codes(finite: Array, kind: Kind) -> tuple[float, ...]:
+    """The values of a column that holds nothing but the limits of a register of 16 bits.
+
+    Parameters
+    ----------
+    finite
+        Values (N,), NaN where there is no number; temperatures in degC.
+    kind
+        What the column holds: of temperatures, the logger may have written degF.
+
+    Examples
+    --------
+    >>> _overflow_codes(np.array([327.67, np.nan, 327.67]), Kind.QUANTITY)
+    (327.67,)
+    >>> _overflow_codes(np.array([327.67, 20.0]), Kind.QUANTITY)
+    ()
+    """
+    values = np.unique(finite[np.isfinite(finite)])
+    if not 0 < len(values) <= MAX_CODES:
+        return ()
+    limits = np.concatenate([OVERFLOWS, -OVERFLOWS])
+    if kind is Kind.TEMPERATURE:
+        limits = np.concatenate([limits, (limits - 32) / 1.8])
+    distances = np.abs(values[:, np.newaxis] - limits)
+    return tuple(values.tolist()) if (distances.min(axis=1) < SAME_OVERFLOW).all() else ()
 
 
 def reasons_of(values: Array, kind: Kind, codes: Codes | None = None) -> Reasons:

@@ -20,7 +20,15 @@ from tcdyn.io.unit_names import unit_in, without_unit, written_unit
         ("T1°C", "T1", "degC"),
         ("T [degrees_C]", "T", "degC"),
         ("U_mV", "U", "mV"),
+        ("1. Temperature [oC]", "1. Temperature", "degC"),
+        ("#1:oC", "#1", "degC"),
+        ("Air oF", "Air", "degF"),
+        ("Temp. Deg C", "Temp.", "degC"),
+        ("raw_temp_c", "raw_temp", "degC"),
         # other quantities
+        ("DryCal smL/min", "DryCal", "smL/min"),
+        ("#HK-Bat:V", "#HK-Bat", "V"),
+        ("Pressure mBar", "Pressure", "mbar"),
         ("CO2_ppm", "CO2", "ppm"),
         ("CO2 [ppm]", "CO2", "ppm"),
         ("CO2 (ppm)", "CO2", "ppm"),
@@ -56,6 +64,7 @@ def test_a_unit_is_read_from_the_name_and_left_out_of_it(name: str, stem: str, u
     [
         *("T1", "gas", "zone_A", "T_N", "kiln_W", "T_min", "T_in", "T_max", "fast_a", "T_s"),
         *("T1 (left)", "T1 (J)", "TC 3 (N)", "Run 1/A", "group/T1", "Dev1/ai0", "T[1]", "T1 (2)"),
+        *("temp_f", "FotoC", "Dev1:ai0", "Time, GMT+02:00", "T_C_left"),
     ],
 )
 def test_labels_and_remarks_are_no_units(name: str) -> None:

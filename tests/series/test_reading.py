@@ -25,6 +25,24 @@ def test_values_beyond_a_thermocouple_are_codes_where_they_are_few_different_one
     assert (reasons_of(y, Kind.QUANTITY)[100:110] == READING).all()
 
 
+@pytest.mark.parametrize("kind", [Kind.TEMPERATURE, Kind.QUANTITY])
+@pytest.mark.parametrize("value", [327.67, -327.68, 3276.7, -3276.8, 32767.0])
+def test_the_limits_of_16_bits_are_codes_where_there_is_nothing_else(
+    kind: Kind, value: float
+) -> None:
+    y = np.full(N, value)
+    y[:3] = np.nan
+    assert set(reasons_of(y, kind)) == {EMPTY, CODE}
+    assert set(reasons_of(y, Kind.INPUT)) == {EMPTY, READING}
+
+
+def test_the_limits_of_16_bits_in_degF_are_codes_and_a_reading_of_this_size_is_none() -> None:
+    y = np.full(N, 327.67)
+    assert set(reasons_of((y - 32) / 1.8, Kind.TEMPERATURE)) == {CODE}
+    y[::2] = 327.6
+    assert set(reasons_of(y, Kind.TEMPERATURE)) == {READING}
+
+
 def test_an_empty_cell_is_no_code() -> None:
     y = quiet(40.0)
     y[3] = np.nan

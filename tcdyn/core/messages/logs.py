@@ -116,6 +116,8 @@ READER: dict[str, Message] = {
     "text.error_word": _error_word,
     "text.clock_change": "column {subject}: the clock changes by one hour ({dates}), as to or from "
     "daylight saving time; the time continues without the change",
+    "text.date_order": "column {subject}: dates such as {date} are read as {order}; nothing in the "
+    "file decides this, and another order has other times",
     "text.section_below": "the table ends above row {row} ({text!r}); the rest of the file is not "
     "read",
     "tracks.assumed": "channel {subject} has no time track; that of {of} is assumed",
