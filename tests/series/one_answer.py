@@ -89,7 +89,7 @@ def read_follow(file: CorpusFile, path: Path) -> Report:
     options: Any = dict(file.options)
     delay_s = DELAY_ROWS * file.truth["interval_s"]
     done: Any = follow(
-        path, sensors_of(file), out, delay_s=delay_s, options=options, idle_s=0.0, poll_s=0.0
+        path, sensors_of(file), out, delay_s=delay_s, idle_s=0.0, poll_s=0.0, **options
     )
     return comparable(done.reading)
 

@@ -13,6 +13,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.identification import from_frame
 from tcdyn.sensors.measure import read_readings
 from tcdyn.series import ReadingOptions, open_source
+from tcdyn.series.options import TableOptions
 from tcdyn.series.read import read_all
 
 T = np.arange(40.0)
@@ -44,7 +45,7 @@ def test_rows_without_a_time_have_the_interval_that_is_given(tmp_path: Path) -> 
     for data in both_kinds(frame, tmp_path):
         with pytest.raises(InputError, match="dt_s"):
             open_source(data)
-        read = read_readings(data, ["T1_degC"], dt_s=0.5)
+        read = read_readings(data, ["T1_degC"], options=TableOptions(dt_s=0.5))
         assert read.time_s == pytest.approx(0.5 * T)
         assert read.report.interval_s == pytest.approx(0.5)
 
