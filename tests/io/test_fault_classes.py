@@ -33,7 +33,7 @@ def table(folder: Path, header: str, rows: list[str], encoding: str = "utf-8") -
 def read(path: Path, column: str, **options: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Time since the first row [s], the column [degC], and the codes of the findings."""
     source = open_source(path, None, [column], options.get("time_unit"))
-    cold = cold_column(options.get("cold", 0.0), source.table.names, "log.csv")
+    cold = cold_column(options.get("cold_junction", 0.0), source.table.names, "log.csv")
     units, found = units_of(
         [column], "", options.get("couple", ""), cold, unit_row=source.table.units
     )
