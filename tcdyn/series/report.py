@@ -338,7 +338,7 @@ def clock_report(
         repeated_rows=clock.n_repeated,
         gaps=gaps,
         places=places,
-        stray_s=float(np.std(clock.jitter_s)) if clock.strays else 0.0,
+        stray_s=float(np.std(clock.jitter_s)) if share is not None else 0.0,
         real_share=share.value if share is not None else 0.0,
         u_real_share=share.u if share is not None else 0.0,
         resolution_s=clock.resolution_s,
