@@ -45,6 +45,10 @@ LONG_PIECES = 10
 # Scatter of the stamps, in intervals, that is too small to matter: readings are wrong by as much of
 # their change from row to row, and lags by as much of a row.
 MIN_STRAY = 0.01
+# Part of an interval that a step of a clock that wanders may be shorter than two, and still is one
+# with a lost row: three standard deviations of the largest scatter of such steps
+# (``tcdyn.series.fine_clock.MAX_STEP_SCATTER``) are above one interval then.
+SHORT_OF_NEXT = 0.25
 
 
 @dataclass(frozen=True)
@@ -92,9 +96,22 @@ class Clock:
         return int(self.index[-1]) + 1
 
     @property
+    def missing(self) -> NDArray[np.intp]:
+        """Samples of the grid without a row after each row but the last (N - 1,).
+
+        Of a clock that wanders a sample without a row is none that is missing: the step tells.
+        """
+        missing = np.maximum(np.diff(self.index) - 1, 0)
+        if not self.is_wandering:
+            return missing
+        steps = np.diff(self.even_s + self.deviation_s) / self.interval_s
+        complete = np.floor(steps + SHORT_OF_NEXT).astype(np.intp)
+        return np.minimum(missing, np.maximum(complete - 1, 0))
+
+    @property
     def n_lost(self) -> int:
-        """Samples of the grid that have no row."""
-        return self.size - 1 - int(np.count_nonzero(np.diff(self.index)))
+        """Samples of the grid that are missing."""
+        return int(self.missing.sum())
 
     @property
     def stray_s(self) -> float:

@@ -188,7 +188,7 @@ def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
     is_last = np.append(wait_s > 0, True)[: len(y)]  # of the readings with one stamp
     y = y[is_last]
     wait_s = np.diff(stamps_s[is_reading][is_last])
-    if len(y) < 2:
+    if len(y) < 2 or _is_counter(y):
         return None
     held = _held_input(y, wait_s, len(values))
     if held is not None:
@@ -198,6 +198,11 @@ def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
     if found is None or len(y) <= MAX_READINGS:
         return found
     return stated_dead_band(values, clock, found.value)
+
+
+def _is_counter(y: Array) -> bool:
+    """Whether values (M,) count their rows: whole numbers that rise by one, from row to row."""
+    return bool(np.all(np.diff(y) == 1.0) and np.all(y == np.rint(y)))
 
 
 def stated_dead_band(values: Array, clock: Clock, value: float) -> DeadBand:
@@ -634,7 +639,8 @@ def poll_clock(clock: Clock) -> Clock:
     Where hardly any row follows another one at the next poll, the typical wait looks like the
     interval. The polls are then the step of which all stamps are multiples; where the stamps have
     finer decimals than the polls, they are near the shortest wait (``_coherent_interval_s``). Where
-    the stamps fit no such interval, the places are finer than the shortest wait.
+    the stamps fit no such interval, as those of rows at equal steps of a temperature, they are
+    exact, and the places are finer than the shortest wait.
     """
     stamps_s = clock.even_s + clock.deviation_s
     waits_s = np.diff(stamps_s)
@@ -645,8 +651,14 @@ def poll_clock(clock: Clock) -> Clock:
         fractions_s = [shortest_s / k for k in (1, 2, 3)]  # no wait may be one poll
         found_s = [_coherent_interval_s(stamps_s, start_s) for start_s in fractions_s]
         fine_s = shortest_s / FINE_PLACES
+        has_polls = any(found_s)
         interval_s = next((each_s for each_s in found_s if each_s), fine_s)
     n_places = (stamps_s[-1] - stamps_s[0]) / interval_s
     if interval_s > FINER * clock.interval_s or n_places > MAX_PLACES:
         return clock
-    return fit_clock(stamps_s, interval_s=interval_s)
+    if has_polls:
+        return fit_clock(stamps_s, interval_s=interval_s)
+    start_s = float(stamps_s[0])
+    index = np.rint((stamps_s - start_s) / interval_s).astype(np.intp)
+    deviation_s = stamps_s - (start_s + interval_s * index)
+    return Clock(interval_s, 0.0, index, start_s, deviation_s, clock.resolution_s, clock.n_repeated)

@@ -15,6 +15,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.findings import Finding
 from tcdyn.series.clock import Clock
+from tcdyn.series.descriptions import MAX_DECIMALS
 from tcdyn.series.reading import EMPTY, READING, REASON_NAMES, Reasons
 from tcdyn.series.real_share import RealShare
 
@@ -287,7 +288,7 @@ def find_gaps(clock: Clock, first_row: int = 1) -> tuple[tuple[Gap, ...], int]:
     first_row
         Row of its first row below the header, from 1.
     """
-    missing = np.diff(clock.index) - 1
+    missing = clock.missing
     places = np.flatnonzero(missing > 0)
     longest = np.sort(places[np.argsort(-missing[places], kind="stable")[:LISTED_GAPS]])
     stamps_s = clock.even_s
@@ -306,6 +307,7 @@ def clock_report(
     averages_s: float | None,
     start_time: str = "",
     first_row: int = 1,
+    are_rows_changes: bool = False,
 ) -> SeriesReport:
     """Return the report of some rows.
 
@@ -321,20 +323,22 @@ def clock_report(
         As in ``SeriesReport``.
     first_row
         First row below the header, from 1.
+    are_rows_changes
+        Whether rows were written on change, so that no row is missing.
     """
-    gaps, places = find_gaps(clock, first_row)
+    gaps, places = ((), 0) if are_rows_changes else find_gaps(clock, first_row)
     return SeriesReport(
         rows=len(clock.index),
         samples=clock.size,
         interval_s=clock.interval_s,
         u_interval_s=clock.u_interval_s,
-        start_s=clock.start_s,
+        start_s=round(clock.start_s, MAX_DECIMALS),
         duration_s=clock.interval_s * (clock.size - 1),
-        rows_lost=clock.n_lost,
+        rows_lost=0 if are_rows_changes else clock.n_lost,
         repeated_rows=clock.n_repeated,
         gaps=gaps,
         places=places,
-        stray_s=float(np.std(clock.jitter_s)) if clock.strays else 0.0,
+        stray_s=float(np.std(clock.jitter_s)) if share is not None else 0.0,
         real_share=share.value if share is not None else 0.0,
         u_real_share=share.u if share is not None else 0.0,
         resolution_s=clock.resolution_s,

@@ -7,6 +7,7 @@ import pytest
 
 from tcdyn.series import at_grid_times, fit_clock, real_share
 from tests.series.clock_study import Case, make_stamps
+from tests.series.real_share_study import found_share
 
 SCATTER = 0.1  # of the stamps, in intervals
 NOISE_K = 0.02
@@ -80,3 +81,29 @@ def test_a_missing_reading_stays_missing_and_changes_its_neighbours_little() -> 
     assert np.count_nonzero(np.isnan(shifted)) == 1
     whole = at_grid_times(readings, clock.even_s, late_s)
     assert np.nanmax(np.abs(shifted - whole)) < 0.01
+
+
+@pytest.mark.parametrize("kind", ["counter", "switch", "valve with decimals"])
+def test_columns_without_information_leave_the_prior(kind: str) -> None:
+    for record in range(5):
+        share = found_share(kind, 0.0, 400, [6, record])
+        assert (share.value, share.u) == (1.0, 0.5)
+
+
+def test_a_counter_beside_a_temperature_changes_nothing() -> None:
+    for record in range(10):
+        alone = found_share("ramp", 1.0, 400, [7, record])
+        both = found_share("ramp and counter", 1.0, 400, [7, record])
+        assert both == alone
+        assert both.value > 0.9
+        assert both.u < 0.05
+
+
+@pytest.mark.parametrize("kind", ["mostly at rest", "quantised ramp"])
+@pytest.mark.parametrize("true_share", [0.0, 1.0])
+def test_readings_of_few_decimals_are_not_certain_and_wrong(kind: str, true_share: float) -> None:
+    found = [found_share(kind, true_share, 400, [8, record]) for record in range(20)]
+    assert min(each.u for each in found) > 0.1
+    n_held = sum(abs(each.value - true_share) <= 2 * each.u for each in found)
+    # of 20 intervals of 95 %, fewer than 16 hold with a probability below 1 %
+    assert n_held >= 16

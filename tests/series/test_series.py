@@ -85,3 +85,82 @@ def test_values_that_rest_at_a_limit_are_not_repeated_ones() -> None:
         rows = ColumnRows("q", "", Kind.QUANTITY, values)
         series = make_series(t, [rows], Context("log.csv"))
         assert series.report.columns[0].readings == 4000
+
+
+def temperature_rows(values: np.ndarray) -> list[ColumnRows]:
+    """One column of temperatures."""
+    return [ColumnRows("T", "degC", Kind.TEMPERATURE, values)]
+
+
+def test_rows_for_events_do_not_change_the_clock() -> None:
+    """A logger that writes a row each 10 minutes, and one for each event."""
+    rows_s = 600.0 * np.arange(20)
+    values = 20 + 10 * np.exp(-rows_s / 3000)
+    events_s = 11400.0 + np.array([274.0, 283.0, 293.0]) - 1200
+    time_s = np.append(rows_s, events_s)
+    order = np.argsort(time_s)
+    both = np.append(values, np.full(3, np.nan))[order]
+    alone = make_series(rows_s, temperature_rows(values), Context("log.csv"))
+    series = make_series(time_s[order], temperature_rows(both), Context("log.csv"))
+    assert series.interval_s == alone.interval_s == pytest.approx(600)
+    assert len(series.clock.index) == 23
+    assert series.report.rows_lost == 0
+    np.testing.assert_array_equal(series.on_grid("T"), alone.on_grid("T"))
+
+
+def test_rows_without_a_reading_at_their_times_are_rows_of_the_logger() -> None:
+    time_s = np.arange(400.0)
+    values = 20 + np.sin(time_s / 20)
+    values[100:120] = np.nan
+    values[:3] = np.nan
+    series = make_series(time_s, temperature_rows(values), Context("log.csv"))
+    assert series.clock.size == 400
+    assert series.report.rows_lost == 0
+
+
+def test_two_sensors_that_write_in_turn_keep_the_clock_of_all_rows() -> None:
+    time_s = np.arange(400.0)
+    values = np.where(np.arange(400) % 2 == 0, 20 + np.sin(time_s / 20), np.nan)
+    series = make_series(time_s, temperature_rows(values), Context("log.csv"))
+    assert series.interval_s == pytest.approx(1.0)
+
+
+def test_a_loop_that_waits_misses_no_sample() -> None:
+    """Steps of 30 to 38 s, in whole seconds, which leave any grid."""
+    steps_s = np.random.default_rng(6).integers(30, 39, 500)
+    time_s = np.append(0.0, np.cumsum(steps_s)).astype(float)
+    values = 20 + np.sin(time_s / 900)
+    series = make_series(time_s, temperature_rows(values), Context("log.csv"))
+    assert series.clock.is_wandering
+    assert np.any(np.diff(series.clock.index) != 1)
+    assert series.report.rows_lost == 0
+    assert series.report.gaps == ()
+    assert "series.lost" not in {finding.code for finding in series.findings}
+    lost = np.delete(np.arange(501), [200, 201])
+    series = make_series(time_s[lost], temperature_rows(values[lost]), Context("log.csv"))
+    assert series.report.rows_lost == 2
+
+
+def test_rows_at_equal_steps_of_a_temperature_are_exact() -> None:
+    """A row for each kelvin of a heating that is not steady."""
+    row = np.arange(40)
+    time_s = np.round(6 * row + 8 * np.sin(row / 5.0), 3)
+    series = make_series(time_s, temperature_rows(37.0 + row), Context("log.csv"))
+    counted = make_series(time_s, temperature_rows(37.5 + row), Context("log.csv"))
+    assert counted.report.columns[0].dead_band == pytest.approx(1.0)
+    assert counted.report.rows_lost == 0
+    assert counted.report.u_interval_s == 0.0
+    assert np.abs(counted.clock.even_s - time_s).max() < 0.5
+    # whole numbers that rise by one are the numbers of rows
+    assert series.report.columns[0].dead_band is None
+
+
+def test_a_row_counter_beside_lost_rows_is_no_reading_on_change() -> None:
+    time_s = np.delete(np.arange(300.0), np.arange(5, 290, 7))
+    number = np.arange(1.0, len(time_s) + 1)
+    columns = [
+        ColumnRows("Sample", "", Kind.QUANTITY, number),
+        *temperature_rows(20 + np.sin(time_s / 20)),
+    ]
+    series = make_series(time_s, columns, Context("log.csv"))
+    assert series.bands == {}

@@ -65,6 +65,28 @@ def _on_change(subject: str, count: int, dead_band: float, unit: str = "", **_: 
     )
 
 
+def _strays(
+    subject: str, rate_Hz: float, stray_s: float, percent: float, is_told: bool = True, **_: Any
+) -> str:
+    """Message of ``series.strays``.
+
+    ``percent`` is the share of the scatter ``stray_s`` that is real; ``is_told``: by the readings.
+    """
+    text = (
+        f"column {subject}: the time stamps deviate from even sampling at {rate_Hz:.5g} Hz by "
+        f"{stray_s:.2g} s (1 sd); "
+    )
+    if is_told:
+        return (
+            f"{text}according to the readings, {percent:.0f} % of this are real shifts of the "
+            "sampling instants, and are corrected"
+        )
+    return (
+        f"{text}the readings do not tell how much of this are real shifts of the sampling "
+        f"instants; {percent:.0f} % are corrected"
+    )
+
+
 SERIES: dict[str, Message] = {
     "series.averages": _averages,
     "series.few_decimals": _few_decimals,
@@ -72,9 +94,7 @@ SERIES: dict[str, Message] = {
     "header, are interpolated from the rows before and after",
     "series.repeated_time": "column {subject}: {count} row(s) have the time of the row before, "
     "first in row {row} below the header; rows with one time are averaged",
-    "series.strays": "column {subject}: the time stamps deviate from even sampling at "
-    "{rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd); according to the readings, {percent:.0f} % of "
-    "this are real shifts of the sampling instants, and are corrected",
+    "series.strays": _strays,
     "series.uneven": "column {subject}: rows were taken at times that deviate from even sampling "
     "at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): readings cannot be shifted to even times "
     "exactly, and the times of the results have this uncertainty",
