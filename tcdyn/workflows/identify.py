@@ -135,31 +135,12 @@ def identify(
     settings = options_of(IdentifyOptions, options, "identify")
     inputs = _columns("input", input)
     outputs = _columns("output", output)
-    if len(inputs) > 1 and (settings.narx or settings.gain is not None):
-        name = "narx" if settings.narx else "gain"
-        raise InputError(
-            f"{{{name}}} with {len(inputs)} inputs",
-            expected="one input",
-            remedy="leave it out",
-            parameters={name: None},
-        )
-    if settings.narx:  # an error before the work
-        from tcdyn.identification.narx import frols_with_polynomials
-
-        frols_with_polynomials()
+    _check_options_of_one_input(settings, inputs)
     known_filter = settings.conditioning
-    fit_settings = settings.fit_settings
-    record = from_csv(
-        data,
-        input=inputs,
-        output=outputs,
-        run=settings.run,
-        resample_s=settings.resample_s,
-        hold=settings.holds,
-        **asdict(settings.rows),
-    )
+    record = _read_record(data, inputs, outputs, settings)
     names = list(record.input_names)  # with the units that the file states
     models = [_model(name, names, settings, known_filter) for name in settings.models]
+    fit_settings = settings.fit_settings
     fit_settings["like"] = _model("P1", names[:1], settings, known_filter)
     results = {}
     for column in outputs:
@@ -173,6 +154,63 @@ def identify(
         if done is not None:
             done(column, results[column])
     return results
+
+
+def _check_options_of_one_input(settings: IdentifyOptions, inputs: Sequence[str]) -> None:
+    """Check the options that only a model of one input has, before the work.
+
+    Parameters
+    ----------
+    settings
+        The options.
+    inputs
+        Columns of the inputs.
+
+    Raises
+    ------
+    InputError
+        For one of them with several inputs, and if the package for ``narx`` is not installed.
+    """
+    if len(inputs) > 1 and (settings.narx or settings.gain is not None):
+        name = "narx" if settings.narx else "gain"
+        raise InputError(
+            f"{{{name}}} with {len(inputs)} inputs",
+            expected="one input",
+            remedy="leave it out",
+            parameters={name: None},
+        )
+    if settings.narx:
+        from tcdyn.identification.narx import frols_with_polynomials
+
+        frols_with_polynomials()
+
+
+def _read_record(
+    data: str | Path | Sequence[str | Path],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    settings: IdentifyOptions,
+) -> IOData:
+    """The record of all inputs and outputs of a table.
+
+    Parameters
+    ----------
+    data
+        The table, or several files, each of which is a run.
+    inputs, outputs
+        Columns of the inputs and the outputs.
+    settings
+        How the rows are read.
+    """
+    return from_csv(
+        data,
+        input=inputs,
+        output=outputs,
+        run=settings.run,
+        resample_s=settings.resample_s,
+        hold=settings.holds,
+        **asdict(settings.rows),
+    )
 
 
 def _no_progress(name: str, number: int, count: int) -> None:
