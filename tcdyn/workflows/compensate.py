@@ -383,7 +383,10 @@ def compensate_log(
     --------
     >>> from tcdyn import load_rig, read_record  # doctest: +SKIP
     >>> rig = load_rig("rig.toml")  # doctest: +SKIP
-    >>> records = {"fast": read_record("fast.disk.json")}  # doctest: +SKIP
+    >>> fast = read_record("fast.disk.json")  # doctest: +SKIP
+    >>> slow = read_record("slow.disk.json")  # doctest: +SKIP
+    >>> records = {"fast": fast, "slow": slow}  # doctest: +SKIP
+
     >>> done = compensate_log("EHL_B3.csv", records, rig)  # doctest: +SKIP
     >>> "fast_a_u_K" in done.to_frame()  # doctest: +SKIP
     True

@@ -211,7 +211,7 @@ class _Files:
     overwrite
         Whether an output that exists is replaced.
     continues
-        Whether the run continues an earlier one, whose state there is.
+        Whether the file of the state exists: the run that wrote it is continued.
     """
 
     log: Path
