@@ -1,8 +1,9 @@
 """Compensation of a full log: static lines and chains removed, junction temperatures with u.
 
 The command ``tcdyn compensate`` for logs of the rig; tables of other sensors are
-:mod:`tcdyn.workflows.compensate_table`. The estimator is that of :mod:`tcdyn.smoothing`. Guarded by
-``tests/cli/test_compensate_command.py``, ``tests/smoothing/test_long_log.py`` and
+:mod:`tcdyn.workflows.compensate_table`. The stages of a run are
+:mod:`tcdyn.workflows.compensate_stages`. The estimator is that of :mod:`tcdyn.smoothing`. Guarded
+by ``tests/cli/test_compensate_command.py``, ``tests/smoothing/test_long_log.py`` and
 ``tests/smoothing/test_traces.py``.
 """
 
@@ -16,11 +17,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
+from tcdyn.campaign.stages import MAX_ROWS, read_stage
 from tcdyn.core import Array
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, info, labelled_messages, unique_by_subject, warning
+from tcdyn.core.findings import Finding, labelled_messages, unique_by_subject
 from tcdyn.core.progress import Progress, no_progress
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
@@ -36,40 +37,37 @@ from tcdyn.io.write import (
     output_style,
     write_log,
 )
-from tcdyn.partition.analyse import refine_lags
-from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.prepare import prepare_test
-from tcdyn.partition.steady import with_inner_row_at_one_radius
-from tcdyn.rig.contact import Events
-from tcdyn.rig.disk import DISKS
-from tcdyn.rig.log import COMPENSATED, Log, LogChunks, open_log_for_records
+from tcdyn.rig.log import Log, LogChunks, open_log_for_records
 from tcdyn.rig.opened_log import check_any_given, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.compensation import (
     CompensationMethod,
-    compensate_readings,
     compensated_segments,
-    output_columns,
     output_header,
     write_segments,
 )
 from tcdyn.sensors.decimals import rounded_for_file
 from tcdyn.series.clock import mean_interval_s
-from tcdyn.series.units import Unit
 from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
 from tcdyn.smoothing.record import Compensated
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
+from tcdyn.smoothing.traces import DiskTraces, summarise_spikes
 from tcdyn.smoothing.windows import window_means
+from tcdyn.workflows.compensate_stages import (
+    CompensatedDisks,
+    EventsAndLags,
+    OpenedLog,
+    compensate_disks,
+    events_since_start,
+    find_events_and_lags,
+    make_traces,
+)
 from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.raw_log import source_notes
-from tcdyn.workflows.rig_channels import DiskColumns, disk_readings, with_common_lag
+from tcdyn.workflows.rig_channels import DiskColumns
 
 # Least rows of a segment of a long log; with its margins it has about as many rows as a log that is
 # compensated in one piece.
 SEGMENT_ROWS = 100_000
-# Note in the metadata where the lag is not removed.
-NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
 
 @dataclass(frozen=True)
@@ -395,160 +393,137 @@ def compensate_log(
     """
     check_any_given(records)
     rig = rig or rig_from_records(records)
+    method = _method_of(way, parts=parts, rate=rate, delay_s=delay_s)
+    progress("reading the log")
+    chunks, missing = open_log_for_records(log, rig, records)
+    opened = OpenedLog(chunks, log_around_unloading(chunks), rig, records, missing)
+    if delay_s is not None:
+        return _compensate_with_delay(log, opened, method, delay_s, progress)
+    refines_lags = refine and method.removes_lag
+    lags = find_events_and_lags(opened, refine=refines_lags, progress=progress)
+    traces, notes = make_traces(opened, lags, method)
+    progress(f"junctions, {' and '.join(records)}")
+    disks = compensate_disks(opened, traces, method, lags.events_at_s)
+    return _result(opened, method, lags, traces, notes, disks)
+
+
+def _method_of(
+    way: CompensationMethod | None, *, parts: bool, rate: bool, delay_s: float | None
+) -> CompensationMethod:
+    """The method with the columns that are requested; the parameters are those of the caller.
+
+    Raises
+    ------
+    InputError
+        For a method or components of the uncertainty with a delay.
+    """
     if delay_s is not None and (way is not None or parts):
         raise InputError(
             "{way} or {parts} with {delay_s}",
             remedy="leave one of them out",
             parameters=dict.fromkeys(("way", "parts", "delay_s")),
         )
-    way = way or CompensationMethod()
-    way = replace(way, components=way.components or parts, rate=way.rate or rate)
-    progress("reading the log")
-    pieces, unused = open_log_for_records(log, rig, records)
-    kind = pieces.kind
-    table = log_around_unloading(pieces)
-    if delay_s is not None:
-        rows: list[pd.DataFrame] = []
-        done = compensate_table(
-            log, records, rows.append, rig=rig, delay_s=delay_s, rate=rate, progress=progress
-        )
-        frame = pd.concat(rows, ignore_index=True)
-        return CompensatedLog(
-            frame,
-            done.metadata,
-            done.findings,
-            {},
-            {},
-            (),
-            table,
-            way,
-            done.decimals,
-            numbers=done.numbers,
-            sources=pieces.sources,
-        )
-    disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
-    notes = {
-        **table.metadata,
-        "tcdyn": COMPENSATED,
-        "source": table.path.name,
-        "source_sha256": table.sha256,
-    }
-    if pieces.sources:
-        notes |= source_notes(pieces.sources)
-    notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
-    findings = [*summarise_spikes(table.findings)]
-    events_at_s = dict[float, float]()
-    if refine and unused and way.removes_lag:
-        refine = False
-        findings.append(
-            warning("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}")
-        )
-    if kind == "ehl":
-        try:
-            each_test = all_events(pieces, table)
-            for events in each_test:
-                events_at_s |= {events.load_on_s: 0.0} | dict.fromkeys(
-                    events.slope_changes_s, events.unload_u_s
-                )
-        except InputError as problem:  # slopes that jump are found by the smoother
-            findings += (
-                [warning("compensate.unrefined", problem=str(problem))]
-                if way.removes_lag and refine
-                else []
-            )
-            refine = False
-        other = next(iter(records))
-        findings += [
-            info("compensate.one_disk", subject=d, other=other)
-            for d in DISKS
-            if d in disks_in_log and d not in records
-        ]
-    traces: dict[str, DiskTraces] = {}
-    fits: Mapping[str, DiskFit] = {}
-    if refine and way.removes_lag and kind == "ehl" and disks_in_log <= set(records):
-        progress("common lags from the unloading")
-        one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
-        traces, fits, refine_findings = _refine_lags(table, rig, records, one_test)
-        findings += refine_findings
-    frame = table.frame
-    for disk, record in records.items():
-        disk_traces_used = traces.get(disk) or disk_traces(
-            frame,
-            disk,
-            rig,
-            record,
-            prefixed=kind == "ehl",
-            where=table.path.name,
-            lag=way.removes_lag,
-        )
-        if way.removes_lag:
-            disk_traces_used, notes[f"{disk}_common_lag_s"] = with_common_lag(
-                disk_traces_used, record, fits.get(disk)
-            )
-        for name, sd in disk_traces_used.noise.to_dict().items():
-            notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
-        traces[disk] = disk_traces_used
-    progress(f"junctions, {' and '.join(records)}")
-    time_s = frame["time_s"].to_numpy(dtype=float)
-    results: dict[str, Compensated] = {}
-    units: dict[str, Unit] = {}
-    columns: dict[str, Array] = {}
-    decimals: dict[str, int] = {}
-    for disk in records:
-        disk_traces_used = traces[disk]
-        readings = disk_readings(disk_traces_used, time_s)
-        results[disk] = compensate_readings(readings, way, events_at_s)
-        columns_of_disk, decimals_of_disk = output_columns(readings, results[disk], way)
-        columns |= columns_of_disk
-        decimals |= decimals_of_disk
-        units |= dict(zip(readings.columns, readings.units))
-        findings += [
-            f.at(disk)
-            for f in (*results[disk].findings, *disk_traces_used.extrapolation_findings("the log"))
-        ]
-        findings += disk_traces_used.findings
-    header = output_header([*frame.columns], units, way, table.path.name)
-    columns |= {unit.names(name).logged: frame[name].to_numpy() for name, unit in units.items()}
-    frame = pd.DataFrame({name: columns.get(name, frame.get(name)) for name in header}, frame.index)
-    t_start_s, t_end_s = (float(frame["time_s"].iloc[k]) for k in (0, -1))
-    events_s = sorted(t - t_start_s for t in events_at_s if t_start_s < t <= t_end_s) or [
-        t for t, _ in next(iter(results.values())).events_s
-    ]
-    segments = None
-    if len(table.frame) == pieces.rows:
-        frame = _with_time_stamps(frame, pieces)
-    else:
-        channels = DiskColumns(rig, records, fits, kind == "ehl", way.removes_lag, table.path.name)
-        segments = LogSegments(
-            pieces, channels, way, events_at_s, [*table.frame.columns], header, notes
-        )
+    method = way or CompensationMethod()
+    return replace(method, components=method.components or parts, rate=method.rate or rate)
+
+
+def _compensate_with_delay(
+    log: str | Path | Sequence[str | Path],
+    opened: OpenedLog,
+    method: CompensationMethod,
+    delay_s: float,
+    progress: Progress,
+) -> CompensatedLog:
+    """Compensate each row with the rows that are there ``delay_s`` after it.
+
+    Parameters
+    ----------
+    log
+        The file or files of the log, which are read again.
+    opened
+        The log.
+    method
+        States whether the rate of change is written.
+    delay_s
+        The delay [s].
+    progress
+        Called with the name of each stage.
+    """
+    rows: list[pd.DataFrame] = []
+    done = compensate_table(
+        log,
+        opened.records,
+        rows.append,
+        rig=opened.rig,
+        delay_s=delay_s,
+        rate=method.rate,
+        progress=progress,
+    )
     return CompensatedLog(
-        frame,
-        notes,
-        tuple(findings),
-        results,
-        traces,
-        tuple(events_s),
-        table,
-        way,
-        decimals,
-        segments,
-        sources=pieces.sources,
+        frame=pd.concat(rows, ignore_index=True),
+        metadata=done.metadata,
+        findings=done.findings,
+        disks={},
+        traces={},
+        events_s=(),
+        raw_log=opened.table,
+        method=method,
+        decimals=done.decimals,
+        numbers=done.numbers,
+        sources=opened.chunks.sources,
     )
 
 
-def _with_time_stamps(frame: pd.DataFrame, log: LogChunks) -> pd.DataFrame:
-    """The table with the clock stamps of the log, if it has some, after its first column.
+def _result(
+    opened: OpenedLog,
+    method: CompensationMethod,
+    lags: EventsAndLags,
+    traces: Mapping[str, DiskTraces],
+    notes_of_traces: Mapping[str, str],
+    disks: CompensatedDisks,
+) -> CompensatedLog:
+    """The table of a compensated log, with its metadata and findings.
 
-    The name is that in the file, or "time_stamp" if another column of the table has it.
+    Parameters
+    ----------
+    opened
+        The log.
+    method
+        The method.
+    lags
+        Events and fits of the common lags.
+    traces
+        Traces by disk.
+    notes_of_traces
+        Metadata about them.
+    disks
+        The compensated channels.
     """
-    stamps = log.time_stamps()
-    if stamps is None:
-        return frame
-    name, cells = stamps
-    result = frame.copy(deep=False)
-    result.insert(1, "time_stamp" if name in frame else name, cells)
-    return result
+    names = [*opened.table.frame.columns]
+    header = output_header(names, disks.units, method, opened.name)
+    notes = {**opened.notes(method), **notes_of_traces}
+    spikes = summarise_spikes(opened.table.findings)
+    segments = None
+    if not opened.is_in_memory:
+        channels = DiskColumns(
+            opened.rig, opened.records, lags.fits, opened.is_ehl, method.removes_lag, opened.name
+        )
+        segments = LogSegments(
+            opened.chunks, channels, method, lags.events_at_s, names, header, notes
+        )
+    return CompensatedLog(
+        frame=disks.to_frame(opened, header),
+        metadata=notes,
+        findings=(*spikes, *lags.findings, *disks.findings),
+        disks=disks.results,
+        traces=traces,
+        events_s=events_since_start(opened, lags, disks),
+        raw_log=opened.table,
+        method=method,
+        decimals=disks.decimals,
+        segments=segments,
+        sources=opened.chunks.sources,
+    )
 
 
 def log_around_unloading(pieces: LogChunks) -> Log:
@@ -562,35 +537,3 @@ def log_around_unloading(pieces: LogChunks) -> Log:
         return read_stage(pieces, None)[0]
     except InputError:
         return pieces.to_log(np.arange(MAX_ROWS))
-
-
-def _refine_lags(
-    table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
-) -> tuple[dict[str, DiskTraces], Mapping[str, DiskFit], list[Finding]]:
-    """Traces and joint fits for the common lags of the disks, from the unloading.
-
-    Parameters
-    ----------
-    table
-        The log, or its rows around the unloading.
-    rig, records
-        The rig, and the record of each disk.
-    events
-        Loading and unloading, if they are known already.
-
-    Returns
-    -------
-    traces
-        Traces by disk; empty if the test could not be prepared.
-    fits
-        Joint fit of each disk; empty if a fit failed.
-    findings
-        A warning if it failed: the lags of the records are used then.
-    """
-    traces: dict[str, DiskTraces] = {}
-    try:
-        test = prepare_test(table, rig, records, events=events)
-        traces = dict(test.disks)
-        return traces, refine_lags(with_inner_row_at_one_radius(test)), []
-    except InputError as problem:
-        return traces, {}, [warning("compensate.unrefined", problem=str(problem))]

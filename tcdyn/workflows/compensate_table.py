@@ -23,7 +23,7 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.endings import LONG_TABLE, check_ending, check_size
 from tcdyn.io.read import open_table, sha256_of_file
 from tcdyn.io.table import SourceFile
-from tcdyn.io.write import check_not_input, dialect_findings, output_style
+from tcdyn.io.write import OutputStyle, check_not_input, dialect_findings, output_style
 from tcdyn.rig.rigfile import Rig
 from tcdyn.sensors.channels import Channel
 from tcdyn.sensors.compensation import (
@@ -36,7 +36,7 @@ from tcdyn.sensors.compensation import (
 from tcdyn.series import Source
 from tcdyn.series.joined import files_of_log
 from tcdyn.series.report import SeriesReport
-from tcdyn.series.source import FilledTimes, RisingRows
+from tcdyn.series.source import ChunkSource, FilledTimes, RisingRows
 from tcdyn.series.survey import SurveyedSource
 from tcdyn.workflows.options import CompensateOptions
 from tcdyn.workflows.raw_log import (
@@ -193,82 +193,227 @@ def compensate_table(
             f"log is {described(log)}", expected="the path of a table, or an opened table"
         )
     calibrations = calibrations_of(calibrations)
-    delay_s = settings.delay_s
-    method = CompensationMethod(rate=settings.rate)
-    if isinstance(calibrations, Mapping) and delay_s is None:
+    if isinstance(calibrations, Mapping) and settings.delay_s is None:
         raise InputError("records without a delay", remedy="use compensate_log")
-    out_path = Path() if callable(out) else Path(out)
-    if not callable(out):
-        check_ending(out_path, LONG_TABLE)
+    output = _Output(out)
+    output.check_ending()
     raw, report_of_rows = _open_log(log, calibrations, rig, settings)
-    header = raw.header(method)
-    paths = [source.path for source in raw.source.table.sources] or [raw.source.path]
-    if not callable(out):
-        for path in paths:
-            check_not_input(out_path, path)
-        check_size(out_path, report_of_rows.rows if report_of_rows else 0, len(header))
-    table_of_style = raw.source.table
-    if len(paths) > 1 and settings.dialect != "standard":
-        table_of_style = open_table(paths[0])
-    style = output_style(settings.dialect, settings.comments, table_of_style, out_path)
-    is_netcdf = out_path.suffix.lower() == ".nc"
-    if is_netcdf:
-        style = replace(style, time=raw.source.time, units=_units_of_output(raw))
-    notes = dict(raw.notes)
-    if len(paths) == 1 and paths[0].is_file():
-        notes["source_sha256"] = sha256_of_file(paths[0])
+    run = _TableRun(raw, settings, output)
+    output.check(run.paths, report_of_rows.rows if report_of_rows else 0, len(run.header))
+    style = run.style()
+    totals = run.write(style, progress)
+    if settings.delay_s is not None:
+        report_of_rows = run.surveyed_rows.report()
+    return CompensatedTable(
+        output.path,
+        totals.rows,
+        raw.channels.channels,
+        raw.carried,
+        totals.table(raw.channels.units),
+        totals.decimals,
+        totals.metadata,
+        run.findings(totals, style),
+        report_of_rows,
+        raw.source.files(totals.rows),
+    )
+
+
+@dataclass(frozen=True)
+class _Output:
+    """Where the rows go.
+
+    Attributes
+    ----------
+    to
+        A file, or a function that is called with the rows.
+    """
+
+    to: str | Path | Callable[[pd.DataFrame], None]
+
+    @property
+    def path(self) -> Path:
+        """The file; the current folder where the rows go to a function."""
+        return Path() if callable(self.to) else Path(self.to)
+
+    @property
+    def is_netcdf(self) -> bool:
+        """Whether it is a netCDF file."""
+        return self.path.suffix.lower() == ".nc"
+
+    def check_ending(self) -> None:
+        """Check the ending of a file. Raises InputError."""
+        if not callable(self.to):
+            check_ending(self.path, LONG_TABLE)
+
+    def check(self, inputs: Sequence[Path], rows: int, columns: int) -> None:
+        """Check a file before the first row is computed.
+
+        Parameters
+        ----------
+        inputs
+            Files of the log.
+        rows, columns
+            Number of rows, 0 if it is not known, and of columns.
+
+        Raises
+        ------
+        InputError
+            For an input, and for more rows or columns than the format can hold.
+        """
+        if callable(self.to):
+            return
+        for path in inputs:
+            check_not_input(self.path, path)
+        check_size(self.path, rows, columns)
+
+
+class _TableRun:
+    """One table that is compensated and written.
+
+    Attributes
+    ----------
+    raw, settings, output
+        The opened log, the options, and where the rows go.
+    method
+        The method.
+    header
+        Columns of the output.
+    rising_rows
+        The rows with a delay: those whose time is not before that of an earlier row.
+    surveyed_rows
+        The same rows, which are surveyed as they come, as those of a log that is followed.
+    """
+
+    def __init__(self, raw: RawLog, settings: CompensateOptions, output: _Output) -> None:
+        """Prepare a run; raises InputError where two columns of the output have one name."""
+        self.raw = raw
+        self.settings = settings
+        self.output = output
+        self.method = CompensationMethod(rate=settings.rate)
+        self.header = raw.header(self.method)
+        self.rising_rows = RisingRows(raw.source)
+        self.surveyed_rows = SurveyedSource(
+            self.rising_rows, raw.channels.raw_columns, survey_of(raw)
+        )
+
+    @property
+    def paths(self) -> list[Path]:
+        """Files of the log."""
+        source = self.raw.source
+        return [file.path for file in source.table.sources] or [source.path]
+
+    def style(self) -> OutputStyle:
+        """How the output is written."""
+        settings = self.settings
+        source = self.raw.source
+        table = source.table
+        if len(self.paths) > 1 and settings.dialect != "standard":
+            table = open_table(self.paths[0])
+        style = output_style(settings.dialect, settings.comments, table, self.output.path)
+        if self.output.is_netcdf:
+            return replace(style, time=source.time, units=_units_of_output(self.raw))
+        return style
+
+    def write(self, style: OutputStyle, progress: Progress) -> Totals:
+        """Compensate and write all rows.
+
+        Parameters
+        ----------
+        style
+            How a file is written.
+        progress
+            Called with the row that was reached.
+        """
+        notes = dict(self.raw.notes)
+        if len(self.paths) == 1 and self.paths[0].is_file():
+            notes["source_sha256"] = sha256_of_file(self.paths[0])
+        if self.settings.delay_s is not None:
+            notes["delay_s"] = f"{self.settings.delay_s:g}"
+        return write_segments(
+            self.output.to,
+            self.header,
+            notes,
+            self._segments(),
+            _progress_of_rows(progress),
+            style=style,
+            time=self.raw.stamps,
+        )
+
+    def _segments(self) -> Iterator[CompensatedSegment]:
+        """The compensated segments of the table."""
+        raw = self.raw
+        delay_s = self.settings.delay_s
+        rows: ChunkSource = self.surveyed_rows
+        if delay_s is None:
+            rows = FilledTimes(raw.source, raw.time_in_log)
+        segments = compensated_segments(
+            rows, raw.source.table.names, raw.channels, self.method, delay_s=delay_s
+        )
+        if self.output.is_netcdf:
+            return _with_seconds(segments, raw.source.time)
+        return segments
+
+    def findings(self, totals: Totals, style: OutputStyle) -> tuple[Finding, ...]:
+        """Findings about the log and the compensation, without repetitions.
+
+        Parameters
+        ----------
+        totals
+            What was written.
+        style
+            How it was written.
+        """
+        table = self.raw.source.table
+        if self.settings.delay_s is None:
+            findings = [*self.raw.findings, *totals.findings]
+        else:
+            findings = delayed_findings(self.raw, self.rising_rows, totals)
+        findings += dialect_findings(table, self.output.path, style)
+        findings += _findings_of_brief_table(self.raw, totals)
+        findings += _findings_without_result(self.raw, totals)
+        return unique_by_subject(table.at_files(findings))
+
+
+def _progress_of_rows(progress: Progress) -> Callable[[int], None]:
+    """A function to call with the number of rows that are done.
+
+    It calls ``progress`` with the next row at the start, after ``PROGRESS_ROWS`` rows, and then
+    each time that the number has doubled.
+    """
     next_row = 0
 
     def report(rows: int) -> None:
-        """Report the rows that are done, each time that they have doubled, after the first."""
+        """Report the rows that are done, if it is time."""
         nonlocal next_row
         if rows >= next_row:
             progress(f"compensating, from row {rows + 1}")
             next_row = rows + max(rows, PROGRESS_ROWS)
 
-    rising = RisingRows(raw.source)
-    # rows of a log with a delay are surveyed as they come, as those of a log that is followed
-    seen = SurveyedSource(rising, raw.channels.raw_columns, survey_of(raw))
-    segments = compensated_segments(
-        FilledTimes(raw.source, raw.time_in_log) if delay_s is None else seen,
-        raw.source.table.names,
-        raw.channels,
-        method,
-        delay_s=delay_s,
-    )
-    if is_netcdf:
-        segments = _with_seconds(segments, raw.source.time)
-    if delay_s is not None:
-        notes["delay_s"] = f"{delay_s:g}"
-    totals = write_segments(out, header, notes, segments, report, style=style, time=raw.stamps)
-    if delay_s is None:
-        findings = [*raw.findings, *totals.findings]
-    else:
-        findings = delayed_findings(raw, rising, totals)
-        report_of_rows = seen.report()
-    findings += dialect_findings(raw.source.table, out_path, style)
-    for channel in raw.channels.channels:
-        duration_s = max(totals.last_s - totals.first_s, 0.0)
-        lag_s = channel.chain.lag_s
-        if duration_s < lag_s:
-            findings.append(
-                warning("sensor.brief", subject=channel.column, duration_s=duration_s, lag_s=lag_s)
-            )
-    uncertainties = totals.table(raw.channels.units)
-    if uncertainties.iloc[:, 2].isna().all():
-        findings.append(error("sensor.nothing", subject=", ".join(raw.channels.units)))
-    return CompensatedTable(
-        out_path,
-        totals.rows,
-        raw.channels.channels,
-        raw.carried,
-        uncertainties,
-        totals.decimals,
-        totals.metadata,
-        unique_by_subject(raw.source.table.at_files(findings)),
-        report_of_rows,
-        raw.source.files(totals.rows),
-    )
+    return report
+
+
+def _findings_of_brief_table(raw: RawLog, totals: Totals) -> list[Finding]:
+    """Warnings about channels with a lag that is longer than the table."""
+    duration_s = max(totals.last_s - totals.first_s, 0.0)
+    return [
+        warning(
+            "sensor.brief",
+            subject=channel.column,
+            duration_s=duration_s,
+            lag_s=channel.chain.lag_s,
+        )
+        for channel in raw.channels.channels
+        if duration_s < channel.chain.lag_s
+    ]
+
+
+def _findings_without_result(raw: RawLog, totals: Totals) -> list[Finding]:
+    """An error if no column has a result."""
+    units = raw.channels.units
+    typical_u = totals.table(units).iloc[:, 2]
+    if typical_u.isna().all():
+        return [error("sensor.nothing", subject=", ".join(units))]
+    return []
 
 
 def _open_log(

@@ -135,48 +135,46 @@ def identify(
     settings = options_of(IdentifyOptions, options, "identify")
     inputs = _columns("input", input)
     outputs = _columns("output", output)
-    _check_narx_and_gain(settings, len(inputs))
-    fit_settings = {**settings.fit_settings, "held_out": settings.held_out}
-    record = from_csv(
-        data,
-        input=inputs,
-        output=outputs,
-        run=settings.run,
-        resample_s=settings.resample_s,
-        hold=settings.holds,
-        **asdict(settings.rows),
-    )
+    _check_options_of_one_input(settings, inputs)
+    known_filter = settings.conditioning
+    record = _read_record(data, inputs, outputs, settings)
     names = list(record.input_names)  # with the units that the file states
-    known = settings.conditioning
-    models = [_model(name, names, settings, known) for name in settings.models]
-    fit_settings["like"] = _model("P1", names[:1], settings, known)
+    models = [_model(name, names, settings, known_filter) for name in settings.models]
+    fit_settings = settings.fit_settings
+    fit_settings["like"] = _model("P1", names[:1], settings, known_filter)
     results = {}
     for column in outputs:
         one = record.select(output=column)
         with progress(len(models)) if progress else nullcontext(_no_progress) as report:
-            comparison = compare(one, models, progress=report, **fit_settings)
-        results[column] = IdentifiedOutput(one, comparison, known, *_level_test(one, settings))
+            comparison = compare(
+                one, models, held_out=settings.held_out, progress=report, **fit_settings
+            )
+        sentence, narx = _level_dependence(one, settings)
+        results[column] = IdentifiedOutput(one, comparison, known_filter, sentence, narx)
         if done is not None:
             done(column, results[column])
     return results
 
 
-def _no_progress(name: str, number: int, count: int) -> None:
-    """Report nothing."""
+def _check_options_of_one_input(settings: IdentifyOptions, inputs: Sequence[str]) -> None:
+    """Check the options that only a model of one input has, before the work.
 
-
-def _check_narx_and_gain(settings: IdentifyOptions, n_inputs: int) -> None:
-    """Check, before any work, that the options of one input are not given for several.
+    Parameters
+    ----------
+    settings
+        The options.
+    inputs
+        Columns of the inputs.
 
     Raises
     ------
     InputError
-        If they are, or if the package for ``narx`` is not installed.
+        For one of them with several inputs, and if the package for ``narx`` is not installed.
     """
-    if n_inputs > 1 and (settings.narx or settings.gain is not None):
+    if len(inputs) > 1 and (settings.narx or settings.gain is not None):
         name = "narx" if settings.narx else "gain"
         raise InputError(
-            f"{{{name}}} with {n_inputs} inputs",
+            f"{{{name}}} with {len(inputs)} inputs",
             expected="one input",
             remedy="leave it out",
             parameters={name: None},
@@ -187,7 +185,39 @@ def _check_narx_and_gain(settings: IdentifyOptions, n_inputs: int) -> None:
         frols_with_polynomials()
 
 
-def _level_test(record: IOData, settings: IdentifyOptions) -> tuple[str, dict[str, Any]]:
+def _read_record(
+    data: str | Path | Sequence[str | Path],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    settings: IdentifyOptions,
+) -> IOData:
+    """The record of all inputs and outputs of a table.
+
+    Parameters
+    ----------
+    data
+        The table, or several files, each of which is a run.
+    inputs, outputs
+        Columns of the inputs and the outputs.
+    settings
+        How the rows are read.
+    """
+    return from_csv(
+        data,
+        input=inputs,
+        output=outputs,
+        run=settings.run,
+        resample_s=settings.resample_s,
+        hold=settings.holds,
+        **asdict(settings.rows),
+    )
+
+
+def _no_progress(name: str, number: int, count: int) -> None:
+    """Report nothing."""
+
+
+def _level_dependence(record: IOData, settings: IdentifyOptions) -> tuple[str, dict[str, Any]]:
     """Sentence and result of the test whether the lag depends on the level; empty without it."""
     if not settings.narx:
         return "", {}

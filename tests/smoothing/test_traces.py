@@ -16,7 +16,7 @@ from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.smoothing import traces
 from tcdyn.smoothing.traces import disk_traces, record_chains
-from tcdyn.workflows import compensate
+from tcdyn.workflows import compensate, compensate_stages
 from tests.conftest import Campaign
 from tests.partition.study_rigs import _record
 
@@ -91,7 +91,7 @@ def test_each_channel_goes_through_its_line_and_the_spike_finder_once(
 
     counting("estimate_and_whiten_noise")
     counting("apply_static")
-    monkeypatch.setattr(compensate, "refine_lags", no_refinement)
+    monkeypatch.setattr(compensate_stages, "refine_lags", no_refinement)
     done = compensate.compensate_log(campaign.files.ehl["B3"], campaign.records, campaign.rig)
     assert calls == {"estimate_and_whiten_noise": 2, "apply_static": 12}
     assert any("the fit is another test's" in w for w in done.warnings)
