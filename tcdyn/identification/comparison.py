@@ -391,6 +391,8 @@ def identify(
     """
     of_record = [each.name for each in fields(RecordOptions)]
     given = {name: options.pop(name) for name in of_record if name in options}
+    known = [*of_record, *list(signature(fit).parameters)[2:], "like", "held_out", "progress"]
+    check_keywords("identify", options, ["input", "output", *known])
     settings = options_of(RecordOptions, given, "identify")
     hold = None if settings.hold is None else settings.holds
     columns = {name: value for name, value in settings.stated.items() if name != "hold"}

@@ -566,9 +566,9 @@ def _first_row(rows: list[tuple[int, list[str]]], complete: list[int], decimal: 
 
 
 def _with_rows_of_words(rows: list[tuple[int, list[str]]], first: int, decimal: str) -> int:
-    """Index of the first row of data, with the rows directly above that hold words for a reading.
+    """Index of the first row of data, with the rows directly above that hold no reading.
 
-    They begin with a number or a stamp as the first row does.
+    They begin with a stamp as the first row does, or with a number and hold words for a reading.
 
     Parameters
     ----------
@@ -585,7 +585,8 @@ def _with_rows_of_words(rows: list[tuple[int, list[str]]], first: int, decimal: 
         above = rows[first - 1][1]
         if len(above) != len(cells) or _kind(above[0], decimal) != kind:
             break
-        if not _words_of_row(above, decimal):
+        # a row with a time stamp is one of the logger, also if no cell of it is a reading ("---")
+        if kind != "stamp" and not _words_of_row(above, decimal):
             break
         first -= 1
     return first

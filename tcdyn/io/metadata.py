@@ -21,6 +21,8 @@ METADATA_ENDING = ".meta.json"  # behind the name of the table
 METADATA_SCHEMA = "tcdyn.table/2"
 # Schemas that are read: in a compensated table of the first, no column has the readings as logged.
 READ_SCHEMAS = (METADATA_SCHEMA, "tcdyn.table/1")
+METADATA_SHEET = "metadata"  # of a workbook, with one entry in each row
+METADATA_HEADER = ("key", "value")  # its first row
 COMPENSATED = "compensated"  # value of the entry "tcdyn" of a compensated table
 SIMULATED_KEY = "simulated"  # entry of a log that the simulator wrote
 START_TIME_KEY = "start_time"  # entry with the date and time of the first row, ISO 8601
@@ -76,7 +78,8 @@ def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], lis
 
     Notes
     -----
-    The columns are compared, and not the rows: rows of a table may be appended or cut off.
+    The columns are compared, and not the rows: rows of a table may be appended or cut off. Columns
+    may be left out, too: a compensated table is one also without its uncertainties.
     """
     file = metadata_path(path)
     try:
@@ -92,7 +95,10 @@ def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], lis
     metadata = content.get("metadata")
     if not isinstance(columns, list) or not isinstance(metadata, dict):
         return {}, [warning("metadata.damaged", subject=file.name)]
-    if _signature(columns) != _signature(names):
+    known = {_signature([name]) for name in columns}
+    if _signature(columns) != _signature(names) and not known.issuperset(
+        _signature([name]) for name in names
+    ):
         return {}, [warning("metadata.other_table", subject=file.name)]
     return {str(key): str(value) for key, value in metadata.items()}, []
 

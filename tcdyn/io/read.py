@@ -32,7 +32,7 @@ from tcdyn.io.cells import ABSENT, TextColumn, is_number, is_text, kind_of_cell
 from tcdyn.io.column_names import missing_column_error
 from tcdyn.io.csv_dialect import Dialect, detect_dialect
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
-from tcdyn.io.metadata import read_metadata
+from tcdyn.io.metadata import METADATA_SHEET, read_metadata
 from tcdyn.io.rows import CheckedRows, check_rows
 from tcdyn.io.sea_bird import FIRST_BYTES as SEA_BIRD_FIRST_BYTES
 from tcdyn.io.sea_bird import cnv_table
@@ -302,6 +302,7 @@ def _sheet_table(
     if sheet is not None and sheet not in all_names:
         raise missing_column_error("sheet", sheet, all_names, where)
     names = workbook.visible if sheet is None else (sheet,)
+    metadata = workbook.metadata() if METADATA_SHEET in all_names else {}
     tables: dict[str, TextTable] = {}
     problems: list[InputError] = []
     for name in names:
@@ -312,7 +313,8 @@ def _sheet_table(
         except InputError as problem:
             problems.append(problem)
             continue
-        tables[name] = _table_of_text(file, dialect)
+        table = _table_of_text(file, dialect)
+        tables[name] = replace(table, metadata={**metadata, **table.metadata})
     if not tables and problems:
         raise problems[0]
     if not tables:

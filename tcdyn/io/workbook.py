@@ -45,6 +45,7 @@ from python_calamine import (
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.cells import is_number
+from tcdyn.io.metadata import METADATA_HEADER, METADATA_SHEET
 
 # Bytes that the parts of a workbook may unpack to, against damaged and malicious files. A full
 # sheet of 1,048,576 rows with 20 columns of 15 digits has 0.9 GB.
@@ -134,6 +135,22 @@ class Workbook:
             return b""
         _fill_merged(rows, sheet)
         return _text_of_rows(rows, sheet.start[0], self.is_1904)
+
+    def metadata(self) -> dict[str, str]:
+        """Keys and values of the sheet of metadata that this program wrote; empty for another.
+
+        Raises
+        ------
+        InputError
+            For a sheet that is damaged.
+        """
+        try:
+            rows = self.book.get_sheet_by_name(METADATA_SHEET).to_python(skip_empty_area=True)
+        except (CalamineError, OSError, ValueError, ArithmeticError) as problem:
+            raise _damaged_error(problem, f"{self.where}, sheet {METADATA_SHEET!r}") from None
+        if not rows or tuple(rows[0][:2]) != METADATA_HEADER:
+            return {}
+        return {str(row[0]): str(row[1]) for row in rows[1:] if len(row) > 1}
 
     def _check_formulas(self, xml: bytes, where: str) -> None:
         """Raise InputError for a formula without a value, which would be read as an empty cell."""

@@ -27,11 +27,10 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.clock_cells import ClockCells
 from tcdyn.io.endings import check_size
+from tcdyn.io.metadata import METADATA_HEADER, METADATA_SHEET
 from tcdyn.io.stamps import SECONDS_PER_DAY
 
 TABLE_SHEET = "table"
-METADATA_SHEET = "metadata"
-METADATA_HEADER = ("key", "value")
 # Text of a cell, "Excel specifications and limits": total number of characters that a cell can hold
 MAX_CELL_TEXT = 32_767
 # Day 0 of the date base 1900. It holds from 1 March 1900 on, day 61: the specification counts

@@ -25,7 +25,7 @@ from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.reading import CODE, RANGE
 from tcdyn.series.series import Context, Series, make_series, reading_rows
-from tcdyn.series.units import Unit, match_columns, unit_findings, units_of
+from tcdyn.series.units import Unit, check_declared, match_columns, unit_findings, units_of
 
 # Findings of a sensor that are repeated with each table: an altered file, and a lag without
 # uncertainty, without which the intervals are too short.
@@ -246,6 +246,7 @@ def sensor_channels(
                     )
                 sensor_of_column[name] = number, index
     covered = [n for n in names if n in sensor_of_column]
+    check_declared(unit, names, where)
     units, findings = units_of(covered, unit, couple, cold, unit_row)
     findings += [f for file in sensors for f in file.findings if f.code in OF_SENSOR]
     channels = []

@@ -7,7 +7,7 @@ estimators are in the other modules of the package. Tests: ``tests/sensors/test_
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from tcdyn.series.read import read_series
 from tcdyn.series.series import ONE_PIECE
 from tcdyn.series.units import (
     Unit,
+    check_declared,
     check_millivolts,
     cold_column,
     match_columns,
@@ -156,21 +157,33 @@ def read_readings(
     if several:
         names = list(dict.fromkeys(names))
     temperatures = names[: len(names) - len(others)]
+    is_needed = needs_millivolts
+    if needs_millivolts:
+        check_declared(options.units, table.names, table.where)
+    else:
+        stated, _ = units_of(
+            temperatures,
+            options.units,
+            options.couple,
+            unit_row=table.units,
+            needs_millivolts=False,
+        )
+        is_needed = any(each.name == "mV" for each in stated.values())
+    reference: float | str = 0.0
+    if is_needed:
+        reference = cold_column(options.cold, table.names, table.where)
     units, findings = units_of(
         temperatures,
         options.units,
         options.couple,
-        options.cold,
+        reference,
         table.units,
         needs_millivolts=needs_millivolts,
     )
-    reference: float | str = 0.0
-    if needs_millivolts or any(each.name == "mV" for each in units.values()):
-        reference = cold_column(options.cold, table.names, table.where)
-    units = {n: replace(each, reference_junction=reference) for n, each in units.items()}
     series = read_series(source, units, names[len(temperatures) :], ONE_PIECE)
     for name in temperatures:
-        findings += unit_findings(name, units[name], series.readings[name])
+        logged = units[name].from_base(series.readings[name])
+        findings += unit_findings(name, units[name], logged)
     return Readings(
         series.time_s,
         tuple(series.on_grid(name) for name in names),

@@ -190,10 +190,9 @@ def reading_rows(
     for name, unit in units.items():
         check_numbers(name, raw[name], where)
         reference = unit.reference_junction
-        cold_degC = raw[reference] if isinstance(reference, str) else reference
         if isinstance(reference, str):
             check_numbers(reference, raw[reference], where)
-        base = unit.to_base(raw[name], cold_degC)
+        base = unit.to_base(raw[name], unit.cold_degC(raw))
         kind = kind_of(name, unit)
         is_unknown = unit.is_assumed and kind is Kind.QUANTITY
         written = "" if is_unknown else unit.name

@@ -17,7 +17,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.column_names import column_named
+from tcdyn.io.column_names import column_named, missing_column_error
 from tcdyn.io.metadata import LOGGED
 from tcdyn.io.unit_names import (
     TEMPERATURES,
@@ -83,6 +83,8 @@ class Unit:
         it.
     is_assumed
         Whether nobody stated the unit.
+    reference_unit
+        Unit of that column: degC, K or degF.
 
     Examples
     --------
@@ -99,6 +101,7 @@ class Unit:
     thermocouple_type: str = ""
     reference_junction: float | str = 0.0
     is_assumed: bool = False
+    reference_unit: str = "degC"
 
     def __post_init__(self) -> None:
         """Check that there is a unit, and that millivolts have a type.
@@ -150,6 +153,22 @@ class Unit:
     def per_base(self) -> float:
         """Units of the output per base unit."""
         return 1.8 if self.name == "degF" else 1.0
+
+    def cold_degC(self, columns: Mapping[str, Array]) -> Array | float:
+        """Temperature of the reference junction [degC].
+
+        Parameters
+        ----------
+        columns
+            Columns (N,) as they are in the table.
+
+        >>> Unit("mV", "K", "CJ", reference_unit="degF").cold_degC({"CJ": np.array([41.0])})
+        array([5.])
+        """
+        if not isinstance(self.reference_junction, str):
+            return self.reference_junction
+        column = columns[self.reference_junction]
+        return convert_temperature(self.reference_unit, "degC", column)
 
     def to_base(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
         """Return temperatures in degrees Celsius, and values of other quantities unchanged.
@@ -271,11 +290,11 @@ def units_of(
     units = {}
     assumed = []
     findings = list[Finding]()
+    reference_unit = "degC"
+    if isinstance(cold, str):
+        reference_unit = _reference_unit(cold, declared, unit_row or {})
     for name in columns:
-        if isinstance(declared, str):
-            requested = declared
-        else:
-            requested = declared.get(name, declared.get(without_unit(name), ""))
+        requested = declared if isinstance(declared, str) else _declared_for(name, declared)
         below_header = (unit_row or {}).get(name, "")
         in_file = unit_in(name) or written_unit(below_header)
         unit = _declared_unit(requested) or in_file
@@ -295,13 +314,65 @@ def units_of(
         if is_assumed:
             assumed.append(name)
             unit = "degC"
-        units[name] = Unit(unit, couple if unit == "mV" else "", cold, is_assumed)
+        of_couple = couple if unit == "mV" else ""
+        units[name] = Unit(unit, of_couple, cold, is_assumed, reference_unit)
     if needs_millivolts and (couple or cold):
         check_millivolts(units.values())
     if assumed:
         subject = ", ".join(assumed)
         findings.append(info("sensor.unit_assumed", subject=subject, count=len(assumed)))
     return units, findings
+
+
+def _declared_for(name: str, declared: Mapping[str, str]) -> str:
+    """The unit that is declared for a column, by its name with or without unit; empty: none."""
+    return declared.get(name, declared.get(without_unit(name), ""))
+
+
+def _reference_unit(
+    column: str, declared: Mapping[str, str] | str, unit_row: Mapping[str, str]
+) -> str:
+    """Unit of the column of the reference junction; degC if nobody states one.
+
+    Raises
+    ------
+    InputError
+        For a unit that is none of a temperature.
+    """
+    requested = "" if isinstance(declared, str) else _declared_for(column, declared)
+    stated = _declared_unit(requested) or unit_in(column) or written_unit(unit_row.get(column, ""))
+    if stated and stated not in TEMPERATURES:
+        raise InputError(
+            f"{{cold_junction}} {column!r} is in {stated}",
+            expected="a column of temperatures: degC, K or degF",
+            parameters={"cold_junction": None},
+        )
+    return stated or "degC"
+
+
+def check_declared(declared: Mapping[str, str] | str, names: Collection[str], where: str) -> None:
+    """Check that each column whose unit is declared is in the table.
+
+    Parameters
+    ----------
+    declared
+        Unit of all columns, or by column.
+    names
+        Columns of the table.
+    where
+        The table, for messages.
+
+    Raises
+    ------
+    InputError
+        For a column that the table does not have, with the most similar name.
+    """
+    if isinstance(declared, str):
+        return
+    known = {*names, *map(without_unit, names)}
+    for name in declared:
+        if name not in known:
+            raise missing_column_error("column of a unit", name, names, where)
 
 
 def convert_temperature(unit: str, target: str, values: Array) -> Array:

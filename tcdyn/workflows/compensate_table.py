@@ -368,7 +368,8 @@ class _TableRun:
             findings = [*self.raw.findings, *totals.findings]
         else:
             findings = delayed_findings(self.raw, self.rising_rows, totals)
-        findings += dialect_findings(table, self.output.path, style)
+        file = table if len(self.paths) == 1 else open_table(self.paths[0])
+        findings += dialect_findings(file, self.output.path, style)
         findings += _findings_of_brief_table(self.raw, totals)
         findings += _findings_without_result(self.raw, totals)
         return unique_by_subject(table.at_files(findings))

@@ -41,7 +41,15 @@ from tcdyn.series.report import ColumnReport, LeftOut
 from tcdyn.series.series import ColumnRows, reading_rows
 from tcdyn.series.source import check_numbers
 from tcdyn.series.survey import Survey
-from tcdyn.series.units import Unit, cold_column, kind_of, match_columns, unit_findings, units_of
+from tcdyn.series.units import (
+    Unit,
+    check_declared,
+    cold_column,
+    kind_of,
+    match_columns,
+    unit_findings,
+    units_of,
+)
 
 LISTED_GAPS = 5  # gaps that the summary lists; by judgement
 LONGEST_EXAMPLE = 40  # characters of a cell that the summary shows; by judgement
@@ -480,6 +488,7 @@ def _units(
         is_other = bool(below_header) and not unit
         if is_declared or not (is_other or (is_millivolts and not couple)):
             candidates.append(name)
+    check_declared(declared, source.table.names, source.table.where)
     units, findings = units_of(candidates, declared, couple, cold, source.table.units)
     findings = [each for each in findings if each.code != "sensor.unit_assumed"]
     assumed = [

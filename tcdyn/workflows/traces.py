@@ -75,10 +75,8 @@ def compensated_traces(log: RawLog, out: Path, columns: Sequence[str] = ()) -> l
     compensated_s, compensated, _ = read_all(result, output_names)
     traces = []
     for column, unit in units.items():
-        reference = unit.reference_junction
-        cold_degC = logged[reference] if isinstance(reference, str) else reference
         names = names_of[column]
-        values = unit.from_base(unit.to_base(logged[column], cold_degC))
+        values = unit.from_base(unit.to_base(logged[column], unit.cold_degC(logged)))
         traces.append(
             Trace(
                 names.result,
