@@ -165,3 +165,17 @@ def test_few_readings_are_refused_and_no_text_and_no_other_notation_is_accepted(
 
 def test_a_reading_of_the_study_is_a_column_of_numbers() -> None:
     assert accepts(column_of(np.random.default_rng(2), ROWS))
+
+
+def test_rows_of_dashes_above_the_first_reading_are_rows(tmp_path: Path) -> None:
+    """A row with a stamp is one of the logger, and none of units, whatever it holds."""
+    stamps = pd.date_range("2026-03-05 23:53:20", periods=60, freq="s").strftime(
+        "%d.%m.%Y %H:%M:%S"
+    )
+    cells = ["---", "---", *(f"25,{k:02}" for k in range(58))]
+    path = tmp_path / "log.csv"
+    rows = [f"{stamp};{cell}" for stamp, cell in zip(stamps, cells)]
+    path.write_text("Zeit;T1 [°C]\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    columns = read_all_rows(open_table(path), ["Zeit", "T1 [°C]"])
+    assert np.flatnonzero(np.isnan(columns.data["T1 [°C]"])).tolist() == [0, 1]
+    assert columns.stamps["Zeit"][0] == "05.03.2026 23:53:20"

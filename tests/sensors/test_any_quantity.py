@@ -22,6 +22,7 @@ from tcdyn.sensors import (
     sensor_from_noise,
     sensor_from_pair,
 )
+from tcdyn.series.thermocouple_types import emf_mV
 from tcdyn.smoothing import smooth
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.follow import follow
@@ -337,3 +338,33 @@ def test_a_growing_log_is_followed_in_its_unit(tmp_path: Path) -> None:
     log = write(tmp_path / "log.csv", **{"time_s": t, "room_%RH": y})
     follow(log, [probe("room_%RH")], tmp_path / "out.csv", delay_s=10.0, idle_s=0.0)
     assert list(written(tmp_path / "out.csv")) == ["time_s", "room_%RH", "room_u_%RH"]
+
+
+def test_the_column_of_the_reference_junction_has_a_unit() -> None:
+    t = np.arange(300.0)
+    truth = 60 + 5 * np.sin(t / 30)
+    emf = emf_mV(truth, "K") - emf_mV(np.array([5.0]), "K")
+    results = []
+    for name, value in (("CJ [°C]", 5.0), ("CJ [°F]", 41.0), ("CJ [K]", 278.15)):
+        frame = pd.DataFrame({"time_s": t, "T1 [mV]": emf, name: value})
+        options = {"columns": ["T1"], "couple": "K", "cold_junction": "CJ"}
+        results.append(tcdyn.compensate_frame(frame, (2.0, 0.1), **options)["T1_degC"].to_numpy())
+    for other in results[1:]:
+        assert other == pytest.approx(results[0], abs=1e-6)
+    expected = truth + 2.0 * np.gradient(truth, t)  # the reading lags the truth by 2 s
+    assert results[0][30:-30] == pytest.approx(expected[30:-30], abs=0.05)
+    with pytest.raises(InputError, match=r"'CJ \[V\]' is in V; expected a column of temperatures"):
+        tcdyn.compensate_frame(frame.rename(columns={"CJ [K]": "CJ [V]"}), (2.0, 0.1), **options)
+
+
+def test_a_unit_of_a_column_that_is_missing_is_refused() -> None:
+    frame = pd.DataFrame({"time_s": np.arange(60.0), "T1": 20.0 + np.arange(60) % 7})
+    with pytest.raises(InputError, match=r"column of a unit 'T9' is missing.*'T1'"):
+        tcdyn.compensate_frame(frame, (2.0, 0.1), unit={"T9": "K"})
+
+
+def test_a_dip_in_kelvins_has_no_doubt_about_its_unit() -> None:
+    t, y = dip("ppm")
+    reading = 295.0 + 58 * (y - y[0]) / (y[-1] - y[0])
+    sensor = tcdyn.sensor_from_dip(pd.Series(reading, pd.Index(t, name="time_s"), name="T1 [K]"))
+    assert "sensor.unit_doubt" not in [finding.code for finding in sensor.findings]

@@ -210,3 +210,37 @@ def test_a_dataset_of_xarray_has_units_and_links(tmp_path):
     )
     converted = compensate_dataset(millivolts, PROBE, couple="K")
     assert converted["T1_degC"].attrs["units"] == "degC"
+
+
+def test_a_compensated_table_is_recognised_by_its_metadata_alone(tmp_path: Path) -> None:
+    """Without the logged column and the uncertainty only the metadata tell."""
+    log = german_log(tmp_path)
+    book_path = tmp_path / "done.xlsx"
+    compensate_table(log, [PROBE], book_path)
+    book = openpyxl.load_workbook(book_path)
+    sheet = book["table"]
+    for column in range(sheet.max_column, 0, -1):
+        if "_logged" in str(sheet.cell(1, column).value) or "_u_" in str(
+            sheet.cell(1, column).value
+        ):
+            sheet.delete_cols(column)
+    book.save(book_path)
+    csv_path = tmp_path / "done.csv"
+    compensate_table(log, [PROBE], csv_path)
+    frame = pd.read_csv(csv_path)
+    kept = [name for name in frame if "_logged" not in name and "_u_" not in name]
+    frame[kept].to_csv(csv_path, index=False)  # beside its metadata
+    for path in (book_path, csv_path):
+        with pytest.raises(InputError, match="compensated already: its metadata say so"):
+            compensate_table(path, [PROBE], tmp_path / "again.csv")
+
+
+def test_the_hint_for_a_spreadsheet_program_comes_with_several_files_too(tmp_path: Path) -> None:
+    log = german_log(tmp_path)
+    lines = log.read_text("cp1252").splitlines()
+    first, second = tmp_path / "day1.csv", tmp_path / "day2.csv"
+    first.write_text("\n".join(lines[:50]) + "\n", "cp1252")
+    second.write_text("\n".join([lines[0], *lines[50:]]) + "\n", "cp1252")
+    done = compensate_table([second, first], [PROBE], tmp_path / "both.csv")
+    assert "table.dialect" in [finding.code for finding in done.findings]
+    assert [source.path.name for source in done.sources] == ["day1.csv", "day2.csv"]
