@@ -199,6 +199,7 @@ def _compensate_each(
         raise InputError(
             "--each with --record", remedy="compensate logs of the rig one after the other"
         )
+    each.check(paths, reporter)
     if out is not None:
         check_folder(out)
     work = partial(

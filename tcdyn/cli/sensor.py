@@ -388,6 +388,7 @@ def _measure_each(
 
     from tcdyn.workflows.each import sensor_each
 
+    each.check(paths, reporter)
     if output.name is not None:
         raise InputError("--name with --each", remedy="leave it out: each has the name of its file")
     if output.out is not None:

@@ -90,6 +90,10 @@ class EachOptions(Options):
                 parameters={"workers": None, "dask": None},
             )
 
+    def check(self, files: Sequence[Path], reporter: Reporter) -> None:
+        """Check before any work that the table of results may be written."""
+        check_outputs(files, reporter.overwrite, results=(self.results, CSV))
+
     def run(self, files: Sequence[Path], reporter: Reporter, work: Callable[..., EachRun]) -> None:
         """Treat each file, report the table of results, and exit with code 1 if a file failed.
 
@@ -109,7 +113,6 @@ class EachOptions(Options):
         """
         from tcdyn.core.parallel import worker_processes_end
 
-        check_outputs(files, reporter.overwrite, results=(self.results, CSV))
         workers = self.workers or min(2, os.cpu_count() or 1)
         with (
             worker_processes_end() if self.dask is None else nullcontext(),

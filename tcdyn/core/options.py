@@ -4,7 +4,7 @@ A dataclass of options has a field for each option, with its type and default. T
 is in the docstring of the class (section Attributes). What else is known of an option, such as its
 limits, is stated once by :func:`option`. ``tcdyn.cli.common.options_from_docstring`` makes the
 options of a command from it, and a function takes the same fields as keyword arguments with
-:func:`options_of`. Tests: ``tests/core/test_options.py``.
+:func:`options_of`. Tests: ``tests/core/test_option_classes.py``.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ def identify(
     >>> rows = np.column_stack([t, u, y])
     >>> np.savetxt(path, rows, delimiter=",", header="time_s,u_degC,y_degC", comments="")
     >>> found = identify(path, "u", "y", model="P1")
-    >>> [*found], found["y"].comparison.best.model.name
+    >>> [*found], found["y"].comparison.recommended
     (['y'], 'P1')
     """
     settings = options_of(IdentifyOptions, options, "identify")

@@ -1,7 +1,7 @@
 """Options of the flows that compensate: one dataclass each, for the command and the function.
 
 What an option means is written here once; see :mod:`tcdyn.core.options`. Tests:
-``tests/core/test_options.py`` and ``tests/cli/test_options.py``.
+``tests/core/test_option_classes.py`` and ``tests/cli/test_options.py``.
 """
 
 from __future__ import annotations

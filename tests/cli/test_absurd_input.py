@@ -110,7 +110,7 @@ def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "EHL_B3.beta.json"
     path.write_text(JSON[kind], encoding="utf-8")
     with pytest.raises(InputError, match="EHL_B3"):
-        read_given_result(path, "")
+        read_given_result(path, "", "")
     assert is_altered(path) == ('"sha256"' in JSON[kind])
     (tmp_path / "truth").mkdir()
     (tmp_path / "truth" / "truth.json").write_text(JSON[kind], encoding="utf-8")

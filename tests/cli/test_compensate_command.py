@@ -299,7 +299,7 @@ def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
         assert capsys.readouterr().err.startswith("tcdyn: ")
     tdms = write_log(stretch, tmp_path / "plunge.tdms")
     assert tcdyn("follow", tdms, *fast(campaign), "--idle-s", "0.1", "--out", out, "-q") == 2
-    assert "does not grow line by line" in capsys.readouterr().err
+    assert "cannot grow line by line" in capsys.readouterr().err
 
 
 @pytest.mark.e2e

@@ -40,6 +40,9 @@ FOLDERS = {"demo --out", "rig campaign --out", "simulate campaign --out"}
 NEEDED = {
     "compensate": ["--record", "absent.disk.json"],
     "follow": ["--record", "absent.disk.json", "--out", "live.csv"],
+    "compensate --results": ["--sensor", "absent.sensor.json", "--each"],
+    "sensor plunge --results": ["--each"],
+    "sensor noise --results": ["--each"],
     "response": ["--column", "magnitude", "--column", "phase"],
     "rig calibrate": ["--disk", "fast"],
 }
@@ -62,7 +65,7 @@ def _outputs() -> list[tuple[str, str]]:
 
 def _call(name: str, option: str, value: str) -> list[str]:
     """Words that call a command with absent inputs and one output."""
-    words = [*name.split(), *NEEDED.get(name, [])]
+    words = [*name.split(), *NEEDED.get(f"{name} {option}", NEEDED.get(name, []))]
     for parameter in ALL[name].params:
         opt = parameter.opts[0]
         if not parameter.required or opt == option or opt in words:

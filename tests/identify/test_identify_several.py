@@ -282,7 +282,7 @@ BAD = {
         lambda d: several(["P1", "P2"], d.input_names, common=True),
         "differ in their poles",
     ),
-    "no such input": (lambda d: d.select("cold"), "no input named 'cold'"),
+    "no such input": (lambda d: d.select("cold"), "input 'cold' is missing"),
     "shape of inputs": (
         lambda d: fit(d, several(["P1", "P1"], d.input_names)).identified.simulate(d.runs[0].y),
         "1 input",

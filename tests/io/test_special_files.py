@@ -20,7 +20,7 @@ from tests.cli.test_main_job import tcdyn
 READERS = [open_table, sha256_of_file, read_record, load_rig, read_sensor, read_identified]
 
 
-@pytest.mark.parametrize("read", [*READERS, lambda path: read_given_result(path, "")])
+@pytest.mark.parametrize("read", [*READERS, lambda path: read_given_result(path, "", "")])
 def test_no_reader_waits_for_a_pipe(tmp_path: Path, read: object) -> None:
     pipe = tmp_path / "log.csv"
     os.mkfifo(pipe)

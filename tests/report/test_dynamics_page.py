@@ -14,6 +14,7 @@ from tcdyn.report.compensate import _followed_channel_section
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import specified_sensor
+from tcdyn.workflows.options import LogOptions
 from tcdyn.workflows.raw_log import open_log_table, raw_log
 from tests.identify.identify_cases import PLAIN, case_a
 
@@ -47,8 +48,8 @@ def test_figure_of_a_compensated_log_shows_its_95_percent_band_with_a_margin(
     logged = pd.DataFrame({"time_s": t, "e_degC": readings})
     logged.to_csv(tmp_path / "log.csv", index=False, sep=marks[0], decimal=marks[1])
     sensor = specified_sensor("probe", ["e_degC"], [(1.0, 0.1)])
-    table = open_log_table(tmp_path / "log.csv", [sensor], None)
-    log = raw_log(tmp_path / "log.csv", table, [sensor], None, {})
+    table = open_log_table(tmp_path / "log.csv", [sensor], None, LogOptions())
+    log = raw_log(tmp_path / "log.csv", table, [sensor], None, LogOptions())
     section = _followed_channel_section(log, tmp_path / "o.csv")
     assert section.figure is not None
     (ax,) = section.figure.axes

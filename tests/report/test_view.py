@@ -109,7 +109,7 @@ def test_trace_of_many_rows_is_decimated_and_keeps_its_spike(tmp_path: Path) -> 
 
 
 def test_a_missing_column_is_an_error_that_names_the_columns(kiln: Path) -> None:
-    with pytest.raises(InputError, match="column 'P9' is missing; expected one of 't "):
+    with pytest.raises(InputError, match="column 'P9' is missing; expected one of 'probe "):
         tcdyn.view(kiln, columns=["P9"], open_browser=False)
     with pytest.raises(
         TypeError, match="unexpected keyword argument 'column'; did you mean 'columns'"

@@ -255,7 +255,7 @@ def test_millivolts_that_are_no_thermocouple_pass_as_a_voltage() -> None:
     with pytest.raises(InputError, match="'none' for another voltage"):
         tcdyn.compensate_frame(frame, probe("U_mV"))
     done = tcdyn.compensate_frame(frame, probe("U_mV"), couple="none")
-    assert list(done) == ["time_s", "U_mV", "U_u_mV"]
+    assert list(done) == ["time_s", "U_logged_mV", "U_mV", "U_u_mV"]
     assert coverage(done, "U_mV", "U_u_mV", truth) > 0.9
     assert done.attrs["warnings"] == []
     time_s, reading = dip("V")
@@ -267,7 +267,7 @@ def test_a_unit_is_stated_in_python_and_xarray() -> None:
     t, truth, y = readings_in("ppm")
     series = pd.Series(y, pd.Index(t, name="time_s"), name="gas")
     done = tcdyn.compensate_frame(series, probe("gas"), unit="ppm")
-    assert list(done) == ["gas", "gas_u_ppm"]
+    assert list(done) == ["gas_logged", "gas", "gas_u_ppm"]
     assert coverage(done, "gas", "gas_u_ppm", truth) > 0.9
     with pytest.raises(InputError, match=r"unit 'sausages'.*\[sausages\]"):
         tcdyn.compensate_frame(series, probe("gas"), unit="sausages")
@@ -292,7 +292,7 @@ def test_a_unit_in_the_attributes_of_xarray_is_used() -> None:
     time = {"time": ("time", t, {"units": "s"})}
     array = xr.DataArray(y, dims="time", coords=time, name="gas", attrs={"units": "%"})
     dataset = tcdyn.compensate_dataset(array, probe("gas"))
-    assert list(dataset.data_vars) == ["gas", "gas_u_%"]
+    assert list(dataset.data_vars) == ["gas_logged", "gas", "gas_u_%"]
     assert dataset["gas"].attrs["units"] == "%"
 
 
@@ -325,7 +325,7 @@ def test_commands_take_any_unit(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert run_cli("compensate", *given, "--out", tmp_path / "out.csv", "--json") == 0
     record = json.loads(capsys.readouterr().out)
     assert record["columns"][0]["unit"] == "ppm"
-    assert list(written(tmp_path / "out.csv")) == ["time_s", "gas", "gas_u_ppm"]
+    assert list(written(tmp_path / "out.csv")) == ["time_s", "gas_logged", "gas", "gas_u_ppm"]
     assert run_cli("view", *given, "--out", tmp_path / "page.html", "--no-open") == 0
     drawn = json.dumps(charts_of(tmp_path / "page.html"))
     assert "gas [ppm]" in drawn
@@ -337,7 +337,12 @@ def test_a_growing_log_is_followed_in_its_unit(tmp_path: Path) -> None:
     t, _, y = readings_in("%RH")
     log = write(tmp_path / "log.csv", **{"time_s": t, "room_%RH": y})
     follow(log, [probe("room_%RH")], tmp_path / "out.csv", delay_s=10.0, idle_s=0.0)
-    assert list(written(tmp_path / "out.csv")) == ["time_s", "room_%RH", "room_u_%RH"]
+    assert list(written(tmp_path / "out.csv")) == [
+        "time_s",
+        "room_logged_%RH",
+        "room_%RH",
+        "room_u_%RH",
+    ]
 
 
 def test_the_column_of_the_reference_junction_has_a_unit() -> None:

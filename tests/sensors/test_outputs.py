@@ -120,7 +120,7 @@ def test_text_of_other_columns_survives_in_any_encoding(tmp_path, encoding):
 
 def test_a_dialect_that_does_not_exist_is_an_error(tmp_path):
     log = log_of(tmp_path, "US")
-    with pytest.raises(InputError, match="dialect 'french'"):
+    with pytest.raises(InputError, match="dialect is 'french'"):
         compensate_table(log, [PROBE], tmp_path / "out.csv", dialect="french")  # type: ignore[arg-type]
     for options in ({"dialect": "input"}, {"comments": True}):
         with pytest.raises(InputError, match=r"not of '\.parquet'"):

@@ -22,10 +22,9 @@ from tcdyn.identification import read_identified
 from tcdyn.io.checksum import CHECKSUM_KEY, checksum, matches_checksum
 from tcdyn.io.stored import BETA, CAMPAIGN, DISK, IDENTIFIED, KINDS, SENSOR, STATE, StoredKind
 from tcdyn.rig.record import DiskRecord, read_record
-from tcdyn.rig.rigfile import load_rig
+from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.sensors import SensorFile, read_sensor, specified_sensor
 from tcdyn.workflows.campaign import CampaignRun, run_campaign
-from tcdyn.workflows.campaign_log import CampaignSettings
 from tcdyn.workflows.follow import follow
 
 FILES = Path(__file__).parent / "files"
@@ -55,11 +54,11 @@ def unpacked(version: str, name: str, folder: Path) -> Path:
     return path
 
 
-def settings(version: str) -> CampaignSettings:
+def rig_and_records(version: str) -> tuple[Rig, dict[str, DiskRecord]]:
     """Rig and records of the campaign of a version."""
     folder = FILES / version
     records = {disk: read_record(folder / f"{disk}.disk.json") for disk in DISKS}
-    return CampaignSettings(load_rig(folder / "rig.toml"), records)
+    return load_rig(folder / "rig.toml"), records
 
 
 def same(estimate: Estimate, content: Mapping[str, float]) -> bool:
@@ -170,7 +169,7 @@ def campaign(
     version: str = request.param
     folder = tmp_path_factory.mktemp("campaign")
     results = [unpacked(version, f"{test}.beta.json", folder) for test in TESTS]
-    return version, run_campaign(results, settings(version), folder / "out")
+    return version, run_campaign(results, *rig_and_records(version), folder / "out")
 
 
 def test_results_of_tests_are_read_with_their_numbers(campaign: tuple[str, CampaignRun]) -> None:
@@ -219,7 +218,9 @@ def test_only_results_of_0_2_have_a_finding_that_says_so(
 @by_version
 def test_the_result_of_one_test_is_read(version: str, tmp_path: Path) -> None:
     run = run_campaign(
-        [unpacked(version, "alone.beta.json", tmp_path)], settings(version), tmp_path / "out"
+        [unpacked(version, "alone.beta.json", tmp_path)],
+        *rig_and_records(version),
+        tmp_path / "out",
     )
     content = stated(version, "alone.beta.json.gz")
     assert run.joined is not None
@@ -232,7 +233,7 @@ def test_results_of_two_versions_are_not_solved_together(tmp_path: Path) -> None
     old = unpacked("0.2", "EHL_B3.beta.json", tmp_path)
     new = unpacked("0.3-90735cd6", "EHL_D4.beta.json", tmp_path)
     with pytest.raises(InputError, match=r"analysed with another rig\.toml or other records"):
-        run_campaign([old, new], settings("0.2"), tmp_path / "out")
+        run_campaign([old, new], *rig_and_records("0.2"), tmp_path / "out")
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -271,7 +272,7 @@ def read_state(path: Path) -> None:
 
 def read_beta(path: Path) -> None:
     """Use the file as the result of a test."""
-    run_campaign([path], settings("0.3-90735cd6"), path.parent / "out")
+    run_campaign([path], *rig_and_records("0.3-90735cd6"), path.parent / "out")
 
 
 READERS: dict[str, tuple[StoredKind, str, Callable[[Path], object]]] = {
