@@ -10,7 +10,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from numbers import Real
+from numbers import Integral, Real
+from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -254,7 +255,10 @@ def agrees(value: Any, hint: Any) -> bool:
     if hint is None or hint is type(None):
         return value is None
     if hint in (float, int):
-        return isinstance(value, Real) and not isinstance(value, bool)
+        kind = Real if hint is float else Integral
+        return isinstance(value, kind) and not isinstance(value, bool)
+    if hint is Path:
+        return isinstance(value, str | Path)
     if origin is None:
         try:
             return isinstance(value, hint)

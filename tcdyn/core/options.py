@@ -13,6 +13,7 @@ import inspect
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from math import isinf
 from numbers import Real
 from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
@@ -96,6 +97,8 @@ class OptionKind:
         if low < number < high or (self.ends and low <= number <= high):
             return
         expected = f"{low:g} to {high:g}" if self.ends else f"above {low:g} and below {high:g}"
+        if isinf(high):
+            expected = f"at least {low:g}"
         raise InputError(f"{{{name}}} is {number:g}", expected=expected, parameters={name: None})
 
 

@@ -157,7 +157,7 @@ def _logged_traces(files: Sequence[Path], options: LogOptions) -> list[Trace]:
     if asked:
         matches = [match_columns(each, names, source.table.where) for each in asked]
         names = list(dict.fromkeys(name for columns in matches for name in columns))
-    check_one_channel(source.table, source.time, asked or None)
+    check_one_channel(source.table, source.time, names if asked else None)
     time_s, columns, _ = read_all(source, names)
     none = np.empty(0)
     traces = []

@@ -157,7 +157,7 @@ class Interrupted:
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
 
-def command(words):
+def command():
     Interrupted()
     for _ in range(100):
         time.sleep(0.1)
