@@ -5,10 +5,8 @@ test; white noise is added. ``python -m tests.smoothing.rate_study`` prints, for
 and 20 records of it, the mean share of the samples within the 95 % band, the median standard
 uncertainty and the rms error of the rate.
 
-Shares of 20 records with a known lag: few sines 1.000 (median u 0.79 K/s, rms error 0.56 K/s),
-smooth noise 1.000 (1.03, 0.48), ramps 0.985 (0.02, 0.11: the rms error is that beside the kinks),
-random walk 0.979 (3.6, 2.9). With an uncertain lag: few sines 1.000 (0.81, 0.65), smooth noise
-1.000 (1.05, 0.51). Most bands are wider than needed, as are those of the temperature.
+The figures are on the manual's validation page. Most bands are wider than needed, as are those of the
+temperature.
 
 A signal that is a random walk has no rate at an instant. There the truth is the mean rate over one
 sampling interval around each sample, from the path itself.
