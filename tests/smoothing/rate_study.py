@@ -5,8 +5,8 @@ test; white noise is added. ``python -m tests.smoothing.rate_study`` prints, for
 and 20 records of it, the mean share of the samples within the 95 % band, the median standard
 uncertainty and the rms error of the rate.
 
-The figures are on the manual's validation page. Most bands are wider than needed, as are those of the
-temperature.
+The figures are on the manual's validation page. Most bands are wider than needed, as are those of
+the temperature.
 
 A signal that is a random walk has no rate at an instant. There the truth is the mean rate over one
 sampling interval around each sample, from the path itself.
