@@ -212,7 +212,15 @@ def files_of_tables(paths: Sequence[Path]) -> tuple[list[Path], list[Finding]]:
     from glob import has_magic
 
     from tcdyn.io.files import files_of
+    from tcdyn.io.write import file_identity
 
+    named = [path for path in paths if path.is_file()]
+    seen: dict[object, Path] = {}
+    for path in named:
+        if seen.setdefault(file_identity(path), path) is not path:
+            raise InputError(
+                "is given twice: two names of one file", where=str(path), remedy="name each once"
+            )
     if len(paths) == 1 and not paths[0].is_dir() and not has_magic(str(paths[0])):
         return list(paths), []
     return files_of(paths)

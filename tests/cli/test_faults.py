@@ -18,6 +18,7 @@ from tcdyn.campaign.stored_results import read_result
 from tcdyn.cli.app import run
 from tcdyn.core.errors import InputError
 from tcdyn.io.checksum import ALTERED_CODE, with_checksum
+from tcdyn.io.stored import BETA
 from tcdyn.io.write import log_writer, write_log, write_text
 from tcdyn.rig.record import read_record
 from tcdyn.sensors import read_sensor, specified_sensor, write_sensor
@@ -70,7 +71,8 @@ def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(
         path.write_bytes(campaign.record_paths["fast"].read_bytes())
     else:
         read = read_result
-        path.write_text(json.dumps(with_checksum({"beta": rng.normal(size=50)})), encoding="utf-8")
+        content = {"schema": BETA.schema, "status": "sound", "beta": rng.normal(size=50)}
+        path.write_text(json.dumps(with_checksum(content)), encoding="utf-8")
     whole, sound, said = path.read_bytes(), read(path), []
     for _ in range(500):
         damaged = bytearray(whole)

@@ -154,7 +154,7 @@ def test_the_command_with_two_dips(tmp_path: Path, capsys: pytest.CaptureFixture
     assert sensor.chain.channels["T1_degC"].lag_s.u == printed["fit"]["lag_s"]["u"]
     assert sensor.chain.channels["T1_degC"].lag_s.u > 0.1
     assert run_cli("sensor", "plunge", logs[0], logs[0], "--column", "T1") == 2
-    assert "one file" in capsys.readouterr().err
+    assert "names of one file" in capsys.readouterr().err
     assert run_cli(*words, "--entry-s", "3") == 2
     assert "2 dips" in capsys.readouterr().err
 

@@ -76,7 +76,7 @@ def test_percent_times_of_one_lag_are_those_of_the_exponential() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"schema": "tcdyn.sensor/9"}, "not known"),
+        ({"schema": "tcdyn.sensor/9"}, "a later version"),
         ({"columns": ["T2"]}, "columns"),
         ({"chain": {"structure": "P1", "channels": {}, "covariance": []}}, "channels"),
         ({"colour": "red"}, "colour"),
@@ -132,8 +132,8 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
         (out["d_degC"], "d_u_K"),
     ):
         assert same.to_numpy() == pytest.approx(
-            out["a_degC"].to_numpy(), abs=2e-3
-        )  # rounded cells of the log
+            out["a_degC"].to_numpy(), abs=4e-3
+        )  # rounded cells of the log and of the output
         assert out[u].median() == pytest.approx(
             out["a_u_K"].median() * (1.8 if "F" in u else 1), rel=0.01
         )
@@ -228,7 +228,8 @@ def test_a_table_in_stretches_is_the_table_at_once(
     )
     parquet = compensate_table(log, [sensor], tmp_path / "parts.parquet").path
     assert pd.read_parquet(parquet)["T1_degC"].to_numpy() == pytest.approx(
-        parts["T1_degC"].to_numpy(), abs=1e-5
+        parts["T1_degC"].to_numpy(),
+        abs=5.1e-4,  # the decimals of the CSV file
     )
     pq_log = tmp_path / "long.parquet"
     pd.read_csv(log).to_parquet(pq_log, row_group_size=700)
