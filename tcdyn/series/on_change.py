@@ -188,7 +188,7 @@ def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
     is_last = np.append(wait_s > 0, True)[: len(y)]  # of the readings with one stamp
     y = y[is_last]
     wait_s = np.diff(stamps_s[is_reading][is_last])
-    if len(y) < 2 or _is_counter(y):
+    if len(y) < 2 or is_counter(y):
         return None
     held = _held_input(y, wait_s, len(values))
     if held is not None:
@@ -200,8 +200,12 @@ def find_dead_band(values: Array, clock: Clock) -> DeadBand | None:
     return stated_dead_band(values, clock, found.value)
 
 
-def _is_counter(y: Array) -> bool:
-    """Whether values (M,) count their rows: whole numbers that rise by one, from row to row."""
+def is_counter(y: Array) -> bool:
+    """Whether values (M,) count their rows: whole numbers that rise by one, from row to row.
+
+    >>> is_counter(np.array([7.0, 8.0, 9.0])), is_counter(np.array([7.0, 8.0, 8.0]))
+    (True, False)
+    """
     return bool(np.all(np.diff(y) == 1.0) and np.all(y == np.rint(y)))
 
 

@@ -27,6 +27,7 @@ from tcdyn.series.on_change import (
     DeadBand,
     FilledValues,
     find_dead_band,
+    is_counter,
     poll_clock,
     samples_at_rest,
     stated_dead_band,
@@ -386,7 +387,9 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
     """
     is_row = np.zeros(len(time_s), dtype=bool)
     for column in columns:
-        is_row |= np.isfinite(column.raw)
+        is_number = np.isfinite(column.raw)
+        if not is_counter(column.raw[is_number]):  # a counter also counts rows of events
+            is_row |= is_number
     time_s, clock, findings = clock_of(time_s, context, is_row)
     reasons: dict[str, Reasons] = {}
     readings: dict[str, Array] = {}

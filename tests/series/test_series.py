@@ -164,3 +164,20 @@ def test_a_row_counter_beside_lost_rows_is_no_reading_on_change() -> None:
     ]
     series = make_series(time_s, columns, Context("log.csv"))
     assert series.bands == {}
+
+
+def test_rows_of_events_with_a_row_counter_do_not_change_the_clock() -> None:
+    """As HOBO loggers write them: the counter has a number in each row, the reading has none."""
+    samples_s = 600.0 * np.arange(20)
+    events_s = np.array([3643.0, 3653.0, 9010.0])
+    time_s = np.concatenate([samples_s, events_s])
+    order = np.argsort(time_s)
+    reading = np.append(20 + 0.3 * np.sin(np.arange(20)), [np.nan] * 3)[order]
+    counter = np.arange(1.0, 24.0)
+    columns = [
+        ColumnRows("#", "", Kind.QUANTITY, counter),
+        ColumnRows("T1", "degC", Kind.TEMPERATURE, reading),
+    ]
+    series = make_series(time_s[order], columns, Context("log.csv"))
+    assert series.report.interval_s == pytest.approx(600.0, rel=1e-6)
+    assert series.report.rows_lost == 0
