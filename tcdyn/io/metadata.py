@@ -78,8 +78,9 @@ def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], lis
 
     Notes
     -----
-    The columns are compared, and not the rows: rows of a table may be appended or cut off. Columns
-    may be left out, too: a compensated table is one also without its uncertainties.
+    The columns are compared, and not the rows: rows of a table may be appended or cut off. Of a
+    compensated table columns may be left out, too: it is one also without its uncertainties, and
+    must not be compensated twice.
     """
     file = metadata_path(path)
     try:
@@ -96,9 +97,9 @@ def read_metadata(path: Path, names: Sequence[str]) -> tuple[dict[str, str], lis
     if not isinstance(columns, list) or not isinstance(metadata, dict):
         return {}, [warning("metadata.damaged", subject=file.name)]
     known = {_signature([name]) for name in columns}
-    if _signature(columns) != _signature(names) and not known.issuperset(
-        _signature([name]) for name in names
-    ):
+    is_part = known.issuperset(_signature([name]) for name in names)
+    is_part_of_compensated = is_part and metadata.get("tcdyn") == COMPENSATED
+    if _signature(columns) != _signature(names) and not is_part_of_compensated:
         return {}, [warning("metadata.other_table", subject=file.name)]
     return {str(key): str(value) for key, value in metadata.items()}, []
 
