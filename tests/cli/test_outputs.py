@@ -173,7 +173,7 @@ def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Pa
         out,
         "-q",
     ]
-    for wait_s in (1.0, 1.5, 2.0):
+    for wait_s in (1.0, 2.5, 4.0):
         run = subprocess.Popen(
             [*map(str, words)], stderr=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -184,6 +184,8 @@ def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Pa
         # Python itself ends by the signal where Ctrl-C came while a library executed text as code
         # (dataclasses do, at import), whatever the exit code; a shell shows 130 for both
         stopped = run.returncode in (130, -signal.SIGINT)
-        assert said == ("tcdyn: stopped; nothing half-written was kept\n" if stopped else "")
+        told = "tcdyn: stopped; nothing half-written was kept\n" if stopped else ""
+        # while libraries are imported the signal ends the process as it is, without a word
+        assert said == told or (run.returncode == -signal.SIGINT and said == "")
         assert stopped or run.returncode == 0
         assert not [*tmp_path.glob("*.tmp*")]
