@@ -216,6 +216,19 @@ def options_of(kind: type[Group], given: Mapping[str, Any], function: str = "") 
     return kind(**given)
 
 
+def parse_number_with_u(text: str) -> tuple[float, float] | None:
+    """A number and its standard uncertainty as they are written; None for any other text.
+
+    >>> parse_number_with_u("1.5 ± 0.1"), parse_number_with_u("2"), parse_number_with_u("a.json")
+    ((1.5, 0.1), (2.0, 0.0), None)
+    """
+    number, _, u = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
+    try:
+        return float(number), float(u) if u.strip() else 0.0
+    except ValueError:
+        return None
+
+
 def number_with_u(
     value: NumberWithU, name: str, limit: float = LARGEST_NUMBER
 ) -> tuple[float, float]:
@@ -248,7 +261,7 @@ def number_with_u(
     """
     parts: Sequence[Any]
     if isinstance(value, str):
-        parts = value.replace("±", "+-").replace("+/-", "+-").split("+-", 1)
+        parts = parse_number_with_u(value) or (value,)
     else:
         parts = value if isinstance(value, list | tuple) else [value]
     try:

@@ -6,7 +6,6 @@ Every function that compensates takes them and converts them here. Guarded by
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from tcdyn.chain import Chain
 from tcdyn.core.arguments import described
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
+from tcdyn.core.options import parse_number_with_u
 from tcdyn.io.column_names import column_named
 from tcdyn.sensors.file import (
     SensorChains,
@@ -37,9 +37,6 @@ STATED = "stated"  # name of a sensor whose lag is given as a number or a chain
 EXPECTED = (
     "a sensor file or its path, a lag in seconds (25, (25, 1) or '25+-1'), a Chain, a list of "
     "sensor files, or a dict {column: one of these}"
-)
-_LAG_TEXT = re.compile(
-    r"\s*(?P<lag>[-+.\deE]+?)\s*(?:(?:\+-|\+/-|±)\s*(?P<u>[-.\deE]+))?\s*(?:s\s*)?"
 )
 
 
@@ -180,13 +177,7 @@ def _lag_of_text(text: str) -> tuple[float, float] | None:
     >>> _lag_of_text("25+-1"), _lag_of_text("25 s"), _lag_of_text("probe.sensor.json")
     ((25.0, 1.0), (25.0, 0.0), None)
     """
-    match = _LAG_TEXT.fullmatch(text)
-    if match is None:
-        return None
-    try:
-        return float(match["lag"]), float(match["u"] or 0)
-    except ValueError:
-        return None
+    return parse_number_with_u(text.removesuffix(" s"))
 
 
 def _for_column(file: SensorFile, column: str) -> SensorFile:
