@@ -461,7 +461,7 @@ class IOData(Result):
         Returns
         -------
         IOData
-            The data, with the findings about these columns.
+            The data, without the findings about other columns.
 
         Raises
         ------
@@ -475,7 +475,9 @@ class IOData(Result):
         runs = [
             replace(run, u=run.u[:, inputs].copy(), y=run.y[:, outputs].copy()) for run in self.runs
         ]
-        findings = [f for f in self.findings if f.subject in (*input_names, *output_names)]
+        kept = (*input_names, *output_names)
+        others = {*self.input_names, *self.output_names}.difference(kept)
+        findings = [f for f in self.findings if f.subject not in others]
         holds = tuple(self.holds[k] for k in inputs)
         return replace(
             self,

@@ -319,7 +319,7 @@ def test_identify_command_writes_model_and_page(tmp_path, capsys):
     pd.DataFrame(
         {"time_s": data.times_s(), "u": data.runs[0].u[:, 0], "y": data.runs[0].y[:, 0]}
     ).to_csv(path, index=False)
-    identify(path, ["u"], ["y"], hold=["zoh"], model=["P1D", "P2D", "TF(0,2)D"])
+    identify([path], ["u"], ["y"], hold=["zoh"], model=["P1D", "P2D", "TF(0,2)D"])
     printed = capsys.readouterr().out
     assert "Recommended: P2D" in printed
     assert "Tp2" in printed
@@ -330,13 +330,13 @@ def test_identify_command_writes_model_and_page(tmp_path, capsys):
     assert page.count("data:image/png") == 3
     swapped = {"input": ["y"], "output": ["u"], "hold": ["zoh"], "model": ["P1D"], "quiet": True}
     with pytest.raises(InputError, match="check=False"):
-        identify(path, **swapped)
+        identify([path], **swapped)
     with pytest.raises(typer.Exit) as exit_info:
-        identify(path, **swapped, check=False)
+        identify([path], **swapped, check=False)
     assert exit_info.value.exit_code == 1
     assert "error: data.csv: None of these models is good enough" in capsys.readouterr().err
-    with pytest.raises(InputError, match="--hold"):
-        identify(path, ["u"], ["y"], hold=["linear"])
+    with pytest.raises(InputError, match="hold is .linear."):
+        identify([path], ["u"], ["y"], hold=["linear"])
 
 
 needs_data = pytest.mark.skipif(
