@@ -335,7 +335,7 @@ def test_identify_command_writes_model_and_page(tmp_path, capsys):
         identify([path], **swapped, check=False)
     assert exit_info.value.exit_code == 1
     assert "error: data.csv: None of these models is good enough" in capsys.readouterr().err
-    with pytest.raises(InputError, match="hold is .linear."):
+    with pytest.raises(InputError, match=r"hold is .linear."):
         identify([path], ["u"], ["y"], hold=["linear"])
 
 
