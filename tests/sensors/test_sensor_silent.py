@@ -216,9 +216,8 @@ def test_identify_takes_overload_and_drop_outs_as_missing() -> None:
         output="y",
     )
     assert np.flatnonzero(np.isnan(data.runs[0].y[:, 0])).tolist() == [20, 90, 91, 150, 200]
-    assert [(f.code, f.subject, f.numbers["count"]) for f in data.select(output="y").findings] == [
-        ("series.codes", "y", 5)
-    ]
+    about_y = [f for f in data.select(output="y").findings if f.subject == "y"]
+    assert [(f.code, f.numbers["count"]) for f in about_y] == [("series.codes", 5)]
 
 
 def test_a_column_named_twice_is_refused_by_identify() -> None:
