@@ -15,13 +15,13 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.findings import Finding
 from tcdyn.series.source import ChunkSource
-from tcdyn.smoothing.intervals import SETTLING
 from tcdyn.smoothing.process_noise import FLOOR
 
 # Margin of a segment: rows on either side that are only used to settle the smoother. So many lags
 # and rows, chosen by judgement, beyond the time in which the smoothest temperature settles.
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
+SETTLING = 10.0  # memories of the smoother: exp(-10) of the error at the end of a margin remains
 SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
 # A segment has at least so many times the rows of its margin. The rows of the margins are smoothed
 # twice: a larger number costs memory, a smaller one time. Chosen by judgement.
@@ -135,8 +135,8 @@ def read_segments(
     Where segments end depends on the rows only, not on how the file is read. The margin is that of
     the least process-noise intensity that a fit can give, ``FLOOR`` noise variances per second
     cubed: sqrt(2) (interval / ``FLOOR``)^(1/4) is the memory of the smoother there
-    (``tcdyn.smoothing.intervals.memory_s``), and ``SETTLING`` memories are enough. It has at most
-    ``MAX_MARGIN_ROWS``.
+    (one over the slowest eigenvalue of its Hamiltonian matrix), and ``SETTLING`` memories are
+    enough. It has at most ``MAX_MARGIN_ROWS``.
 
     With a delay of n rows, a block has n - ceil(n / 2) + 1 rows and a margin of ceil(n / 2) rows
     after it, so its first row waits for exactly n rows. The margin before is ten lags, and at least

@@ -20,7 +20,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.special import logsumexp
 
 from tcdyn.core import Array
-from tcdyn.smoothing.intervals import FINE
+from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import (
     AFTER_S,
@@ -72,8 +72,9 @@ KINK_ROUGHNESS = 3.0
 COARSE_TIMES = 13
 FINE_TIMES = 7
 FINE_REACH_SD = 2.5
-# knots around a jump that is still in the data within which its time may lie
-JUMP_WINDOW = 5
+# time around a jump that is still in the data within which its time may lie, over the inverse of
+# the corner frequency of the smoother
+JUMP_WIDTH = 2.5
 # weights below this share are left out of the average
 MIN_WEIGHT = 0.01
 
@@ -190,24 +191,24 @@ def candidate_times(fit: Smoothed, events: Sequence[float]) -> list[float]:
     Parameters
     ----------
     fit
-        The smoothed record, with the score test for a jump at each knot.
+        The smoothed record, with the score test for a jump at each sample.
     events
         Times [s] near which no candidate is looked for.
 
     Returns
     -------
     list of float
-        Times of knots [s].
+        Times of samples [s].
 
     Notes
     -----
     The score test for a jump of level or slope has a chi-square distribution with two degrees of
-    freedom, so exp(-x/2) of the knots exceed x by chance. The threshold allows ``FALSE_CANDIDATES``
-    in a record, and ``MORE_FALSE_CANDIDATES`` once it has events. A candidate is only tried: a
-    false one costs time, not accuracy, because ``weigh_event`` decides. The first and last three
-    knots are not tested.
+    freedom, so exp(-x/2) of the samples exceed x by chance. The threshold allows
+    ``FALSE_CANDIDATES`` in a record, and ``MORE_FALSE_CANDIDATES`` once it has events. A candidate
+    is only tried: a false one costs time, not accuracy, because ``weigh_event`` decides. The first
+    and last three samples are not tested.
     """
-    knots = fit.knots_s[:-1]
+    times_s = fit.times_s
     reach_s = SCORE_REACH_LAGS * smearing_time_s(fit.record)
     score = np.max(fit.jump_chi2, axis=1)
     score[:3] = 0.0
@@ -216,10 +217,10 @@ def candidate_times(fit: Smoothed, events: Sequence[float]) -> list[float]:
     threshold = 2 * np.log(fit.jump_chi2.size / expected_false)
     times: list[float] = []
     for event in events:
-        score[np.abs(knots - event) < reach_s] = 0.0
+        score[np.abs(times_s - event) < reach_s] = 0.0
     while score.max() > threshold:
-        times.append(float(knots[int(np.argmax(score))]))
-        score[np.abs(knots - times[-1]) < reach_s] = 0.0
+        times.append(float(times_s[int(np.argmax(score))]))
+        score[np.abs(times_s - times[-1]) < reach_s] = 0.0
     return times
 
 
@@ -231,9 +232,9 @@ def remaining_jump(fit: Smoothed) -> Array:
 
     Notes
     -----
-    The most likely jump at a knot is the adjoint over its variance plus the inverse variance of its
-    prior, whose standard deviation is the range of the trace as in ``weigh_event``. It counts where
-    the score test of ``candidate_times`` is significant, and in the two intervals on either side.
+    The most likely jump at a sample is the adjoint over its variance plus the inverse variance of
+    its prior, whose standard deviation is the range of the trace as in ``weigh_event``. It counts
+    where the score test of ``candidate_times`` is significant, and within ``JUMP_WIDTH`` around.
     Soon after a hidden event another jump is likely (the second edge of a pulse), so that the
     threshold is lower there.
     """
@@ -241,16 +242,16 @@ def remaining_jump(fit: Smoothed) -> Array:
     chi2[:3] = 0.0
     chi2[-3:] = 0.0
     out = np.zeros_like(fit.predicted)
-    t = np.arange(len(out)) * fit.record.dt_s
-    knots = fit.knots_s[:-1]
+    dt = fit.record.dt_s
+    times_s = fit.times_s
     listed_s = set(fit.record.events_s)
     hidden_s = {b.start_s for q in fit.intensities for b in q.bursts} - listed_s
-    chi2[np.isin(knots, [*listed_s, *hidden_s])] = 0.0  # there a jump has its own prior
-    after_s = knots[:, None] - sorted(hidden_s)
+    chi2[np.isin(times_s, [*listed_s, *hidden_s])] = 0.0  # there a jump has its own prior
+    after_s = times_s[:, None] - sorted(hidden_s)
     reach_s = smearing_time_s(fit.record)
     is_after = ((after_s > 0) & (after_s < reach_s)).any(axis=1)
     # a record may end soon after an event; that makes no jump there more likely
-    fewest = reach_s / fit.record.dt_s
+    fewest = reach_s / dt
     count_after = max(float(is_after.sum()), fewest) * chi2.shape[1]
     threshold = np.where(
         is_after,
@@ -263,7 +264,10 @@ def remaining_jump(fit: Smoothed) -> Array:
         information = fit.score_var[:, c, 0] + 1 / spans_K[c] ** 2
         half_jump = 0.5 * np.abs(fit.score[:, c, 0]) / information
         jump = np.where(significant[:, c], half_jump, 0.0)
-        out[:, c] = np.interp(t, knots, maximum_filter1d(jump, JUMP_WINDOW))
+        ratio = np.median(fit.intensities[c].at(times_s)) / (fit.noise_var[c] * dt)
+        corner = float(corner_rad_s(fit.record.chains[c], ratio))
+        width = max(round(JUMP_WIDTH / corner / dt), 5)
+        out[:, c] = maximum_filter1d(jump, width)[fit.sample]
     return out
 
 
@@ -428,7 +432,7 @@ class _Window:
         for q, bursts in zip(self.base, zip(*options)):
             with_burst = [replace(q, bursts=(*q.bursts, b)) for b in bursts]
             proposals.append([p.shifted(self.start_s, t) for t in times for p in with_burst])
-        value = likelihood(self.record, self.noise_var, proposals, 2 * FINE)[0]
+        value = likelihood(self.record, self.noise_var, proposals)[0]
         return value.reshape(len(self.base), len(times), -1)
 
     def admissible(self, times: ArrayLike) -> Array:
@@ -655,7 +659,7 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
         [_level_across_boundary(q, window.start_s, v) for v in row]
         for q, row in zip(window.base, levels)
     ]
-    value = likelihood(window.record, window.noise_var, proposals, 2 * FINE)[0]
+    value = likelihood(window.record, window.noise_var, proposals)[0]
     best = np.argmax(value, axis=1)[:, None]
     return np.take_along_axis(levels, best, axis=1)[:, 0], value.max(axis=1)
 

@@ -25,7 +25,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.labels import labels_of
 from tcdyn.core.result import Result
-from tcdyn.smoothing.intervals import corner_rad_s
+from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.record import Compensated, channel_names, record_of
 
 # Share to which an impulse response must have decayed, and most rows of it, for the noise gain.
@@ -480,7 +480,7 @@ def smoother_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, intensity:
     Notes
     -----
     There |G|^2 q / w^4 equals the spectral density of the noise; see
-    ``tcdyn.smoothing.intervals.corner_rad_s``.
+    ``tcdyn.smoothing.corner.corner_rad_s``.
     """
     return float(corner_rad_s(chain, np.array(intensity / (noise_sd**2 * dt_s)))) / (2 * np.pi)
 

@@ -215,7 +215,7 @@ def levels_between(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     -----
     Exact for the bursts. The level of a segment at the start of an interval is taken for all of the
     interval. This is exact where segments start at knots, as those at listed events and bursts do;
-    see ``tcdyn.smoothing.intervals.knots_for``.
+    see ``tcdyn.smoothing.state_space.points_of``.
     """
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(knots_s - start, 0.0) / decay

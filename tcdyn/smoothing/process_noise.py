@@ -22,7 +22,7 @@ from scipy.fft import prev_fast_len, rfft
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.intervals import FINE, corner_rad_s
+from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.record import Record, least_noise_sd
 from tcdyn.smoothing.state_space import likelihood, smooth_record
@@ -55,11 +55,10 @@ CORNER_SHARE = 0.4
 # by judgement
 PAST_PEAK_NATS = 20.0
 # rounds of the grid search for a level, trials in a refined one over 0.8 steps on either side, and
-# batches and coarser intervals of the first one; chosen by judgement
+# batches of the first one; chosen by judgement
 GRID_ROUNDS = 3
 REFINED_TRIALS = 7
 FIRST_BATCHES = 3
-COARSE_START = 4
 # nats within which the first of several bursts counts as the most likely one, so that
 # rounding errors do not decide
 TIE_NATS = 1e-4
@@ -204,15 +203,13 @@ def exact_levels(
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
-    def evaluate(logs: Array, fine: float) -> tuple[Array, Array]:
+    def evaluate(logs: Array) -> tuple[Array, Array]:
         """Likelihood of intensities, profiled over unknown noise.
 
         Parameters
         ----------
         logs
             Logarithm of the intensities over the noise variance (M, Q) [1/s3].
-        fine
-            Largest length of an interval, see ``knots_for``.
 
         Returns
         -------
@@ -222,7 +219,7 @@ def exact_levels(
         proposed = [
             [Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)
         ]
-        value, ratio = likelihood(record, noise_var, proposed, fine)
+        value, ratio = likelihood(record, noise_var, proposed)
         if not noise_known:
             used = (record.weight > 0).sum(axis=0)[:, None]
             free = used - 2 - len(record.events_s)
@@ -231,11 +228,10 @@ def exact_levels(
         return value, ratio
 
     for iteration in range(GRID_ROUNDS):
-        # the highest levels need the shortest intervals: skip them once the likelihood has fallen
+        # skip the highest levels once the likelihood has fallen
         batches: list[tuple[Array, Array]] = []
-        fine = FINE if iteration else COARSE_START * FINE
         for batch in np.array_split(logs, FIRST_BATCHES if iteration == 0 else 1, axis=1):
-            batches.append(evaluate(batch, fine))
+            batches.append(evaluate(batch))
             value, ratio = (np.concatenate(arrays, axis=1) for arrays in zip(*batches))
             if np.all(value[:, -1] < value.max(axis=1) - PAST_PEAK_NATS):
                 break
@@ -484,9 +480,7 @@ def likeliest_burst(
         candidates.append(bursts)
     best = list(initial)
     for refine in (True,) if near else (False, True):
-        fine = 8 * FINE  # a coarse search can use longer intervals
         if refine:
-            fine = (4 if jump_ranges else 2) * FINE
             candidates = [
                 [
                     replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p)
@@ -498,7 +492,7 @@ def likeliest_burst(
             [replace(q, bursts=(*q.bursts, b)) for b in bursts]
             for q, bursts in zip(base, candidates)
         ]
-        value, _ = likelihood(window, noise_var, proposed, fine=fine)
+        value, _ = likelihood(window, noise_var, proposed)
         first = np.argmax(value > value.max(axis=1, keepdims=True) - TIE_NATS, axis=1)
         best = [bursts[k] for bursts, k in zip(candidates, first)]
     return best
@@ -613,7 +607,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
     -----
     The trials span 1e-4 to 1e7 noise variances per second cubed (chosen by judgement); a minimum at
     an end is returned as it is. The roughness is the sum of squared slope differences over the
-    intervals of the smoother, the effective number of parameters the sum of the prediction
+    sampling interval, the effective number of parameters the sum of the prediction
     variances over the noise variance.
     """
     noise_var = record.noise_sd**2
@@ -625,7 +619,7 @@ def tradeoff_curve(record: Record, criterion: Criterion, trials: int) -> Tradeof
         constant = [Intensity.constant(level * var) for var in noise_var]
         fit = smooth_record(record, noise_var, constant)
         misfit = np.sum(w * (record.y - fit.predicted) ** 2, axis=0) / np.sum(w, axis=0)
-        slope_changes = np.diff(fit.slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
+        slope_changes = np.diff(fit.slope, axis=0) ** 2 / np.diff(fit.times_s)[:, None]
         effective_count = np.sum(w * fit.predicted_var, axis=0) / noise_var
         rows.append((misfit, np.sum(slope_changes, axis=0), effective_count))
     misfits, roughness, effective = (np.array(column) for column in zip(*rows))

@@ -2,9 +2,9 @@
 not enough.
 
 The score of the smoother shows without another pass where a prior is too smooth or too rough: with
-right intensities the squared adjoint equals its variance on average. Where it does not, the
-intensities of slope noise and level noise follow by their likelihood, in blocks of time as short as
-the data demand.
+right intensities ``gradient`` equals ``expected`` on average, see ``Smoothed``. Where it does not,
+the intensities of slope noise and level noise follow by their likelihood, in blocks of time as
+short as the data demand.
 """
 
 from __future__ import annotations
@@ -16,18 +16,16 @@ import numpy as np
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.intervals import FINE, corner_rad_s
+from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
 from tcdyn.smoothing.process_noise import FLOOR
 from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.state_space import Smoothed, smooth_record
 
 # Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
-# iterations of the intensities at most; they end where no block would gain so many nats. Intervals
-# may be longer by this factor meanwhile: it changes intensities by less than their uncertainty
+# iterations of the intensities at most; they end where no block would gain so many nats
 ITERATIONS = 16
 SETTLED_NATS = 0.3
-COARSENING = 4.0
 # largest factor of an intensity in one iteration
 MAX_FACTOR = 10.0
 # exponent of that factor: above one for speed, below two for stability
@@ -36,10 +34,11 @@ OVERRELAXATION = 1.6
 # are fitted: exp(-8) is the chance by which a channel is fitted without need,
 # so that a log of twelve channels seldom is (cost)
 CHECK_NATS = 8.0
-# standard deviations by which the likelihood must rise with level noise; neighbouring knots that
-# count as one; and degrees of freedom up to which any rise counts
+# standard deviations by which the likelihood must rise with level noise; time in which scores count
+# as one, over the inverse of the corner frequency of the smoother; and degrees of freedom up to
+# which any rise counts
 LEVEL_SD = 1.0
-KNOTS_PER_PERIOD = 4.0
+CORRELATED = 2.0
 FEW_DOF = 15.0
 # degrees of freedom of the prior that keeps an intensity from zero
 PRIOR_DOF = 1.0
@@ -94,26 +93,27 @@ def select_channels(record: Record, channels: Flags) -> Record:
 def score_sums(
     fit: Smoothed, channel: int, edges_s: Array, weight: Array | float = 1.0
 ) -> tuple[Array, Array]:
-    """Sums (K, 2) of h w score^2 and of h w score_var over blocks that start at ``edges_s`` (K,).
+    """Sums (K, 2) of ``gradient`` and ``expected`` of a channel over blocks.
 
-    They are for level and slope; h is the time around a knot [s], and w the ``weight`` (J, 2) of
-    the knots. With the intensities as weights the second sum is the number of degrees of freedom of
-    the process noise in a block, and the ratio of the sums tells by which factor all of it should
-    change.
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    channel
+        Index of the channel.
+    edges_s
+        Starts of the blocks (K,) [s].
+    weight
+        Weight (J, 2) of the times, for level and slope noise. With the intensities as weights the
+        second sum is the number of degrees of freedom of the process noise in a block, and the
+        ratio of the sums tells by which factor all of it should change.
     """
-    time_at_knot = _time_at_knot(fit)[:, None]
-    block = np.searchsorted(edges_s, fit.knots_s[:-1], side="right") - 1
+    block = np.searchsorted(edges_s, fit.times_s, side="left") - 1
     block = np.clip(block, 0, len(edges_s) - 1)
     observed, expected = np.zeros((2, len(edges_s), 2))
-    np.add.at(observed, block, weight * time_at_knot * fit.score[:, channel] ** 2)
-    np.add.at(expected, block, weight * time_at_knot * fit.score_var[:, channel])
+    np.add.at(observed, block, weight * fit.gradient[:, channel])
+    np.add.at(expected, block, weight * fit.expected[:, channel])
     return observed, np.maximum(expected, 1e-300)
-
-
-def _time_at_knot(fit: Smoothed) -> Array:
-    """Time (J,) [s] around each knot but the last: half of the intervals beside it."""
-    step = np.diff(fit.knots_s)
-    return np.asarray(0.5 * (step + np.concatenate([[0.0], step[:-1]])))
 
 
 def gain_nats(dof: Array, ratio: Array) -> Array:
@@ -135,17 +135,17 @@ def too_smooth(fit: Smoothed) -> Flags:
     and from the ratio by which that noise should rise. ``CHECK_NATS`` plus the logarithm of the
     number of windows allows for the choice of the best window.
     """
-    knots = fit.knots_s[:-1]
-    windows = np.linspace(knots[0], fit.knots_s[-1], CHECK_WINDOWS, endpoint=False)
+    times_s = fit.times_s
+    windows = np.linspace(times_s[0], times_s[-1], CHECK_WINDOWS, endpoint=False)
     out = np.zeros(len(fit.intensities), dtype=bool)
     for c, q in enumerate(fit.intensities):
-        level_noise = level_noise_at([q], knots)[0]
+        level_noise = level_noise_at([q], times_s)[0]
         if not q.level_noise:
-            segment = np.maximum(np.searchsorted(q.starts_s, knots, side="right") - 1, 0)
+            segment = np.maximum(np.searchsorted(q.starts_s, times_s, side="right") - 1, 0)
             density = fit.noise_var[c] * fit.record.dt_s
             first_level_noise = _first_level_noise(q, fit.record.chains[c], density)
             level_noise = level_noise + first_level_noise[segment]
-        weight = np.stack([level_noise, q.at(knots)], axis=1)
+        weight = np.stack([level_noise, q.at(times_s)], axis=1)
         observed, dof = score_sums(fit, c, windows, weight)
         if not q.level_noise and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
             out[c] = True
@@ -173,15 +173,18 @@ def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
 
     Notes
     -----
-    Twice the derivative of the log likelihood by the intensity is the sum of h (score^2 -
-    score_var). If there is no level noise its variance is 2 sum (h score_var)^2 for independent
-    knots; about four knots share one corner period. A record of few degrees of freedom cannot pass
-    such a test, but its band depends on the prior, so there any rise counts.
+    Twice the derivative of the log likelihood by the intensity is the sum of ``gradient`` less
+    ``expected``. If there is no level noise its variance is 2 sum ``expected``^2 for independent
+    samples; those within ``CORRELATED`` count as one. A record of few degrees of freedom cannot
+    pass such a test, but its band depends on the prior, so there any rise counts.
     """
-    time_at_knot = _time_at_knot(fit)
-    expected = time_at_knot * fit.score_var[:, channel, 0]
-    rise = float(np.sum(time_at_knot * fit.score[:, channel, 0] ** 2 - expected))
-    sd = float(np.sqrt(2 * KNOTS_PER_PERIOD * np.sum(expected**2)))
+    expected = fit.expected[:, channel, 0]
+    rise = float(np.sum(fit.gradient[:, channel, 0] - expected))
+    dt = fit.record.dt_s
+    ratio = np.median(fit.intensities[channel].at(fit.times_s)) / (fit.noise_var[channel] * dt)
+    corner = float(corner_rad_s(fit.record.chains[channel], ratio))
+    correlated = max(CORRELATED / (corner * dt), 1.0)
+    sd = float(np.sqrt(2 * correlated * np.sum(expected**2)))
     return rise > (LEVEL_SD * sd if dof > FEW_DOF else 0.0)
 
 
@@ -207,9 +210,9 @@ def adapt_intensities(
 
     Notes
     -----
-    An intensity is multiplied by the ratio of sum h score^2 to sum h score_var in its block, which
-    is one where the likelihood has its maximum (MacKay 1992). A prior of ``PRIOR_DOF`` degrees of
-    freedom keeps it from zero. A block is divided where its halves disagree.
+    An intensity is multiplied by the ratio of the sums of ``gradient`` and ``expected`` in its
+    block, which is one where the likelihood has its maximum (MacKay 1992). A prior of ``PRIOR_DOF``
+    degrees of freedom keeps it from zero. A block is divided where its halves disagree.
     """
     current: list[Intensity] = []
     for chain, var, q in zip(record.chains, noise_var, intensities):
@@ -219,7 +222,7 @@ def adapt_intensities(
         current.append(q)
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
-            fit = smooth_record(record, noise_var, current, COARSENING * FINE)
+            fit = smooth_record(record, noise_var, current)
             updated = [_update_intensity(fit, c, q) for c, q in enumerate(current)]
             if max(gain for _, gain in updated) < SETTLED_NATS:
                 break
@@ -263,7 +266,7 @@ def _update_intensity(fit: Smoothed, channel: int, intensity: Intensity) -> tupl
     observed, expected = score_sums(fit, channel, np.array(intensity.starts_s))
     var = np.column_stack([intensity.level_noise, intensity.levels])
     dof = np.maximum(var * expected, 1e-3)
-    durations = np.diff(np.append(intensity.starts_s, fit.knots_s[-1]))
+    durations = np.diff(np.append(intensity.starts_s, fit.times_s[-1]))
     prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
     with np.errstate(over="ignore"):  # the factor is limited
         ratio = observed / expected + prior_dof[:, None] / dof
@@ -290,7 +293,7 @@ def _divide_blocks(fit: Smoothed, channel: int, intensity: Intensity) -> Intensi
         Its intensity. Halves with fewer than ``MIN_DOF`` degrees of freedom are not divided.
     """
     starts = np.array(intensity.starts_s)
-    middles = 0.5 * (starts + np.append(starts[1:], fit.knots_s[-1]))
+    middles = 0.5 * (starts + np.append(starts[1:], fit.times_s[-1]))
     observed, expected = score_sums(fit, channel, np.column_stack([starts, middles]).ravel())
     var = np.repeat(np.column_stack([intensity.level_noise, intensity.levels]), 2, axis=0)
     dof = var * expected
@@ -413,11 +416,11 @@ def intensity_var(fit: Smoothed) -> tuple[Array, Array]:
     and the square of the change of the estimate. It is zero where d exceeds
     ``FEW_DOF_OF_BAND``.
     """
-    knots = fit.knots_s[:-1]
+    times_s = fit.times_s
     dof = np.zeros(len(fit.intensities))
     for c, q in enumerate(fit.intensities):
-        weight = np.stack([level_noise_at([q], knots)[0], q.at(knots)], axis=1)
-        _, expected = score_sums(fit, c, knots[:1], weight)
+        weight = np.stack([level_noise_at([q], times_s)[0], q.at(times_s)], axis=1)
+        _, expected = score_sums(fit, c, times_s[:1], weight)
         dof[c] = expected.sum()
     few = dof < FEW_DOF_OF_BAND
     var, slope_var = np.zeros((2, *fit.predicted.shape))

@@ -27,6 +27,7 @@ from tcdyn.core.labels import common_index, labels_of
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.series.index import even_interval_s
+from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.hidden_events import (
     HiddenEvent,
     PossibleEvent,
@@ -37,7 +38,6 @@ from tcdyn.smoothing.hidden_events import (
     remaining_jump,
     with_likeliest_forms,
 )
-from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.process_noise import (
@@ -55,8 +55,12 @@ from tcdyn.smoothing.roughness import (
     unseen_slope_var,
     with_least_risk,
 )
-from tcdyn.smoothing.rts import rts_smooth
-from tcdyn.smoothing.state_space import Smoothed, full_model, likelihood, smooth_record
+from tcdyn.smoothing.state_space import (
+    Smoothed,
+    likelihood,
+    sample_covariance,
+    smooth_record,
+)
 
 # lags between two rows, beyond which a reading has no memory of the one before in double
 # precision: exp(-100) = 4e-44
@@ -66,9 +70,6 @@ MAX_LAGS_IN_ROW = 100.0
 STUDENT_DOF = 4.0
 # rounds of reweighting: a further one changes no result by a tenth of its standard deviation
 REWEIGHTINGS = 4
-# intervals for the difference of two results may be longer than those of a result by this factor,
-# because their errors nearly cancel; chosen by judgement
-COARSENING = 4.0
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
 # nats by which a record must be more likely without its listed events; chosen by judgement
@@ -428,8 +429,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
 
     Notes
     -----
-    The intervals may be ``COARSENING`` times longer than for a result, because errors of the
-    intervals cancel in the difference. ``tests/smoothing/test_smoother.py`` checks the coverage.
+    ``tests/smoothing/test_smoother.py`` checks the coverage.
     """
     record = fit.record
     dt = record.dt_s
@@ -450,7 +450,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
         events = sorted(time_s - shift if e == event_s - shift else e for e in window.events_s)
         shifted = [q.shifted(event_s, time_s).shifted(shift_s=shift) for q in fit.intensities]
         moved_window = replace(window, events_s=tuple(events))
-        result = smooth_record(moved_window, fit.noise_var, shifted, COARSENING * FINE)
+        result = smooth_record(moved_window, fit.noise_var, shifted)
         temperatures.append(result.at_samples().temperature)
     half = np.zeros_like(fit.predicted)
     half[first:last] = 0.5 * (temperatures[1] - temperatures[0])
@@ -567,8 +567,8 @@ def window_covariance(
 
     Notes
     -----
-    Noise and regularisation: C(j, k) = J_j C(j+1, k), J_j = P_j F' (P-_{j+1})^-1, of the same
-    smoother on the window and a margin, so that no N x N matrix is needed. The lag adds
+    Noise and regularisation are those of the same smoother on the window and a margin, so that no
+    N x N matrix is needed. The lag adds
     lag_sensitivity_i lag_sensitivity_k u(lag)^2; its division into parts adds a similar term. The
     uncertainty of the static line, one error at all times, is not included: the user knows whether
     it cancels.
@@ -600,31 +600,9 @@ def window_covariance(
     listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
     unit = result.units[channel : channel + 1] or None
     record = record_of(window, dt_s, chain, listed, noise_sd, units=unit)
-    model = full_model(record, noise_sd**2, [[q.shifted(shift_s=start * dt_s)]])
-    fit = rts_smooth(model)
-    t = np.arange(first - start, last - start) * dt_s
-    interval = np.searchsorted(model.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
-    first_interval = int(interval[0])
-    count = int(interval[-1] - interval[0]) + 1
-    n = fit.mean.shape[2]
-    covariance = np.zeros((count, count, n, n))
-    for j in range(count - 1, -1, -1):
-        covariance[j, j] = fit.cov[first_interval + j, 0]
-        if j == count - 1:
-            continue
-        transition = model.transition[model.kind[first_interval + j], 0, 0]
-        filtered_cov = fit.filtered_cov[first_interval + j, 0]
-        predicted_cov = transition @ filtered_cov @ transition.T
-        predicted_cov[[0, 1], [0, 1]] += model.jump_var[first_interval + j + 1, 0, 0]
-        # least squares: fast stages depend almost linearly on the slow ones
-        gain = np.linalg.lstsq(predicted_cov, transition @ filtered_cov)[0].T
-        covariance[j, j + 1 :] = gain @ covariance[j + 1, j + 1 :]
-        covariance[j + 1 :, j] = covariance[j, j + 1 :].transpose(0, 2, 1)
-    row = np.zeros((len(t), n))
-    row[:, 0] = 1.0
-    row[:, 1] = t - model.knots_s[interval]
-    pairs = covariance[(interval - first_interval)[:, None], (interval - first_interval)[None, :]]
-    out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
+    out = sample_covariance(
+        record, noise_sd**2, q.shifted(shift_s=start * dt_s), first - start, last - start
+    )
     lag = result.lag_sensitivity[first:last, channel]
     split = result.lag_split_K[first:last, channel]
     lag_part = np.outer(lag, lag) * result.lag_covariance[channel, channel]

@@ -1,10 +1,10 @@
-"""A record as a linear Gaussian state-space model: Kalman filter, likelihood and smoother.
+"""A record as a linear Gaussian state-space model: its points, likelihood and smoother.
 
-The state is level and slope of the junction temperature and the stages of the chain; the slope is a
-random walk with the intensity q(t). Samples are collected in time intervals (see
-:mod:`tcdyn.smoothing.intervals`), within which the process noise acts at the knots only. Used by
-:mod:`tcdyn.smoothing.smoother`, :mod:`tcdyn.smoothing.process_noise` and
-:mod:`tcdyn.smoothing.hidden_events`; ``flow`` also by the live smoother.
+The state is level and slope of the junction temperature and the stages of the chain. White noise
+drives the slope and, for a rough temperature, the level. Between two points the transition and the
+process noise are exact. Used by :mod:`tcdyn.smoothing.smoother`,
+:mod:`tcdyn.smoothing.process_noise`, :mod:`tcdyn.smoothing.roughness` and
+:mod:`tcdyn.smoothing.hidden_events`; the recursions are :mod:`tcdyn.estimation.kalman`.
 
 ``tests/smoothing/test_states.py`` compares likelihood and prior with dense algebra,
 ``tests/smoothing/test_smoother.py`` the smoothed temperatures.
@@ -12,17 +12,24 @@ random walk with the intensity q(t). Samples are collected in time intervals (se
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from tcdyn.chain import Sensor
-from tcdyn.core import Array, Flags
-from tcdyn.smoothing.intervals import FINE, STEPS, chunks, knots_for
+from tcdyn.core import Array
+from tcdyn.estimation.kalman import (
+    PointModel,
+    level_covariance,
+    log_likelihood,
+    root_of_sum,
+    smooth_points,
+)
 from tcdyn.smoothing.noise_levels import (
     Intensity,
     jumps_at,
@@ -31,11 +38,19 @@ from tcdyn.smoothing.noise_levels import (
     levels_between,
 )
 from tcdyn.smoothing.record import Record
-from tcdyn.smoothing.rts import IntervalModel, rts_smooth
 
 # prior sd of level, slope and slope jumps, in ranges of the record (per lag): diffuse, but well
 # scaled; chosen by judgement
 DIFFUSE = 10.0
+# times that differ by less than this share of a sampling interval are one point (rounding only)
+SAME_TIME = 1e-6
+# Settled filters of a search: covariances, and with them intensities and forms that are compared,
+# are exact to a millionth (see ``tcdyn.estimation.kalman.SETTLED``)
+SETTLED_IN_SEARCH = 1e-7
+# Of a step in which no stage changes by more than itself: nodes that integrate polynomials of
+# degree 31 exactly, and terms of which the first one left out is 1 / 20! = 4e-19
+GAUSS_NODES = 16
+SERIES_TERMS = 20
 
 
 def channel_ranges(record: Record) -> Array:
@@ -44,148 +59,253 @@ def channel_ranges(record: Record) -> Array:
     return np.array([np.ptp(y) if len(y) else 1.0 for y in good])
 
 
-def interval_model(
+@dataclass(frozen=True)
+class Points:
+    """Points in time of the model of one channel: samples, readings and events.
+
+    Attributes
+    ----------
+    time_s
+        Times (P,) [s].
+    kind
+        Kind of the step after each point (P,).
+    step_s
+        Length of each kind of step (K,) [s].
+    reading
+        Index (N,) of the point that each sample reads: its time minus the dead time.
+    sample
+        Index (N,) of the point at each sample.
+    """
+
+    time_s: Array
+    kind: NDArray[np.int64]
+    step_s: Array
+    reading: NDArray[np.intp]
+    sample: NDArray[np.intp]
+
+    def at(self, time_s: Array) -> NDArray[np.intp]:
+        """Index of the points at times that are points."""
+        middles_s = 0.5 * (self.time_s[1:] + self.time_s[:-1])
+        return np.asarray(np.searchsorted(middles_s, time_s))
+
+
+def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Points:
+    """The points of a channel.
+
+    Parameters
+    ----------
+    record
+        The record.
+    delay_s
+        Dead time of the channel [s].
+    events_s
+        Times of listed events and of bursts [s].
+
+    Notes
+    -----
+    A sample reads the state at its time minus the dead time, so the dead time is exact. An event
+    takes the place of a sample at the same time.
+    """
+    dt = record.dt_s
+    sample_s = np.arange(len(record.y)) * dt
+    first_s = -delay_s
+    inside = sorted({e for e in events_s if first_s < e < sample_s[-1]})
+    time_s = np.concatenate([inside, sample_s, sample_s - delay_s if delay_s else []])
+    # of times that are nearly the same the first counts, which is that of an event
+    order = np.argsort(time_s, kind="stable")
+    is_new = np.diff(time_s[order], prepend=-np.inf) > SAME_TIME * dt
+    group = np.cumsum(is_new) - 1
+    representative = np.full(int(group[-1]) + 1, len(time_s))
+    np.minimum.at(representative, group, order)
+    point_s = time_s[representative]
+    steps = np.round(np.diff(point_s) / dt, 6)
+    lengths, kind = np.unique(steps, return_inverse=True)
+    point_of_time = np.empty(len(time_s), dtype=np.intp)
+    point_of_time[order] = group
+    of_samples = point_of_time[len(inside) :]
+    sample = of_samples[: len(sample_s)]
+    return Points(
+        point_s,
+        np.append(kind, kind[-1]).astype(np.int64),
+        lengths * dt,
+        of_samples[-len(sample_s) :],
+        sample,
+    )
+
+
+def steps_of(sensor: Sensor, step_s: float) -> tuple[Array, Array, Array]:
+    """Transition of a step, and its process noise for intensities of one.
+
+    Parameters
+    ----------
+    sensor
+        State space of a chain, n states.
+    step_s
+        Length of the step [s].
+
+    Returns
+    -------
+    transition
+        expm(drift step_s) (n, n).
+    level_noise, slope_noise
+        Covariances (n, n) at the end of the step: the integrals of expm(drift t) e e'
+        expm(drift t)' over the step, with e the level or the slope.
+
+    Notes
+    -----
+    Of a short step the integral is a sum over the nodes of Gauss and Legendre, with the power
+    series of expm(drift t) e: both keep the relative accuracy of stages that hardly move in the
+    step. Doubling the step adds positive terms only, so that no stage may be too fast. The result
+    is cached, because channels and windows share chains and steps.
+    """
+    return _cached_steps(sensor.drift.tobytes(), len(sensor.drift), round(step_s, 12))
+
+
+@lru_cache(maxsize=20_000)
+def _cached_steps(drift_bytes: bytes, n: int, step_s: float) -> tuple[Array, Array, Array]:
+    """The matrices of ``steps_of``, by the bytes of the drift, which the cache can compare."""
+    drift = np.frombuffer(drift_bytes).reshape(n, n)
+    size = float(np.abs(drift).sum(axis=1).max()) * step_s
+    doublings = max(int(np.ceil(np.log2(max(size, 1.0)))), 0)
+    short_s = step_s / 2**doublings
+    transition = np.asarray(expm(drift * short_s))
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
+    noises = []
+    for state in (0, 1):
+        noise = np.zeros((n, n))
+        for node, weight in zip(nodes, weights):
+            t_s = 0.5 * short_s * (1.0 + node)
+            term = np.eye(n)[state]
+            moved = term.copy()
+            for power in range(1, SERIES_TERMS):
+                term = drift @ term * (t_s / power)
+                moved += term
+            noise += 0.5 * short_s * weight * np.outer(moved, moved)
+        noises.append(noise)
+    for _ in range(doublings):
+        noises = [noise + transition @ noise @ transition.T for noise in noises]
+        transition = transition @ transition
+    level_noise, slope_noise = (0.5 * (noise + noise.T) for noise in noises)
+    for matrix in (transition, level_noise, slope_noise):
+        matrix.setflags(write=False)
+    return transition, level_noise, slope_noise
+
+
+def point_models(
     record: Record,
-    noise_var: Array,
-    proposals: Sequence[Sequence[Intensity]],
-    knots: Array,
-    span: Array,
-) -> IntervalModel:
-    """The model on the intervals between ``knots``.
+    channel: int,
+    noise_var: float,
+    proposals: Sequence[Intensity],
+    span: float,
+) -> tuple[Points, list[PointModel]]:
+    """The model of one channel for each of some proposed intensities.
 
     Parameters
     ----------
     record
         The record of N samples.
+    channel
+        Index of the channel.
     noise_var
-        Noise variance of each channel (M,) [K2].
+        Noise variance [K2].
     proposals
-        Q proposed intensities for each channel.
-    knots
-        Knots (J + 1,) [s]: some or all of those from ``tcdyn.smoothing.intervals.knots_for``.
-        Samples in no interval are left out.
+        Proposed intensities, whose bursts start at the same times.
     span
-        The ``channel_ranges`` (M,) [K] of the full record.
+        The ``channel_ranges`` of the channel [K].
 
     Returns
     -------
-    IntervalModel
-        Information and score of the samples, transitions, and the process noise at each knot.
+    points
+        The points.
+    models
+        A model for each proposal.
 
     Notes
     -----
-    Intervals that have one length and the samples at the same phase are of one kind, so that their
-    transition and rows are computed once. Half of the process noise of an interval is added to the
-    slope at its first knot, half at the next (trapezoidal rule): this is exact only for short
-    intervals, hence ``tcdyn.smoothing.intervals.FINE``. A sample at time t reads the state at t
-    minus the dead time, so the dead time is exact.
-
-    What may be changed: the tolerances 1e-6 of a sample are rounding only; those of
-    ``tcdyn.smoothing.intervals.knots_for``, ``smooth_record`` and
-    ``tcdyn.smoothing.smoother.window_covariance`` must assign samples to the same intervals. The
-    chunks of a record have equal results only if ``span`` is that of the full record
-    (``tests/smoothing/test_smoother.py``).
+    The process noise of a step has the mean intensity over the step. Jumps act at the end of the
+    step before an event.
     """
-    dt = record.dt_s
-    n_samples = len(record.y)
-    features = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
-    features[:, 1] %= 1.0
-    _, example, kind = np.unique(features, axis=0, return_index=True, return_inverse=True)
-    kind = kind.reshape(-1)
-    event: Flags = np.isin(knots[:-1], record.events_s)
-    channels: list[tuple[Array, ...]] = []
-    rows = []
-    for c, s in enumerate(record.sensors):
-        first = np.ceil((knots + s.delay_s) / dt - 1e-6).astype(int)
-        low, high = np.clip(first[[0, -1]], 0, n_samples)
-        weight = record.weight[low:high, c]
-        trace = record.y[low:high, c]
-        n = len(s.output)
-        w = np.append(weight / noise_var[c], 0.0)
-        weighted = np.append(weight * trace / noise_var[c], 0.0)
-        information_c = np.zeros((len(kind), n, n))
-        score_c = np.zeros((len(kind), n))
-        rows_c = []
-        for k, j in enumerate(example):
-            if first[j + 1] <= first[j]:
-                continue
-            first_sample_s = first[j] * dt - s.delay_s - knots[j]
-            powers = flows(s.drift, dt)[: first[j + 1] - first[j]]
-            output_rows = s.output @ flow(s.drift, first_sample_s) @ powers
-            intervals = np.flatnonzero(kind == k)
-            sample = first[intervals][:, None] + np.arange(len(output_rows))
-            inside = (sample >= low) & (sample < high)
-            index = np.where(inside, sample - low, high - low)
-            information_c[intervals] = (w[index] @ _squares(output_rows)).reshape(-1, n, n)
-            score_c[intervals] = weighted[index] @ output_rows
-            rows_c.append((intervals, output_rows, np.where(inside, sample, n_samples)))
-        good = trace[weight > 0]
-        level = float(good[0]) if len(good) else 0.0
-        integral = levels_between(proposals[c], knots).T
-        min_span = 10 * float(np.sqrt(noise_var[c]))
-        start_intensity = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
-        start_level_noise = level_noise_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
-        mean, cov, jump_var = ramp_prior(
-            s, level, max(float(span[c]), min_span), dt, start_intensity, start_level_noise
+    sensor = record.sensors[channel]
+    weight = record.weight[:, channel]
+    reading = record.y[:, channel]
+    bursts = {burst.start_s for q in proposals for burst in q.bursts if burst.width_s == 0}
+    points = points_of(record, sensor.delay_s, [*record.events_s, *bursts])
+    count = len(points.time_s)
+    step_matrices = [steps_of(sensor, step_s) for step_s in points.step_s]
+    transition, level_unit, slope_unit = (np.array(kinds) for kinds in zip(*step_matrices))
+    read = np.zeros(count)
+    read[points.reading] = reading
+    variance = np.zeros(count)
+    is_good = weight > 0
+    variance[points.reading[is_good]] = noise_var / weight[is_good]
+    good = reading[is_good]
+    start_level = float(good[0]) if len(good) else 0.0
+    start_s = np.maximum(points.time_s[:1], 0.0)
+    start_intensity = levels_at(proposals, start_s)[:, 0]
+    start_level_noise = level_noise_at(proposals, start_s)[:, 0]
+    range_K = max(span, 10 * float(np.sqrt(noise_var)))
+    length_s = np.diff(points.time_s)
+    slope_noise = levels_between(proposals, points.time_s) / length_s
+    is_rough = any(q.is_rough for q in proposals)
+    level_noise = np.zeros_like(slope_noise)
+    if is_rough:
+        at_points = level_noise_at(proposals, points.time_s)
+        level_noise = 0.5 * (at_points[:, :-1] + at_points[:, 1:])
+    jumps = np.moveaxis(jumps_at(proposals, points.time_s), 1, 0)  # (Q, P, 2)
+    wide = slope_prior_sd(sensor, range_K, record.dt_s)
+    jumps[:, np.isin(points.time_s, record.events_s), 1] += wide**2
+    is_sample = np.zeros(count, dtype=bool)
+    is_sample[points.sample] = True
+    # samples and readings alternate where the dead time is no multiple of the sampling interval
+    period = 1 if count < 1.5 * len(reading) else 2
+    models = []
+    for k in range(len(proposals)):
+        mean, factor = ramp_prior(
+            sensor,
+            start_level,
+            range_K,
+            record.dt_s,
+            float(start_intensity[k]),
+            float(start_level_noise[k]),
         )
-        at_knot = _half_around_knots(integral)
-        at_knot[event] += jump_var
-        jumps = jumps_at(proposals[c], knots[:-1])
-        jumps[..., 1] += at_knot
-        if any(q.is_rough for q in proposals[c]):
-            level_noise = level_noise_at(proposals[c], knots[:-1]).T
-            jumps[..., 0] += _half_around_knots(level_noise * np.diff(knots)[:, None])
-        channels.append(
-            (np.tile(mean, (len(cov), 1)), cov, information_c[:, None], score_c[:, None], jumps)
+        models.append(
+            PointModel(
+                transition,
+                level_unit,
+                slope_unit,
+                points.kind,
+                np.append(level_noise[k], 0.0),
+                np.append(slope_noise[k], 0.0),
+                np.concatenate([jumps[k, 1:], np.zeros((1, 2))]),
+                sensor.output,
+                read,
+                variance,
+                mean,
+                factor,
+                is_sample,
+                period,
+            )
         )
-        rows.append(tuple(rows_c))
-    lengths = np.diff(knots)[example]
-    flows_by_length = [[flow(s.drift, float(h)) for s in record.sensors] for h in lengths]
-    transition = np.array(flows_by_length)[:, :, None]
-    mean0, cov0, information, score, jumps_var = zip(*channels)
-    return IntervalModel(
-        knots,
-        kind,
-        np.stack(mean0),
-        np.stack(cov0),
-        transition,
-        np.stack(information, axis=1),
-        np.stack(score, axis=1),
-        np.stack(jumps_var, axis=1),
-        tuple(rows),
-    )
+    return points, models
 
 
-def _half_around_knots(integral: Array) -> Array:
-    """Half of the ``integral`` (J, Q) over the intervals beside each knot but the last."""
-    before = np.concatenate([np.zeros_like(integral[:1]), integral[:-1]])
-    return np.asarray(0.5 * (integral + before))
-
-
-def _squares(rows: Array) -> Array:
-    """Outer products o o' of the rows o of ``rows`` (R, n), flattened to (R, n n)."""
-    return (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
-
-
-def full_model(
-    record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
-) -> IntervalModel:
-    """The model on all intervals of the record.
+def slope_prior_sd(sensor: Sensor, span: float, dt_s: float) -> float:
+    """Prior standard deviation [K/s] of the slope, and of a jump of the slope at a listed event.
 
     Parameters
     ----------
-    record, noise_var, proposals
-        As for ``interval_model``.
-    fine
-        Largest length of an interval times the corner frequency [rad].
+    sensor
+        State space of the chain.
+    span
+        Range of the record [K].
+    dt_s
+        Sampling interval [s].
+
+    Notes
+    -----
+    It is ``DIFFUSE`` ranges in one lag plus four samples.
     """
-    return interval_model(
-        record,
-        noise_var,
-        proposals,
-        knots_for(record, noise_var, proposals, fine),
-        channel_ranges(record),
-    )
+    return DIFFUSE * span / (sensor.lag_s + 4 * dt_s)
 
 
 def ramp_prior(
@@ -193,9 +313,9 @@ def ramp_prior(
     level: float,
     span: float,
     dt_s: float,
-    intensity: Array,
-    level_noise: Array | float = 0.0,
-) -> tuple[Array, Array, float]:
+    intensity: float,
+    level_noise: float = 0.0,
+) -> tuple[Array, Array]:
     """Prior of the state of a chain that has always followed a ramp.
 
     Parameters
@@ -209,135 +329,49 @@ def ramp_prior(
     dt_s
         Sampling interval [s].
     intensity
-        Intensity (Q,) [K2/s3] of the slope noise that makes the stages scatter about the ramp.
+        Intensity [K2/s3] of the slope noise that makes the stages scatter about the ramp.
     level_noise
-        Intensity (Q,) [K2/s] of the level noise that does so, too.
+        Intensity [K2/s] of the level noise that does so, too.
 
     Returns
     -------
     mean
         Prior mean (n,).
-    cov
-        Prior covariances (Q, n, n).
-    slope_var
-        Prior variance of the slope [K2/s2]; also that of a jump of the slope at a listed event.
+    factor
+        Lower triangular square root (n, n) of the prior covariance.
 
     Notes
     -----
-    The level has the standard deviation ``DIFFUSE`` ranges, the slope as much in one lag plus four
-    samples. With a smaller ``DIFFUSE`` the prior would pull the first temperatures to the first
-    good reading; with a much larger one rounding errors grow. The same scale is the prior of hidden
+    The level has the standard deviation ``DIFFUSE`` ranges, the slope that of ``slope_prior_sd``.
+    With a smaller ``DIFFUSE`` the prior would pull the first temperatures to the first good
+    reading; with a much larger one rounding errors grow. The same scale is the prior of hidden
     events in ``tcdyn.smoothing.hidden_events._coarse_search``. ``tests/smoothing/test_states.py``
     states these values.
     """
-    wide = DIFFUSE * span * np.array([1.0, 1.0 / (sensor.lag_s + 4 * dt_s)])
-    cov = sensor.ramp * wide**2 @ sensor.ramp.T + intensity[:, None, None] * sensor.scatter
-    cov = cov + np.reshape(level_noise, (-1, 1, 1)) * sensor.level_scatter
-    return level * sensor.ramp[:, 0], cov, float(wide[1] ** 2)
+    wide = np.array([DIFFUSE * span, slope_prior_sd(sensor, span, dt_s)])
+    scatter = intensity * sensor.scatter + level_noise * sensor.level_scatter
+    return level * sensor.ramp[:, 0], root_of_sum(sensor.ramp * wide, _root(scatter))
 
 
-def flow(drift: Array, time_s: float) -> Array:
-    """Transition matrix expm(drift time_s) (n, n), cached.
-
-    The cache helps because channels and windows share their chains and intervals. The result cannot
-    be written to. Times are rounded to 1e-12 s.
-    """
-    return _cached_flow(drift.tobytes(), len(drift), round(time_s, 12))
-
-
-def flows(drift: Array, dt_s: float) -> Array:
-    """Transition matrices expm(drift k dt_s), k = 0 to one more than the longest interval, cached.
-
-    The shape is (K, n, n). The longest interval is the last of ``tcdyn.smoothing.intervals.STEPS``.
-    """
-    return _cached_flows(drift.tobytes(), len(drift), dt_s)
-
-
-@lru_cache(maxsize=200)
-def _cached_flows(drift: bytes, n: int, dt_s: float) -> Array:
-    """The matrices of ``flows``, by the bytes of the drift, which the cache can compare."""
-    one = flow(np.frombuffer(drift).reshape(n, n), dt_s)
-    powers = [np.eye(n)]
-    while len(powers) <= STEPS[-1] + 1:
-        powers.append(powers[-1] @ one)
-    return np.array(powers)
-
-
-@lru_cache(maxsize=20_000)
-def _cached_flow(drift: bytes, n: int, time_s: float) -> Array:
-    """The matrix of ``flow``, by the bytes of the drift, which the cache can compare."""
-    result = np.asarray(expm(np.frombuffer(drift).reshape(n, n) * time_s))
-    result.setflags(write=False)
-    return result
-
-
-def kalman_filter(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
-    """Information-form Kalman filter, one interval at a time.
-
-    Parameters
-    ----------
-    model
-        The model on J intervals, M channels, Q proposals.
-
-    Yields
-    ------
-    mean
-        Predicted mean m (M, Q, n).
-    step
-        Its update P+ (s - L m) (M, Q, n).
-    gain
-        I + P L (M, Q, n, n), whose determinant the likelihood needs.
-    innovation
-        s - L m (M, Q, n).
-
-    Notes
-    -----
-    P+ = (I + P L)^-1 P and m+ = m + P+ (s - L m), then the transition. It must use the same model
-    as ``tcdyn.smoothing.rts.rts_smooth``, which filters one proposal and shares equal gains.
-    """
-    mean = model.mean0
-    cov = model.cov0.copy()
-    # what all proposals share is computed by one product
-    eye = np.eye(cov.shape[-1])
-    rows = (len(cov), -1, cov.shape[-1])
-    for j, kind in enumerate(model.kind):
-        cov[..., 0, 0] += model.jump_var[j, ..., 0]
-        cov[..., 1, 1] += model.jump_var[j, ..., 1]
-        info = model.information[j, :, 0]
-        back = model.transition[kind, :, 0].swapaxes(-1, -2)
-        gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
-        innovation = model.score[j] - mean @ info
-        cov = _inverse_or_nan(gain) @ cov
-        step = (cov @ innovation[..., None])[..., 0]
-        yield mean, step, gain, innovation
-        mean = (mean + step) @ back
-        for _ in range(2):  # A P A' = ((P A')' A')', which is symmetric
-            cov = (cov.swapaxes(-1, -2).reshape(rows) @ back).reshape(cov.shape)
-
-
-def _inverse_or_nan(matrices: Array) -> Array:
-    """Inverses of matrices (..., n, n); NaN for one that rounding made singular."""
-    try:
-        return np.asarray(np.linalg.inv(matrices), dtype=float)
-    except np.linalg.LinAlgError:
-        is_regular = np.linalg.matrix_rank(matrices) == matrices.shape[-1]
-        out = np.full_like(matrices, np.nan)
-        out[is_regular] = np.linalg.inv(matrices[is_regular])
-        return out
+def _root(covariance: Array) -> Array:
+    """A square root (n, n) of a covariance (n, n) that may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def likelihood(
-    record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]]
 ) -> tuple[Array, Array]:
     """Log likelihood of proposed intensities at the given noise variance.
 
     Parameters
     ----------
-    record, noise_var, proposals
-        As for ``interval_model``, Q proposals for each channel.
-    fine
-        Largest length of an interval times the corner frequency [rad]. A search may use a larger
-        value than a result.
+    record
+        The record.
+    noise_var
+        Noise variance of each channel (M,) [K2].
+    proposals
+        Q proposed intensities for each channel.
 
     Returns
     -------
@@ -353,23 +387,32 @@ def likelihood(
     Prior mean and covariance are those of ``ramp_prior``. ``tests/smoothing/test_states.py``
     compares both results with the dense covariance of all samples.
     """
-    model = full_model(record, noise_var, proposals, fine)
-    log_det = np.zeros(model.mean0.shape[:2])
-    quadratic = np.zeros(model.mean0.shape[:2])
-    with np.errstate(over="ignore", invalid="ignore"):
-        for (mean, step, gain, innovation), score in zip(kalman_filter(model), model.score):
-            sign, log_size = np.linalg.slogdet(gain)
-            # a sign lost to rounding occurs only at intensities far from the data
-            log_det += np.where(sign > 0, log_size, np.inf)
-            quadratic -= ((score + innovation) * mean + innovation * step).sum(axis=-1)
+    span = channel_ranges(record)
+    value, chi2 = np.empty((2, len(noise_var), len(proposals[0])))
+    for c, proposed in enumerate(proposals):
+        for same_times, index in _by_burst_times(proposed):
+            _, models = point_models(record, c, float(noise_var[c]), same_times, float(span[c]))
+            for k, model in zip(index, models):
+                value[c, k], chi2[c, k] = log_likelihood(model, SETTLED_IN_SEARCH)
     n_samples = (record.weight > 0).sum(axis=0)
-    chi2 = quadratic + ((record.weight * record.y**2).sum(axis=0) / noise_var)[:, None]
-    value = -0.5 * (log_det + chi2 + (n_samples * np.log(noise_var))[:, None])
     ratio = chi2 / np.maximum(n_samples - 2 - len(record.events_s), 1)[:, None]
     is_lost = ~np.isfinite(value)
     value[is_lost] = -np.inf
     ratio[is_lost] = 1.0
     return value, ratio
+
+
+def _by_burst_times(
+    proposals: Sequence[Intensity],
+) -> list[tuple[list[Intensity], list[int]]]:
+    """Proposals whose bursts start at the same times, and their indices."""
+    groups: dict[frozenset[float], tuple[list[Intensity], list[int]]] = {}
+    for k, q in enumerate(proposals):
+        starts = frozenset(burst.start_s for burst in q.bursts)
+        members, index = groups.setdefault(starts, ([], []))
+        members.append(q)
+        index.append(k)
+    return list(groups.values())
 
 
 class SmoothedSamples(NamedTuple):
@@ -396,30 +439,36 @@ class SmoothedSamples(NamedTuple):
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A smoothed record: states at the knots given all samples.
+    """A smoothed record: states at its samples and events given all samples.
 
     Parameters
     ----------
     record, noise_var, intensities
         The record, its noise variance (M,) [K2] and the intensity of each channel.
-    knots_s
-        Knots (J+1,) [s].
+    times_s
+        Times (J,) [s] of the samples and events.
+    sample
+        Index (N,) of the samples in ``times_s``.
     level, slope
-        Temperature [degC] and slope [K/s] (J, M) at the knots but the last.
+        Temperature [degC] and slope [K/s] (J, M).
     var
         Their covariance (3, J, M): variance of the level, covariance, variance of the slope.
+    change_var
+        Variance (N, M, 2) [K2] of the change of the temperature to the next sample, and to the one
+        after that.
     lag_change, split_change
         Sensitivity to the lag [K/s] and to its division into parts [K/s2] (J, M), see ``Sensor``.
     jump_chi2
         Score test (J, M) for a jump of level, slope or both: chi-square with two degrees of freedom
         if there is none.
     score, score_var
-        Adjoint (J, M, 2) of level [1/K] and slope [s/K] at each knot, and its variance if the
-        intensities are right: the derivative of the log likelihood with respect to the variance of
-        a jump there is half of ``score**2 - score_var``.
-    jump_var, jump_slope
-        Prior variance (J, M) [K2] of the jump of the level at each knot, and minus its covariance
-        with the slope after it over that variance [1/s].
+        Adjoint (J, M, 2) of level [1/K] and slope [s/K], and its variance if the intensities are
+        right: the derivative of the log likelihood with respect to the variance of a jump there is
+        half of ``score**2 - score_var``.
+    gradient, expected
+        For level and slope noise of the steps before each time (J, M, 2): twice the derivative of
+        the log likelihood with respect to the intensity is ``gradient - expected``; they are equal
+        on average if the intensities are right.
     predicted, predicted_var
         Predicted reading without noise (N, M) [degC], and its variance [K2].
     """
@@ -427,97 +476,81 @@ class Smoothed:
     record: Record
     noise_var: Array
     intensities: tuple[Intensity, ...]
-    knots_s: Array
+    times_s: Array
+    sample: NDArray[np.intp]
     level: Array
     slope: Array
     var: Array
+    change_var: Array
     lag_change: Array
     split_change: Array
     jump_chi2: Array
     score: Array
     score_var: Array
-    jump_var: Array
-    jump_slope: Array
+    gradient: Array
+    expected: Array
     predicted: Array
     predicted_var: Array
 
     def at_samples(self) -> SmoothedSamples:
-        """Temperature, slope, standard deviation and sensitivities at the samples.
-
-        Within an interval the level is a straight line and its variance a quadratic of the state
-        covariance at the knot; the sensitivities are interpolated linearly between knots.
-        """
-        dt = self.record.dt_s
-        t = np.asarray(np.arange(len(self.predicted)) * dt, dtype=np.float64)
-        interval = np.searchsorted(self.knots_s[:-1], t + 1e-6 * dt, side="right") - 1
-        since_knot_s = (t - self.knots_s[interval])[:, None]
-
-        def polynomial(*powers: Array) -> Array:
-            """Polynomial (N, M) in the time since the knot, from the highest power (J, M) on."""
-            value = powers[0][interval]
-            for coefficients in powers[1:]:
-                value *= since_knot_s
-                value += coefficients[interval]
-            return value
-
-        def interpolated(at_knot: Array) -> Array:
-            """Values (N, M) on straight lines between those at the knots (J, M)."""
-            steps = np.diff(at_knot, axis=0, append=at_knot[-1:])
-            return polynomial(steps / np.diff(self.knots_s)[:, None], at_knot)
-
-        level_var, cross, slope_var = self.var
-        rate, rate_var = self._rates(t)
+        """Temperature, slope, standard deviation and sensitivities at the samples."""
+        rate, rate_var = self._rates()
         return SmoothedSamples(
-            polynomial(self.slope, self.level),
-            np.sqrt(np.maximum(polynomial(slope_var, 2 * cross, level_var), 0.0)),
+            self.level[self.sample],
+            np.sqrt(self.var[0, self.sample]),
             rate,
-            np.sqrt(np.maximum(rate_var, 0.0)),
-            interpolated(self.lag_change),
-            interpolated(self.split_change),
+            np.sqrt(rate_var),
+            self.lag_change[self.sample],
+            self.split_change[self.sample],
         )
 
-    def _rates(self, time_s: Array) -> tuple[Array, Array]:
-        """Rate of change (N, M) [K/s] and its variance at times (N,) [s].
+    def _rates(self) -> tuple[Array, Array]:
+        """Rate of change (N, M) [K/s] at the samples and its variance.
 
-        It is the mean over one sampling interval around each time. The noise that drives the level
-        itself has no rate at an instant.
+        It is the mean over one sampling interval around each sample. The noise that drives the
+        level itself has no rate at an instant.
 
         Notes
         -----
-        The slope is that in the middle of each interval, and straight between the middles. The jump
-        w of the level at the knot between them, with prior variance Q, stands for the noise of the
-        level in the time H from one middle to the other. It adds the rate w / H, where
-        w = Q score; the variance of w is Q - Q^2 score_var. In one sampling interval dt of them the
-        noise deviates from that mean, with the variance (Q / H) (1 / dt - 1 / H) (Brownian bridge).
-        At an event, where slope or level may jump, neither side has a part in the other.
+        Half of the interval lies before the sample and half after it. Given the temperatures at
+        samples, that of the middle between two of them is their mean but for level noise, which
+        adds the variance p dt / 4 (Brownian bridge), p the intensity. An interval with an event,
+        where slope or level may jump, counts only where the other one has an event, too. It and the
+        other one then both stand for all of the interval around the sample.
         """
         dt = self.record.dt_s
-        starts = self.knots_s[:-1]
-        middles = 0.5 * (starts + self.knots_s[1:])
-        last = len(starts) - 1
-        after = np.clip(np.searchsorted(middles, time_s), 1, max(last, 1))
-        after = np.minimum(after, last)  # of a single interval
-        before = np.maximum(after - 1, 0)
-        around_s = np.maximum(middles[after] - middles[before], dt)[:, None]
-        share = np.clip((time_s - middles[before])[:, None] / around_s, 0.0, 1.0)
-        bursts = {b.start_s for q in self.intensities for b in q.bursts if b.width_s == 0}
-        is_event = np.isin(starts[after], [*self.record.events_s, *bursts])[:, None]
-        share = np.where(is_event, time_s[:, None] >= starts[after][:, None] - 1e-6 * dt, share)
-        slope_var = self.var[2]
-        prior_var = np.where(is_event, 0.0, self.jump_var[after])
-        jump = prior_var * self.score[after, :, 0]
-        jump_var = prior_var - prior_var**2 * self.score_var[after, :, 0]
-        cross = -prior_var * self.jump_slope[after]
-        within = prior_var / around_s * (1.0 / dt - 1.0 / around_s)
-        rate = (1.0 - share) * self.slope[before] + share * self.slope[after] + jump / around_s
-        var = (1.0 - share) * slope_var[before] + share * slope_var[after]
-        return rate, var + jump_var / around_s**2 + 2.0 * cross / around_s + within
+        first, last = self.sample[:-1], self.sample[1:]
+        level = self.level[self.sample]
+        rate = np.diff(level, axis=0) / dt
+        var_one = self.change_var[:-1, :, 0] / dt**2
+        time_s = self.times_s[self.sample]
+        noise = np.stack([level_noise_at([q], time_s)[0] for q in self.intensities], axis=1)
+        bursts = [b.start_s for q in self.intensities for b in q.bursts if b.width_s == 0]
+        is_event = np.isin(self.times_s, [*self.record.events_s, *bursts])
+        count = np.cumsum(is_event)
+        is_usual = count[last] == count[first]  # no event after its start, up to its end
+        before = np.concatenate([[False], is_usual])
+        after = np.concatenate([is_usual, [False]])
+        is_between_events = ~before & ~after
+        before[1:] |= is_between_events[1:]
+        after[:-1] |= is_between_events[:-1]
+        both = (before & after)[:, None]
+        rate_before = np.concatenate([rate[:1], rate])
+        rate_after = np.concatenate([rate, rate[-1:]])
+        one_side = np.where(after[:, None], rate_after, rate_before)
+        var_before = np.concatenate([var_one[:1], var_one])
+        var_after = np.concatenate([var_one, var_one[-1:]])
+        one_side_var = np.where(after[:, None], var_after, var_before)
+        var_two = np.zeros_like(level)
+        var_two[1:-1] = self.change_var[:-2, :, 1] / (2 * dt) ** 2 + 0.5 * noise[1:-1] / dt
+        return (
+            np.where(both, 0.5 * (rate_before + rate_after), one_side),
+            np.where(both, var_two, one_side_var),
+        )
 
 
-def smooth_record(
-    record: Record, noise_var: Array, intensities: Sequence[Intensity], fine: float = FINE
-) -> Smoothed:
-    """Smooth the full record with the RTS smoother, given noise variance and intensities.
+def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intensity]) -> Smoothed:
+    """Smooth the full record, given noise variance and intensities.
 
     Parameters
     ----------
@@ -527,85 +560,94 @@ def smooth_record(
         Noise variance (M,) [K2].
     intensities
         One intensity for each channel.
-    fine
-        Largest length of an interval times the corner frequency [rad].
 
     Returns
     -------
     Smoothed
-        States at the knots, predicted readings, and the score test for jumps.
+        States at samples and events, predicted readings, and the score test for jumps.
 
     Notes
     -----
-    A long record is divided into chunks of intervals with margins in which both passes settle. The
-    result equals that of the full record to a millionth of a kelvin, with the memory of a chunk;
-    see ``tcdyn.smoothing.intervals.chunks`` and ``tests/smoothing/test_smoother.py``.
-
-    The score test for a jump of level and slope at a knot is q' W^-1 q, with the adjoint q and its
-    variance W from ``tcdyn.smoothing.rts.rts_smooth`` (as in de Jong and Penzer 1998).
+    The score test for a jump of level and slope at a time is q' W^-1 q, with the adjoint q and its
+    variance W (as in de Jong and Penzer 1998).
     """
-    proposals = [[q] for q in intensities]
-    knots = knots_for(record, noise_var, proposals, fine)
-    span = channel_ranges(record)
     (n_samples, n_channels) = record.y.shape
-    n_intervals = len(knots) - 1
-    level, slope, lag_change, split_change, jump_chi2 = np.empty((5, n_intervals, n_channels))
-    var = np.empty((3, n_intervals, n_channels))
-    score, score_var = np.empty((2, n_intervals, n_channels, 2))
-    jump_var, jump_slope = np.empty((2, n_intervals, n_channels))
-    read, read_var = np.zeros((2, n_samples + 1, n_channels))
-    lag_rows = np.stack([s.lag_row for s in record.sensors])
-    split_rows = np.stack([s.split_row for s in record.sensors])
-    for low, first, last, high in chunks(record, noise_var, intensities, knots):
-        model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
-        chunk = rts_smooth(model)
-        stored = slice(first - low, last - low)
-        mean = chunk.mean[stored]
-        cov = chunk.cov[stored]
-        adjoint_var = chunk.adjoint_var[stored]
-        (level_score, slope_score) = np.moveaxis(chunk.adjoint[stored], -1, 0)
-        diagonal = adjoint_var[..., [0, 1], [0, 1]]
-        cross = adjoint_var[..., 0, 1]
-        product = np.prod(diagonal, axis=-1)
+    bursts = {b.start_s for q in intensities for b in q.bursts if b.width_s == 0}
+    common = points_of(record, 0.0, [*record.events_s, *(b for b in bursts if b > 0)])
+    count = len(common.time_s)
+    level, slope, lag_change, split_change, jump_chi2 = np.empty((5, count, n_channels))
+    change_var = np.empty((n_samples, n_channels, 2))
+    var = np.empty((3, count, n_channels))
+    score, score_var, gradient, expected = np.empty((4, count, n_channels, 2))
+    predicted, predicted_var = np.empty((2, n_samples, n_channels))
+    span = channel_ranges(record)
+    for c, (sensor, q) in enumerate(zip(record.sensors, intensities)):
+        points, (model,) = point_models(record, c, float(noise_var[c]), [q], float(span[c]))
+        smoothed = smooth_points(model, np.stack([sensor.lag_row, sensor.split_row]))
+        at = points.at(common.time_s)
+        level[:, c], slope[:, c] = smoothed.mean[at].T
+        var[:, :, c] = smoothed.covariance[at].T
+        lag_change[:, c], split_change[:, c] = smoothed.extra[at].T
+        change_var[:, c] = smoothed.change_var[points.sample]
+        # points between two common times are readings of a channel with a dead time
+        before = np.concatenate([[0], at[:-1] + 1])
+        gradient[:, c] = np.add.reduceat(smoothed.gradient, before)
+        expected[:, c] = np.add.reduceat(smoothed.expected, before)
+        predicted[:, c] = smoothed.predicted[points.reading]
+        predicted_var[:, c] = smoothed.predicted_var[points.reading]
+        score[:, c] = smoothed.score[at]
+        level_var, cross, slope_var = smoothed.score_var[at].T
+        score_var[:, c] = np.stack([level_var, slope_var], axis=1)
+        level_score, slope_score = score[:, c].T
+        product = level_var * slope_var
         determinant = np.maximum(product - cross**2, 1e-9 * product + 1e-300)
         quadratic = (
-            level_score**2 * diagonal[..., 1]
+            level_score**2 * slope_var
             - 2 * level_score * slope_score * cross
-            + slope_score**2 * diagonal[..., 0]
+            + slope_score**2 * level_var
         )
-        jump_chi2[first:last] = quadratic / determinant
-        score[first:last] = chunk.adjoint[stored]
-        score_var[first:last] = diagonal
-        jump_var[first:last] = model.jump_var[stored, :, 0, 0]
-        jump_slope[first:last] = chunk.jump_slope[stored]
-        level[first:last] = mean[..., 0]
-        slope[first:last] = mean[..., 1]
-        var[:, first:last] = np.moveaxis(cov[..., [0, 0, 1], [0, 1, 1]], -1, 0)
-        lag_change[first:last] = np.einsum("jmn,mn->jm", mean, lag_rows)
-        split_change[first:last] = np.einsum("jmn,mn->jm", mean, split_rows)
-        for c, kinds in enumerate(model.rows):
-            for intervals, rows, sample in kinds:
-                inside = (intervals >= stored.start) & (intervals < stored.stop)
-                intervals = intervals[inside] - stored.start
-                sample = sample[inside]
-                read[sample, c] = mean[intervals, c] @ rows.T
-                flat_cov = cov[intervals, c].reshape(len(intervals), rows.shape[1] ** 2)
-                read_var[sample, c] = flat_cov @ _squares(rows).T
+        jump_chi2[:, c] = quadratic / determinant
     return Smoothed(
         record,
         noise_var,
         tuple(intensities),
-        knots,
+        common.time_s,
+        common.reading,
         level,
         slope,
         var,
+        change_var,
         lag_change,
         split_change,
         jump_chi2,
         score,
         score_var,
-        jump_var,
-        jump_slope,
-        read[:-1],
-        read_var[:-1],
+        gradient,
+        expected,
+        predicted,
+        predicted_var,
     )
+
+
+def sample_covariance(
+    record: Record, noise_var: Array, intensity: Intensity, first: int, last: int
+) -> Array:
+    """Covariance (c, c) [K2] of the temperatures of a channel at the samples of a window.
+
+    Parameters
+    ----------
+    record
+        A record of one channel: the window and margins in which the smoother settles.
+    noise_var
+        Noise variance (1,) [K2].
+    intensity
+        The intensity.
+    first, last
+        First sample of the window, and one past the last.
+    """
+    span = channel_ranges(record)
+    points, (model,) = point_models(record, 0, float(noise_var[0]), [intensity], float(span[0]))
+    sample = points.sample[first:last]
+    covariance = level_covariance(model, int(sample[0]), int(sample[-1]) + 1)
+    index = sample - sample[0]
+    return np.asarray(covariance[np.ix_(index, index)])

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.chain import NO_CONDITIONING, Chain, sensors
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.io.table import Columns, Table
@@ -17,8 +16,6 @@ from tcdyn.sensors.segments import read_segments
 from tcdyn.series import Clock, Context, ReadingOptions, Series, Source, make_series, open_source
 from tcdyn.series.reading import Kind
 from tcdyn.series.series import ColumnRows, clock_of, on_grid
-from tcdyn.smoothing import Intensity
-from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.process_noise import FLOOR
 from tests.cli.test_main_job import tcdyn
 from tests.sensors.sensor_world import Array
@@ -168,9 +165,8 @@ def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
     time_s[30000:] += silence_s
     made = list(read_segments(Rows(time_s, size), ["T1"], 2.0, min_rows=1000))
     assert len(made) > 5
-    chain = sensors([Chain((2.0,), conditioning=NO_CONDITIONING)])
-    floor = [Intensity.constant(FLOOR)]
-    margin = 8 * settling_time_s(chain, np.ones(1), 1 / 8, floor)  # of the smoothest temperature
+    # ten memories of the smoothest temperature, whose slowest root is (q / (R dt))^(1/4) / sqrt(2)
+    margin = 8 * 10 * np.sqrt(2) * (1 / 8 / FLOOR) ** 0.25
     answered = [p.data["T1"][p.keep] for p in made]
     assert np.concatenate(answered).tolist() == list(range(60000))
     assert (29999.0 in [rows[-1] for rows in answered]) == parted

@@ -13,43 +13,41 @@ import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
+from tcdyn.estimation.kalman import PointModel, smooth_points
 from tcdyn.smoothing import Burst, Intensity, smooth
-from tcdyn.smoothing.intervals import knots_for
 from tcdyn.smoothing.record import record_of
-from tcdyn.smoothing.rts import IntervalModel, rts_smooth
-from tcdyn.smoothing.state_space import interval_model
+from tcdyn.smoothing.state_space import point_models
 from tests.smoothing.sparse_study import Verdict, judge, simulate
 
 NOISE_K = 0.03
-RANGE_K = np.array([200.0])  # of a record with a step elsewhere: ten times that is the prior
+RANGE_K = 200.0  # of a record with a step elsewhere: ten times that is the prior
 FLOOR_INTENSITY = Intensity.constant(1e-6 * NOISE_K**2)
 
 
-def dense_posterior(model: IntervalModel) -> tuple[Array, Array]:
-    """Mean and standard deviation (J,) of the level at the knots by least squares."""
+def dense_posterior(model: PointModel) -> tuple[Array, Array]:
+    """Mean and standard deviation (P,) of the level at the points by least squares."""
     count = len(model.kind)
-    n = model.mean0.shape[-1]
-    unknowns = n + 2 * count
-    values, vectors = np.linalg.eigh(model.cov0[0, 0])
-    state = np.zeros((n, unknowns))
-    state[:, :n] = vectors * np.sqrt(np.maximum(values, 0.0))
-    mean = model.mean0[0, 0]
+    n = len(model.mean)
+    state = np.zeros((n, n * count))
+    state[:, :n] = model.factor
+    mean = model.mean
     levels, prior_levels, rows, right = [], [], [], []
-    for j in range(count):
-        for i in range(2):
-            state[i, n + 2 * j + i] += np.sqrt(model.jump_var[j, 0, 0, i])
+    for p in range(count):
         levels.append(state[0].copy())
         prior_levels.append(mean[0])
-        weights, directions = np.linalg.eigh(model.information[j, 0, 0])
-        for weight, direction in zip(weights, directions.T):
-            if weight > 1e-12 * max(weights.max(), 1e-300):
-                row = np.sqrt(weight) * direction
-                rows.append(row @ state)
-                right.append(direction @ model.score[j, 0, 0] / np.sqrt(weight) - row @ mean)
-        flow = model.transition[model.kind[j], 0, 0]
-        state = flow @ state
-        mean = flow @ mean
-    orthogonal, triangle = np.linalg.qr(np.vstack([np.array(rows), np.eye(unknowns)]))
+        if model.variance[p] > 0:
+            rows.append(model.row @ state / np.sqrt(model.variance[p]))
+            right.append((model.reading[p] - model.row @ mean) / np.sqrt(model.variance[p]))
+        if p == count - 1:
+            break
+        kind = model.kind[p]
+        noise = model.level[p] * model.level_noise[kind] + model.slope[p] * model.slope_noise[kind]
+        noise = noise + np.diag([*model.jump[p], *[0.0] * (n - 2)])
+        values, vectors = np.linalg.eigh(noise)
+        state = model.transition[kind] @ state
+        state[:, n * (p + 1) : n * (p + 2)] = vectors * np.sqrt(np.maximum(values, 0.0))
+        mean = model.transition[kind] @ mean
+    orthogonal, triangle = np.linalg.qr(np.vstack([np.array(rows), np.eye(n * count)]))
     solution = np.linalg.solve(triangle, orthogonal[: len(rows)].T @ np.array(right))
     spread = np.linalg.solve(triangle.T, np.array(levels).T)
     mean_levels = np.array(prior_levels) + np.array(levels) @ solution
@@ -81,13 +79,12 @@ def test_u_in_gaps_equals_that_of_dense_least_squares(
     y = sparse_readings(gaps, 60)
     record = record_of(y, 1.0, Chain(lags_s, conditioning=NO_CONDITIONING), (), NOISE_K)
     noise_var = record.noise_sd**2
-    knots = knots_for(record, noise_var, [[intensity]])
-    model = interval_model(record, noise_var, [[intensity]], knots, RANGE_K)
+    _, (model,) = point_models(record, 0, float(noise_var[0]), [intensity], RANGE_K)
     mean, sd = dense_posterior(model)
-    smoothed = rts_smooth(model)
-    ours = np.sqrt(smoothed.cov[:, 0, 0, 0])
+    smoothed = smooth_points(model)
+    ours = np.sqrt(smoothed.covariance[:, 0])
     assert np.allclose(ours, sd, rtol=1e-3)
-    assert np.abs(smoothed.mean[:, 0, 0] - mean).max() < 0.01 * sd.min()
+    assert np.abs(smoothed.mean[:, 0] - mean).max() < 0.01 * sd.min()
 
 
 def settled_then_stepped(rows: Array, at: float, lag_rows: float = 25.0) -> Array:

@@ -150,4 +150,4 @@ def test_a_record_that_ends_soon_after_an_event_is_determined() -> None:
         y = clean + 0.2 * np.random.default_rng(seed).standard_normal(len(t))
         undetermined = smooth(y, dt, chain).undetermined
         assert undetermined is not None
-        assert not undetermined[:-1].any()
+        assert not undetermined[:-2].any()

@@ -22,9 +22,9 @@ def test_the_band_of_the_rate_holds_and_is_no_wider_than_needed(kind, lag_u_s):
 
 
 def test_rates_are_those_of_dense_least_squares():
-    """A random walk of slope and level, read directly: all samples and jumps as one normal vector.
+    """A random walk of slope and level, read directly: all states as one normal vector.
 
-    The process noise acts at the samples, as in the smoother at this sampling interval.
+    A grid of half sampling intervals, so that the mean over the interval around a sample is exact.
     """
     n, p, q, noise = 40, 0.3, 0.2, 0.1
     rng = np.random.default_rng(4)
@@ -34,21 +34,29 @@ def test_rates_are_those_of_dense_least_squares():
     result = smooth(
         y, STEP_S, Chain(()), noise_sd=noise, intensity=Intensity((0.0,), (q,), (), (p,))
     )
-    # unknowns: level and slope at first, jumps of level and of slope at each later sample
-    jump = np.tri(n, n, -1)[:, : n - 1]
-    weight = np.arange(n)[:, None] - np.arange(1, n)
-    slope_rows = np.hstack([np.zeros((n, 1)), np.ones((n, 1)), np.zeros((n, n - 1)), jump])
-    ramp = np.arange(n)[:, None] * STEP_S
-    level_rows = np.hstack([np.ones((n, 1)), ramp, jump, np.maximum(weight, 0) * STEP_S])
-    prior = [1e-8, 1e-8, *[1 / (p * STEP_S)] * (n - 1), *[1 / (q * STEP_S)] * (n - 1)]
-    covariance = np.linalg.inv(level_rows.T @ level_rows / noise**2 + np.diag(prior))
-    estimate = covariance @ level_rows.T @ y / noise**2
-    for k in range(10, 30):  # the mean of both slopes beside a sample, and the jump there
-        row = 0.5 * (slope_rows[k] + slope_rows[k - 1])
-        row[2 + k - 1] += 1 / STEP_S
+    half_s = 0.5 * STEP_S
+    step = np.array([[1.0, half_s], [0.0, 1.0]])
+    driving = q * np.array([[half_s**3 / 3, half_s**2 / 2], [half_s**2 / 2, half_s]])
+    driving[0, 0] += p * half_s
+    count = 2 * n - 1
+    state = np.zeros((2, 2 * count))
+    state[:, :2] = 1e4 * np.eye(2)
+    levels = []
+    for k in range(count):
+        levels.append(state[0].copy())
+        state = step @ state
+        state[:, 2 * (k + 1) : 2 * (k + 2)] = np.linalg.cholesky(driving)[:, : state.shape[1]]
+        if k + 2 == count:
+            levels.append(state[0].copy())
+            break
+    rows = np.array(levels)[::2] / noise
+    information = rows.T @ rows + np.eye(2 * count)
+    covariance = np.linalg.inv(information)
+    estimate = covariance @ rows.T @ (y / noise)
+    for k in range(10, 30):
+        row = (levels[2 * k + 1] - levels[2 * k - 1]) / STEP_S
         assert result.slope[k, 0] == pytest.approx(row @ estimate, abs=0.02 * result.slope_sd[k, 0])
-        # the smoother takes the mean of the variances of both slopes for that of their mean
-        assert 0.999 < result.slope_sd[k, 0] / np.sqrt(row @ covariance @ row) < 1.05
+        assert result.slope_sd[k, 0] == pytest.approx(np.sqrt(row @ covariance @ row), rel=0.01)
 
 
 def test_the_causal_inverse_has_a_rate_with_its_uncertainty():

@@ -11,11 +11,8 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.static_line import StaticLine
-from tcdyn.smoothing import Burst, Intensity, invert, smooth, window_covariance
-from tcdyn.smoothing import intervals as pieces
-from tcdyn.smoothing import rts as sweep
-from tcdyn.smoothing.record import SATURATED, SPIKE, STUCK, record_of
-from tcdyn.smoothing.state_space import Smoothed, smooth_record
+from tcdyn.smoothing import Intensity, invert, smooth, window_covariance
+from tcdyn.smoothing.record import SATURATED, SPIKE, STUCK
 from tcdyn.smoothing.windows import window_means
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
@@ -31,19 +28,25 @@ def exponential_rise(n=800, dt=DT, fine=20):
     return x[::fine], Chain((1.0,), conditioning=NO_CONDITIONING).response(x, dt / fine)[::fine]
 
 
-def dense_operators(n, dt, chain, noise_sd, q):
-    """Truth and reading (n, n + 1) of slopes that may jump on every knot, and the posterior
-    covariance of the jumps."""
+def dense_operators(n, dt, chain, noise_sd, q, parts=10):
+    """Truth and reading (n, k) of slopes that may jump ``parts`` times in each sampling interval,
+    and the posterior covariance of the jumps."""
     run_in = 400
-    k = np.arange(1, n)
+    k = np.arange(0.5, (n - 1) * parts)
     x_of = np.column_stack(
-        [np.ones(n), np.arange(n) * dt, np.maximum(np.arange(n)[:, None] - k, 0) * dt]
+        [
+            np.ones(n),
+            np.arange(n) * dt,
+            np.maximum(np.arange(n)[:, None] * parts - k, 0) * dt / parts,
+        ]
     )
-    t = np.arange(n + run_in) - run_in
-    long = np.column_stack([np.ones(len(t)), t * dt, np.maximum(t[:, None] - k, 0) * dt])
-    y_of = chain.response(long, dt)[run_in:]
+    t = np.arange((n + run_in) * parts) - run_in * parts
+    long = np.column_stack(
+        [np.ones(len(t)), t * dt / parts, np.maximum(t[:, None] - k, 0) * dt / parts]
+    )
+    y_of = chain.response(long, dt / parts)[run_in * parts :: parts]
     y_of[:, 1] = np.arange(n) * dt - chain.lag_s  # a ramp followed for ever comes late by lag_s
-    precision = np.diag(np.r_[0.0, 0.0, np.full(n - 1, 1 / (q * dt))])
+    precision = np.diag(np.r_[0.0, 0.0, np.full(len(k), parts / (q * dt))])
     return x_of, y_of, np.linalg.inv(y_of.T @ y_of / noise_sd**2 + precision)
 
 
@@ -69,16 +72,16 @@ def dense_smoother(y, dt, chain, noise_sd, q):
     ],
 )
 def test_smoother_equals_dense_least_squares_inside_the_record(chain):
-    """Away from the start, where the priors on the chain's past differ; tolerance: condition of the
-    dense inverse."""
+    """Away from the start, where the priors on the chain's past differ; tolerance: slopes of the
+    dense model jump ten times in a sampling interval."""
     rng = np.random.default_rng(1)
     y = np.cumsum(rng.standard_normal(160)) * 0.3 + 0.1 * rng.standard_normal(160)
-    q = 1e6  # so high that every cell is one sample long
+    q = 1e6
     mean, sd = dense_smoother(y, DT, chain, 0.1, q)
     ours = smooth(y, DT, chain, noise_sd=0.1, intensity=q)
     inside = slice(100, 160)
-    assert np.allclose(ours.temperature[inside, 0], mean[inside], atol=2e-4 * np.max(sd))
-    assert np.allclose(ours.sd[inside, 0], sd[inside], rtol=2e-4)
+    assert np.allclose(ours.temperature[inside, 0], mean[inside], atol=3e-3 * np.max(sd))
+    assert np.allclose(ours.sd[inside, 0], sd[inside], rtol=5e-3)
 
 
 def test_delay_shifts_the_record_exactly():
@@ -489,76 +492,6 @@ def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
     least = 0.95 - 0.4 / np.sqrt(n)
     assert covered[:, transient].mean() > least
     assert covered[:, edges].mean() > least
-
-
-def largest_difference(one: Smoothed, other: Smoothed) -> float:
-    """Of all quantities at the samples [K, K/s, K2]."""
-    pairs = [
-        *zip(one.at_samples(), other.at_samples()),
-        (one.predicted, other.predicted),
-        (one.predicted_var, other.predicted_var),
-    ]
-    return max(float(np.abs(a - b).max()) for a, b in pairs)
-
-
-def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two channels, an event, a gap and spikes: the same to a ten-millionth of a kelvin."""
-    rng, dt = np.random.default_rng(5), 0.02
-    t = np.arange(6000) * dt
-    x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
-    chains = [Chain([0.5, 0.1]), Chain([0.9])]
-    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal(
-        (len(t), 2)
-    )
-    y[2000:2040, 0] = np.nan
-    y[4000, 1] += 5
-    stretch = record_of(y, dt, chains, (70.003,))
-    chosen = [
-        Intensity((0.0, 70.003), (0.01, 0.02), (Burst(70.003, 50.0, 0.5),)),
-        Intensity.constant(0.5),
-    ]
-    quick = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    steps, real = [], sweep.recursion
-    monkeypatch.setattr(sweep, "recursion", lambda phi, u: steps.append(len(u)) or real(phi, u))
-    smooth_record(stretch, stretch.noise_sd**2, chosen)
-    assert sum(steps) > 0.3 * 2 * len(quick.knots_s)
-    monkeypatch.setattr(sweep, "MIN_RUN", len(t))
-    exact = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    assert largest_difference(quick, exact) < 1e-7
-    assert np.allclose(quick.jump_chi2, exact.jump_chi2, rtol=1e-3, atol=1e-3)
-
-
-def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Two channels, one with a dead time, an event, a gap, and an intensity that falls to a
-    thousandth."""
-    rng, dt = np.random.default_rng(6), 0.02
-    t = np.arange(12_000) * dt
-    x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
-    chains = [Chain([0.5, 0.1], delay_s=0.13), Chain([0.9])]
-    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal(
-        (len(t), 2)
-    )
-    y[5000:5040, 0] = np.nan
-    stretch = record_of(y, dt, chains, (70.003,))
-    chosen = [
-        Intensity((0.0, 70.003), (5.0, 0.005), (Burst(70.003, 50.0, 0.5),)),
-        Intensity.constant(0.5),
-    ]
-    whole = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    count = len(whole.knots_s)
-    monkeypatch.setattr(pieces, "CHUNK_INTERVALS", 250)
-    cuts = list(pieces.chunks(stretch, stretch.noise_sd**2, chosen, whole.knots_s))
-    assert len(cuts) > 4
-    assert [first for _, first, _, _ in cuts[1:]] == [last for _, _, last, _ in cuts[:-1]]
-    assert max(high - low for low, _, _, high in cuts) < 0.5 * count
-    parts = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    assert largest_difference(parts, whole) < 1e-6
-    assert np.allclose(parts.jump_chi2[5:-5], whole.jump_chi2[5:-5], rtol=1e-3, atol=1e-3)
-    monkeypatch.setattr(pieces, "SETTLING", 2.0)  # the margin is what makes them equal
-    short = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    assert largest_difference(short, whole) > 1e-5
 
 
 @pytest.mark.parametrize(
