@@ -1,10 +1,12 @@
 """Coverage of the bands of the smoother for signals that its prior does not describe.
 
 `python -m tests.smoothing.band_study [RECORDS] [SEED] [WORDS]` prints one line a row of the table
-on the page "Validation": coverage of the 95 % band (mean over the records), largest error in
-standard deviations, rms error, rms error of a Tikhonov deconvolution whose order and weight are
-tuned with the true temperature, share of records with a warning, and CPU time a record. Rows are
-those whose name contains one of WORDS.
+on the page "Validation": coverage of the 95 % band (mean over the records, their standard deviation
+and the worst one), largest error in standard deviations, rms error, rms of the standard
+uncertainties, mean score of the 95 % interval (its width, and 40 times the distance of what it
+misses; T. Gneiting and A. E. Raftery, J. Am. Stat. Assoc. 102, 359, 2007), rms error of a Tikhonov
+deconvolution whose order and weight are tuned with the true temperature, share of records with a
+warning, and CPU time a record. Rows are those that WORDS name.
 
 The readings come from recursions that are exact for an input that is linear between the points of a
 grid 16 times finer than the samples. The records cycle through four sensors: one lag; two lags in
@@ -144,6 +146,81 @@ def small_step(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
     return 0.1 * (t >= start), [start]
 
 
+def quick_ornstein_uhlenbeck(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """Stationary, standard deviation 4 K, correlation time 0.2 s."""
+    keep = np.exp(-(t[1] - t[0]) / 0.2)
+    white = rng.standard_normal(len(t)) * np.sqrt(1 - keep**2)
+    white[0] = rng.standard_normal()
+    return 4.0 * lfilter([1.0], [1.0, -keep], white), []
+
+
+def kaimal(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """Turbulence: spectrum 1 / (1 + 10.2 f L)^(5/3), L 1.5 s; standard deviation 2 K.
+
+    Shape: J. C. Kaimal et al., Q. J. R. Meteorol. Soc. 98, 563 (1972).
+    """
+    n = 2 * len(t)
+    f = np.fft.rfftfreq(n, t[1] - t[0])
+    amplitude = (1 + 10.2 * 1.5 * f) ** (-5 / 6)
+    amplitude[0] = 0.0
+    spectrum = amplitude * (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))
+    x = np.fft.irfft(spectrum, n)[: len(t)]
+    return 2.0 * x / np.std(x), []
+
+
+def sawtooth(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """Rises by 6 K in 4 s and falls at once."""
+    phase = t / 4.0 + rng.uniform()
+    return 6.0 * (phase % 1.0), []
+
+
+def thermostat(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """Two-point control of a body of 8 s between 40 % and 60 % of 20 K."""
+    step_s = t[1] - t[0]
+    x = np.empty(len(t))
+    level, is_on = rng.uniform(8.0, 12.0), rng.random() < 0.5
+    keep = np.exp(-step_s / 8.0)
+    for k in range(len(t)):
+        target = 20.0 if is_on else 0.0
+        level = target + (level - target) * keep
+        if level > 12.0:
+            is_on = False
+        elif level < 8.0:
+            is_on = True
+        x[k] = level
+    return x, []
+
+
+def periodic_pulses(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """8 K for 0.4 s, every 3 s."""
+    return 8.0 * ((t + rng.uniform(0, 3)) % 3.0 < 0.4), []
+
+
+def modulated_sine(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """1 Hz, amplitude between 0 and 4 K with a period of 15 s."""
+    envelope = 2.0 * (1 + np.sin(2 * np.pi * t / 15 + rng.uniform(0, 6)))
+    return envelope * np.sin(2 * np.pi * t + rng.uniform(0, 6)), []
+
+
+def staircase(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """Up by 3 K every 5 s, then down."""
+    level = np.floor((t + rng.uniform(0, 5)) / 5.0)
+    return 3.0 * np.minimum(level, level[-1] - level), []
+
+
+def chirped_steps(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """Between two levels 6 K apart; half periods fall from 8 s to 0.5 s."""
+    share = (t - t[0]) / (t[-1] - t[0])
+    phase = rng.uniform(0, 2) + t[-1] * (share / 8 + 0.5 * (2 - 1 / 8) * share**2)
+    return 6.0 * (np.floor(phase) % 2), []
+
+
+def two_exponentials(t: Array, rng: np.random.Generator) -> tuple[Array, list[float]]:
+    """A fall by 10 K with 1 s and by 10 K with 15 s, from a random time on."""
+    since = np.maximum(t - rng.uniform(6.0, 15.0), 0.0)
+    return 10.0 * np.expm1(-since / 1.0) + 10.0 * np.expm1(-since / 15.0), []
+
+
 ROWS = (
     Row("pulse, given", pulse, given=True),
     Row("pulse", pulse),
@@ -161,6 +238,15 @@ ROWS = (
     Row("steps of 0.5 K, heating", heating, step_K=0.5),
     Row("small step", small_step),
     Row("small step, given", small_step, given=True),
+    Row("OU of 0.2 s", quick_ornstein_uhlenbeck),
+    Row("Kaimal", kaimal),
+    Row("sawtooth", sawtooth),
+    Row("thermostat", thermostat),
+    Row("periodic pulses", periodic_pulses),
+    Row("modulated sine", modulated_sine),
+    Row("staircase", staircase),
+    Row("chirped steps", chirped_steps),
+    Row("two exponentials", two_exponentials),
 )
 
 
@@ -272,7 +358,7 @@ def tuned_rms(setup: Setup, truth: Array, y: Array, events_s: list[float]) -> fl
 
 def judge(row: Row, index: int, seed: int) -> tuple[float, ...]:
     """Coverage, largest error [sd], mean square error [K2], that of the reference, warnings, CPU
-    [s]."""
+    [s], rms of u [K], mean interval score [K]."""
     setup, truth, y, events = simulate(row, index, seed)
     chains = [Chain(lags_s, conditioning=NO_CONDITIONING) for lags_s in setup.lags_s]
     given = events if row.given else []
@@ -280,6 +366,8 @@ def judge(row: Row, index: int, seed: int) -> tuple[float, ...]:
     result = smooth(y, setup.dt_s, chains, events_s=given)
     spent = time.process_time() - start
     error = np.abs(result.temperature - truth)
+    half_width = 1.96 * result.sd
+    score = 2 * half_width + 40 * np.maximum(error - half_width, 0.0)
     return (
         float(np.mean(error < 1.96 * result.sd)),
         float(np.max(error / result.sd)),
@@ -288,14 +376,15 @@ def judge(row: Row, index: int, seed: int) -> tuple[float, ...]:
         float(len(result.warnings) > 0),
         spent,
         float(np.sqrt(np.mean(result.sd**2))),
+        float(np.mean(score)),
     )
 
 
 def report(records: int, seed: int, words: list[str], workers: int, verbose: bool) -> None:
     """Print the table."""
     print(
-        f"{'row':26s} cover %  worst rec  max |e|/sd   rms K  typ. sd  tuned K  ratio  warned "
-        "%  CPU s"
+        f"{'row':26s} cover %  +-  worst rec  max |e|/sd   rms K   rms u   score  tuned K  ratio"
+        "  warned %  CPU s"
     )
     for row in ROWS:
         if words and not any(word == row.name for word in words):
@@ -308,12 +397,13 @@ def report(records: int, seed: int, words: list[str], workers: int, verbose: boo
                     f"   {index:3d} {100 * r[0]:6.1f} {r[1]:8.1f} rms {r[2] ** 0.5:7.4f} sd "
                     f"{r[6]:7.4f} tuned {r[3] ** 0.5:7.4f} warned {r[4]:.0f} {r[5]:6.2f} s"
                 )
-        cover, worst, square, tuned, warned, spent, sd = np.array(results).T
+        cover, worst, square, tuned, warned, spent, sd, score = np.array(results).T
         rms = float(np.sqrt(square.mean()))
         reference = float(np.sqrt(tuned.mean()))
         print(
-            f"{row.name:26s} {100 * cover.mean():7.1f} {100 * cover.min():10.1f} "
-            f"{worst.max():11.1f} {rms:7.3f} {np.sqrt(np.mean(sd**2)):8.3f} {reference:8.3f} "
+            f"{row.name:26s} {100 * cover.mean():7.1f} {100 * cover.std():3.1f} "
+            f"{100 * cover.min():10.1f} {worst.max():11.1f} {rms:7.3f} "
+            f"{np.sqrt(np.mean(sd**2)):7.3f} {score.mean():7.3f} {reference:8.3f} "
             f"{rms / reference:6.2f} {100 * warned.mean():9.0f} {spent.mean():6.2f}",
             flush=True,
         )
