@@ -28,7 +28,7 @@ from tcdyn.estimation.compiled import compiled
 
 # Points whose filter is stored at once. The smoother filters each block again on its way back, so
 # that its memory does not grow with the states of the record. A matter of memory only.
-BLOCK = 16384
+BLOCK = 65536
 # Relative change of a covariance from one point to the next below which it counts as settled. The
 # rest of its change is this over the share that it loses at each point: 1e-10 of 10,000 points.
 SETTLED = 1e-12
@@ -306,6 +306,8 @@ def _filter_block(
     chi2 = 0.0
     used = 0
     is_repeated = False
+    log_slot = -1
+    log_root = 0.0
     end = len(model.kind) - 1
     predicted = np.empty(n)
     for p in range(first, last):
@@ -321,9 +323,10 @@ def _filter_block(
         ):
             slot = slot_of[before]
             slot_of[k] = slot
-            _copy(factors[slot_of[before + 1]], factor)
             is_repeated = True
         else:
+            if is_repeated:  # the factor after the last point is that after the point it repeats
+                _copy(factors[slot_of[before]], factor)
             slot = used
             slot_of[k] = slot
             used += 1
@@ -364,7 +367,10 @@ def _filter_block(
             for i in range(n):
                 innovation -= model.row[i] * mean[i]
             scaled = innovation / roots[slot]
-            log_roots += np.log(roots[slot])
+            if slot != log_slot:
+                log_slot = slot
+                log_root = np.log(roots[slot])
+            log_roots += log_root
             chi2 += scaled * scaled
         for i in range(n):
             value = gains[slot, i] * scaled
@@ -372,6 +378,8 @@ def _filter_block(
                 value += model.transition[kind, i, j] * mean[j]
             predicted[i] = value
         _copy_vector(predicted, mean)
+    if is_repeated:
+        _copy(factors[slot_of[last - first - model.period]], factor)
     return log_roots, chi2
 
 
@@ -463,47 +471,69 @@ def _row_times_factor(row: Array, factor: Array, out: Array) -> None:
 
 
 @compiled
-def _state_moments(factor: Array, lower: Array, row: Array, out: Array) -> None:
-    """Variances of the states of a point given all readings.
+def _state_moments(
+    factor: Array,
+    product: Array,
+    lower: Array,
+    rows: Array,
+    moments: Array,
+    row_map: Array,
+    solved: Array,
+) -> None:
+    """Variances of functions of the states of a point given all readings, and the map to them.
 
     Parameters
     ----------
     factor
         Square root S of the predicted covariance.
-    lower
-        Cholesky factor of I + G'G, see ``_product``.
-    row
-        The row h of the reading.
-    out
-        Its first 4 numbers become variance, covariance and variance of the first two states, and
-        the variance of h x.
+    product, lower
+        G and the Cholesky factor of I + G'G, see ``_product``.
+    rows
+        Rows (R, n) of the functions; the first three are both first states and the reading.
+    moments
+        Its first 4 numbers become variance, covariance and variance of the first two functions, and
+        the variance of the third.
+    row_map
+        Becomes the matrix (R, n) from e = d - T'm to the functions less those of m.
+    solved
+        Array (R, n) for work.
 
     Notes
     -----
-    The covariance is S (I + G'G)^-1 S'. The matrix that is inverted has no eigenvalue below one.
+    The covariance is S (I + G'G)^-1 S', and the mean m + S (I + G'G)^-1 G'e. The matrix that is
+    inverted has no eigenvalue below one.
     """
-    n = len(row)
-    first = factor[0].copy()
-    second = factor[1].copy()
-    read = np.empty(n)
-    _row_times_factor(row, factor, read)
-    _solve_lower(lower, n, first)
-    _solve_lower(lower, n, second)
-    _solve_lower(lower, n, read)
+    n = len(factor)
+    for f in range(len(rows)):
+        _row_times_factor(rows[f], factor, solved[f])
+        _solve_lower(lower, n, solved[f])
     for i in range(4):
-        out[i] = 0.0
+        moments[i] = 0.0
     for i in range(n):
-        out[0] += first[i] * first[i]
-        out[1] += first[i] * second[i]
-        out[2] += second[i] * second[i]
-        out[3] += read[i] * read[i]
+        moments[0] += solved[0, i] * solved[0, i]
+        moments[1] += solved[0, i] * solved[1, i]
+        moments[2] += solved[1, i] * solved[1, i]
+        moments[3] += solved[2, i] * solved[2, i]
+    for f in range(len(rows)):
+        _solve_upper(lower, n, solved[f])
+        for i in range(n):
+            value = 0.0
+            for j in range(n):
+                value += product[i, j] * solved[f, j]
+            row_map[f, i] = value
 
 
 @compiled
 def _score_moments(
-    product: Array, information: Array, level_noise: Array, slope_noise: Array, out: Array
+    product: Array,
+    information: Array,
+    level_noise: Array,
+    slope_noise: Array,
+    moments: Array,
+    score_map: Array,
+    lower: Array,
 ) -> None:
-    """Variances of the adjoint of a point.
+    """Variances of the adjoint of a point, and the map to it.
 
     Parameters
     ----------
@@ -513,32 +543,38 @@ def _score_moments(
         Square root T of the information of the readings from the point on.
     level_noise, slope_noise
         Covariances N1 and N2 of the step before the point.
-    out
+    moments
         Its numbers 4 to 8 become variance, covariance and variance of the first two adjoints,
         trace(N1 W) and trace(N2 W).
+    score_map
+        Becomes the matrix (n, n) from e = d - T'm to the adjoint.
+    lower
+        Array (n, n) for work.
 
     Notes
     -----
-    The covariance of the adjoint is W = T (I + G G')^-1 T'.
+    The adjoint is T (I + G G')^-1 e, and its covariance W = T (I + G G')^-1 T'.
     """
     n = len(product)
-    lower = np.empty((n, n))
     _factor_of_gram(product, True, lower)
-    rows = information.copy()
     for i in range(n):
-        _solve_lower(lower, n, rows[i])
-    out[7] = 0.0
-    out[8] = 0.0
+        for j in range(n):
+            score_map[i, j] = information[i, j]
+        _solve_lower(lower, n, score_map[i])
+    moments[7] = 0.0
+    moments[8] = 0.0
     for i in range(n):
         for j in range(i + 1):
             value = 0.0
             for k in range(n):
-                value += rows[i, k] * rows[j, k]
+                value += score_map[i, k] * score_map[j, k]
             twice = value if i == j else 2.0 * value
-            out[7] += twice * level_noise[i, j]
-            out[8] += twice * slope_noise[i, j]
+            moments[7] += twice * level_noise[i, j]
+            moments[8] += twice * slope_noise[i, j]
             if i < 2:
-                out[4 + i + j] = value
+                moments[4 + i + j] = value
+    for i in range(n):
+        _solve_upper(lower, n, score_map[i])
 
 
 @compiled
@@ -673,41 +709,46 @@ def _backward_step(
 @compiled
 def _smooth(
     model: PointModel,
-    extra_rows: Array,
+    rows: Array,
+    noise_roots: Array,
+    with_scores: bool,
     tolerance: float,
-    mean_out: Array,
-    extra: Array,
-    predicted: Array,
+    values: Array,
     adjoints: Array,
     gradient: Array,
     moments: Array,
     change_var: Array,
 ) -> None:
-    """Smoother; fills the arrays of ``Smoothing``.
+    """Smoother; fills the arrays from ``values`` on.
 
     Parameters
     ----------
     model
         The model.
-    extra_rows
-        Rows (E, n) whose product with the mean is wanted.
+    rows
+        Rows (R, n) of functions of the states, see ``_state_moments``.
+    noise_roots
+        Lower triangular square roots of N1 and N2 of each kind of step (2, K, n, n).
+    with_scores
+        Whether adjoints, their variances and changes are wanted.
     tolerance
         See ``SETTLED``.
-    mean_out, extra, predicted, adjoints, gradient, change_var
-        Arrays to fill, see ``Smoothing``.
+    values
+        Array (P, R): the functions.
+    adjoints, gradient, change_var
+        Arrays (P, 2), see ``Smoothing``.
     moments
-        Array (P, 9) to fill, see ``_state_moments`` and ``_score_moments``.
+        Array (P, 9), see ``_state_moments`` and ``_score_moments``.
 
     Notes
     -----
     The filter runs forward and keeps its state at the first point of each block. On the way back
     each block but the last is filtered again. Backward, the readings from a point on are summed up
-    as T'x = d + white noise of variance one, see ``_backward_step``. With the predicted mean m and
-    square root S, G = T'S and e = d - T'm, the mean given all readings is m + S z with z = (I +
-    G'G)^-1 G'e, and the adjoint T (e - G z).
+    as T'x = d + white noise of variance one, see ``_backward_step``.
     """
     n = len(model.mean)
     count = len(model.kind)
+    n_rows = len(rows)
     block = min(BLOCK, count)
     n_blocks = (count + block - 1) // block
     start_means = np.empty((n_blocks, n))
@@ -732,21 +773,24 @@ def _smooth(
     # of the last point of each phase: what the next point of that phase may share
     period = model.period
     informations = np.zeros((period, n, n))  # T
-    products = np.zeros((period, n, n))  # G
-    lowers = np.zeros((period, n, n))
+    row_maps = np.zeros((period, n_rows, n))
+    score_maps = np.zeros((period, n, n))
     is_repeated = np.zeros(period, dtype=np.bool_)
     propagations = np.zeros((period, n + 1, n))  # of d and the reading to the d of the point before
     has_propagation = np.zeros(period, dtype=np.bool_)
     functions = np.zeros((period, 2, n))  # of the states: the first state at the next two marks
     function_vars = np.zeros((period, 2))
     new_information = np.zeros((n, n))
+    product = np.zeros((n, n))  # G
+    lower = np.zeros((n, n))
+    other_lower = np.zeros((n, n))
+    solved_rows = np.zeros((n_rows, n))
     side = np.zeros((1, n + 1))  # d, and the reading over its standard deviation
     identity = np.zeros((n + 1, n + 1))
     for i in range(n + 1):
         identity[i, i] = 1.0
     residual = np.empty(n)
     solved = np.empty(n)
-    state = np.empty(n)
     q = np.empty(n)
     for b in range(n_blocks - 1, -1, -1):
         first = b * block
@@ -758,7 +802,8 @@ def _smooth(
                 model, first, last, mean, factor, slot_of, means, factors, noise_factors, gains,
                 roots, work, tolerance,
             )  # fmt: skip
-        is_repeated[:] = False
+        for phase in range(period):
+            is_repeated[phase] = False
         for p in range(last - 1, first - 1, -1):
             k = p - first
             slot = slot_of[k]
@@ -769,8 +814,8 @@ def _smooth(
             # the last point has a step without transition and noise, and nothing is known after it
             transition = model.transition[model.kind[p]]
             information = informations[phase]
-            product = products[phase]
-            lower = lowers[phase]
+            row_map = row_maps[phase]
+            score_map = score_maps[phase]
             propagation = propagations[phase]
             side[0, n] = 0.0
             if model.variance[p] > 0.0:
@@ -803,7 +848,8 @@ def _smooth(
                 for j in range(n):
                     side[0, j] = q[j]
                 _copy_vector(moments[p + period], moments[p])
-                _copy_vector(change_var[p + period], change_var[p])
+                if with_scores:
+                    _copy_vector(change_var[p + period], change_var[p])
                 is_repeated[phase] = True
             else:
                 has_propagation[phase] = False
@@ -819,73 +865,56 @@ def _smooth(
                 _copy(new_information, information)
                 _product(factors[slot], information, product)
                 _factor_of_gram(product, False, lower)
-                _state_moments(factors[slot], lower, model.row, moments[p])
-                _score_moments(
-                    product, information, model.level_noise[kind_before],
-                    model.slope_noise[kind_before], moments[p],
-                )  # fmt: skip
-                for f in range(2):
-                    function_vars[phase, f] = function_vars[next_phase, f]
-                    _copy_vector(functions[next_phase, f], functions[phase, f])
-                    function_vars[phase, f] += _carry_back(
-                        transition, noise_factors[slot], work, functions[phase, f], solved
-                    )
-                    if model.is_mark[p]:
-                        change_var[p, f] = function_vars[phase, f] + _change_var(
-                            factors[slot], lower, functions[phase, f], solved
+                _state_moments(
+                    factors[slot], product, lower, rows, moments[p], row_map, solved_rows
+                )
+                if with_scores:
+                    _score_moments(
+                        product, information, model.level_noise[kind_before],
+                        model.slope_noise[kind_before], moments[p], score_map, other_lower,
+                    )  # fmt: skip
+                    for f in range(2):
+                        function_vars[phase, f] = function_vars[next_phase, f]
+                        _copy_vector(functions[next_phase, f], functions[phase, f])
+                        function_vars[phase, f] += _carry_back(
+                            transition, noise_factors[slot], work, functions[phase, f], solved
                         )
-                if model.is_mark[p]:
-                    function_vars[phase, 1] = function_vars[phase, 0]
-                    function_vars[phase, 0] = 0.0
-                    for i in range(n):
-                        functions[phase, 1, i] = functions[phase, 0, i]
-                        functions[phase, 0, i] = 1.0 if i == 0 else 0.0
+                        if model.is_mark[p]:
+                            change_var[p, f] = function_vars[phase, f] + _change_var(
+                                factors[slot], lower, functions[phase, f], solved
+                            )
+                    if model.is_mark[p]:
+                        function_vars[phase, 1] = function_vars[phase, 0]
+                        function_vars[phase, 0] = 0.0
+                        for i in range(n):
+                            functions[phase, 1, i] = functions[phase, 0, i]
+                            functions[phase, 0, i] = 1.0 if i == 0 else 0.0
             for i in range(n):
                 value = side[0, i]
                 for j in range(i, n):
                     value -= information[j, i] * means[k, j]
                 residual[i] = value
-            for i in range(n):
-                value = 0.0
-                for j in range(n):
-                    value += product[j, i] * residual[j]
-                solved[i] = value
-            _solve_lower(lower, n, solved)
-            _solve_upper(lower, n, solved)
-            for i in range(n):
-                value = means[k, i]
-                for j in range(i + 1):
-                    value += factors[slot, i, j] * solved[j]
-                state[i] = value
-                for j in range(n):
-                    residual[i] -= product[i, j] * solved[j]
-            for i in range(n):
-                value = 0.0
-                for j in range(i + 1):
-                    value += information[i, j] * residual[j]
-                q[i] = value
-            mean_out[p, 0] = state[0]
-            mean_out[p, 1] = state[1]
-            for e in range(len(extra_rows)):
+            for f in range(n_rows):
                 value = 0.0
                 for i in range(n):
-                    value += extra_rows[e, i] * state[i]
-                extra[p, e] = value
-            value = 0.0
-            for i in range(n):
-                value += model.row[i] * state[i]
-            predicted[p] = value
-            adjoints[p, 0] = q[0]
-            adjoints[p, 1] = q[1]
-            of_level = 0.0
-            of_slope = 0.0
-            for i in range(n):
-                for j in range(n):
-                    pair = q[i] * q[j]
-                    of_level += pair * model.level_noise[kind_before, i, j]
-                    of_slope += pair * model.slope_noise[kind_before, i, j]
-            gradient[p, 0] = of_level
-            gradient[p, 1] = of_slope
+                    value += rows[f, i] * means[k, i] + row_map[f, i] * residual[i]
+                values[p, f] = value
+            if with_scores:
+                for i in range(n):
+                    value = 0.0
+                    for j in range(n):
+                        value += score_map[i, j] * residual[j]
+                    q[i] = value
+                adjoints[p, 0] = q[0]
+                adjoints[p, 1] = q[1]
+                for f in range(2):
+                    total = 0.0
+                    for j in range(n):
+                        value = 0.0
+                        for i in range(j, n):
+                            value += noise_roots[f, kind_before, i, j] * q[i]
+                        total += value * value
+                    gradient[p, f] = total
 
 
 @compiled
@@ -1031,7 +1060,11 @@ def root_of_sum(*roots: Array) -> Array:
 
 
 def smooth_points(
-    model: PointModel, extra_rows: Array | None = None, tolerance: float = SETTLED
+    model: PointModel,
+    extra_rows: Array | None = None,
+    *,
+    with_scores: bool = True,
+    tolerance: float = SETTLED,
 ) -> Smoothing:
     """States of a model given all its readings.
 
@@ -1041,6 +1074,9 @@ def smooth_points(
         The model.
     extra_rows
         Rows (E, n) whose products with the mean are wanted.
+    with_scores
+        Whether ``score``, ``score_var``, ``gradient``, ``expected`` and ``change_var`` are wanted;
+        else they are not determined.
     tolerance
         See ``SETTLED``.
 
@@ -1067,22 +1103,35 @@ def smooth_points(
     ([2.0, 2.0, 2.0, 2.0], np.float64(1.0))
     """
     count = len(model.kind)
-    rows = (
-        np.zeros((0, len(model.mean))) if extra_rows is None else np.ascontiguousarray(extra_rows)
-    )
-    mean, adjoints, gradient = np.empty((3, count, 2))
-    predicted = np.empty(count)
+    n = len(model.mean)
+    rows = np.stack([*np.eye(n)[:2], model.row, *([] if extra_rows is None else extra_rows)])
+    noises = np.stack([model.level_noise, model.slope_noise])
+    noise_roots = noises.copy()
+    for noise_root in noise_roots.reshape(-1, n, n):
+        _cholesky(noise_root, n)
+    values = np.empty((count, len(rows)))
+    adjoints, gradient = np.empty((2, count, 2))
     change_var = np.zeros((count, 2))
-    extra = np.empty((count, len(rows)))
     moments = np.empty((count, 9))
-    _smooth(model, rows, tolerance, mean, extra, predicted, adjoints, gradient, moments, change_var)
+    _smooth(
+        model,
+        rows,
+        noise_roots,
+        with_scores,
+        tolerance,
+        values,
+        adjoints,
+        gradient,
+        moments,
+        change_var,
+    )
     gradient[0] = 0.0  # there is no step before the first point
     moments[0, 7:] = 0.0
     return Smoothing(
-        mean,
+        values[:, :2],
         moments[:, :3],
-        extra,
-        predicted,
+        values[:, 3:],
+        values[:, 2],
         moments[:, 3],
         change_var,
         adjoints,

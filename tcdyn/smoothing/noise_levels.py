@@ -4,7 +4,7 @@ The process noise drives the slope of the temperature; its intensity is q(t) [K2
 temperature also has noise that drives the temperature itself, of intensity p(t) [K2/s]. These are
 the values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.hidden_events`
 estimate, that a caller of ``tcdyn.smoothing.smoother.smooth`` may give, and that
-:mod:`tcdyn.smoothing.state_space` integrates over the intervals of the smoother. Guarded by
+:mod:`tcdyn.smoothing.state_space` averages over the steps of the smoother. Guarded by
 ``tests/smoothing/test_any_unit.py``.
 """
 
@@ -46,8 +46,8 @@ class Burst:
     Notes
     -----
     q(t) = height (1 + age/power)^-power with age = (t - start_s)/decay_s. ``power`` must not be 1,
-    where the integral of ``levels_between`` is not defined. The order of the fields is that in
-    which ``levels_at``, ``levels_between`` and ``jumps_at`` unpack them: change them together.
+    where the integral of ``mean_levels`` is not defined. The order of the fields is that in
+    which ``levels_at``, ``mean_levels`` and ``jumps_at`` unpack them: change them together.
     """
 
     start_s: float
@@ -81,8 +81,8 @@ class Intensity:
     >>> q = Intensity((0.0, 10.0), (1.0, 4.0), (Burst(10.0, 8.0, 2.0),))
     >>> q.at([5.0, 10.0, 16.0]).tolist()
     [1.0, 12.0, 5.0]
-    >>> float(levels_between([q], np.array([0.0, 10.0, 16.0]))[0, 1])
-    42.0
+    >>> float(mean_levels([q], np.array([0.0, 10.0, 16.0]))[0, 1])
+    7.0
     """
 
     starts_s: tuple[float, ...]
@@ -187,7 +187,7 @@ def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
 
     Notes
     -----
-    ``levels_between`` is the integral of the same function: change both together
+    ``mean_levels`` is the mean of the same function: change both together
     (``tests/smoothing/test_any_unit.py`` integrates one numerically).
     """
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
@@ -196,34 +196,33 @@ def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
     return _segment_levels_at(intensities, t_s) + member @ np.where(t_s >= start, decaying, 0.0)
 
 
-def levels_between(intensities: Sequence[Intensity], knots_s: Array) -> Array:
-    """Integrals of intensities over intervals.
+def mean_levels(intensities: Sequence[Intensity], times_s: Array) -> Array:
+    """Means of intensities over steps.
 
     Parameters
     ----------
     intensities
         Q intensities.
-    knots_s
-        Ends (J + 1,) of the intervals [s].
+    times_s
+        Ends (J + 1,) of the steps [s].
 
     Returns
     -------
     Array
-        Integrals (Q, J) [K2/s2].
+        Means (Q, J) [K2/s3].
 
     Notes
     -----
-    Exact for the bursts. The level of a segment at the start of an interval is taken for all of the
-    interval. This is exact where segments start at knots, as those at listed events and bursts do;
-    see ``tcdyn.smoothing.state_space.points_of``.
+    Exact for the bursts. The level of a segment at the start of a step is taken for all of it. This
+    is exact where segments start at points, as those at listed events and bursts do; see
+    ``tcdyn.smoothing.state_space.points_of``. Without bursts, steps in one segment have the very
+    same number, so that the smoother finds them equal.
     """
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
-    age = np.maximum(knots_s - start, 0.0) / decay
+    age = np.maximum(times_s - start, 0.0) / decay
     integral = height * decay * power / (power - 1) * (1.0 - (1.0 + age / power) ** (1 - power))
-    burst_integral = np.diff(integral, axis=1)
-    return (
-        _segment_levels_at(intensities, knots_s[:-1]) * np.diff(knots_s) + member @ burst_integral
-    )
+    of_bursts = member @ (np.diff(integral, axis=1) / np.diff(times_s))
+    return _segment_levels_at(intensities, times_s[:-1]) + of_bursts
 
 
 def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:

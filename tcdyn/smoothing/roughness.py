@@ -20,7 +20,7 @@ from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
 from tcdyn.smoothing.process_noise import FLOOR
 from tcdyn.smoothing.record import Record
-from tcdyn.smoothing.state_space import Smoothed, smooth_record
+from tcdyn.smoothing.state_space import Smoothed, predicted_readings, smooth_record
 
 # Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
 # iterations of the intensities at most; they end where no block would gain so many nats
@@ -343,10 +343,10 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
         for q in fit.intensities
     ]
 
-    def risks(smoothed: Smoothed) -> list[tuple[Array, Array]]:
+    def risks(predicted: Array, predicted_var: Array) -> list[tuple[Array, Array]]:
         """Risk and effective parameters of each block, for each channel."""
-        square = record.weight * (record.y - smoothed.predicted) ** 2 / fit.noise_var
-        freedom = record.weight * smoothed.predicted_var / fit.noise_var
+        square = record.weight * (record.y - predicted) ** 2 / fit.noise_var
+        freedom = record.weight * predicted_var / fit.noise_var
         out = []
         for c, block in enumerate(blocks):
             risk = np.bincount(block, square[:, c] + 2 * freedom[:, c], len(factors[c]))
@@ -354,13 +354,13 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
             out.append((np.asarray(risk, dtype=float), np.asarray(effective, dtype=float)))
         return out
 
-    first = risks(fit)
+    first = risks(fit.predicted, fit.predicted_var)
     best = [risk.copy() for risk, _ in first]
     best_total = [float(risk.sum()) for risk, _ in first]
     totals = np.ones(len(factors))
     for scale in RISK_FACTORS:
         scaled = [_scaled(q, scale) for q in fit.intensities]
-        trial = risks(smooth_record(record, fit.noise_var, scaled))
+        trial = risks(*predicted_readings(record, fit.noise_var, scaled))
         for c, (risk, freedom) in enumerate(trial):
             start_risk, start_freedom = first[c]
             saved = np.maximum(start_freedom - freedom, 0.0)
