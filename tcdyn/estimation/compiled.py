@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -38,7 +39,7 @@ def compiled(function: Function) -> Function:
     Notes
     -----
     Where no folder for the cache can be written to, Numba refuses to cache. Then each process
-    compiles once.
+    compiles once, and says so in one line.
 
     Examples
     --------
@@ -58,5 +59,16 @@ def compiled(function: Function) -> Function:
     try:
         made = njit(function, cache=True, error_model="numpy")
     except RuntimeError:  # "no locator available"
+        _report_no_cache()
         made = njit(function, error_model="numpy")
     return made
+
+
+@cache
+def _report_no_cache() -> None:
+    """Say once that each process compiles."""
+    print(
+        "tcdyn: compiles in each process, because no folder for compiled functions can be written "
+        "to; the environment variable NUMBA_CACHE_DIR names one",
+        file=sys.stderr,
+    )

@@ -1044,6 +1044,32 @@ def level_covariance(model: PointModel, first: int, last: int, tolerance: float 
     return out
 
 
+def compile_functions() -> None:
+    """Compile the functions of this module, if they are not stored yet.
+
+    A process that starts worker processes calls it before, so that not each of them compiles.
+    """
+    count = 4
+    model = PointModel(
+        np.eye(2)[None],
+        np.zeros((1, 2, 2)),
+        np.zeros((1, 2, 2)),
+        np.zeros(count, dtype=np.int64),
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros((count, 2)),
+        np.array([1.0, 0.0]),
+        np.zeros(count),
+        np.ones(count),
+        np.zeros(2),
+        np.eye(2),
+        np.ones(count, dtype=bool),
+    )
+    log_likelihood(model)
+    smooth_points(model)
+    level_covariance(model, 0, count)
+
+
 def root_of_sum(*roots: Array) -> Array:
     """Lower triangular square root (n, n) of a sum of covariances, from their square roots (n, k).
 

@@ -44,6 +44,7 @@ from tcdyn.core.options import options_of
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.kalman import compile_functions
 from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import table_csv, write_text
 from tcdyn.rig.disk import channels_left_out
@@ -368,6 +369,8 @@ def _analyse_logs(
             jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
     full_paths = [path.absolute() for _, path in jobs]
+    if options.n_workers > 1:
+        compile_functions()
     for job, answer in parallel_map(work, full_paths, options.n_workers, options.dask):
         i, path = jobs[job]
         if isinstance(answer, Exception):

@@ -24,6 +24,7 @@ from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.options import options_of
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
+from tcdyn.estimation.kalman import compile_functions
 from tcdyn.io.checksum import CHECKSUM_KEY
 from tcdyn.io.endings import CSV, check_ending
 from tcdyn.io.metadata import metadata_path
@@ -386,6 +387,8 @@ def compensate_each(
         overwrite=overwrite,
         options=stated,
     )
+    if workers > 1:
+        compile_functions()
     return each_file(work, files, workers=workers, dask=dask, spelling=spelling, progress=progress)
 
 

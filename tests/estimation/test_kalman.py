@@ -16,6 +16,10 @@ from tcdyn.estimation import compiled as compilation
 from tcdyn.estimation.kalman import (
     BLOCK,
     PointModel,
+    _level_covariance,
+    _log_likelihood,
+    _smooth,
+    compile_functions,
     level_covariance,
     log_likelihood,
     root_of_sum,
@@ -291,7 +295,9 @@ def test_the_same_source_runs_as_it_is(before: str, said: str) -> None:
     assert bool(done.stderr) == bool(said)
 
 
-def test_without_a_writable_cache_each_process_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_writable_cache_each_process_compiles(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     real = compilation.njit
     assert real is not None
 
@@ -304,3 +310,11 @@ def test_without_a_writable_cache_each_process_compiles(monkeypatch: pytest.Monk
     monkeypatch.setattr(compilation, "njit", njit)
     add = compilation.compiled(lambda a, b: a + b)
     assert add(1.0, 2.0) == 3.0
+    compilation.compiled(lambda a: -a)
+    assert capsys.readouterr().err.count("NUMBA_CACHE_DIR") == 1  # once in a process
+
+
+def test_what_workers_need_is_compiled_before_they_start() -> None:
+    compile_functions()
+    for function in (_smooth, _log_likelihood, _level_covariance):
+        assert len(function.signatures) == 1  # no second one for arrays of other kinds
