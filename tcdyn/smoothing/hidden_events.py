@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import maximum_filter1d
 from scipy.special import logsumexp
 
 from tcdyn.core import Array
@@ -264,10 +263,15 @@ def remaining_jump(fit: Smoothed) -> Array:
         information = fit.score_var[:, c, 0] + 1 / spans_K[c] ** 2
         half_jump = 0.5 * np.abs(fit.score[:, c, 0]) / information
         jump = np.where(significant[:, c], half_jump, 0.0)
-        ratio = np.median(fit.intensities[c].at(times_s)) / (fit.noise_var[c] * dt)
-        corner = float(corner_rad_s(fit.record.chains[c], ratio))
-        width = max(round(JUMP_WIDTH / corner / dt), 5)
-        out[:, c] = maximum_filter1d(jump, width)[fit.sample]
+        index = np.flatnonzero(jump)
+        ratio = fit.intensities[c].at(times_s[index]) / (fit.noise_var[c] * dt)
+        half_s = np.maximum(0.5 * JUMP_WIDTH / corner_rad_s(fit.record.chains[c], ratio), 2 * dt)
+        first = np.searchsorted(times_s, times_s[index] - half_s)
+        last = np.searchsorted(times_s, times_s[index] + half_s, side="right")
+        around = np.zeros(len(times_s))
+        for k, low, high in zip(index, first, last):
+            around[low:high] = np.maximum(around[low:high], jump[k])
+        out[:, c] = around[fit.sample]
     return out
 
 

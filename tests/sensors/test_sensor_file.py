@@ -134,8 +134,9 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
         assert same.to_numpy() == pytest.approx(
             out["a_degC"].to_numpy(), abs=4e-3
         )  # rounded cells of the log and of the output
+        # two digits of u are written
         assert out[u].median() == pytest.approx(
-            out["a_u_K"].median() * (1.8 if "F" in u else 1), rel=0.01
+            out["a_u_K"].median() * (1.8 if "F" in u else 1), rel=0.03
         )
     assert np.allclose(
         out["power_W"], 3.0 * t, rtol=4e-16, atol=0

@@ -40,7 +40,7 @@ def test_a_short_ramp_that_looks_like_a_step_stays_in_the_band() -> None:
 
 @pytest.mark.study
 def test_listed_events_that_did_not_happen_do_not_replace_those_that_did() -> None:
-    setup, truth, y, events = simulate(ROW["pulse"], 0, 4711)
+    setup, truth, y, events = simulate(ROW["slope change"], 0, 4713)
     chain = Chain(setup.lags_s[0], conditioning=NO_CONDITIONING)
     wrong = [event + 1.5 for event in events]
     given = smooth(y, setup.dt_s, chain, events_s=wrong)
