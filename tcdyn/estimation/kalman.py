@@ -37,7 +37,7 @@ SETTLED = 1e-12
 class PointModel(NamedTuple):
     """A model on P points, K kinds of steps between them, n states.
 
-    Attributes
+    Parameters
     ----------
     transition
         Matrix F of each kind of step (K, n, n).
@@ -82,7 +82,7 @@ class PointModel(NamedTuple):
 class Smoothing(NamedTuple):
     """States of a model given all its readings; each array (P,) or (P, k).
 
-    Attributes
+    Parameters
     ----------
     mean
         Mean of the first two states (P, 2).
