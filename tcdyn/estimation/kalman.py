@@ -13,7 +13,7 @@ F, N1 and N2 belong to the kind of the step. Used by :mod:`tcdyn.smoothing.state
 ``tests/estimation/test_kalman.py``, which compares with dense algebra in extended precision.
 
 Source of the array algorithms: T. Kailath, A. H. Sayed and B. Hassibi, "Linear Estimation",
-Prentice Hall 2000, chapters 12 and 16; adjoint: A. E. Bryson and M. Frazier 1963.
+Prentice Hall 2000, chapters 12 and 16.
 """
 
 from __future__ import annotations

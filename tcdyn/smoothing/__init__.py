@@ -1,6 +1,6 @@
 """Compensation: estimate the junction temperature from the readings, with its uncertainty.
 
-Kalman smoother (RTS), regularised deconvolution and proper inverse.
+Kalman smoother, regularised deconvolution and proper inverse.
 
 >>> import numpy as np
 >>> from tcdyn.chain import Chain

@@ -1,6 +1,6 @@
 """Detection of events that the caller did not list, and the average over what events may be.
 
-A score test on the RTS smoother gives candidate times. Each candidate is weighed by its likelihood
+A score test on the smoother gives candidate times. Each candidate is weighed by its likelihood
 as no event, a kink (jump of the slope) or a jump of the temperature, at several times. The smoothed
 temperature is the mean over these possibilities (Bayesian model averaging).
 

@@ -1,4 +1,4 @@
-"""The fixed-interval smoother (RTS smoother) of a record, and regularised deconvolution.
+"""The fixed-interval smoother of a record, and regularised deconvolution.
 
 The temperature at the junction comes with a standard deviation for every sample. Regularised
 deconvolution is the same smoother with a weight by another criterion.
@@ -100,7 +100,7 @@ def smooth(
 ) -> Compensated:
     """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
-    Fixed-interval smoother (Kalman filter and RTS smoother) for the model y = G x + noise, where
+    Fixed-interval smoother (Kalman filter and backward pass) for the model y = G x + noise, where
     the slope x' is a random walk: dx'/dt is white noise of the process-noise intensity q(t)
     [K2/s3]. The slope may jump at ``events_s``.
 
