@@ -79,6 +79,11 @@ ROUNDS = 6
 # positions of pulses in a window, and of steps and slope changes; chosen by judgement
 PULSE_STARTS = 120
 STEP_STARTS = 60
+# Factor between the lags of window models: a step of half of it either way changes a rounded step
+# by 2 % of its height at most. Digits of a sampling interval: a pulse of a second then ends within
+# half a millisecond of where it did.
+LAG_STEP = 1.1
+INTERVAL_DIGITS = 4
 # norm over the largest one, below which a component is a cubic; and largest correlation of two
 MIN_NORM = 1e-6
 MAX_CORRELATION = 1 - 1e-3
@@ -240,7 +245,7 @@ def whiten_traces(
     n_showing = shows.sum(axis=0)
     for k, i in enumerate(slow):
         isolated = (n_able - can_show[k] >= WITNESSES) & (n_showing - shows[k] < WITNESSES)
-        outliers[:, i] |= _burst_mask(searches[k], dt_s, lags_s[i], isolated)
+        outliers[:, i] |= _burst_mask(searches[k], lags_s[i], isolated)
         white[:, i] = interpolate_gaps(white[:, i], ~outliers[:, i])
     return white, outliers & good
 
@@ -303,12 +308,12 @@ class _PulseSearch:
     padded
         The trace in standard deviations of its noise, padded by ``widest`` on both sides, (N + 2
         widest,).
-    pulses
-        The K pulses through the filter, of height one before it.
+    dt_s
+        Sampling interval, rounded [s].
+    filter_
+        The filter that rounds the pulses.
     shapes
         The pulses without their nearest cubic, of norm one, (K, odd).
-    margin_samples
-        Samples on either side of a pulse.
     widest
         Length of the longest pulse with its margins [samples].
     screen
@@ -323,9 +328,9 @@ class _PulseSearch:
     """
 
     padded: Array
-    pulses: tuple[Array, ...]
+    dt_s: float
+    filter_: Conditioning
     shapes: Array
-    margin_samples: int
     widest: int
     screen: tuple[int, ...]
     near: Flags | None = None
@@ -352,12 +357,14 @@ class _PulseSearch:
         It is not possible in a trace shorter than two windows, with a window above ``MAX_WINDOW``,
         or without noise.
         """
+        dt_s = float(f"{dt_s:.{INTERVAL_DIGITS}g}")
         pulses, shapes, margin_samples = _pulse_shapes(dt_s, filter_)
         widest = max(map(len, pulses)) + 2 * margin_samples
         if len(y) < 2 * widest or widest > MAX_WINDOW or not noise_sd > 0:
             return None
         padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
-        return cls(padded, pulses, shapes, margin_samples, widest, _screen_shapes(dt_s, filter_))
+        screen = _screen_shapes(dt_s, filter_)
+        return cls(padded, dt_s, filter_, shapes, widest, screen)
 
     def score(self, padded: Array) -> Array:
         """Largest height of any pulse over its standard deviation.
@@ -400,17 +407,22 @@ def _largest_correlation(padded: Array, shapes: Array) -> Array:
     return np.pad(np.abs(correlations, out=correlations).max(axis=0), length // 2)
 
 
-def _burst_mask(
-    search: _PulseSearch | None, dt_s: float, lag_s: float, isolated_mask: Flags
-) -> Flags:
+def _rounded_lag_s(lag_s: float) -> float:
+    """The next lag of a grid with steps of ``LAG_STEP`` [s], so that channels share a model.
+
+    >>> round(_rounded_lag_s(0.70), 2) == round(_rounded_lag_s(0.72), 2)
+    True
+    """
+    return float(LAG_STEP ** np.round(np.log(lag_s) / np.log(LAG_STEP)))
+
+
+def _burst_mask(search: _PulseSearch | None, lag_s: float, isolated_mask: Flags) -> Flags:
     """Mark the samples that bursts have changed.
 
     Parameters
     ----------
     search
         Search in the trace; None where it is not possible.
-    dt_s
-        Sampling interval [s].
     lag_s
         Lag of the chain [s].
     isolated_mask
@@ -432,7 +444,7 @@ def _burst_mask(
     padded = search.padded
     widest = search.widest
     score = search.initial_score
-    model = _window_model(search.pulses, widest, search.margin_samples, dt_s, lag_s)
+    model = _window_model(search.dt_s, search.filter_, _rounded_lag_s(lag_s))
     outliers = np.zeros(len(padded), dtype=bool)
     isolated = np.pad(isolated_mask, widest)
     for _ in range(ROUNDS):
@@ -673,7 +685,15 @@ class _WindowModel:
         return share, cross
 
 
-def _window_model(
+@lru_cache(maxsize=4)
+def _window_model(dt_s: float, filter_: Conditioning, lag_s: float) -> _WindowModel:
+    """The ``_window_of`` of the pulses of a filter; cached."""
+    pulses, _, margin_samples = _pulse_shapes(dt_s, filter_)
+    size = max(map(len, pulses)) + 2 * margin_samples
+    return _window_of(pulses, size, margin_samples, dt_s, lag_s)
+
+
+def _window_of(
     pulses: Sequence[Array], size: int, margin_samples: int, dt_s: float, lag_s: float
 ) -> _WindowModel:
     """All components of a window.

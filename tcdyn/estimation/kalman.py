@@ -384,13 +384,15 @@ def _filter_block(
 
 
 @compiled
-def _log_likelihood(model: PointModel, tolerance: float) -> tuple[float, float]:
-    """Sums of all readings as of ``_filter_block``."""
-    n = len(model.mean)
-    count = len(model.kind)
-    mean = model.mean.copy()
-    factor = model.factor.copy()
-    block = min(BLOCK, count)
+def _filter_to(
+    model: PointModel, count: int, mean: Array, factor: Array, tolerance: float
+) -> tuple[float, float]:
+    """Filter the first ``count`` points; ``mean`` and ``factor`` become those of the next point.
+
+    The other parameters and the results are those of ``_filter_block``.
+    """
+    n = len(mean)
+    block = max(min(BLOCK, count), 1)
     slot_of = np.empty(block, dtype=np.int64)
     means = np.empty((block, n))
     factors = np.empty((block, n, n))
@@ -1023,8 +1025,37 @@ def log_likelihood(model: PointModel, tolerance: float = SETTLED) -> tuple[float
     chi2
         Sum of the squares of the innovations over their variance.
     """
-    log_roots, chi2 = _log_likelihood(model, tolerance)
+    log_roots, chi2 = _filter_to(
+        model, len(model.kind), model.mean.copy(), model.factor.copy(), tolerance
+    )
     return -log_roots - 0.5 * chi2, chi2
+
+
+def filtered_state(
+    model: PointModel, point: int, tolerance: float = SETTLED
+) -> tuple[Array, Array]:
+    """Mean and covariance of the states at a point given the readings before it.
+
+    Parameters
+    ----------
+    model
+        The model.
+    point
+        The point.
+    tolerance
+        See ``SETTLED``.
+
+    Returns
+    -------
+    mean
+        Mean (n,).
+    factor
+        Lower triangular square root (n, n) of the covariance.
+    """
+    mean = model.mean.copy()
+    factor = model.factor.copy()
+    _filter_to(model, point, mean, factor, tolerance)
+    return mean, factor
 
 
 def level_covariance(model: PointModel, first: int, last: int, tolerance: float = SETTLED) -> Array:
@@ -1066,6 +1097,7 @@ def compile_functions() -> None:
         np.ones(count, dtype=bool),
     )
     log_likelihood(model)
+    filtered_state(model, 2)
     smooth_points(model)
     level_covariance(model, 0, count)
 

@@ -100,6 +100,14 @@ class GrowingText:
             )
         self.offset = offset
 
+    def waiting_rows(self) -> int:
+        """Number of rows in the file that were not read yet, about."""
+        read_bytes = self.offset - len(self.header)
+        if not self.rows or read_bytes <= 0 or not self.path.exists():
+            return 0
+        more_bytes = max(self.path.stat().st_size - self.offset, 0)
+        return int(more_bytes * self.rows / read_bytes)
+
     def chunks(self, requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         """Yield the columns of new lines as they come, until ``go_on`` returns False.
 

@@ -20,8 +20,8 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
-from tcdyn.sensors.compensation import ChannelReadings
 from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.readings import ChannelReadings
 from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.reading import CODE, RANGE
 from tcdyn.series.series import Context, Series, make_series, reading_rows

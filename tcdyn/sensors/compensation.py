@@ -21,8 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tcdyn.chain import Chain
-from tcdyn.core import Array, Flags
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique_by_subject, warning
 from tcdyn.core.options import Options, option
@@ -30,6 +29,8 @@ from tcdyn.io.metadata import START_TIME_KEY
 from tcdyn.io.start_time import start_time
 from tcdyn.io.write import STANDARD_STYLE, OutputStyle, log_writer
 from tcdyn.sensors.decimals import decimals_for, rounded_for_file
+from tcdyn.sensors.delayed import DelayedSmoother
+from tcdyn.sensors.readings import ChannelReadings
 from tcdyn.sensors.segments import SegmentPosition, TableSegment, read_segments
 from tcdyn.series.source import ChunkSource
 from tcdyn.series.units import Unit
@@ -160,81 +161,8 @@ def output_header(
     return header
 
 
-@dataclass(frozen=True)
-class ChannelReadings:
-    """Readings of M channels that are smoothed together, at N even times.
-
-    Attributes
-    ----------
-    columns, units
-        Columns of the source, and their units.
-    base
-        Readings (N, M) after the static lines, NaN where missing: temperatures in degC, other
-        quantities in their unit, as all fields below.
-    start_s, dt_s
-        Time of the first of them, and interval [s].
-    sample_of_row
-        Index of the sample of each row of the segment (R,).
-    chains, lag_covariance_s2, split_u_s
-        Chains; covariance of their lags (M, M) [s2]; standard uncertainty (M,) [s] of how much of
-        each lag is its largest lag.
-    static_u_K
-        Standard uncertainty (N, M) [K] of the static lines with that of their reference.
-    shared_u_K
-        The part (M,) [K] that all channels have in common.
-    gain_u_rel
-        Relative standard uncertainty (M,) of the gains of the static lines.
-    noise_K
-        Noise (M,) [K] where it is known; None: the smoother estimates it.
-    disk
-        Disk of the channels, in messages; empty for a table.
-    is_separable
-        Whether the channels are smoothed one by one where they cannot be smoothed together.
-    is_left_out
-        Whether the value of each row (R, M) was left out as impossible or as a code; None: none.
-    """
-
-    columns: tuple[str, ...]
-    units: tuple[Unit, ...]
-    base: Array
-    start_s: float
-    dt_s: float
-    sample_of_row: NDArray[np.intp]
-    chains: tuple[Chain, ...]
-    lag_covariance_s2: Array
-    split_u_s: Array
-    static_u_K: Array
-    shared_u_K: Array
-    gain_u_rel: Array
-    noise_K: Array | None = None
-    disk: str = ""
-    is_separable: bool = False
-    is_left_out: Flags | None = None
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the channels in messages."""
-        if not self.disk:
-            return list(self.columns)
-        return [column.removesuffix("_degC") for column in self.columns]
-
-    def single(self, index: int) -> ChannelReadings:
-        """The readings of one channel."""
-        one = slice(index, index + 1)
-        return replace(
-            self,
-            columns=self.columns[one],
-            units=self.units[one],
-            base=self.base[:, one],
-            chains=self.chains[one],
-            lag_covariance_s2=self.lag_covariance_s2[one, one],
-            split_u_s=self.split_u_s[one],
-            static_u_K=self.static_u_K[:, one],
-            shared_u_K=self.shared_u_K[one],
-            gain_u_rel=self.gain_u_rel[one],
-            noise_K=None if self.noise_K is None else self.noise_K[one],
-            is_left_out=None if self.is_left_out is None else self.is_left_out[:, one],
-        )
+# Smooths channels together: the readings, from the sample on at which the result begins, and it.
+Smoother = Callable[[ChannelReadings], tuple[ChannelReadings, Compensated]]
 
 
 class Channels(Protocol):
@@ -271,6 +199,8 @@ class CompensatedSegment:
         By column of a result: number of decimals that its uncertainty here asks for.
     findings
         Findings.
+    delayed
+        With a delay: what it passes on to the next one.
     """
 
     segment: TableSegment
@@ -279,6 +209,7 @@ class CompensatedSegment:
     flags: dict[str, NDArray[np.uint8]]
     decimals: dict[str, int]
     findings: list[Finding]
+    delayed: DelayedSmoother | None = None
 
     @property
     def time_s(self) -> Array:
@@ -395,11 +326,18 @@ def compensate_segment(
     segment: TableSegment,
     channels: Channels,
     method: CompensationMethod,
-    events: Mapping[float, float] | None = None,
+    smoother: Smoother,
 ) -> CompensatedSegment:
     """Compensate one segment; channels without a result are NaN.
 
-    The parameters are those of ``compensated_segments``.
+    Parameters
+    ----------
+    segment
+        The segment.
+    channels, method
+        As for ``compensated_segments``.
+    smoother
+        Smooths channels together.
     """
     columns_read: dict[str, NDArray[Any]] = {n: v[segment.keep] for n, v in segment.data.items()}
     columns = dict(columns_read)
@@ -414,7 +352,7 @@ def compensate_segment(
     numbers: dict[str, Array] = {}
     flags: dict[str, NDArray[np.uint8]] = {}
     for group in prepared:
-        for readings, result in _smooth_together_or_singly(group, method, events, findings):
+        for readings, result in _smooth_together_or_singly(group, smoother, findings):
             of_group, decimals_of_group = output_columns(readings, result, method, segment.keep)
             columns |= of_group
             decimals |= decimals_of_group
@@ -434,8 +372,7 @@ def compensate_segment(
 
 def _smooth_together_or_singly(
     readings: ChannelReadings,
-    method: CompensationMethod,
-    events: Mapping[float, float] | None,
+    smoother: Smoother,
     findings: list[Finding],
 ) -> Iterator[tuple[ChannelReadings, Compensated]]:
     """Smooth channels together; where that fails one by one, with a warning for each that fails.
@@ -444,8 +381,8 @@ def _smooth_together_or_singly(
     ----------
     readings
         Readings of the channels. If they are not separable, the first error is raised.
-    method, events
-        As for ``compensated_segments``.
+    smoother
+        Smooths channels together.
     findings
         The findings are appended to it.
 
@@ -455,7 +392,7 @@ def _smooth_together_or_singly(
         Readings and result of the channels that could be smoothed.
     """
     try:
-        result = compensate_readings(readings, method, events)
+        of_result, result = smoother(readings)
     except InputError as problem:
         if not readings.is_separable:
             raise
@@ -464,13 +401,13 @@ def _smooth_together_or_singly(
             findings.append(warning("sensor.left", subject=subject, problem=problem.what))
             return
         for i in range(len(readings.columns)):
-            yield from _smooth_together_or_singly(readings.single(i), method, events, findings)
+            yield from _smooth_together_or_singly(readings.single(i), smoother, findings)
         return
     if readings.disk:
         findings += [finding.at(readings.disk) for finding in result.findings]
     else:
         findings += result.findings
-    yield readings, result
+    yield of_result, result
 
 
 def compensated_segments(
@@ -483,6 +420,7 @@ def compensated_segments(
     min_rows: int | None = None,
     delay_s: float | None = None,
     position: SegmentPosition | None = None,
+    delayed: DelayedSmoother | None = None,
 ) -> Iterator[CompensatedSegment]:
     """Compensate a source of rows segment by segment, in bounded memory.
 
@@ -500,16 +438,29 @@ def compensated_segments(
         Listed events, see ``compensate_readings``.
     min_rows, delay_s, position
         Of the segments, see ``tcdyn.sensors.segments.read_segments``.
+    delayed
+        With a delay: what earlier blocks passed on; None: nothing.
 
     Notes
     -----
     The rows do not depend on how the source is divided into chunks.
     """
     method = method or CompensationMethod()
+    delayed = delayed or DelayedSmoother()
+
+    def at_once(readings: ChannelReadings) -> tuple[ChannelReadings, Compensated]:
+        """Smooth channels from the readings of one segment alone."""
+        return readings, compensate_readings(readings, method, events)
+
     for segment in read_segments(
         source, columns, channels.lag_s, min_rows, delay_s=delay_s, position=position
     ):
-        yield compensate_segment(segment, channels, method, events)
+        if delay_s is None:
+            yield compensate_segment(segment, channels, method, at_once)
+        else:
+            needed = delayed.begin(segment)
+            result = compensate_segment(needed, channels, method, delayed.smooth)
+            yield replace(result, segment=segment, delayed=delayed.passed_on())
 
 
 @dataclass

@@ -8,7 +8,7 @@ fixed delay depend on the rows only.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,8 @@ class TableSegment:
         Rows of the segment without its margins.
     findings
         Findings of the reader.
+    rows_before
+        Rows since the last long gap that belong to earlier segments.
     position
         Where the reading stands after this segment.
     is_last
@@ -78,8 +80,18 @@ class TableSegment:
     data: dict[str, Array]
     keep: slice
     findings: tuple[Finding, ...]
+    rows_before: int = 0
     position: SegmentPosition = SegmentPosition(0.0, 0, 0)
     is_last: bool = False
+
+    def without_first(self, count: int) -> TableSegment:
+        """The segment without the first rows of its margin."""
+        return replace(
+            self,
+            time_s=self.time_s[count:],
+            data={name: values[count:] for name, values in self.data.items()},
+            keep=slice(self.keep.start - count, self.keep.stop - count),
+        )
 
 
 @dataclass(frozen=True)
@@ -207,6 +219,7 @@ def read_segments(
             {n: values[first:last] for n, values in data.items()},
             slice(done - first, stop - first),
             tuple(findings),
+            stretch_rows,
             SegmentPosition(interval_s, next_rows, min(next_rows, lengths.stored)),
             cut_short,
         )

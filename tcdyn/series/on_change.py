@@ -258,15 +258,16 @@ def _dead_band_of(change: Array, wait_s: Array, resolution: float) -> DeadBand |
     if len(candidates) > MAX_CANDIDATES:
         shares = np.linspace(0, 1, MAX_CANDIDATES)
         candidates = np.unique(np.quantile(change[is_changed], shares, method="lower"))
-    log_chances = np.zeros(len(candidates))
+    n_below, n_near = np.zeros((2, len(candidates)), dtype=int)
     for k, dead_band in enumerate(candidates):
         is_below = change < dead_band - rounding
         is_near = ~is_below & (change <= NEAR * dead_band + rounding)
         if dead_band > ONE_STEP * resolution:
             is_below &= ~_are_heartbeats(wait_s, is_below)
-        n_below = int(np.count_nonzero(is_below))
-        n_tried = n_below + int(np.count_nonzero(is_near))
-        log_chances[k] = binom.logcdf(n_below, n_tried, _least_below(dead_band, resolution))
+        n_below[k] = np.count_nonzero(is_below)
+        n_near[k] = np.count_nonzero(is_near)
+    least_below = np.array([_least_below(dead_band, resolution) for dead_band in candidates])
+    log_chances = binom.logcdf(n_below, n_below + n_near, least_below)
     is_significant = log_chances + np.log(max(len(candidates), 1)) < np.log(CHANCE)
     if not is_significant.any():
         return None
@@ -330,6 +331,8 @@ def _likeliest(
 def _are_heartbeats(wait_s: Array, is_below: Flags) -> Flags:
     """Which waits (Q,) end with a heartbeat, if the changes ``is_below`` (Q,) are below D."""
     longest_s = float(wait_s.max())
+    if longest_s < HEARTBEAT_WAITS * float(wait_s.min()):  # no median is below the shortest
+        return np.zeros(len(wait_s), dtype=bool)
     others_s = wait_s[~is_below]
     if not len(others_s) or longest_s < HEARTBEAT_WAITS * float(np.median(others_s)):
         return np.zeros(len(wait_s), dtype=bool)

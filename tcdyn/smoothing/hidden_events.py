@@ -11,7 +11,7 @@ error and coverage that result are printed by ``python -m tests.smoothing.event_
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +30,6 @@ from tcdyn.smoothing.process_noise import (
     jump_ranges,
     likeliest_burst,
     segment,
-    segment_levels,
     smearing_time_s,
 )
 from tcdyn.smoothing.record import Record
@@ -213,7 +212,8 @@ def candidate_times(fit: Smoothed, events: Sequence[float]) -> list[float]:
     score[:3] = 0.0
     score[-3:] = 0.0
     expected_false = MORE_FALSE_CANDIDATES if events else FALSE_CANDIDATES
-    threshold = 2 * np.log(fit.jump_chi2.size / expected_false)
+    n_tests = fit.record.tested_rows * fit.jump_chi2.shape[1]
+    threshold = 2 * np.log(n_tests / expected_false)
     times: list[float] = []
     for event in events:
         score[np.abs(times_s - event) < reach_s] = 0.0
@@ -255,7 +255,7 @@ def remaining_jump(fit: Smoothed) -> Array:
     threshold = np.where(
         is_after,
         2 * np.log(count_after / MORE_FALSE_CANDIDATES),
-        2 * np.log(chi2.size / FALSE_CANDIDATES),
+        2 * np.log(fit.record.tested_rows * chi2.shape[1] / FALSE_CANDIDATES),
     )[:, None]
     significant = chi2 > threshold
     spans_K = channel_spans(fit.record, fit.noise_var)
@@ -276,7 +276,7 @@ def remaining_jump(fit: Smoothed) -> Array:
 
 
 def detect_hidden_events(
-    fit: Smoothed, start_var: Array, noise_known: bool
+    fit: Smoothed, levels_of: Callable[[Record], tuple[list[Intensity], Array]]
 ) -> tuple[Smoothed, list[HiddenEvent]]:
     """Smoothed record with the events that its data show, and these events.
 
@@ -288,10 +288,9 @@ def detect_hidden_events(
     ----------
     fit
         Smoothed record without hidden events.
-    start_var
-        First estimate of the noise variance (M,) [K2].
-    noise_known
-        Whether the noise variance is known.
+    levels_of
+        Gives the intensities of a record without their bursts, one level for each segment between
+        its events, and its noise variance (M,) [K2].
 
     Returns
     -------
@@ -342,7 +341,7 @@ def detect_hidden_events(
             last = max([0.0, *boundaries, *(e for e in listed_s if e < at)])
             boundaries[min(max(at - lag, last + record.dt_s), at)] = at
         divided = replace(record, events_s=tuple(sorted((*listed_s, *boundaries))))
-        levels, noise_var = segment_levels(divided, start_var, noise_known)
+        levels, noise_var = levels_of(divided)
         starts = tuple(boundaries.get(s, s) for s in levels[0].starts_s)
         intensities = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
         previous = {h.at_s: h for h in accepted}
@@ -556,7 +555,7 @@ def weigh_event(
     # log of prior times likelihood, relative to no event: (M, times, kinds with "nothing" first)
     log_joint = np.concatenate([np.zeros_like(gain[..., :1]), gain], axis=2) + np.log(PRIOR)
     log_density = logsumexp(log_joint, axis=2)
-    log_p = log_density.sum(axis=0) + np.log(width / (len(record.y) * dt))
+    log_p = log_density.sum(axis=0) + np.log(width / (record.tested_rows * dt))
     log_odds = float(logsumexp(log_p))
     p = np.exp(log_p - log_odds)
     p_event = p / (1 + np.exp(-log_odds))

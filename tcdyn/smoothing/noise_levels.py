@@ -18,6 +18,10 @@ from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
 
+# Share of the level below which a burst of an earlier event no longer counts: the band changes
+# with a root of the intensity, at most by half of this.
+BURST_IS_OVER = 0.1
+
 
 @dataclass(frozen=True)
 class Burst:
@@ -105,6 +109,48 @@ class Intensity:
         t = np.asarray(t_s, dtype=float)
         return levels_at([self], t.ravel())[0].reshape(t.shape)
 
+    def at_starts(self, starts_s: tuple[float, ...]) -> Intensity:
+        """The intensity without bursts in other segments, each with the level at its start.
+
+        Parameters
+        ----------
+        starts_s
+            Start times of the segments [s].
+        """
+        without = replace(self, bursts=())
+        times_s = np.array(starts_s)
+        levels = tuple(levels_at([without], times_s)[0].tolist())
+        level_noise = tuple(level_noise_at([without], times_s)[0].tolist())
+        return replace(
+            without,
+            starts_s=starts_s,
+            levels=levels,
+            level_noise=level_noise if self.level_noise else (),
+        )
+
+    def continued(self, at_s: float) -> Intensity:
+        """The intensity on a clock that starts at ``at_s`` [s], without what is over by then.
+
+        Segments before the last one that has begun are left out, and bursts that start later.
+        Bursts that have begun are left out where they add less than ``BURST_IS_OVER`` of the level.
+        """
+        begun = [k for k, start in enumerate(self.starts_s) if start <= at_s]
+        first = begun[-1] if begun else 0
+        moved = self.shifted(shift_s=at_s)
+        level = self.levels[first]
+        bursts = [
+            b
+            for b in moved.bursts
+            if b.start_s <= 0 and replace(moved, bursts=(b,)).at(0.0) > (1 + BURST_IS_OVER) * level
+        ]
+        return replace(
+            moved,
+            starts_s=(0.0, *moved.starts_s[first + 1 :]),
+            levels=self.levels[first:],
+            level_noise=self.level_noise[first:],
+            bursts=tuple(replace(b, level_sd=0.0, slope_sd=0.0) for b in bursts),
+        )
+
     def shifted(
         self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0
     ) -> Intensity:
@@ -190,10 +236,13 @@ def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
     ``mean_levels`` is the mean of the same function: change both together
     (``tests/smoothing/test_any_unit.py`` integrates one numerically).
     """
+    of_segments = _segment_levels_at(intensities, t_s)
+    if not any(q.bursts for q in intensities):
+        return of_segments
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(t_s - start, 0.0) / decay
     decaying = height * (1.0 + age / power) ** -power
-    return _segment_levels_at(intensities, t_s) + member @ np.where(t_s >= start, decaying, 0.0)
+    return of_segments + member @ np.where(t_s >= start, decaying, 0.0)
 
 
 def mean_levels(intensities: Sequence[Intensity], times_s: Array) -> Array:
@@ -218,11 +267,14 @@ def mean_levels(intensities: Sequence[Intensity], times_s: Array) -> Array:
     ``tcdyn.smoothing.state_space.points_of``. Without bursts, steps in one segment have the very
     same number, so that the smoother finds them equal.
     """
+    of_segments = _segment_levels_at(intensities, times_s[:-1])
+    if not any(q.bursts for q in intensities):
+        return of_segments
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(times_s - start, 0.0) / decay
     integral = height * decay * power / (power - 1) * (1.0 - (1.0 + age / power) ** (1 - power))
     of_bursts = member @ (np.diff(integral, axis=1) / np.diff(times_s))
-    return _segment_levels_at(intensities, times_s[:-1]) + of_bursts
+    return of_segments + of_bursts
 
 
 def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
@@ -240,6 +292,8 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     Array
         Variances (J, Q, 2) of level [K2] and slope [K2/s2].
     """
+    if not any(q.bursts for q in intensities):
+        return np.zeros((len(knots_s), len(intensities), 2))
     member, (start, _, _, _, level_sd, slope_sd, width, _) = _burst_arrays(intensities)
     at = (knots_s == start).astype(float)
     level_share = at

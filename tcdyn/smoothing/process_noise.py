@@ -419,7 +419,8 @@ def segment(record: Record, first: int, last: int, events: Sequence[float]) -> R
     rows = slice(first, last)
     events_inside = tuple(e - shift for e in events if 0 <= e - shift < length)
     samples = {name: getattr(record, name)[rows] for name in ("y", "weight", "flags")}
-    return replace(record, **samples, events_s=events_inside)
+    start = record.start if first == 0 else None
+    return replace(record, **samples, events_s=events_inside, start=start)
 
 
 def likeliest_burst(
@@ -513,7 +514,8 @@ def channel_spans(record: Record, noise_var: Array) -> Array:
     ``tcdyn.smoothing.state_space.channel_ranges`` it includes interpolated samples and has a lower
     bound.
     """
-    return np.asarray(np.maximum(np.ptp(record.y, axis=0), 10 * np.sqrt(noise_var)))
+    own = np.maximum(np.ptp(record.y, axis=0), record.least_range_K())
+    return np.asarray(np.maximum(own, 10 * np.sqrt(noise_var)))
 
 
 def jump_ranges(window: Record, at_s: float) -> float:

@@ -74,6 +74,29 @@ REPORTED_BAD_SHARE = 0.01
 
 
 @dataclass(frozen=True)
+class Start:
+    """What the rows before a record tell about it, where a longer record continues.
+
+    Parameters
+    ----------
+    means
+        Mean (n,) of the n states of each channel at the first sample, given the readings of states
+        before it.
+    factors
+        Lower triangular square root (n, n) of their covariance, of each channel.
+    range_K
+        Range of the readings before (M,) [K].
+    rows
+        Number of rows before among which events were looked for.
+    """
+
+    means: tuple[Array, ...]
+    factors: tuple[Array, ...]
+    range_K: Array
+    rows: int
+
+
+@dataclass(frozen=True)
 class Record:
     """A record: samples of M channels at a constant interval, with their chains and events.
 
@@ -102,6 +125,10 @@ class Record:
         Findings about the channels.
     units
         Unit of each channel (M,): degC, or that of another quantity.
+    noise
+        Noise of each group of channels with one conditioning filter and unit.
+    start
+        What the rows before tell; None: nothing.
 
     Notes
     -----
@@ -121,6 +148,17 @@ class Record:
     aliasing_u_K: Array
     findings: tuple[Finding, ...] = ()
     units: tuple[str, ...] = ()
+    noise: tuple[LoggerNoise, ...] = ()
+    start: Start | None = None
+
+    @property
+    def tested_rows(self) -> int:
+        """Number of rows among which events are looked for, with those before the record."""
+        return len(self.y) + (0 if self.start is None else self.start.rows)
+
+    def least_range_K(self) -> Array:
+        """Range (M,) [K] of the readings before the record; zero where there are none."""
+        return np.zeros(self.y.shape[1]) if self.start is None else self.start.range_K
 
 
 def _without_reading(good: Flags, lag_samples: float) -> Flags:
@@ -160,6 +198,8 @@ def _beyond_contradiction(flags: NDArray[np.uint8]) -> Flags:
     rows = np.flatnonzero(flags == GOOD)
     is_alone = flags & ALONE != 0
     out = np.zeros(len(flags), dtype=bool)
+    if not len(rows):
+        return out
     if is_alone[: rows[0]].any():
         out[: rows[0]] = True
     if is_alone[rows[-1] :].any():
@@ -216,6 +256,7 @@ def record_of(
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
+    noise_model: Sequence[LoggerNoise] | None = None,
 ) -> Record:
     """The record of some readings, with weight zero for bad samples and white noise.
 
@@ -236,6 +277,9 @@ def record_of(
         Names of the channels (M,) in messages.
     units
         Unit of each channel (M,): degC, or that of another quantity; None: by the names.
+    noise_model
+        The field ``noise`` of an earlier record of the same channels, whose noise is taken; None:
+        it is estimated.
 
     Returns
     -------
@@ -273,20 +317,22 @@ def record_of(
     implausible, findings = _implausible_readings(data, dt_s, listed, channels, unit_of_channel)
     data[implausible] = np.nan
     traces = np.ascontiguousarray(data.T)
-    if noise_sd is None:
+    is_estimated = noise_sd is None and noise_model is None
+    if is_estimated:
         noise = np.array([trace_noise_sd(x) for x in traces], dtype=float)
     else:
-        noise = np.full(m, noise_sd, dtype=float)
+        noise = np.full(m, 0.0 if noise_sd is None else noise_sd, dtype=float)
     flags = np.stack([_sample_flags(x) for x in traces], axis=1)
     flags[implausible] = IMPLAUSIBLE
     rounding = np.array([rounding_sd(x) for x in traces])
-    hides_noise = (rounding >= noise) & (noise_sd is None)
+    hides_noise = (rounding >= noise) & is_estimated
     rounding_u = np.where(hides_noise, rounding, 0.0)
     for flag, name in zip(flags.T, channels):
         _check_channel(flag, name)
     aliasing_u = np.zeros(m)
     coloured = False
     kinds = [(c.conditioning, unit) for c, unit in zip(listed, unit_of_channel)]
+    models = list[LoggerNoise]()
     for filter_, unit in dict.fromkeys(kinds):
         index = [c for c in range(m) if kinds[c] == (filter_, unit)]
         group = [listed[c] for c in index]
@@ -294,7 +340,10 @@ def record_of(
         spacing = max(usual_spacing([np.flatnonzero(column)]) for column in good.T)
         rule = SPIKES["compensator"].for_lag(min(c.lag_s for c in group) / (spacing * dt_s))
         x = np.where(good, data[:, index], np.nan)
-        if noise_sd is None:
+        if noise_model is not None:
+            logger_noise = noise_model[len(models)]
+            white, outliers = whiten_traces(logger_noise, x, good, dt_s, group, rule)
+        elif noise_sd is None:
             logger_noise, [(white, outliers)] = estimate_and_whiten_noise(
                 [x], [dt_s], filter_, noise[index], group, rule
             )
@@ -304,8 +353,9 @@ def record_of(
         data[:, index] = white
         flags[:, index] |= np.where(outliers, SPIKE, 0).astype(np.uint8)
         noise[index] = logger_noise.level_K
-        if noise_sd is None:  # readings without noise, as of a simulation
+        if is_estimated:  # readings without noise, as of a simulation
             noise[index] = np.maximum(noise[index], least_noise_sd(x))
+        models.append(replace(logger_noise, level_K=noise[index].copy()))
         aliasing_u[index] = logger_noise.aliasing_u_K
         coloured = coloured or logger_noise.is_coloured
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
@@ -326,10 +376,11 @@ def record_of(
         events,
         noise,
         flags,
-        noise_sd is not None or coloured,
+        not is_estimated or coloured,
         np.hypot(aliasing_u, rounding_u),
         tuple(findings),
         unit_of_channel,
+        tuple(models),
     )
 
 
@@ -660,7 +711,11 @@ class Compensated(Result):
         )
 
     def with_undetermined(
-        self, y: Array, names: Sequence[str], chains: Sequence[Chain]
+        self,
+        y: Array,
+        names: Sequence[str],
+        chains: Sequence[Chain],
+        least_range_K: ArrayLike = 0.0,
     ) -> Compensated:
         """Mark the samples that the record does not determine, with a warning for each channel.
 
@@ -672,6 +727,8 @@ class Compensated(Result):
             Names of the channels (M,) in messages.
         chains
             Their chains (M,).
+        least_range_K
+            Range [K] of the readings before the record, one or (M,).
 
         Notes
         -----
@@ -683,7 +740,8 @@ class Compensated(Result):
         withheld by ``determined_estimates``.
         """
         readings = np.where(self.flags == GOOD, y, np.nan)
-        range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
+        highest = np.fmax.reduce(readings, axis=0)
+        range_K = np.fmax(highest - np.fmin.reduce(readings, axis=0), least_range_K)
         variance = np.maximum(self.sd**2 - self.static_u**2, 0.0)
         wide = np.sqrt(variance) > np.maximum(range_K, MIN_RANGE_SD * self.noise_sd)
         unphysical = (self.temperature < LOWEST_DEGC) | (self.temperature > HIGHEST_DEGC)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
@@ -78,8 +79,17 @@ FEW_DOF_OF_BAND = 30.0
 
 def select_channels(record: Record, channels: Flags) -> Record:
     """The record with those of its channels that ``channels`` (M,) marks."""
+    start = record.start
+    if start is not None:
+        start = replace(
+            start,
+            means=tuple(compress(start.means, channels)),
+            factors=tuple(compress(start.factors, channels)),
+            range_K=start.range_K[channels],
+        )
     return replace(
         record,
+        start=start,
         y=record.y[:, channels],
         weight=record.weight[:, channels],
         flags=record.flags[:, channels],
@@ -126,8 +136,16 @@ def gain_nats(dof: Array, ratio: Array) -> Array:
     return np.asarray(0.5 * dof * (bounded - 1 - np.log(bounded)))
 
 
-def too_smooth(fit: Smoothed) -> Flags:
+def too_smooth(fit: Smoothed, are_learned: bool = False) -> Flags:
     """Channels (M,) whose likelihood rises with level noise, or with more noise in a window.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    are_learned
+        Whether its intensities were learned from more rows than these. Then level noise that all
+        rows show was found there, and only windows are looked at.
 
     Notes
     -----
@@ -147,7 +165,8 @@ def too_smooth(fit: Smoothed) -> Flags:
             level_noise = level_noise + first_level_noise[segment]
         weight = np.stack([level_noise, q.at(times_s)], axis=1)
         observed, dof = score_sums(fit, c, windows, weight)
-        if not q.level_noise and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
+        is_checked = not are_learned and not q.level_noise
+        if is_checked and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
             out[c] = True
             continue
         for size in CHECK_SIZES:
@@ -387,9 +406,19 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
     return smooth_record(record, fit.noise_var, chosen)
 
 
-def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
-    """Smooth again with adapted intensities of the channels whose prior is too smooth."""
-    channels = too_smooth(fit)
+def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS, *, are_learned: bool = False) -> Smoothed:
+    """Smooth again with adapted intensities of the channels whose prior is too smooth.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    divisions
+        As of ``adapt_intensities``.
+    are_learned
+        As of ``too_smooth``.
+    """
+    channels = too_smooth(fit, are_learned)
     if not channels.any():
         return fit
     chosen = [q for q, use in zip(fit.intensities, channels) if use]
@@ -401,8 +430,26 @@ def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS) -> Smoothed:
     return smooth_record(fit.record, fit.noise_var, intensities)
 
 
-def intensity_var(fit: Smoothed) -> tuple[Array, Array]:
+def degrees_of_freedom(fit: Smoothed) -> Array:
+    """Degrees of freedom (M,) of the process noise that the readings determine."""
+    times_s = fit.times_s
+    dof = np.zeros(len(fit.intensities))
+    for c, q in enumerate(fit.intensities):
+        weight = np.stack([level_noise_at([q], times_s)[0], q.at(times_s)], axis=1)
+        _, expected = score_sums(fit, c, times_s[:1], weight)
+        dof[c] = expected.sum()
+    return dof
+
+
+def intensity_var(fit: Smoothed, dof: Array) -> tuple[Array, Array]:
     """Variance that the band misses because its intensities are estimates.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    dof
+        ``degrees_of_freedom`` (M,) of the record from which the intensities were estimated.
 
     Returns
     -------
@@ -416,12 +463,6 @@ def intensity_var(fit: Smoothed) -> tuple[Array, Array]:
     and the square of the change of the estimate. It is zero where d exceeds
     ``FEW_DOF_OF_BAND``.
     """
-    times_s = fit.times_s
-    dof = np.zeros(len(fit.intensities))
-    for c, q in enumerate(fit.intensities):
-        weight = np.stack([level_noise_at([q], times_s)[0], q.at(times_s)], axis=1)
-        _, expected = score_sums(fit, c, times_s[:1], weight)
-        dof[c] = expected.sum()
     few = dof < FEW_DOF_OF_BAND
     var, slope_var = np.zeros((2, *fit.predicted.shape))
     if not few.any():

@@ -11,8 +11,9 @@ Guarded by ``tests/smoothing/test_smoother.py`` (dense least squares, coverage),
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import warning
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.labels import common_index, labels_of
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
@@ -45,10 +46,12 @@ from tcdyn.smoothing.process_noise import (
     TradeoffCurve,
     choose_intensities,
     segment,
+    segment_levels,
     tradeoff_curve,
 )
 from tcdyn.smoothing.record import ALONE, SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.roughness import (
+    degrees_of_freedom,
     intensity_var,
     refine,
     unresolved_var,
@@ -197,28 +200,117 @@ def smooth(
     n_channels = record.y.shape[1]
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
-    possible_events: list[PossibleEvent] = []
-    findings = list(record.findings)
+    likely: Likely | None = None
     if intensity is None:
         detect = not events_s if find_events is None else find_events
-        fit, possible_events, jump_K, contradicts = _smooth_by_likelihood(record, detect)
-        if record.events_s and contradicts:
-            without = replace(record, events_s=())
-            other, other_events, other_jump_K, _ = _smooth_by_likelihood(without, True)
-            if _log_likelihood(other) > _log_likelihood(fit) + EVENTS_NATS:
-                fit, possible_events, jump_K = other, other_events, other_jump_K
-                findings.append(warning("trace.events", events=len(record.events_s)))
+        likely = likeliest(record, detect)
+        if record.events_s and likely.contradicts:
+            other = likeliest(replace(record, events_s=()), True)
+            if _log_likelihood(other.fit) > _log_likelihood(likely.fit) + EVENTS_NATS:
+                likely = other
+                finding = warning("trace.events", events=len(record.events_s))
+                record = replace(record, findings=(*record.findings, finding))
+        fit = likely.fit
     else:
         fit = _smoothed_without_spikes(
             record, record.noise_sd**2, _as_intensities(intensity, n_channels)
         )
-    intensities = list(fit.intensities)
-    noise_var = fit.noise_var
-    events = {at: u_by_time[at] for at in fit.record.events_s}
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
             fit = _smooth_with_student_weights(fit, record.y)
+    result = compensated(
+        fit,
+        likely,
+        None if likely is None else learned_from(fit),
+        u_by_time,
+        lag_covariance=lag_covariance,
+        split_u_s=split_u_s,
+        static_u=static_u,
+        findings=record.findings,
+        names=names,
+    )
+    return result.with_labels(y, names)
+
+
+class Likely(NamedTuple):
+    """A record smoothed with the likeliest intensities, and the events in it.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    events
+        The events that were detected, and the listed ones of uncertain form.
+    jump_K
+        Its ``remaining_jump`` (N, M) [K].
+    contradicts
+        Whether a jump was large before the intensities were adapted to it.
+    """
+
+    fit: Smoothed
+    events: tuple[PossibleEvent, ...]
+    jump_K: Array
+    contradicts: bool
+
+
+class Learned(NamedTuple):
+    """What a smoothed record tells about the rows that follow.
+
+    Parameters
+    ----------
+    intensities
+        Intensity of each channel (M,), on the clock of the record.
+    noise_var
+        Noise variance (M,) [K2].
+    dof
+        Degrees of freedom (M,) from which the intensities were estimated.
+    missed_var, missed_slope_var
+        The ``unresolved_var`` (M,) of the temperature [K2] and of its rate of change [K2/s2].
+    """
+
+    intensities: tuple[Intensity, ...]
+    noise_var: Array
+    dof: Array
+    missed_var: Array
+    missed_slope_var: Array
+
+
+def learned_from(fit: Smoothed) -> Learned:
+    """What a smoothed record tells about the rows that follow, and about its own band."""
+    return Learned(fit.intensities, fit.noise_var, degrees_of_freedom(fit), *unresolved_var(fit))
+
+
+def compensated(
+    fit: Smoothed,
+    likely: Likely | None,
+    learned: Learned | None,
+    u_by_time: Mapping[float, float],
+    *,
+    lag_covariance: ArrayLike | None,
+    split_u_s: ArrayLike,
+    static_u: ArrayLike | None,
+    findings: Sequence[Finding],
+    names: Sequence[str] | None,
+) -> Compensated:
+    """The result of a smoothed record, with all contributions to its uncertainty.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    likely, learned
+        Its events, and from what its intensities were estimated; None for given intensities.
+    u_by_time
+        Listed events [s] and their standard uncertainties [s].
+    lag_covariance, split_u_s, static_u, names
+        As in ``smooth``.
+    findings
+        Findings about the channels.
+    """
+    record = fit.record
+    dt_s = record.dt_s
     samples = fit.at_samples()
+    possible_events = () if likely is None else likely.events
     for event in possible_events:
         samples = average_over_event(fit, samples, event)
     var = samples.sd**2
@@ -227,18 +319,19 @@ def smooth(
     per_kelvin = samples.slope_sd / np.maximum(samples.sd, 1e-300)
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     slope_var = slope_var + (per_kelvin * record.aliasing_u_K) ** 2
-    if intensity is None:
-        var = var + jump_K**2
-        slope_var = slope_var + (per_kelvin * jump_K) ** 2
-        for of_temperature, of_slope in (unresolved_var(fit), intensity_var(fit)):
-            var = var + of_temperature
-            slope_var = slope_var + of_slope
+    if likely is not None and learned is not None:
+        intensity_var_K2, intensity_slope_var = intensity_var(fit, learned.dof)
+        var = var + likely.jump_K**2 + learned.missed_var + intensity_var_K2
+        slope_var = slope_var + (per_kelvin * likely.jump_K) ** 2
+        slope_var = slope_var + learned.missed_slope_var + intensity_slope_var
         slope_var = slope_var + unseen_slope_var(fit)
+    events = {at: u_by_time[at] for at in record.events_s}
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
         var = var + shift_K**2
         slope_var = slope_var + np.gradient(shift_K, dt_s, axis=0) ** 2
     sd = np.sqrt(var)
+    n_channels = record.y.shape[1]
     split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
     split_K = samples.lag_split_sensitivity * [
         c.split_s2(u) for c, u in zip(record.chains, split_u)
@@ -260,18 +353,19 @@ def smooth(
         line_u_K,
         dt_s,
         split_K,
-        noise_sd=np.sqrt(noise_var),
-        intensity=np.array([float(np.median(q.at(some_times))) for q in intensities]),
-        flags=fit.record.flags,
+        noise_sd=np.sqrt(fit.noise_var),
+        intensity=np.array([float(np.median(q.at(some_times))) for q in fit.intensities]),
+        flags=record.flags,
         method="fixed-interval smoother",
         findings=tuple(findings),
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
-        intensities=tuple(intensities),
+        intensities=fit.intensities,
         units=record.units,
     )
-    result = result.with_undetermined(record.y, channel_names(names, n_channels), record.chains)
-    return result.with_labels(y, names)
+    return result.with_undetermined(
+        record.y, channel_names(names, n_channels), record.chains, record.least_range_K()
+    )
 
 
 def _as_intensities(
@@ -306,9 +400,7 @@ def _smoothed_without_spikes(
     return fit
 
 
-def _smooth_by_likelihood(
-    record: Record, detect: bool
-) -> tuple[Smoothed, list[PossibleEvent], Array, bool]:
+def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> Likely:
     """Smooth a record with intensities by their likelihood, and detect events in it.
 
     Parameters
@@ -317,33 +409,40 @@ def _smooth_by_likelihood(
         The record.
     detect
         Whether events are detected that are not listed.
-
-    Returns
-    -------
-    fit
-        The smoothed record.
-    events
-        The events that were detected, and the listed ones of uncertain form.
-    jump
-        Its ``remaining_jump``, (N, M) [K].
-    contradicts
-        Whether a jump was large before the intensities were adapted to it.
+    learned
+        Intensities and noise of the rows before, which are taken where the record does not
+        contradict them; None: they are estimated.
     """
     lag_s = max(c.lag_s for c in record.chains)  # 0 where the lag is to be left in
     if 0 < lag_s * MAX_LAGS_IN_ROW < record.dt_s:
         raise _too_slow(record)
     start_var = record.noise_sd**2
-    intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
+    if learned is None:
+        intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
+    else:
+        intensities, noise_var = list(learned.intensities), learned.noise_var
+
+    def levels_of(divided: Record) -> tuple[list[Intensity], Array]:
+        """Intensities without bursts of a record that events divide, and its noise variance."""
+        if learned is None:
+            return segment_levels(divided, start_var, record.noise_known)
+        starts_s = (0.0, *divided.events_s)
+        return [q.at_starts(starts_s) for q in learned.intensities], learned.noise_var
+
     fit = _smoothed_without_spikes(record, noise_var, intensities)
     detected_events: list[HiddenEvent] = []
     contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
-    if detect and _shows_events(fit):
-        fit, detected_events = detect_hidden_events(fit, start_var, record.noise_known)
-    fit, uncertain_events = with_likeliest_forms(with_least_risk(refine(fit)))
+    if detect and _shows_events(fit, learned is not None):
+        fit, detected_events = detect_hidden_events(fit, levels_of)
+    fit = refine(fit, are_learned=learned is not None)
+    if learned is None:
+        fit = with_least_risk(fit)
+    fit, uncertain_events = with_likeliest_forms(fit)
     contradicting = contradicting_readings(fit)
     if contradicting.any():
-        return _smooth_by_likelihood(_without_samples(record, contradicting, ALONE), detect)
-    return fit, [*uncertain_events, *detected_events], remaining_jump(fit), contradicts
+        return likeliest(_without_samples(record, contradicting, ALONE), detect, learned)
+    events = (*uncertain_events, *detected_events)
+    return Likely(fit, events, remaining_jump(fit), contradicts)
 
 
 def _too_slow(record: Record) -> InputError:
@@ -362,11 +461,11 @@ def _log_likelihood(fit: Smoothed) -> float:
     return float(value.sum())
 
 
-def _shows_events(fit: Smoothed) -> bool:
+def _shows_events(fit: Smoothed, are_learned: bool) -> bool:
     """Whether level noise, the same at all times, leaves candidates of events."""
     if not candidate_times(fit, fit.record.events_s):
         return False
-    return bool(candidate_times(refine(fit, divisions=0), fit.record.events_s))
+    return bool(candidate_times(refine(fit, 0, are_learned=are_learned), fit.record.events_s))
 
 
 def _spike_mask(fit: Smoothed) -> Flags:

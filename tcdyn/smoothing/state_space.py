@@ -25,6 +25,7 @@ from tcdyn.chain import Sensor
 from tcdyn.core import Array
 from tcdyn.estimation.kalman import (
     PointModel,
+    filtered_state,
     level_covariance,
     log_likelihood,
     root_of_sum,
@@ -56,7 +57,8 @@ SERIES_TERMS = 20
 def channel_ranges(record: Record) -> Array:
     """Range of the good samples of each channel (M,) [K], 1 where there are none."""
     good = [y[w > 0] for y, w in zip(record.y.T, record.weight.T)]
-    return np.array([np.ptp(y) if len(y) else 1.0 for y in good])
+    own = np.array([np.ptp(y) if len(y) else 1.0 for y in good])
+    return np.asarray(np.maximum(own, record.least_range_K()))
 
 
 @dataclass(frozen=True)
@@ -104,13 +106,18 @@ def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Poin
     Notes
     -----
     A sample reads the state at its time minus the dead time, so the dead time is exact. An event
-    takes the place of a sample at the same time.
+    takes the place of a sample at the same time. Of a record with a start, the readings of states
+    before it have no point of their own: they are part of the start.
     """
     dt = record.dt_s
+    first_s = -delay_s if record.start is None else 0.0
+    last_s = (len(record.y) - 1) * dt
+    inside = sorted({e for e in events_s if first_s < e < last_s})
+    if not inside and not delay_s:
+        return _points_of_samples(len(record.y), dt)
     sample_s = np.arange(len(record.y)) * dt
-    first_s = -delay_s
-    inside = sorted({e for e in events_s if first_s < e < sample_s[-1]})
-    time_s = np.concatenate([inside, sample_s, sample_s - delay_s if delay_s else []])
+    read_s = np.maximum(sample_s - delay_s, first_s) if delay_s else []
+    time_s = np.concatenate([inside, sample_s, read_s])
     # of times that are nearly the same the first counts, which is that of an event
     order = np.argsort(time_s, kind="stable")
     is_new = np.diff(time_s[order], prepend=-np.inf) > SAME_TIME * dt
@@ -131,6 +138,14 @@ def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Poin
         of_samples[-len(sample_s) :],
         sample,
     )
+
+
+@lru_cache(maxsize=16)
+def _points_of_samples(count: int, dt_s: float) -> Points:
+    """The points of a channel without dead time and events: each sample is one."""
+    index = np.arange(count)
+    time_s = dt_s * np.arange(count, dtype=np.float64)
+    return Points(time_s, np.zeros(count, dtype=np.int64), np.array([dt_s]), index, index)
 
 
 def steps_of(sensor: Sensor, step_s: float) -> tuple[Array, Array, Array]:
@@ -234,9 +249,11 @@ def point_models(
     step_matrices = [steps_of(sensor, step_s) for step_s in points.step_s]
     transition, level_unit, slope_unit = (np.array(kinds) for kinds in zip(*step_matrices))
     read = np.zeros(count)
-    read[points.reading] = reading
     variance = np.zeros(count)
     is_good = weight > 0
+    if record.start is not None:
+        is_good[: samples_before(sensor.delay_s, record.dt_s)] = False
+    read[points.reading[is_good]] = reading[is_good]
     variance[points.reading[is_good]] = noise_var / weight[is_good]
     good = reading[is_good]
     start_level = float(good[0]) if len(good) else 0.0
@@ -259,14 +276,17 @@ def point_models(
     period = 1 if count < 1.5 * len(reading) else 2
     models = []
     for k in range(len(proposals)):
-        mean, factor = ramp_prior(
-            sensor,
-            start_level,
-            range_K,
-            record.dt_s,
-            float(start_intensity[k]),
-            float(start_level_noise[k]),
-        )
+        if record.start is None:
+            mean, factor = ramp_prior(
+                sensor,
+                start_level,
+                range_K,
+                record.dt_s,
+                float(start_intensity[k]),
+                float(start_level_noise[k]),
+            )
+        else:
+            mean, factor = record.start.means[channel], record.start.factors[channel]
         models.append(
             PointModel(
                 transition,
@@ -286,6 +306,17 @@ def point_models(
             )
         )
     return points, models
+
+
+def samples_before(delay_s: float, dt_s: float) -> int:
+    """First samples of a record with a start that read a state before it.
+
+    Examples
+    --------
+    >>> samples_before(0.0, 0.1), samples_before(0.2, 0.1), samples_before(0.25, 0.1)
+    (0, 2, 3)
+    """
+    return int(np.ceil(delay_s / dt_s - SAME_TIME))
 
 
 def slope_prior_sd(sensor: Sensor, span: float, dt_s: float) -> float:
@@ -655,6 +686,32 @@ def predicted_readings(
         predicted[:, c] = smoothed.predicted[points.reading]
         predicted_var[:, c] = smoothed.predicted_var[points.reading]
     return predicted, predicted_var
+
+
+def state_at(fit: Smoothed, sample: int) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """States of all channels at a sample given the readings of states before it.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    sample
+        Index of the sample.
+
+    Returns
+    -------
+    means, factors
+        As the fields of ``Start``.
+    """
+    record = fit.record
+    span = channel_ranges(record)
+    means, factors = [], []
+    for c, q in enumerate(fit.intensities):
+        points, (model,) = point_models(record, c, float(fit.noise_var[c]), [q], float(span[c]))
+        mean, factor = filtered_state(model, int(points.sample[sample]))
+        means.append(mean)
+        factors.append(factor)
+    return tuple(means), tuple(factors)
 
 
 def sample_covariance(

@@ -52,6 +52,7 @@ from tcdyn.workflows.follow_log import (
     start_time_metadata,
     wait_for_rows,
 )
+from tcdyn.workflows.follow_pace import Pace
 from tcdyn.workflows.follow_state import Stand, StateFile, state_key
 from tcdyn.workflows.options import FollowOptions
 from tcdyn.workflows.raw_log import Given, RawLog, calibrations_of, survey_of
@@ -134,6 +135,7 @@ def follow(
     poll_s: float = 0.2,
     asked_to_stop: Callable[[], bool] = lambda: False,
     announce: Callable[[RawLog, float], None] = lambda _log, _delay_s: None,
+    falls_behind: Callable[[int], None] = lambda _rows: None,
     sleep: Callable[[float], None] = time.sleep,
     **options: Any,
 ) -> FollowRun:
@@ -158,6 +160,9 @@ def follow(
         Returns whether the run is to end.
     announce
         Called with the log and the delay before the first row is written.
+    falls_behind
+        Called with the number of rows that wait, when the log grows faster than its rows are
+        compensated.
     sleep
         Waits for a time [s].
     **options
@@ -191,7 +196,7 @@ def follow(
     opened = wait_for_rows(files.log, used, rig, settings, patience)
     if opened is None:
         return _result_without_header(settings)
-    run = _started_run(opened, files, settings)
+    run = _started_run(opened, files, settings, falls_behind)
     announce(run.raw, run.delay_s)
     run.write_rows(patience)
     run.check_log()
@@ -275,7 +280,12 @@ def _result_without_header(settings: FollowOptions) -> FollowRun:
     )
 
 
-def _started_run(opened: FollowedLog, files: _Files, settings: FollowOptions) -> _Run:
+def _started_run(
+    opened: FollowedLog,
+    files: _Files,
+    settings: FollowOptions,
+    falls_behind: Callable[[int], None],
+) -> _Run:
     """Start a run, or continue that of the state file: the output is there with its header.
 
     Parameters
@@ -286,6 +296,8 @@ def _started_run(opened: FollowedLog, files: _Files, settings: FollowOptions) ->
         Files of the run.
     settings
         Options of the run.
+    falls_behind
+        As of ``follow``.
 
     Raises
     ------
@@ -313,7 +325,8 @@ def _started_run(opened: FollowedLog, files: _Files, settings: FollowOptions) ->
         notes = {**raw.notes, "delay_s": f"{delay_s:g}", **start_time_metadata(growing, raw)}
         out_bytes = start_csv(files.out, header, notes, style=style)
         stand = Stand(growing.offset, None, 0, out_bytes, {})
-    return _Run(growing, raw, files.out, is_new, style, header, method, delay_s, state, stand)
+    pace = Pace(falls_behind)
+    return _Run(growing, raw, files.out, is_new, style, header, method, delay_s, state, stand, pace)
 
 
 def _check_times_are_known(opened: FollowedLog, files: _Files) -> None:
@@ -353,6 +366,8 @@ class _Run:
         File of the state; None: it is not saved.
     stand
         Where the run stands.
+    pace
+        Whether the run keeps up.
     rows_written
         Rows in the output after the run.
     saved_at_s
@@ -375,6 +390,7 @@ class _Run:
     delay_s: float
     state: StateFile | None
     stand: Stand
+    pace: Pace
     rows_written: int = 0
     saved_at_s: float = -float("inf")  # at once, so that a run that is killed can be continued
     rising_rows: RisingRows = field(init=False)
@@ -420,6 +436,7 @@ class _Run:
             self.method,
             delay_s=self.delay_s,
             position=self.stand.position,
+            delayed=self.stand.delayed,
         )
         for result in segments:
             if result.segment.is_last:
@@ -428,6 +445,8 @@ class _Run:
                 return
             self._append(result, output)
             self.stand = self.stand.after(result, output, self.totals.decimals)
+            waiting = self.growing.rows - self.totals.rows + self.growing.waiting_rows()
+            self.pace.look(time.monotonic(), waiting)
             if time.monotonic() - self.saved_at_s > SAVE_EVERY_S:
                 self._save(output)
         self._save(output)
@@ -470,6 +489,8 @@ class _Run:
         growing = self.growing
         findings = delayed_findings(self.raw, self.rising_rows, self.totals)
         findings += dialect_findings(self.raw.source.table, self.out, self.style, grows=True)
+        if self.pace.most:
+            findings.append(warning("follow.behind", rows=self.pace.most))
         if growing.bad_lines:
             findings.append(warning("follow.torn", count=growing.bad_lines))
         return FollowRun(

@@ -21,6 +21,7 @@ from tcdyn.io.read import display_path
 from tcdyn.io.stored import STATE, check_schema, read_json
 from tcdyn.io.write import write_text
 from tcdyn.sensors.compensation import CompensatedSegment
+from tcdyn.sensors.delayed import DelayedSmoother
 from tcdyn.sensors.segments import SegmentPosition
 from tcdyn.workflows.raw_log import Calibrations, RawLog
 
@@ -41,6 +42,8 @@ class Stand:
         Size of the output [bytes].
     decimals
         Number of decimals by column of the output.
+    delayed
+        What the last segment passed on to the next one; None before the first.
     """
 
     offset: int
@@ -48,6 +51,7 @@ class Stand:
     written: int
     out_bytes: int
     decimals: dict[str, int]
+    delayed: DelayedSmoother | None = None
 
     def after(
         self, result: CompensatedSegment, output: AppendedFile, decimals: dict[str, int]
@@ -68,7 +72,7 @@ class Stand:
         offset = self.offset
         if first > 0:
             offset = int(segment.data[ROW_END][first - 1])
-        return Stand(offset, segment.position, output.rows, output.size, decimals)
+        return Stand(offset, segment.position, output.rows, output.size, decimals, result.delayed)
 
 
 def state_key(raw: RawLog, calibrations: Calibrations, delay_s: float) -> dict[str, Any]:
@@ -139,6 +143,7 @@ class StateFile:
             "out_bytes": stand.out_bytes,
             "out_sha256": output.hash.hexdigest(),
             "decimals": stand.decimals,
+            "smoother": None if stand.delayed is None else stand.delayed.to_dict(),
         }
         plain = json.loads(json.dumps(content))
         write_text(self.path, json.dumps({**plain, CHECKSUM_KEY: checksum(plain)}) + "\n")
@@ -233,4 +238,7 @@ def _stand_of(data: Mapping[str, Any]) -> Stand:
         position = SegmentPosition(float(place["interval_s"]), *rows)
     decimals = {str(name): int(count) for name, count in data["decimals"].items()}
     written = int(data["written"])
-    return Stand(int(data["offset"]), position, written, int(data["out_bytes"]), decimals)
+    delayed = None
+    if data["smoother"] is not None:
+        delayed = DelayedSmoother.from_dict(data["smoother"])
+    return Stand(int(data["offset"]), position, written, int(data["out_bytes"]), decimals, delayed)

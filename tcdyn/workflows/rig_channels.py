@@ -24,7 +24,7 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import shared_u_K
 from tcdyn.sensors.channels import Channel, ChannelGroup, TableChannels
-from tcdyn.sensors.compensation import ChannelReadings
+from tcdyn.sensors.readings import ChannelReadings
 from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.clock import mean_interval_s
 from tcdyn.series.series import Context

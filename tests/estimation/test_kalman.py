@@ -16,8 +16,8 @@ from tcdyn.estimation import compiled as compilation
 from tcdyn.estimation.kalman import (
     BLOCK,
     PointModel,
+    _filter_to,
     _level_covariance,
-    _log_likelihood,
     _smooth,
     compile_functions,
     level_covariance,
@@ -197,7 +197,7 @@ def test_smoother_and_likelihood_equal_dense_algebra(name: str) -> None:
         assert window == pytest.approx(np.array(levels), rel=1e-5, abs=1e-5 * np.max(levels))
 
 
-def test_scores_are_derivatives_of_the_log_likelihood() -> None:
+def test_scores_are_derivatives_of_the_filter_to() -> None:
     """By central differences of the variances of jumps, and of the intensities of one step."""
     model = CASES["two lags, level noise"]
     ours = smooth_points(model)
@@ -316,5 +316,5 @@ def test_without_a_writable_cache_each_process_compiles(
 
 def test_what_workers_need_is_compiled_before_they_start() -> None:
     compile_functions()
-    for function in (_smooth, _log_likelihood, _level_covariance):
+    for function in (_smooth, _filter_to, _level_covariance):
         assert len(function.signatures) == 1  # no second one for arrays of other kinds

@@ -17,6 +17,7 @@ from tcdyn.rig.record import ChainRecord, ChannelChain, DiskRecord
 from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors.channels import Channel, ChannelGroup, TableChannels
 from tcdyn.sensors.compensation import compensated_segments
+from tcdyn.series.series import Context
 from tcdyn.series.units import Unit
 
 Array = NDArray[np.float64]
@@ -141,7 +142,7 @@ def with_delay(
             yield np.arange(len(y)) * dt_s, dict(zip(names, y.T)), ()
 
     segments = compensated_segments(
-        Source(), names, TableChannels(tuple(groups), "world"), delay_s=delay_s
+        Source(), names, TableChannels(tuple(groups), Context("world")), delay_s=delay_s
     )
     made = [segment.columns for segment in segments]
     x = np.stack([np.concatenate([c[name] for c in made]) for name in names], axis=1)

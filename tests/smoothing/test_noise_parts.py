@@ -20,7 +20,7 @@ from tcdyn.chain.bursts import (
     _pulse_shapes,
     _PulseSearch,
     _searched_near_suspects,
-    _window_model,
+    _window_of,
     _WindowModel,
 )
 from tcdyn.chain.logger_noise import (
@@ -196,7 +196,7 @@ def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     assert np.linalg.norm(shapes, axis=1) == pytest.approx(1.0)
     assert np.linalg.norm(rest) == pytest.approx(1.0)  # zero elsewhere
     assert [float(rest @ x**k) for k in range(4)] == pytest.approx([0.0] * 4, abs=1e-12)
-    parts = _window_model([pulses[3], pulses[5]], 90, 12, DT, 0.5)
+    parts = _window_of([pulses[3], pulses[5]], 90, 12, DT, 0.5)
     x = np.linspace(-1, 1, 90)
     assert np.abs(np.stack([x**k for k in range(4)]) @ parts.units).max() < 1e-9
     assert np.linalg.norm(parts.units, axis=0) == pytest.approx(1.0)
@@ -209,7 +209,7 @@ def find_bursts(
 ) -> np.ndarray:
     """The mask of the bursts in one trace (N,); no other channel is a witness."""
     search = _PulseSearch.of(y, dt_s, noise_sd, filter_)
-    return _burst_mask(search, dt_s, lag_s, np.zeros(len(y), dtype=bool))
+    return _burst_mask(search, lag_s, np.zeros(len(y), dtype=bool))
 
 
 @pytest.mark.parametrize("length", [4, 20])
@@ -273,9 +273,7 @@ def test_the_screen_does_not_change_what_bursts_are_detected() -> None:
         )
         assert exact.initial_score[~quick.near].max(initial=0.0) < MIN_HEIGHT_SD
         isolated = np.ones(len(y), dtype=bool)
-        assert np.array_equal(
-            _burst_mask(exact, DT, 0.5, isolated), _burst_mask(quick, DT, 0.5, isolated)
-        )
+        assert np.array_equal(_burst_mask(exact, 0.5, isolated), _burst_mask(quick, 0.5, isolated))
 
 
 def test_the_screen_spares_most_of_a_record_without_bursts() -> None:

@@ -143,6 +143,8 @@ PIPELINE: dict[str, Message] = {
     "delay.not_used": "{count} of {rows} readings of {subject} are spikes, stuck, or not possible "
     "for this sensor, the first at {first_s:.6g} s: taken as missing",
     "delay.backward": "{count} rows whose time is missing or runs backward were not used",
+    "follow.behind": "the log grew faster than its rows were compensated: up to {rows} rows "
+    "waited; a longer delay or fewer columns need less time",
     "follow.torn": "{count} lines with a wrong number of fields were not used",
 }
 
