@@ -435,8 +435,7 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
     if detect and _shows_events(fit, learned is not None):
         fit, detected_events = detect_hidden_events(fit, levels_of)
     fit = refine(fit, are_learned=learned is not None)
-    if learned is None:
-        fit = with_least_risk(fit)
+    fit = with_least_risk(fit) if learned is None else _with_explained_readings(fit, record)
     fit, uncertain_events = with_likeliest_forms(fit)
     contradicting = contradicting_readings(fit)
     if contradicting.any():
@@ -482,6 +481,22 @@ def _spike_mask(fit: Smoothed) -> Flags:
     window = np.ones(rule.width)
     crowd = np.stack([np.convolve(column, window, mode="same") for column in outlying.T], axis=1)
     return np.asarray(outlying & (crowd <= rule.longest))
+
+
+def _with_explained_readings(fit: Smoothed, record: Record) -> Smoothed:
+    """Smooth again with readings of ``record`` that were spikes only before events were known."""
+    limit = SPIKES["answer"].sigmas * np.sqrt(fit.noise_var)
+    was_removed = (record.weight > 0) & (fit.record.weight == 0)
+    is_explained = was_removed & (np.abs(record.y - fit.predicted) < limit)
+    if not is_explained.any():
+        return fit
+    restored = replace(
+        fit.record,
+        y=np.where(is_explained, record.y, fit.record.y),
+        weight=np.where(is_explained, record.weight, fit.record.weight),
+        flags=np.where(is_explained, record.flags, fit.record.flags),
+    )
+    return smooth_record(restored, fit.noise_var, fit.intensities)
 
 
 def _without_samples(record: Record, samples: Flags, flag: int) -> Record:
