@@ -185,18 +185,17 @@ def _cached_steps(drift_bytes: bytes, n: int, step_s: float) -> tuple[Array, Arr
     short_s = step_s / 2**doublings
     transition = np.asarray(expm(drift * short_s))
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
+    # powers (nodes, terms) of the time of each node as a share of the step
+    shares = (0.5 * (1.0 + nodes))[:, None] ** np.arange(SERIES_TERMS)
     noises = []
     for state in (0, 1):
-        noise = np.zeros((n, n))
-        for node, weight in zip(nodes, weights):
-            t_s = 0.5 * short_s * (1.0 + node)
-            term = np.eye(n)[state]
-            moved = term.copy()
-            for power in range(1, SERIES_TERMS):
-                term = drift @ term * (t_s / power)
-                moved += term
-            noise += 0.5 * short_s * weight * np.outer(moved, moved)
-        noises.append(noise)
+        term = np.eye(n)[state]
+        terms = [term]
+        for power in range(1, SERIES_TERMS):
+            term = drift @ term * (short_s / power)
+            terms.append(term)
+        moved = shares @ np.array(terms)
+        noises.append((moved.T * (0.5 * short_s * weights)) @ moved)
     for _ in range(doublings):
         noises = [noise + transition @ noise @ transition.T for noise in noises]
         transition = transition @ transition
@@ -275,18 +274,17 @@ def point_models(
     # samples and readings alternate where the dead time is no multiple of the sampling interval
     period = 1 if count < 1.5 * len(reading) else 2
     models = []
-    for k in range(len(proposals)):
-        if record.start is None:
-            mean, factor = ramp_prior(
-                sensor,
-                start_level,
-                range_K,
-                record.dt_s,
-                float(start_intensity[k]),
-                float(start_level_noise[k]),
-            )
+    priors: dict[tuple[float, float], tuple[Array, Array]] = {}
+    for k, intensity_at_start in enumerate(
+        zip(start_intensity.tolist(), start_level_noise.tolist())
+    ):
+        if record.start is not None:
+            prior = record.start.means[channel], record.start.factors[channel]
+        elif intensity_at_start in priors:
+            prior = priors[intensity_at_start]
         else:
-            mean, factor = record.start.means[channel], record.start.factors[channel]
+            prior = ramp_prior(sensor, start_level, range_K, record.dt_s, *intensity_at_start)
+            priors[intensity_at_start] = prior
         models.append(
             PointModel(
                 transition,
@@ -299,8 +297,7 @@ def point_models(
                 sensor.output,
                 read,
                 variance,
-                mean,
-                factor,
+                *prior,
                 is_sample,
                 period,
             )
