@@ -20,6 +20,10 @@ from tcdyn.workflows.options import FollowOptions
 if TYPE_CHECKING:
     from tcdyn.workflows.raw_log import RawLog
 
+BEHIND = (
+    "  the log grows faster than its rows are compensated: {rows} rows wait; a longer delay or "
+    "fewer columns need less time"
+)
 OptionalOutput = Annotated[Path | None, typer.Option(rich_help_panel="Output")]
 
 
@@ -79,13 +83,6 @@ def follow(
         reporter.text(f"following {log}, {count} channels; Ctrl-C ends it")
         reporter.text(f"  rows are written at most {delay_s:.3g} s late")
 
-    def falls_behind(rows: int) -> None:
-        """Print how many rows wait."""
-        reporter.text(
-            f"  the log grows faster than its rows are compensated: {rows} rows wait; "
-            "a longer delay or fewer columns need less time"
-        )
-
     with _watch_stop_signals() as stop:
         done = run(
             log,
@@ -96,7 +93,7 @@ def follow(
             overwrite=reporter.overwrite,
             asked_to_stop=stop,
             announce=announce,
-            falls_behind=falls_behind,
+            falls_behind=lambda rows: reporter.text(BEHIND.format(rows=rows)),
             **options.stated,
         )
     reporter.text(f"{done.summary()} to {out}")

@@ -32,6 +32,9 @@ BLOCK = 65536
 # Relative change of a covariance from one point to the next below which it counts as settled. The
 # rest of its change is this over the share that it loses at each point: 1e-10 of 10,000 points.
 SETTLED = 1e-12
+# Square of the rest of a row over that of its diagonal below which the row is triangular: the rest
+# is 1e-30 of the diagonal, far below rounding. With a smaller one a reflection may underflow.
+NEGLIGIBLE = 1e-60
 
 
 class PointModel(NamedTuple):
@@ -140,7 +143,9 @@ def _triangularise(a: Array, count: int, rows: int, columns: int) -> None:
         for j in range(i + 1, columns):
             rest += a[i, j] * a[i, j]
         head = a[i, i]
-        if rest == 0.0:
+        if rest <= NEGLIGIBLE * head * head:
+            for j in range(i + 1, columns):
+                a[i, j] = 0.0
             if head < 0.0:
                 for k in range(i, count):
                     a[k, i] = -a[k, i]
@@ -447,18 +452,21 @@ def _product(factor: Array, information: Array, out: Array) -> None:
 
 @compiled
 def _factor_of_gram(matrix: Array, transposed: bool, out: Array) -> None:
-    """Lower Cholesky factor of I + M'M, or of I + M M' if ``transposed``."""
+    """Lower triangular square root of I + M'M, or of I + M M' if ``transposed``.
+
+    The rows of (I, M') or (I, M) are made triangular, so that the identity is not lost beside a
+    large M.
+    """
     n = len(out)
+    work = np.zeros((n, 2 * n))
     for i in range(n):
-        for j in range(i + 1):
-            value = 1.0 if i == j else 0.0
-            for k in range(n):
-                if transposed:
-                    value += matrix[i, k] * matrix[j, k]
-                else:
-                    value += matrix[k, i] * matrix[k, j]
-            out[i, j] = value
-    _cholesky(out, n)
+        work[i, i] = 1.0
+        for j in range(n):
+            work[i, n + j] = matrix[i, j] if transposed else matrix[j, i]
+    _triangularise(work, n, n, 2 * n)
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = work[i, j]
 
 
 @compiled
@@ -489,7 +497,7 @@ def _state_moments(
     factor
         Square root S of the predicted covariance.
     product, lower
-        G and the Cholesky factor of I + G'G, see ``_product``.
+        G and the square root of I + G'G, see ``_product``.
     rows
         Rows (R, n) of the functions; the first three are both first states and the reading.
     moments

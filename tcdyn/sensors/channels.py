@@ -134,7 +134,9 @@ class TableChannels:
         if len(segment.time_s) < MIN_ROWS:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
         series = make_series(segment.time_s, rows, self.context)
-        findings += series.findings
+        # each row is compensated at its own time
+        is_exact = series.late_s is not None
+        findings += [f for f in series.findings if not (is_exact and f.code == "series.uneven")]
         group_size = min(max(int(MAX_VALUES / series.clock.size), 1), MAX_COLUMNS)
         prepared = []
         for group in self.groups:
@@ -195,12 +197,13 @@ def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> Cha
         disk=group.disk,
         is_separable=True,
         is_left_out=(reasons == RANGE) | (reasons == CODE),
+        late_s=series.late_on_grid(),
     )
 
 
 def _with_static_line(series: Series, channel: Channel) -> Array:
     """Readings of a channel at the samples (N,) [degC], after its static line."""
-    degC = series.on_grid(channel.column)
+    degC = series.at_own_times(channel.column)
     return np.asarray(apply_static(degC, channel.line) if channel.line else degC)
 
 

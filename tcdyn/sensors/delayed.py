@@ -1,6 +1,6 @@
 """Channels that are smoothed with a fixed delay: blocks of rows, and what each passes on.
 
-Used by :mod:`tcdyn.sensors.compensation`. Guarded by ``tests/smoothing/test_running.py`` and
+Used by :mod:`tcdyn.sensors.compensation`. Guarded by ``tests/smoothing/test_block_by_block.py`` and
 ``tests/smoothing/test_fixed_delay.py``.
 """
 
@@ -148,6 +148,7 @@ class DelayedSmoother:
             lag_covariance=readings.lag_covariance_s2,
             split_u_s=readings.split_u_s,
             static_u=readings.static_u_K,
+            late_s=readings.late_s,
         )
         self.next_rows_back = stop - 1 - next_row
         return (readings if running is None else readings.from_sample(origin)), result

@@ -48,6 +48,8 @@ class ChannelReadings:
         Whether the channels are smoothed one by one where they cannot be smoothed together.
     is_left_out
         Whether the value of each row (R, M) was left out as impossible or as a code; None: none.
+    late_s
+        How much later than its sample each reading was taken (N,) [s]; None: not at all.
     """
 
     columns: tuple[str, ...]
@@ -66,6 +68,7 @@ class ChannelReadings:
     disk: str = ""
     is_separable: bool = False
     is_left_out: Flags | None = None
+    late_s: Array | None = None
 
     @property
     def names(self) -> list[str]:
@@ -100,4 +103,5 @@ class ChannelReadings:
             start_s=self.start_s + first * self.dt_s,
             sample_of_row=self.sample_of_row - first,
             static_u_K=self.static_u_K[first:],
+            late_s=None if self.late_s is None else self.late_s[first:],
         )

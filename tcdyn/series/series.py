@@ -224,6 +224,11 @@ class Series:
         Findings about times and values.
     bands
         By column whose rows were written on change: its dead band.
+    late_s
+        How much later than its time on the grid each row was read (R,) [s]; None: not at all, or
+        the readings do not tell.
+    unshifted
+        By column that was shifted to the grid: its values (R,) as they were read.
     """
 
     clock: Clock
@@ -233,6 +238,8 @@ class Series:
     report: SeriesReport
     findings: tuple[Finding, ...] = ()
     bands: Mapping[str, DeadBand] = field(default_factory=dict)
+    late_s: Array | None = None
+    unshifted: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def time_s(self) -> Array:
@@ -269,6 +276,19 @@ class Series:
             has_row[self.clock.index] = True
             return np.where(has_row, samples, np.nan)
         return on_grid(self.readings[name], self.clock)
+
+    def late_on_grid(self) -> Array | None:
+        """How much later than each sample (N,) its rows were read [s]; None as of ``late_s``."""
+        if self.late_s is None:
+            return None
+        return np.nan_to_num(on_grid(self.late_s, self.clock))
+
+    def at_own_times(self, name: str) -> Array:
+        """Readings (N,) of a column at the times of ``late_on_grid``, if that is not None."""
+        if self.late_s is None or name not in self.unshifted:
+            return self.on_grid(name)
+        own = np.where(np.isfinite(self.readings[name]), self.unshifted[name], np.nan)
+        return on_grid(own, self.clock)
 
     def unchanged(self, name: str) -> FilledValues:
         """Values of a column whose rows were written on change at all samples, with their u."""
@@ -411,11 +431,16 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
     else:
         check_gaps(time_s, clock, context)
     share = None
+    late_s = None
+    unshifted: dict[str, Array] = {}
     u_time_s = np.zeros(len(time_s))
     if clock.strays and not are_rows_changes:
         measured = {c.name: readings[c.name] for c in columns if c.kind is not Kind.INPUT}
         share, shifted, stray_findings = _at_even_times(measured, clock, context)
         findings += stray_findings
+        if share.value > 0:
+            late_s = share.value * clock.jitter_s
+            unshifted = {name: readings[name] for name in shifted}
         readings |= shifted
         u_time_s = share.u * np.abs(clock.jitter_s)
     elif clock.is_coarse:
@@ -452,7 +477,9 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
     if context.table is not None:
         findings = context.table.at_files(findings)
     all_findings = (*context.findings, *findings)
-    return Series(clock, readings, reasons, u_time_s, report, all_findings, bands)
+    return Series(
+        clock, readings, reasons, u_time_s, report, all_findings, bands, late_s, unshifted
+    )
 
 
 def _dead_bands(

@@ -266,8 +266,9 @@ def _has_line_above_corner(record: Record, noise_var: Array, intensity: Array) -
     t = np.linspace(-1, 1, n)
     w = 2 * np.pi * np.fft.rfftfreq(n, record.dt_s)
     out = np.zeros(len(noise_var), dtype=bool)
+    even = record.at_samples()
     for c, chain in enumerate(record.chains):
-        y = record.y[:, c] - record.y[:, c].mean()
+        y = even[:, c] - even[:, c].mean()
         power = np.abs(np.fft.rfft((y - t @ y / (t @ t) * t) * _taper(n))) ** 2
         if not noise_var[c] > 0:  # it could not be estimated
             continue
@@ -368,8 +369,9 @@ def segment_levels(
                 continue
             if b - a - skip >= LONG_SAMPLES:
                 window = segment(record, a + skip, b, ())
+                even = window.at_samples()
                 spectral = [
-                    spectral_level(window.y[:, c], dt, s, noise_var[c])
+                    spectral_level(even[:, c], dt, s, noise_var[c])
                     for c, s in enumerate(record.chains)
                 ]
                 levels[k] = spectral
@@ -420,7 +422,8 @@ def segment(record: Record, first: int, last: int, events: Sequence[float]) -> R
     events_inside = tuple(e - shift for e in events if 0 <= e - shift < length)
     samples = {name: getattr(record, name)[rows] for name in ("y", "weight", "flags")}
     start = record.start if first == 0 else None
-    return replace(record, **samples, events_s=events_inside, start=start)
+    late_s = None if record.late_s is None else record.late_s[rows]
+    return replace(record, **samples, events_s=events_inside, start=start, late_s=late_s)
 
 
 def likeliest_burst(

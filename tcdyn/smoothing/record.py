@@ -43,6 +43,7 @@ from tcdyn.series.plausible import (
     overload_limit,
 )
 from tcdyn.series.reading import CODE, READING, Kind, reasons_of
+from tcdyn.series.real_share import at_grid_times
 from tcdyn.series.units import NO_COUPLE, Unit
 from tcdyn.series.updates import usual_spacing
 from tcdyn.smoothing.noise_levels import Intensity
@@ -129,6 +130,8 @@ class Record:
         Noise of each group of channels with one conditioning filter and unit.
     start
         What the rows before tell; None: nothing.
+    late_s
+        How much later than its sample each reading was taken (N,) [s]; None: not at all.
 
     Notes
     -----
@@ -150,6 +153,13 @@ class Record:
     units: tuple[str, ...] = ()
     noise: tuple[LoggerNoise, ...] = ()
     start: Start | None = None
+    late_s: Array | None = None
+
+    def at_samples(self) -> Array:
+        """Readings (N, M), moved to the samples along parabolas where they were taken later."""
+        if self.late_s is None:
+            return self.y
+        return _moved_to_samples(self.y, self.dt_s, self.late_s)
 
     @property
     def tested_rows(self) -> int:
@@ -159,6 +169,13 @@ class Record:
     def least_range_K(self) -> Array:
         """Range (M,) [K] of the readings before the record; zero where there are none."""
         return np.zeros(self.y.shape[1]) if self.start is None else self.start.range_K
+
+
+def _moved_to_samples(y: Array, dt_s: float, late_s: Array) -> Array:
+    """Readings (N, M), taken ``late_s`` (N,) [s] later than their samples, at the samples."""
+    sample_s = dt_s * np.arange(len(y), dtype=np.float64)
+    moved = np.stack([at_grid_times(column, sample_s, late_s) for column in y.T], axis=1)
+    return np.where(np.isfinite(moved), moved, y)
 
 
 def _without_reading(good: Flags, lag_samples: float) -> Flags:
@@ -257,6 +274,7 @@ def record_of(
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
     noise_model: Sequence[LoggerNoise] | None = None,
+    late_s: Array | None = None,
 ) -> Record:
     """The record of some readings, with weight zero for bad samples and white noise.
 
@@ -280,6 +298,8 @@ def record_of(
     noise_model
         The field ``noise`` of an earlier record of the same channels, whose noise is taken; None:
         it is estimated.
+    late_s
+        How much later than its sample each reading was taken (N,) [s]; None: not at all.
 
     Returns
     -------
@@ -296,8 +316,9 @@ def record_of(
     -----
     Steps: impossible readings, repeated values, noise and spikes of the channels with one
     conditioning filter and unit, whitening, interpolation. The order matters: impossible and
-    repeated values must not enter the noise estimate. A given ``noise_sd`` is taken as white. The
-    spike window follows the shortest lag of the channels, in samples of the slowest one.
+    repeated values must not enter the noise estimate. Noise and spikes are those of the readings
+    moved to their samples; a trace that is whitened remains moved. A given ``noise_sd`` is taken as
+    white. The spike window follows the shortest lag of the channels, in samples of the slowest one.
     """
     data = np.array(y, dtype=float)
     data = data.reshape(len(data), -1)
@@ -316,6 +337,9 @@ def record_of(
     unit_of_channel = channel_units(units, names or labels_of(y) or None, m)
     implausible, findings = _implausible_readings(data, dt_s, listed, channels, unit_of_channel)
     data[implausible] = np.nan
+    own = data.copy()
+    if late_s is not None:
+        data = _moved_to_samples(data, dt_s, late_s)
     traces = np.ascontiguousarray(data.T)
     is_estimated = noise_sd is None and noise_model is None
     if is_estimated:
@@ -365,6 +389,10 @@ def record_of(
     for flag, name in zip(flags.T, channels):
         findings += _flag_findings(flag, name)
     good = flags == GOOD
+    if coloured:
+        late_s = None
+    if late_s is not None:
+        data = own
     filled = np.stack([interpolate_gaps(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Record(
@@ -381,6 +409,7 @@ def record_of(
         tuple(findings),
         unit_of_channel,
         tuple(models),
+        late_s=late_s,
     )
 
 

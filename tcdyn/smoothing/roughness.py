@@ -502,6 +502,7 @@ def unresolved_var(fit: Smoothed) -> tuple[Array, Array]:
     gain 2 sin(w dt / 2) / dt.
     """
     record = fit.record
+    even = record.at_samples()
     n = len(record.y)
     dt = record.dt_s
     var_of_channel = np.zeros((2, len(fit.intensities)))
@@ -519,7 +520,7 @@ def unresolved_var(fit: Smoothed) -> tuple[Array, Array]:
         last = int(0.9 * len(w))
         if slope_corner > corner or last - first < MIN_FREQUENCIES:
             continue
-        y = record.y[:, c] - np.interp(np.arange(n), [0, n - 1], record.y[[0, -1], c])
+        y = even[:, c] - np.interp(np.arange(n), [0, n - 1], even[[0, -1], c])
         power = np.abs(np.fft.rfft(y * taper)[1:]) ** 2
         gain = np.abs(chain.frequency_response(w / (2 * np.pi))) ** 2 / dt
         # bands of one width in log frequency: the spectra are smooth

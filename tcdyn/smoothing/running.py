@@ -6,7 +6,7 @@ and smoothed about twice, and a stop loses nothing but what ``Running`` holds. W
 block contradict what was learned, the intensities are adapted and events are detected as in
 ``tcdyn.smoothing.smoother.smooth``.
 
-Used by :mod:`tcdyn.sensors.delayed`. Guarded by ``tests/smoothing/test_running.py`` and
+Used by :mod:`tcdyn.sensors.delayed`. Guarded by ``tests/smoothing/test_block_by_block.py`` and
 ``tests/smoothing/test_fixed_delay.py``.
 """
 
@@ -28,7 +28,7 @@ from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import segment
 from tcdyn.smoothing.record import Compensated, Record, Start, record_of
 from tcdyn.smoothing.smoother import Learned, compensated, learned_from, likeliest
-from tcdyn.smoothing.state_space import Smoothed, channel_ranges, samples_before, state_at
+from tcdyn.smoothing.state_space import Smoothed, channel_ranges, reads_before, state_at
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,7 @@ def smooth_block(
     lag_covariance: ArrayLike | None = None,
     split_u_s: ArrayLike = 0.0,
     static_u: Array | None = None,
+    late_s: Array | None = None,
 ) -> tuple[Compensated, Running]:
     """Smooth the samples of one block.
 
@@ -169,6 +170,8 @@ def smooth_block(
         As in ``tcdyn.smoothing.smoother.smooth``.
     static_u
         Standard uncertainty of the static line (N, M) [K].
+    late_s
+        As in ``tcdyn.smoothing.smoother.smooth``.
 
     Returns
     -------
@@ -178,7 +181,7 @@ def smooth_block(
         For the next block.
     """
     if running is None or learns:
-        whole = record_of(y, dt_s, chains, names=names, units=units)
+        whole = record_of(y, dt_s, chains, names=names, units=units, late_s=late_s)
         likely = likeliest(whole, True)
         learned = learned_from(likely.fit)
         if running is None:
@@ -196,7 +199,9 @@ def smooth_block(
         dt_s = running.dt_s
         noise = running.noise
         learned = running.learned
-        whole = record_of(y, dt_s, chains, names=names, units=units, noise_model=noise)
+        whole = record_of(
+            y, dt_s, chains, names=names, units=units, noise_model=noise, late_s=late_s
+        )
         record = _from_start(whole, origin, replace(running.start, rows=rows_before))
         likely = likeliest(record, True, learned)
         findings = whole.findings
@@ -250,5 +255,5 @@ def _from_start(whole: Record, origin: int, start: Start) -> Record:
     record = segment(whole, origin, len(whole.y), ())
     weight = record.weight.copy()
     for c, sensor in enumerate(record.sensors):
-        weight[: samples_before(sensor.delay_s, record.dt_s), c] = 0.0
+        weight[reads_before(record, sensor.delay_s), c] = 0.0
     return replace(record, weight=weight, start=start)

@@ -100,6 +100,7 @@ def smooth(
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
+    late_s: ArrayLike | None = None,
 ) -> Compensated:
     """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
@@ -149,6 +150,10 @@ def smooth(
         Unit of the readings of each channel (M,): degC, or that of another quantity (ppm, Pa, V),
         which then is the unit of its results; the checks of a range of temperatures are left out.
         None: that of another quantity where the name states it, else degC.
+    late_s
+        How much later than its sample each reading was taken (N,) [s], where rows are uneven; a
+        negative number is earlier. The temperatures are those at these times, the rates those at
+        the samples.
 
     Returns
     -------
@@ -196,7 +201,8 @@ def smooth(
     if isinstance(y, Record):
         record = y
     else:
-        record = record_of(y, dt_s, chains, events_s, noise_sd, names, units)
+        late = None if late_s is None else np.asarray(late_s, dtype=float)
+        record = record_of(y, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
     n_channels = record.y.shape[1]
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))

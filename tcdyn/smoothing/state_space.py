@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from tcdyn.chain import Sensor
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.estimation.kalman import (
     PointModel,
     filtered_state,
@@ -45,6 +45,9 @@ from tcdyn.smoothing.record import Record
 DIFFUSE = 10.0
 # times that differ by less than this share of a sampling interval are one point (rounding only)
 SAME_TIME = 1e-6
+# Steps of a sampling interval to which the own times of uneven rows are rounded: an error of 0.5 %
+# of the interval (1 sd), below that of any clock that strays.
+LATE_STEPS = 64
 # Settled filters of a search: covariances, and with them intensities and forms that are compared,
 # are exact to a millionth (see ``tcdyn.estimation.kalman.SETTLED``)
 SETTLED_IN_SEARCH = 1e-7
@@ -110,14 +113,14 @@ def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Poin
     before it have no point of their own: they are part of the start.
     """
     dt = record.dt_s
-    first_s = -delay_s if record.start is None else 0.0
+    read_s = read_times_s(record, delay_s)
+    first_s = float(read_s.min()) if record.start is None else 0.0
     last_s = (len(record.y) - 1) * dt
     inside = sorted({e for e in events_s if first_s < e < last_s})
-    if not inside and not delay_s:
+    if not inside and not delay_s and record.late_s is None:
         return _points_of_samples(len(record.y), dt)
     sample_s = np.arange(len(record.y)) * dt
-    read_s = np.maximum(sample_s - delay_s, first_s) if delay_s else []
-    time_s = np.concatenate([inside, sample_s, read_s])
+    time_s = np.concatenate([inside, sample_s, np.maximum(read_s, first_s)])
     # of times that are nearly the same the first counts, which is that of an event
     order = np.argsort(time_s, kind="stable")
     is_new = np.diff(time_s[order], prepend=-np.inf) > SAME_TIME * dt
@@ -251,7 +254,7 @@ def point_models(
     variance = np.zeros(count)
     is_good = weight > 0
     if record.start is not None:
-        is_good[: samples_before(sensor.delay_s, record.dt_s)] = False
+        is_good &= ~reads_before(record, sensor.delay_s)
     read[points.reading[is_good]] = reading[is_good]
     variance[points.reading[is_good]] = noise_var / weight[is_good]
     good = reading[is_good]
@@ -305,15 +308,38 @@ def point_models(
     return points, models
 
 
-def samples_before(delay_s: float, dt_s: float) -> int:
-    """First samples of a record with a start that read a state before it.
+def reads_before(record: Record, delay_s: float) -> Flags:
+    """Samples (N,) whose readings are of a state before the first sample.
 
-    Examples
-    --------
-    >>> samples_before(0.0, 0.1), samples_before(0.2, 0.1), samples_before(0.25, 0.1)
-    (0, 2, 3)
+    Parameters
+    ----------
+    record
+        The record.
+    delay_s
+        Dead time of the channel [s].
     """
-    return int(np.ceil(delay_s / dt_s - SAME_TIME))
+    return read_times_s(record, delay_s) < -SAME_TIME * record.dt_s
+
+
+def read_times_s(record: Record, delay_s: float) -> Array:
+    """Times (N,) [s] of the states that the samples read.
+
+    How late a reading was taken is rounded to a share of the sampling interval, so that steps of
+    the same length are found equal.
+
+    Parameters
+    ----------
+    record
+        The record.
+    delay_s
+        Dead time of the channel [s].
+    """
+    dt = record.dt_s
+    sample_s = dt * np.arange(len(record.y), dtype=np.float64)
+    if record.late_s is None:
+        return np.asarray(sample_s - delay_s)
+    late_s = np.round(record.late_s / dt * LATE_STEPS) * dt / LATE_STEPS
+    return np.asarray(sample_s + late_s - delay_s)
 
 
 def slope_prior_sd(sensor: Sensor, span: float, dt_s: float) -> float:
@@ -476,6 +502,9 @@ class Smoothed:
         Times (J,) [s] of the samples and events.
     sample
         Index (N,) of the samples in ``times_s``.
+    own
+        Index (N,) of the times of the readings in ``times_s``: those of the samples, but for
+        uneven rows.
     level, slope
         Temperature [degC] and slope [K/s] (J, M).
     var
@@ -505,6 +534,7 @@ class Smoothed:
     intensities: tuple[Intensity, ...]
     times_s: Array
     sample: NDArray[np.intp]
+    own: NDArray[np.intp]
     level: Array
     slope: Array
     var: Array
@@ -520,15 +550,18 @@ class Smoothed:
     predicted_var: Array
 
     def at_samples(self) -> SmoothedSamples:
-        """Temperature, slope, standard deviation and sensitivities at the samples."""
+        """Temperature, slope, standard deviation and sensitivities at the samples.
+
+        The temperature is that at the time at which the reading was taken.
+        """
         rate, rate_var = self._rates()
         return SmoothedSamples(
-            self.level[self.sample],
-            np.sqrt(self.var[0, self.sample]),
+            self.level[self.own],
+            np.sqrt(self.var[0, self.own]),
             rate,
             np.sqrt(rate_var),
-            self.lag_change[self.sample],
-            self.split_change[self.sample],
+            self.lag_change[self.own],
+            self.split_change[self.own],
         )
 
     def _rates(self) -> tuple[Array, Array]:
@@ -639,6 +672,7 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
         noise_var,
         tuple(intensities),
         common.time_s,
+        common.sample,
         common.reading,
         level,
         slope,

@@ -298,7 +298,9 @@ def surveyed(raw: RawLog, table: Table) -> tuple[RawLog, SeriesReport | None]:
         look.add(time_s, {name: columns[name] for name in names}, findings)
     report = look.report()
     context = replace(channels.context, codes=look.codes, is_surveyed=True, table=None)
-    findings = (*raw.findings, *look.findings)
+    # each row is compensated at its own time
+    look_findings = (finding for finding in look.findings if finding.code != "series.uneven")
+    findings = (*raw.findings, *look_findings)
     channels = replace(channels, context=context)
     return replace(raw, channels=channels, findings=findings), report
 

@@ -130,9 +130,9 @@ def test_smooth_and_deconvolve_run_on_one_thread(monkeypatch: pytest.MonkeyPatch
     threads_within: list[set[int]] = []
     original = tcdyn.smoothing.smoother.record_of
 
-    def recording(*arguments: object) -> object:
+    def recording(*arguments: object, **options: object) -> object:
         threads_within.append(blas_threads())
-        return original(*arguments)
+        return original(*arguments, **options)
 
     monkeypatch.setattr("tcdyn.smoothing.smoother.record_of", recording)
     y = steps() + np.random.default_rng(0).normal(0, 0.1, 180)
