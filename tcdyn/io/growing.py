@@ -103,9 +103,13 @@ class GrowingText:
     def waiting_rows(self) -> int:
         """Number of rows in the file that were not read yet, about."""
         read_bytes = self.offset - len(self.header)
-        if not self.rows or read_bytes <= 0 or not self.path.exists():
+        if not self.rows or read_bytes <= 0:
             return 0
-        more_bytes = max(self.path.stat().st_size - self.offset, 0)
+        try:
+            size = self.path.stat().st_size
+        except OSError:  # it is being replaced: the next look at its rows tells
+            return 0
+        more_bytes = max(size - self.offset, 0)
         return int(more_bytes * self.rows / read_bytes)
 
     def chunks(self, requested: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:

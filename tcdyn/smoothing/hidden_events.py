@@ -329,7 +329,11 @@ def detect_hidden_events(
         settled = final
         # a candidate is rough at first: from somewhat before it on, any change is possible
         new_s = [max(c - 0.5 * lag, 2 * record.dt_s) for c in new]
-        bursts = [[b for b in q.bursts if b.start_s in listed_s] for q in fit.intensities]
+        # bursts of events before the record, whose effect lasts, are part of it
+        bursts = [
+            [b for b in q.bursts if b.start_s in listed_s or b.start_s <= 0]
+            for q in fit.intensities
+        ]
         for c, span in enumerate(channel_spans(record, noise_var)):
             height = 100 * span**2 / lag**3
             bursts[c] += [Burst(at, height, lag, slope_sd=span / lag) for at in new_s]

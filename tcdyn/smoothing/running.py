@@ -1,10 +1,10 @@
 """The smoother of a record that grows, block after block, each from the state of the filter.
 
-A block is smoothed from the state of the Kalman filter at the last row of the block before, with
-intensities and noise that were learned from rows up to the end of a block. So each row is filtered
-and smoothed about twice, and a stop loses nothing but what ``Running`` holds. Where the rows of a
-block contradict what was learned, the intensities are adapted and events are detected as in
-``tcdyn.smoothing.smoother.smooth``.
+A block is smoothed from the state of the Kalman filter at a row near the end of the block before,
+with intensities and noise that were learned from rows up to the end of a block. So each row is
+filtered and smoothed a few times, and a later run needs nothing but ``Running`` and those rows to
+continue. Where the rows of a block contradict what was learned, the intensities are adapted and
+events are detected as in ``tcdyn.smoothing.smoother.smooth``.
 
 Used by :mod:`tcdyn.sensors.delayed`. Guarded by ``tests/smoothing/test_block_by_block.py`` and
 ``tests/smoothing/test_fixed_delay.py``.

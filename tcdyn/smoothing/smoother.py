@@ -426,7 +426,8 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
     if learned is None:
         intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
     else:
-        intensities, noise_var = list(learned.intensities), learned.noise_var
+        intensities = list(learned.intensities)
+        noise_var = learned.noise_var
 
     def levels_of(divided: Record) -> tuple[list[Intensity], Array]:
         """Intensities without bursts of a record that events divide, and its noise variance."""

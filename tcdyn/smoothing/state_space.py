@@ -736,7 +736,8 @@ def state_at(fit: Smoothed, sample: int) -> tuple[tuple[Array, ...], tuple[Array
     """
     record = fit.record
     span = channel_ranges(record)
-    means, factors = [], []
+    means = []
+    factors = []
     for c, q in enumerate(fit.intensities):
         points, (model,) = point_models(record, c, float(fit.noise_var[c]), [q], float(span[c]))
         mean, factor = filtered_state(model, int(points.sample[sample]))

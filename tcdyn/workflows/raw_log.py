@@ -298,8 +298,9 @@ def surveyed(raw: RawLog, table: Table) -> tuple[RawLog, SeriesReport | None]:
         look.add(time_s, {name: columns[name] for name in names}, findings)
     report = look.report()
     context = replace(channels.context, codes=look.codes, is_surveyed=True, table=None)
-    # each row is compensated at its own time
-    look_findings = (finding for finding in look.findings if finding.code != "series.uneven")
+    is_exact = report is not None and report.real_share > 0  # each row has its own time
+    uneven = "series.uneven"
+    look_findings = (f for f in look.findings if not (is_exact and f.code == uneven))
     findings = (*raw.findings, *look_findings)
     channels = replace(channels, context=context)
     return replace(raw, channels=channels, findings=findings), report
