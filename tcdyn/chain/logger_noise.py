@@ -347,11 +347,11 @@ def estimate_logger_noise(
 
     Notes
     -----
-    S = a |B|^2 + b + c |B|^2/(w^4 (1 + (w lag)^2)) is fitted to the median of the spectra of the
-    segments by Whittle's likelihood, each channel with its own levels; the last term is the
-    temperature signal. In place of the filter, lags of several lengths are tried (in effect an
-    autoregressive model), and one is used where it is clearly better. Frequencies that stand out
-    are lines (hum), and excluded from the fit.
+    S = a |B|^2 + b + (c/w^2 + d/w^4) |B|^2/(1 + (w lag)^2) is fitted to the median of the spectra
+    of the segments by Whittle's likelihood, each channel with its own levels; the last two terms
+    are the temperature, rough and smooth. In place of the filter, lags of several lengths are tried
+    (in effect an autoregressive model), and one is used where it is clearly better. Frequencies
+    that stand out are lines (hum), and excluded from the fit.
 
     Noise is taken as coloured where that lowers the deviance by ``MIN_DEVIANCE`` and the share from
     before the filter is at least ``MIN_BEFORE_SHARE``. Smaller values also whiten traces whose
@@ -374,9 +374,10 @@ def estimate_logger_noise(
             usable, white_K
         )
     w = 2 * np.pi * f
-    signal_ = _power_gain(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))
+    passed = _power_gain(f, filter_) / (1 + (w * TYPICAL_LAG_S) ** 2)
     flat = np.ones(len(f))
-    masks = [_is_background(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
+    flat_and_signal = np.stack([flat, passed / w**2, passed / w**4], axis=1)
+    masks = [_is_background(p, flat_and_signal, count) for p in power.T]
     # hum is in most channels; a single odd channel does not count
     background = np.mean(masks, axis=0) >= 0.5
     lines = _spectral_lines(f, power, ~background)
@@ -385,10 +386,10 @@ def estimate_logger_noise(
     filters = [filter_] if filter_.poles else []
     lags = [Conditioning(float(c), 1) for c in np.geomspace(1.0, 0.3 / dt_s, N_LAGS)]
     shapes = {
-        c: np.stack([_power_gain(f, c), flat, signal_], axis=1)[background]
+        c: np.column_stack([_power_gain(f, c), flat_and_signal])[background]
         for c in (*filters, *lags)
     }
-    shapes[NO_CONDITIONING] = np.stack([flat, signal_], axis=1)[background]
+    shapes[NO_CONDITIONING] = flat_and_signal[background]
     fits = {c: [_fit_levels(p, shape) for p in power[background].T] for c, shape in shapes.items()}
     white_value = np.array([value for _, value in fits[NO_CONDITIONING]])
     gain = {c: np.median(white_value - [value for _, value in fit]) for c, fit in fits.items()}

@@ -263,6 +263,7 @@ def _is_settled(new: Array, old: Array, tolerance: float) -> bool:
 @compiled
 def _filter_block(
     model: PointModel,
+    repeats: Flags,
     first: int,
     last: int,
     mean: Array,
@@ -282,6 +283,8 @@ def _filter_block(
     ----------
     model
         The model.
+    repeats
+        Its points that repeat the one before, see ``_repeats``.
     first, last
         First point, and one past the last.
     mean, factor
@@ -318,14 +321,10 @@ def _filter_block(
     for p in range(first, last):
         k = p - first
         before = k - model.period
-        present = model.variance[p] > 0.0
         kind = model.kind[p]
-        has_same_step = before >= 0 and p < end and _is_same_step(model, p, first + before)
-        if (
-            has_same_step
-            and model.variance[p] == model.variance[first + before]
-            and (is_repeated or _is_settled(factor, factors[slot_of[before]], tolerance))
-        ):
+        present = model.variance[p] > 0.0
+        may_repeat = before >= 0 and repeats[p]
+        if may_repeat and (is_repeated or _is_settled(factor, factors[slot_of[before]], tolerance)):
             slot = slot_of[before]
             slot_of[k] = slot
             is_repeated = True
@@ -338,7 +337,7 @@ def _filter_block(
             is_repeated = False
             if p == end:
                 _clear(noise_factors[slot])
-            elif has_same_step:
+            elif before >= 0 and _is_same_step(model, p, first + before):
                 _copy(noise_factors[slot_of[before]], noise_factors[slot])
             else:
                 _noise_factor(model, p, noise_factors[slot])
@@ -365,12 +364,12 @@ def _filter_block(
                 gains[slot, i] = work[1 + i, 0] if present else 0.0
                 for j in range(n):
                     factor[i, j] = work[o + i, o + j]
-        _copy_vector(mean, means[k])
         scaled = 0.0
+        innovation = model.reading[p]
+        for i in range(n):
+            means[k, i] = mean[i]
+            innovation -= model.row[i] * mean[i]
         if present:
-            innovation = model.reading[p]
-            for i in range(n):
-                innovation -= model.row[i] * mean[i]
             scaled = innovation / roots[slot]
             if slot != log_slot:
                 log_slot = slot
@@ -382,7 +381,8 @@ def _filter_block(
             for j in range(n):
                 value += model.transition[kind, i, j] * mean[j]
             predicted[i] = value
-        _copy_vector(predicted, mean)
+        for i in range(n):
+            mean[i] = predicted[i]
     if is_repeated:
         _copy(factors[slot_of[last - first - model.period]], factor)
     return log_roots, chi2
@@ -390,7 +390,7 @@ def _filter_block(
 
 @compiled
 def _filter_to(
-    model: PointModel, count: int, mean: Array, factor: Array, tolerance: float
+    model: PointModel, repeats: Flags, count: int, mean: Array, factor: Array, tolerance: float
 ) -> tuple[float, float]:
     """Filter the first ``count`` points; ``mean`` and ``factor`` become those of the next point.
 
@@ -410,8 +410,8 @@ def _filter_to(
     for first in range(0, count, block):
         last = min(first + block, count)
         sums = _filter_block(
-            model, first, last, mean, factor, slot_of, means, factors, noise_factors, gains, roots,
-            work, tolerance,
+            model, repeats, first, last, mean, factor, slot_of, means, factors, noise_factors,
+            gains, roots, work, tolerance,
         )  # fmt: skip
         log_roots += sums[0]
         chi2 += sums[1]
@@ -719,6 +719,7 @@ def _backward_step(
 @compiled
 def _smooth(
     model: PointModel,
+    repeats: Flags,
     rows: Array,
     noise_roots: Array,
     with_scores: bool,
@@ -735,6 +736,8 @@ def _smooth(
     ----------
     model
         The model.
+    repeats
+        Its points that repeat the one before, see ``_repeats``.
     rows
         Rows (R, n) of functions of the states, see ``_state_moments``.
     noise_roots
@@ -777,8 +780,8 @@ def _smooth(
         _copy(factor, start_factors[b])
         last = min((b + 1) * block, count)
         _filter_block(
-            model, b * block, last, mean, factor, slot_of, means, factors, noise_factors, gains,
-            roots, work, tolerance,
+            model, repeats, b * block, last, mean, factor, slot_of, means, factors, noise_factors,
+            gains, roots, work, tolerance,
         )  # fmt: skip
     # of the last point of each phase: what the next point of that phase may share
     period = model.period
@@ -809,8 +812,8 @@ def _smooth(
             _copy_vector(start_means[b], mean)
             _copy(start_factors[b], factor)
             _filter_block(
-                model, first, last, mean, factor, slot_of, means, factors, noise_factors, gains,
-                roots, work, tolerance,
+                model, repeats, first, last, mean, factor, slot_of, means, factors, noise_factors,
+                gains, roots, work, tolerance,
             )  # fmt: skip
         for phase in range(period):
             is_repeated[phase] = False
@@ -821,15 +824,9 @@ def _smooth(
             next_phase = (p + 1) % period
             later = k + period
             kind_before = model.kind[max(p - 1, 0)]
-            # the last point has a step without transition and noise, and nothing is known after it
-            transition = model.transition[model.kind[p]]
-            information = informations[phase]
-            row_map = row_maps[phase]
-            score_map = score_maps[phase]
-            propagation = propagations[phase]
-            side[0, n] = 0.0
+            read = 0.0
             if model.variance[p] > 0.0:
-                side[0, n] = model.reading[p] / np.sqrt(model.variance[p])
+                read = model.reading[p] / np.sqrt(model.variance[p])
             # the change over two marks depends on the steps of two periods
             shares = (
                 is_repeated[next_phase]
@@ -843,26 +840,36 @@ def _smooth(
             if shares:
                 if not has_propagation[phase]:
                     _backward_step(
-                        transition, noise_factors[slot], model.row, model.variance[p],
-                        informations[next_phase], identity, work,
+                        model.transition[model.kind[p]], noise_factors[slot], model.row,
+                        model.variance[p], informations[next_phase], identity, work,
                     )  # fmt: skip
                     for i in range(n + 1):
                         for j in range(n):
-                            propagation[i, j] = work[2 * n + i, n + j]
+                            propagations[phase, i, j] = work[2 * n + i, n + j]
                     has_propagation[phase] = True
                 for j in range(n):
-                    value = side[0, n] * propagation[n, j]
-                    for i in range(n):
-                        value += side[0, i] * propagation[i, j]
-                    q[j] = value
+                    q[j] = read * propagations[phase, n, j]
+                for i in range(n):
+                    value = side[0, i]
+                    for j in range(n):
+                        q[j] += value * propagations[phase, i, j]
                 for j in range(n):
                     side[0, j] = q[j]
-                _copy_vector(moments[p + period], moments[p])
+                for i in range(9):
+                    moments[p, i] = moments[p + period, i]
                 if with_scores:
-                    _copy_vector(change_var[p + period], change_var[p])
+                    change_var[p, 0] = change_var[p + period, 0]
+                    change_var[p, 1] = change_var[p + period, 1]
                 is_repeated[phase] = True
             else:
+                # the last point has a step without transition and noise, and nothing is known
+                # after it
+                transition = model.transition[model.kind[p]]
+                information = informations[phase]
+                row_map = row_maps[phase]
+                score_map = score_maps[phase]
                 has_propagation[phase] = False
+                side[0, n] = read
                 _backward_step(
                     transition, noise_factors[slot], model.row, model.variance[p],
                     informations[next_phase], side, work,
@@ -900,20 +907,21 @@ def _smooth(
                             functions[phase, 1, i] = functions[phase, 0, i]
                             functions[phase, 0, i] = 1.0 if i == 0 else 0.0
             for i in range(n):
-                value = side[0, i]
-                for j in range(i, n):
-                    value -= information[j, i] * means[k, j]
-                residual[i] = value
+                residual[i] = side[0, i]
+            for j in range(n):
+                value = means[k, j]
+                for i in range(j + 1):
+                    residual[i] -= informations[phase, j, i] * value
             for f in range(n_rows):
                 value = 0.0
                 for i in range(n):
-                    value += rows[f, i] * means[k, i] + row_map[f, i] * residual[i]
+                    value += rows[f, i] * means[k, i] + row_maps[phase, f, i] * residual[i]
                 values[p, f] = value
             if with_scores:
                 for i in range(n):
                     value = 0.0
                     for j in range(n):
-                        value += score_map[i, j] * residual[j]
+                        value += score_maps[phase, i, j] * residual[j]
                     q[i] = value
                 adjoints[p, 0] = q[0]
                 adjoints[p, 1] = q[1]
@@ -929,7 +937,7 @@ def _smooth(
 
 @compiled
 def _level_covariance(
-    model: PointModel, first: int, last: int, tolerance: float, out: Array
+    model: PointModel, repeats: Flags, first: int, last: int, tolerance: float, out: Array
 ) -> None:
     """Covariance of the first state at some points given all readings; fills ``out`` (c, c).
 
@@ -937,6 +945,8 @@ def _level_covariance(
     ----------
     model
         The model; the points of the window are within one ``BLOCK`` of it.
+    repeats
+        Its points that repeat the one before, see ``_repeats``.
     first, last
         First point of the window, and one past the last.
     tolerance
@@ -959,7 +969,7 @@ def _level_covariance(
     roots = np.empty(count)
     work = np.empty((2 * n + 1, 2 * n + 1))
     _filter_block(
-        model, 0, count, model.mean.copy(), model.factor.copy(), slot_of, means, factors,
+        model, repeats, 0, count, model.mean.copy(), model.factor.copy(), slot_of, means, factors,
         noise_factors, gains, roots, work, tolerance,
     )  # fmt: skip
     information = np.zeros((n, n))
@@ -1016,6 +1026,22 @@ def _level_covariance(
             out[p - first, j - first] = value
 
 
+def _repeats(model: PointModel) -> Flags:
+    """Points (P,) that have step and reading variance of those one period before."""
+    count = len(model.kind)
+    out = np.zeros(count, dtype=bool)
+    now = slice(model.period, count - 1)
+    before = slice(0, max(count - 1 - model.period, 0))
+    out[now] = (
+        (model.kind[now] == model.kind[before])
+        & (model.level[now] == model.level[before])
+        & (model.slope[now] == model.slope[before])
+        & (model.jump[now] == model.jump[before]).all(axis=1)
+        & (model.variance[now] == model.variance[before])
+    )
+    return out
+
+
 def log_likelihood(model: PointModel, tolerance: float = SETTLED) -> tuple[float, float]:
     """Log likelihood of the readings of a model.
 
@@ -1034,7 +1060,7 @@ def log_likelihood(model: PointModel, tolerance: float = SETTLED) -> tuple[float
         Sum of the squares of the innovations over their variance.
     """
     log_roots, chi2 = _filter_to(
-        model, len(model.kind), model.mean.copy(), model.factor.copy(), tolerance
+        model, _repeats(model), len(model.kind), model.mean.copy(), model.factor.copy(), tolerance
     )
     return -log_roots - 0.5 * chi2, chi2
 
@@ -1062,7 +1088,7 @@ def filtered_state(
     """
     mean = model.mean.copy()
     factor = model.factor.copy()
-    _filter_to(model, point, mean, factor, tolerance)
+    _filter_to(model, _repeats(model), point, mean, factor, tolerance)
     return mean, factor
 
 
@@ -1079,7 +1105,7 @@ def level_covariance(model: PointModel, first: int, last: int, tolerance: float 
         See ``SETTLED``.
     """
     out = np.empty((last - first, last - first))
-    _level_covariance(model, first, last, tolerance, out)
+    _level_covariance(model, _repeats(model), first, last, tolerance, out)
     return out
 
 
@@ -1181,6 +1207,7 @@ def smooth_points(
     moments = np.empty((count, 9))
     _smooth(
         model,
+        _repeats(model),
         rows,
         noise_roots,
         with_scores,

@@ -1,27 +1,34 @@
-"""Level noise and intensities that change with time, where the data show that one smooth prior is
-not enough.
+"""Intensities of slope noise and level noise that change with time, by their likelihood.
 
-The score of the smoother shows without another pass where a prior is too smooth or too rough: with
-right intensities ``gradient`` equals ``expected`` on average, see ``Smoothed``. Where it does not,
-the intensities of slope noise and level noise follow by their likelihood, in blocks of time as
-short as the data demand.
+Both are in the model of every record. The score of the smoother shows without another pass where
+they are too small or too large: with right intensities ``gradient`` equals ``expected`` on average,
+see ``Smoothed``. They follow in blocks of time as short as the data demand. Level noise that the
+readings do not need becomes too small to matter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import compress
+from itertools import compress, pairwise
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
-from tcdyn.smoothing.process_noise import FLOOR
-from tcdyn.smoothing.record import Record
-from tcdyn.smoothing.state_space import Smoothed, predicted_readings, smooth_record
+from tcdyn.smoothing.process_noise import FLOOR, segment
+from tcdyn.smoothing.record import MIN_GOOD_SAMPLES, Record
+from tcdyn.smoothing.state_space import (
+    Smoothed,
+    SmoothedSamples,
+    likelihood,
+    predicted_readings,
+    smooth_record,
+)
 
 # Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
 # iterations of the intensities at most; they end where no block would gain so many nats
@@ -31,26 +38,27 @@ SETTLED_NATS = 0.3
 MAX_FACTOR = 10.0
 # exponent of that factor: above one for speed, below two for stability
 OVERRELAXATION = 1.6
-# nats by which other intensities in some window must raise the likelihood of a record before they
-# are fitted: exp(-8) is the chance by which a channel is fitted without need,
-# so that a log of twelve channels seldom is (cost)
+# nats by which other intensities in some window must raise the likelihood of rows whose intensities
+# were learned before: exp(-8) is the chance by which a channel is fitted again without need, so
+# that a log of twelve channels seldom is (cost)
 CHECK_NATS = 8.0
-# standard deviations by which the likelihood must rise with level noise; time in which scores count
-# as one, over the inverse of the corner frequency of the smoother; and degrees of freedom up to
-# which any rise counts
-LEVEL_SD = 1.0
-CORRELATED = 2.0
-FEW_DOF = 15.0
-# degrees of freedom of the prior that keeps an intensity from zero
-PRIOR_DOF = 1.0
+# Degrees of freedom of the prior that keeps an intensity from zero. With 1 the band of a drift
+# below the noise covers 86 %, with 3 it covers 93 %: its readings determine about as many. Records
+# that show their intensity do not change (test_hidden.py; row "drift" of band_study)
+PRIOR_DOF = 3.0
 # nats by which two halves of a block must differ to be divided, and degrees of freedom of a half
 SPLIT_NATS = 4.0
 MIN_DOF = 4.0
 # divisions of a block in two, one after the other, at most
 MAX_DIVISIONS = 6
-# windows of a record in which its prior is checked
+# windows of a record in which learned intensities are checked
 CHECK_WINDOWS = 64
 CHECK_SIZES = (1, 4, 16)  # windows that are checked together; divisors of their number
+# parts of a long record from which intensities are estimated, and samples and lags of one at least;
+# tests/smoothing/long_record_study.py measures what is lost
+PARTS = 16
+PART_SAMPLES = 8192
+PART_LAGS = 10
 # smallest level noise, in noise variances per second
 LEVEL_FLOOR = 1e-9
 # factors of the intensity that are tried by the risk, and standard deviations by which it must fall
@@ -59,20 +67,8 @@ RISK_SD = 3.0
 # the risk is tried where the corner frequency exceeds so many inverse lags: only there is much
 # noise amplified
 RISK_CORNER_LAGS = 3.0
-# exponents of the spectrum of a rough temperature that are tried, the last is that of level noise;
-# those of smaller weight are left out
-EXPONENTS = np.linspace(0.5, 2.0, 16)
-MIN_EXPONENT_WEIGHT = 1e-3
-# the spectrum is used from this share of the corner frequency on; fewest frequencies
-SPECTRUM_START = 0.2
-MIN_FREQUENCIES = 50
-# bands in which the spectrum is averaged, at most
-MAX_BANDS = 200
-# Frequency, in corner frequencies, at which the readings show how strong slope noise and level
-# noise are together, but not which of them it is: the middle of those below the corner. Without
-# what that may be, the band of the rate of a random walk is too narrow
-# (tests/smoothing/rate_study.py: 85 % instead of 98 %).
-SHAPE_SHARE = 0.5
+# probability of no level noise below which a record is not smoothed again without it
+LEAST_PROBABILITY = 0.01
 # degrees of freedom up to which the uncertainty of an intensity widens the band noticeably
 FEW_DOF_OF_BAND = 30.0
 
@@ -100,15 +96,80 @@ def select_channels(record: Record, channels: Flags) -> Record:
     )
 
 
+class Scores(NamedTuple):
+    """Scores of the process noise at the times of a record, or of parts of it.
+
+    Parameters
+    ----------
+    times_s
+        Times (J,) [s] on the clock of the record.
+    gradient, expected
+        As those of ``Smoothed`` (J, M, 2).
+    """
+
+    times_s: Array
+    gradient: Array
+    expected: Array
+
+
+def sampled_parts(record: Record) -> list[slice]:
+    """Samples from which intensities are estimated: all of a record that is not long.
+
+    Notes
+    -----
+    Of a long record, or of a long segment between its events, ``PARTS`` parts of equal distance.
+    Each part is smoothed by itself, which makes its likelihood that of a record of its own.
+    ``python -m tests.smoothing.long_record_study`` measures what is lost.
+    """
+    size = max(PART_SAMPLES, int(PART_LAGS * max(s.lag_s for s in record.sensors) / record.dt_s))
+    count = len(record.y)
+    if count <= 2 * PARTS * size:
+        return [slice(0, count)]
+    cuts = [0, *(int(np.ceil(event / record.dt_s)) for event in record.events_s), count]
+    parts = []
+    for first, last in pairwise(cuts):
+        if last - first <= 2 * PARTS * size:
+            parts.append(slice(first, last))
+            continue
+        edges = np.linspace(first, last, PARTS + 1)
+        starts = np.round(0.5 * (edges[1:] + edges[:-1] - size)).astype(int)
+        parts += [slice(start, start + size) for start in starts.tolist()]
+    # a segment of hardly any sample shows nothing
+    return [part for part in parts if part.stop - part.start >= MIN_GOOD_SAMPLES]
+
+
+def _part_of(
+    record: Record, part: slice, intensities: Sequence[Intensity]
+) -> tuple[Record, list[Intensity]]:
+    """A part of a record and the intensities on its clock."""
+    if part == slice(0, len(record.y)):
+        return record, list(intensities)
+    window = segment(record, part.start, part.stop, record.events_s)
+    return window, [q.shifted(shift_s=part.start * record.dt_s) for q in intensities]
+
+
+def _scores(
+    record: Record, parts: Sequence[slice], noise_var: Array, intensities: Sequence[Intensity]
+) -> Scores:
+    """Scores of intensities in parts of a record."""
+    found = []
+    for part in parts:
+        window, shifted = _part_of(record, part, intensities)
+        fit = smooth_record(window, noise_var, shifted)
+        times_s = fit.times_s + part.start * record.dt_s
+        found.append(Scores(times_s, fit.gradient, fit.expected))
+    return Scores(*(np.concatenate(arrays) for arrays in zip(*found)))
+
+
 def score_sums(
-    fit: Smoothed, channel: int, edges_s: Array, weight: Array | float = 1.0
+    scores: Scores | Smoothed, channel: int, edges_s: Array, weight: Array | float = 1.0
 ) -> tuple[Array, Array]:
     """Sums (K, 2) of ``gradient`` and ``expected`` of a channel over blocks.
 
     Parameters
     ----------
-    fit
-        The smoothed record.
+    scores
+        The scores, or the smoothed record.
     channel
         Index of the channel.
     edges_s
@@ -118,11 +179,12 @@ def score_sums(
         second sum is the number of degrees of freedom of the process noise in a block, and the
         ratio of the sums tells by which factor all of it should change.
     """
-    block = np.searchsorted(edges_s, fit.times_s, side="left") - 1
-    block = np.clip(block, 0, len(edges_s) - 1)
-    observed, expected = np.zeros((2, len(edges_s), 2))
-    np.add.at(observed, block, weight * fit.gradient[:, channel])
-    np.add.at(expected, block, weight * fit.expected[:, channel])
+    count = len(edges_s)
+    block = np.clip(np.searchsorted(edges_s, scores.times_s, side="left") - 1, 0, count - 1)
+    observed, expected = np.zeros((2, count, 2))
+    for total, score in ((observed, scores.gradient), (expected, scores.expected)):
+        for kind, column in enumerate((weight * score[:, channel]).T):
+            total[:, kind] = np.bincount(block, column, count)
     return observed, np.maximum(expected, 1e-300)
 
 
@@ -136,16 +198,13 @@ def gain_nats(dof: Array, ratio: Array) -> Array:
     return np.asarray(0.5 * dof * (bounded - 1 - np.log(bounded)))
 
 
-def too_smooth(fit: Smoothed, are_learned: bool = False) -> Flags:
-    """Channels (M,) whose likelihood rises with level noise, or with more noise in a window.
+def changes_in_time(fit: Smoothed) -> Flags:
+    """Channels (M,) whose likelihood rises with more process noise in a window.
 
     Parameters
     ----------
     fit
         The smoothed record.
-    are_learned
-        Whether its intensities were learned from more rows than these. Then level noise that all
-        rows show was found there, and only windows are looked at.
 
     Notes
     -----
@@ -157,18 +216,8 @@ def too_smooth(fit: Smoothed, are_learned: bool = False) -> Flags:
     windows = np.linspace(times_s[0], times_s[-1], CHECK_WINDOWS, endpoint=False)
     out = np.zeros(len(fit.intensities), dtype=bool)
     for c, q in enumerate(fit.intensities):
-        level_noise = level_noise_at([q], times_s)[0]
-        if not q.level_noise:
-            segment = np.maximum(np.searchsorted(q.starts_s, times_s, side="right") - 1, 0)
-            density = fit.noise_var[c] * fit.record.dt_s
-            first_level_noise = _first_level_noise(q, fit.record.chains[c], density)
-            level_noise = level_noise + first_level_noise[segment]
-        weight = np.stack([level_noise, q.at(times_s)], axis=1)
+        weight = np.stack([level_noise_at([q], times_s)[0], q.at(times_s)], axis=1)
         observed, dof = score_sums(fit, c, windows, weight)
-        is_checked = not are_learned and not q.level_noise
-        if is_checked and _shows_level_noise(fit, c, float(dof[:, 0].sum())):
-            out[c] = True
-            continue
         for size in CHECK_SIZES:
             total = observed.reshape(-1, size, 2).sum(axis=1)
             total_dof = dof.reshape(-1, size, 2).sum(axis=1)
@@ -178,39 +227,11 @@ def too_smooth(fit: Smoothed, are_learned: bool = False) -> Flags:
     return out
 
 
-def _shows_level_noise(fit: Smoothed, channel: int, dof: float) -> bool:
-    """Whether the likelihood rises with level noise, by more than chance.
-
-    Parameters
-    ----------
-    fit
-        Smoothed record without level noise in this channel.
-    channel
-        Index of the channel.
-    dof
-        Degrees of freedom of level noise that has the power of the slope noise at the corner.
-
-    Notes
-    -----
-    Twice the derivative of the log likelihood by the intensity is the sum of ``gradient`` less
-    ``expected``. If there is no level noise its variance is 2 sum ``expected``^2 for independent
-    samples; those within ``CORRELATED`` count as one. A record of few degrees of freedom cannot
-    pass such a test, but its band depends on the prior, so there any rise counts.
-    """
-    expected = fit.expected[:, channel, 0]
-    rise = float(np.sum(fit.gradient[:, channel, 0] - expected))
-    dt = fit.record.dt_s
-    ratio = np.median(fit.intensities[channel].at(fit.times_s)) / (fit.noise_var[channel] * dt)
-    corner = float(corner_rad_s(fit.record.chains[channel], ratio))
-    correlated = max(CORRELATED / (corner * dt), 1.0)
-    sd = float(np.sqrt(2 * correlated * np.sum(expected**2)))
-    return rise > (LEVEL_SD * sd if dof > FEW_DOF else 0.0)
-
-
 def adapt_intensities(
     record: Record,
     noise_var: Array,
     intensities: Sequence[Intensity],
+    parts: Sequence[slice],
     divisions: int = MAX_DIVISIONS,
 ) -> list[Intensity]:
     """Estimate intensities with level noise in blocks of time by maximum likelihood.
@@ -224,6 +245,8 @@ def adapt_intensities(
     intensities
         Intensity of each channel to start from; its bursts remain, its segments are the first
         blocks.
+    parts
+        The samples whose likelihood counts, see ``sampled_parts``.
     divisions
         How often a block may be divided in two.
 
@@ -239,14 +262,18 @@ def adapt_intensities(
             level_noise = _first_level_noise(q, chain, var * record.dt_s)
             q = replace(q, level_noise=tuple(level_noise.tolist()))
         current.append(q)
+    end_s = (len(record.y) - 1) * record.dt_s
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
-            fit = smooth_record(record, noise_var, current)
-            updated = [_update_intensity(fit, c, q) for c, q in enumerate(current)]
+            scores = _scores(record, parts, noise_var, current)
+            updated = [
+                _update_intensity(scores, c, q, end_s, float(noise_var[c]))
+                for c, q in enumerate(current)
+            ]
             if max(gain for _, gain in updated) < SETTLED_NATS:
                 break
             current = [q for q, _ in updated]
-        divided = [_divide_blocks(fit, c, q) for c, q in enumerate(current)]
+        divided = [_divide_blocks(scores, c, q, end_s) for c, q in enumerate(current)]
         if division == divisions or divided == current:
             break
         current = divided
@@ -263,17 +290,23 @@ def _first_level_noise(intensity: Intensity, chain: Chain, noise_density: float)
     return np.asarray(levels / corner_rad_s(chain, levels / noise_density) ** 2)
 
 
-def _update_intensity(fit: Smoothed, channel: int, intensity: Intensity) -> tuple[Intensity, float]:
+def _update_intensity(
+    scores: Scores, channel: int, intensity: Intensity, end_s: float, noise_var: float
+) -> tuple[Intensity, float]:
     """Multiply the intensity of each block by the factor that the scores ask for.
 
     Parameters
     ----------
-    fit
-        Record smoothed with the present intensities.
+    scores
+        Scores of the present intensities.
     channel
         Index of the channel.
     intensity
         Its intensity.
+    end_s
+        End of the record [s].
+    noise_var
+        Noise variance of the channel [K2].
 
     Returns
     -------
@@ -282,16 +315,16 @@ def _update_intensity(fit: Smoothed, channel: int, intensity: Intensity) -> tupl
     gain
         Largest gain of a block in log likelihood [nats].
     """
-    observed, expected = score_sums(fit, channel, np.array(intensity.starts_s))
+    observed, expected = score_sums(scores, channel, np.array(intensity.starts_s))
     var = np.column_stack([intensity.level_noise, intensity.levels])
     dof = np.maximum(var * expected, 1e-3)
-    durations = np.diff(np.append(intensity.starts_s, fit.times_s[-1]))
+    durations = np.diff(np.append(intensity.starts_s, end_s))
     prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
     with np.errstate(over="ignore"):  # the factor is limited
         ratio = observed / expected + prior_dof[:, None] / dof
     factor = np.clip(ratio**OVERRELAXATION, 1 / MAX_FACTOR, MAX_FACTOR)
     gain = float(np.max(gain_nats(dof, ratio)))
-    floors = np.array([LEVEL_FLOOR, FLOOR]) * fit.noise_var[channel]
+    floors = np.array([LEVEL_FLOOR, FLOOR]) * noise_var
     level_noise, levels = np.maximum(var * factor, floors).T
     updated = replace(
         intensity, levels=tuple(levels.tolist()), level_noise=tuple(level_noise.tolist())
@@ -299,21 +332,23 @@ def _update_intensity(fit: Smoothed, channel: int, intensity: Intensity) -> tupl
     return updated, gain
 
 
-def _divide_blocks(fit: Smoothed, channel: int, intensity: Intensity) -> Intensity:
+def _divide_blocks(scores: Scores, channel: int, intensity: Intensity, end_s: float) -> Intensity:
     """Divide those blocks of an intensity whose halves disagree by ``SPLIT_NATS``.
 
     Parameters
     ----------
-    fit
-        Record smoothed with the present intensities.
+    scores
+        Scores of the present intensities.
     channel
         Index of the channel.
     intensity
         Its intensity. Halves with fewer than ``MIN_DOF`` degrees of freedom are not divided.
+    end_s
+        End of the record [s].
     """
     starts = np.array(intensity.starts_s)
-    middles = 0.5 * (starts + np.append(starts[1:], fit.times_s[-1]))
-    observed, expected = score_sums(fit, channel, np.column_stack([starts, middles]).ravel())
+    middles = 0.5 * (starts + np.append(starts[1:], end_s))
+    observed, expected = score_sums(scores, channel, np.column_stack([starts, middles]).ravel())
     var = np.repeat(np.column_stack([intensity.level_noise, intensity.levels]), 2, axis=0)
     dof = var * expected
     gain = gain_nats(dof, observed / expected).reshape(len(starts), -1).sum(axis=1)
@@ -407,7 +442,7 @@ def with_least_risk(fit: Smoothed) -> Smoothed:
 
 
 def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS, *, are_learned: bool = False) -> Smoothed:
-    """Smooth again with adapted intensities of the channels whose prior is too smooth.
+    """Smooth again with level noise and intensities that are adapted to the record.
 
     Parameters
     ----------
@@ -416,18 +451,89 @@ def refine(fit: Smoothed, divisions: int = MAX_DIVISIONS, *, are_learned: bool =
     divisions
         As of ``adapt_intensities``.
     are_learned
-        As of ``too_smooth``.
+        Whether the intensities were learned from more rows than these. Then only those channels
+        are adapted whose readings contradict them.
+
+    Notes
+    -----
+    The intensities of a long record come from parts of it. Where all of its readings contradict
+    them, they are estimated again from all.
     """
-    channels = too_smooth(fit, are_learned)
+    whole = [slice(0, len(fit.record.y))]
+    parts = sampled_parts(fit.record)
+    if not are_learned:
+        every_channel = np.ones(len(fit.intensities), dtype=bool)
+        fit = _adapted(fit, every_channel, divisions, parts)
+    if are_learned or parts != whole:
+        fit = _adapted(fit, changes_in_time(fit), divisions, whole)
+    return fit
+
+
+def _adapted(fit: Smoothed, channels: Flags, divisions: int, parts: Sequence[slice]) -> Smoothed:
+    """The record smoothed with adapted intensities of some channels (M,)."""
     if not channels.any():
         return fit
     chosen = [q for q, use in zip(fit.intensities, channels) if use]
     record = select_channels(fit.record, channels)
     intensities = list(fit.intensities)
-    rougher = adapt_intensities(record, fit.noise_var[channels], chosen, divisions)
+    rougher = adapt_intensities(record, fit.noise_var[channels], chosen, parts, divisions)
     for index, q in zip(np.flatnonzero(channels).tolist(), rougher):
         intensities[index] = q
     return smooth_record(fit.record, fit.noise_var, intensities)
+
+
+def smooth_probability(fit: Smoothed) -> Array:
+    """Probability (M,) that no noise drives the temperature itself.
+
+    Notes
+    -----
+    That of the likelihoods of a record with and without its level noise, which were equally
+    probable before. Level noise that a record does not need has ``PRIOR_DOF`` degrees of freedom,
+    which makes a smooth record less likely.
+    """
+    pairs = [[q, replace(q, level_noise=())] for q in fit.intensities]
+    value, _ = likelihood(fit.record, fit.noise_var, pairs)
+    return np.asarray(expit(value[:, 1] - value[:, 0]))
+
+
+def averaged_over_level_noise(
+    fit: Smoothed, samples: SmoothedSamples, probability: Array
+) -> SmoothedSamples:
+    """Samples of a record averaged over whether noise drives the temperature itself.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, with level noise.
+    samples
+        Its samples.
+    probability
+        The ``smooth_probability`` (M,).
+
+    Notes
+    -----
+    The variance is the mean of the variances plus the variance of the means (law of total
+    variance).
+    """
+    some = probability > LEAST_PROBABILITY
+    if not some.any():
+        return samples
+    without = [replace(q, level_noise=()) for q in compress(fit.intensities, some)]
+    record = select_channels(fit.record, some)
+    other = smooth_record(record, fit.noise_var[some], without).at_samples()
+    share = probability[some]
+    mixed = [column.copy() for column in samples]
+    for column, of_other in zip(mixed, other):
+        column[:, some] += share * (of_other - column[:, some])
+    temperature, sd, slope, slope_sd, lag_sensitivity, split_sensitivity = mixed
+    for out, mean, own_sd, other_mean, other_sd in (
+        (sd, samples.temperature, samples.sd, other.temperature, other.sd),
+        (slope_sd, samples.slope, samples.slope_sd, other.slope, other.slope_sd),
+    ):
+        change = other_mean - mean[:, some]
+        var = (1 - share) * own_sd[:, some] ** 2 + share * other_sd**2
+        out[:, some] = np.sqrt(var + share * (1 - share) * change**2)
+    return SmoothedSamples(temperature, sd, slope, slope_sd, lag_sensitivity, split_sensitivity)
 
 
 def degrees_of_freedom(fit: Smoothed) -> Array:
@@ -479,93 +585,3 @@ def intensity_var(fit: Smoothed, dof: Array) -> tuple[Array, Array]:
     slope_rise = np.maximum(rougher.slope_sd**2 - samples.slope_sd[:, few] ** 2, 0.0)
     slope_var[:, few] = slope_rise + (rougher.slope - samples.slope[:, few]) ** 2
     return var, slope_var
-
-
-def unresolved_var(fit: Smoothed) -> tuple[Array, Array]:
-    """Variance that the band of a rough temperature misses, up to half the sampling rate.
-
-    The spectrum of level noise falls as w^-2. That of a temperature may fall more slowly above the
-    corner of the smoother, where the readings show nothing of it.
-
-    Returns
-    -------
-    var, slope_var
-        Of the temperature (M,) [K2], and of its mean rate of change over one sampling interval
-        [K2/s2].
-
-    Notes
-    -----
-    S(w) = A w^-b is fitted to the periodogram around and above the corner by Whittle's likelihood.
-    The result is the mean square error of the Wiener filter, the integral of S R dt / (|G|^2 S +
-    R dt) dw / pi, averaged over the exponents with their likelihoods as weights, less that for
-    b = 2. The rate of change over one sampling interval is the temperature through a filter of the
-    gain 2 sin(w dt / 2) / dt.
-    """
-    record = fit.record
-    even = record.at_samples()
-    n = len(record.y)
-    dt = record.dt_s
-    var_of_channel = np.zeros((2, len(fit.intensities)))
-    taper = np.hanning(n + 1)[:-1]
-    taper = taper / np.linalg.norm(taper)
-    w = 2 * np.pi * np.fft.rfftfreq(n, dt)[1:]
-    squared_gains = np.stack([np.ones(len(w)), (2 * np.sin(0.5 * w * dt) / dt) ** 2])
-    for c, (chain, q, var) in enumerate(zip(record.chains, fit.intensities, fit.noise_var)):
-        if not q.level_noise:
-            continue
-        ratio = float(np.median(q.level_noise)) / (var * dt)
-        corner = float(corner_rad_s(chain, np.array(ratio), 1))
-        slope_corner = corner_rad_s(chain, np.array(float(np.median(q.levels)) / (var * dt)))
-        first = max(int(np.searchsorted(w, SPECTRUM_START * corner)), 1)
-        last = int(0.9 * len(w))
-        if slope_corner > corner or last - first < MIN_FREQUENCIES:
-            continue
-        y = even[:, c] - np.interp(np.arange(n), [0, n - 1], even[[0, -1], c])
-        power = np.abs(np.fft.rfft(y * taper)[1:]) ** 2
-        gain = np.abs(chain.frequency_response(w / (2 * np.pi))) ** 2 / dt
-        # bands of one width in log frequency: the spectra are smooth
-        band = np.unique(np.geomspace(first, last, MAX_BANDS + 1).astype(int))
-        count = np.diff(band)
-        mean_power = np.add.reduceat(power[:last], band[:-1]) / count
-        mean_gain = np.add.reduceat(gain[:last], band[:-1]) / count
-        mean_w = np.add.reduceat(w[:last], band[:-1]) / count
-        scales = ratio * var * dt * corner ** (EXPONENTS - 2) * np.geomspace(0.01, 100, 61)[:, None]
-        expected = var + mean_gain * scales[..., None] * mean_w ** -EXPONENTS[:, None]
-        cost = (count * (np.log(expected) + mean_power / expected)).sum(axis=-1)
-        best = np.argmin(cost, axis=0)
-        costs = np.min(cost, axis=0)
-        weights = np.exp(costs.min() - costs)
-        weights /= weights.sum()
-        missed = np.zeros((2, len(EXPONENTS)))
-        for index in np.unique([*np.flatnonzero(weights > MIN_EXPONENT_WEIGHT), len(weights) - 1]):
-            spectrum = scales[best[index], index] * w ** -EXPONENTS[index]
-            error = spectrum * var / (gain * spectrum + var)
-            missed[:, index] = squared_gains @ error * (w[1] - w[0]) / np.pi
-        var_of_channel[:, c] = np.maximum(missed @ weights - missed[:, -1], 0.0)
-    return var_of_channel[0], var_of_channel[1]
-
-
-def unseen_slope_var(fit: Smoothed) -> Array:
-    """Variance (N, M) [K2/s2] of the rate of change by noise that is not seen to drive the level.
-
-    In a record with level noise, the readings do not show whether what is ascribed to slope noise
-    is level noise, too: both have one power below the corner of the smoother. Above it they part,
-    and the rate of change over one sampling interval depends on that.
-
-    Notes
-    -----
-    Slope noise of the intensity q has at the frequency w the power of level noise of q / w^2. That
-    of ``SHAPE_SHARE`` of the corner is taken for level noise, as far as there is level noise at the
-    corner. In one sampling interval dt, level noise p adds the variance p / dt.
-    """
-    record = fit.record
-    out = np.zeros_like(fit.predicted)
-    time_s = np.arange(len(out)) * record.dt_s
-    for c, (chain, q, var) in enumerate(zip(record.chains, fit.intensities, fit.noise_var)):
-        if not q.level_noise:
-            continue
-        at_corner = _first_level_noise(q, chain, var * record.dt_s)
-        unseen = np.minimum(at_corner, q.level_noise) / SHAPE_SHARE**2
-        segment = np.maximum(np.searchsorted(q.starts_s, time_s, side="right") - 1, 0)
-        out[:, c] = unseen[segment] / record.dt_s
-    return out

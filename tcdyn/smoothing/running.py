@@ -66,6 +66,7 @@ class Running:
             "dof": learned.dof.tolist(),
             "missed_var": learned.missed_var.tolist(),
             "missed_slope_var": learned.missed_slope_var.tolist(),
+            "smooth_probability": learned.smooth_probability.tolist(),
             "means": [mean.tolist() for mean in self.start.means],
             "factors": [factor.tolist() for factor in self.start.factors],
             "range_K": self.start.range_K.tolist(),
@@ -82,6 +83,7 @@ class Running:
             np.array(data["dof"], dtype=float),
             np.array(data["missed_var"], dtype=float),
             np.array(data["missed_slope_var"], dtype=float),
+            np.array(data["smooth_probability"], dtype=float),
         )
         start = Start(
             tuple(np.array(mean, dtype=float) for mean in data["means"]),
@@ -183,7 +185,7 @@ def smooth_block(
     if running is None or learns:
         whole = record_of(y, dt_s, chains, names=names, units=units, late_s=late_s)
         likely = likeliest(whole, True)
-        learned = learned_from(likely.fit)
+        learned = learned_from(likely.fit, likely.smooth_probability)
         if running is None:
             record = whole
             origin = 0

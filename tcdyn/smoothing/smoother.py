@@ -51,11 +51,11 @@ from tcdyn.smoothing.process_noise import (
 )
 from tcdyn.smoothing.record import ALONE, SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.roughness import (
+    averaged_over_level_noise,
     degrees_of_freedom,
     intensity_var,
     refine,
-    unresolved_var,
-    unseen_slope_var,
+    smooth_probability,
     with_least_risk,
 )
 from tcdyn.smoothing.state_space import (
@@ -64,6 +64,7 @@ from tcdyn.smoothing.state_space import (
     sample_covariance,
     smooth_record,
 )
+from tcdyn.smoothing.unresolved import unresolved_var
 
 # lags between two rows, beyond which a reading has no memory of the one before in double
 # precision: exp(-100) = 4e-44
@@ -227,7 +228,7 @@ def smooth(
     result = compensated(
         fit,
         likely,
-        None if likely is None else learned_from(fit),
+        None if likely is None else learned_from(fit, likely.smooth_probability),
         u_by_time,
         lag_covariance=lag_covariance,
         split_u_s=split_u_s,
@@ -251,12 +252,15 @@ class Likely(NamedTuple):
         Its ``remaining_jump`` (N, M) [K].
     contradicts
         Whether a jump was large before the intensities were adapted to it.
+    smooth_probability
+        Probability (M,) that no noise drives the temperature itself.
     """
 
     fit: Smoothed
     events: tuple[PossibleEvent, ...]
     jump_K: Array
     contradicts: bool
+    smooth_probability: Array
 
 
 class Learned(NamedTuple):
@@ -272,6 +276,8 @@ class Learned(NamedTuple):
         Degrees of freedom (M,) from which the intensities were estimated.
     missed_var, missed_slope_var
         The ``unresolved_var`` (M,) of the temperature [K2] and of its rate of change [K2/s2].
+    smooth_probability
+        As of ``Likely``.
     """
 
     intensities: tuple[Intensity, ...]
@@ -279,11 +285,21 @@ class Learned(NamedTuple):
     dof: Array
     missed_var: Array
     missed_slope_var: Array
+    smooth_probability: Array
 
 
-def learned_from(fit: Smoothed) -> Learned:
+def learned_from(fit: Smoothed, smooth_probability: Array) -> Learned:
     """What a smoothed record tells about the rows that follow, and about its own band."""
-    return Learned(fit.intensities, fit.noise_var, degrees_of_freedom(fit), *unresolved_var(fit))
+    missed_var, missed_slope_var = unresolved_var(fit)
+    is_rough = 1 - smooth_probability
+    return Learned(
+        fit.intensities,
+        fit.noise_var,
+        degrees_of_freedom(fit),
+        is_rough * missed_var,
+        is_rough * missed_slope_var,
+        smooth_probability,
+    )
 
 
 def compensated(
@@ -317,6 +333,8 @@ def compensated(
     dt_s = record.dt_s
     samples = fit.at_samples()
     possible_events = () if likely is None else likely.events
+    if learned is not None:
+        samples = averaged_over_level_noise(fit, samples, learned.smooth_probability)
     for event in possible_events:
         samples = average_over_event(fit, samples, event)
     var = samples.sd**2
@@ -326,11 +344,11 @@ def compensated(
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     slope_var = slope_var + (per_kelvin * record.aliasing_u_K) ** 2
     if likely is not None and learned is not None:
+        is_rough = 1 - learned.smooth_probability
         intensity_var_K2, intensity_slope_var = intensity_var(fit, learned.dof)
-        var = var + likely.jump_K**2 + learned.missed_var + intensity_var_K2
+        var = var + likely.jump_K**2 + learned.missed_var + is_rough * intensity_var_K2
         slope_var = slope_var + (per_kelvin * likely.jump_K) ** 2
-        slope_var = slope_var + learned.missed_slope_var + intensity_slope_var
-        slope_var = slope_var + unseen_slope_var(fit)
+        slope_var = slope_var + learned.missed_slope_var + is_rough * intensity_slope_var
     events = {at: u_by_time[at] for at in record.events_s}
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
@@ -442,13 +460,20 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
     if detect and _shows_events(fit, learned is not None):
         fit, detected_events = detect_hidden_events(fit, levels_of)
     fit = refine(fit, are_learned=learned is not None)
-    fit = with_least_risk(fit) if learned is None else _with_explained_readings(fit, record)
+    # smaller intensities would make jumps of what the likeliest ones explain
+    jump_K = remaining_jump(fit)
+    if learned is None:
+        probability = smooth_probability(fit)
+        fit = with_least_risk(fit)
+    else:
+        probability = learned.smooth_probability
+    fit = _with_explained_readings(fit, record)
     fit, uncertain_events = with_likeliest_forms(fit)
     contradicting = contradicting_readings(fit)
     if contradicting.any():
         return likeliest(_without_samples(record, contradicting, ALONE), detect, learned)
     events = (*uncertain_events, *detected_events)
-    return Likely(fit, events, remaining_jump(fit), contradicts)
+    return Likely(fit, events, jump_K, contradicts, probability)
 
 
 def _too_slow(record: Record) -> InputError:

@@ -644,15 +644,20 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
     for c, (sensor, q) in enumerate(zip(record.sensors, intensities)):
         points, (model,) = point_models(record, c, float(noise_var[c]), [q], float(span[c]))
         smoothed = smooth_points(model, np.stack([sensor.lag_row, sensor.split_row]))
-        at = points.at(common.time_s)
+        at: NDArray[np.intp] | slice = slice(None)
+        if len(points.time_s) == count:
+            gradient[:, c] = smoothed.gradient
+            expected[:, c] = smoothed.expected
+        else:
+            at = points.at(common.time_s)
+            # points between two common times are readings of a channel with a dead time
+            before = np.concatenate([[0], at[:-1] + 1])
+            gradient[:, c] = np.add.reduceat(smoothed.gradient, before)
+            expected[:, c] = np.add.reduceat(smoothed.expected, before)
         level[:, c], slope[:, c] = smoothed.mean[at].T
         var[:, :, c] = smoothed.covariance[at].T
         lag_change[:, c], split_change[:, c] = smoothed.extra[at].T
         change_var[:, c] = smoothed.change_var[points.sample]
-        # points between two common times are readings of a channel with a dead time
-        before = np.concatenate([[0], at[:-1] + 1])
-        gradient[:, c] = np.add.reduceat(smoothed.gradient, before)
-        expected[:, c] = np.add.reduceat(smoothed.expected, before)
         predicted[:, c] = smoothed.predicted[points.reading]
         predicted_var[:, c] = smoothed.predicted_var[points.reading]
         score[:, c] = smoothed.score[at]

@@ -299,11 +299,11 @@ def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
 
 def test_constant_trace_gets_the_band_of_a_straight_line():
     """Nothing moves: the intensity goes to its floor and sd to that of a fitted line, 2 sigma /
-    sqrt(N) at the ends."""
+    sqrt(N) at the ends, and somewhat more for level noise that cannot be excluded."""
     y = 80 + 0.15 * np.random.default_rng(0).standard_normal((1000, 6))
     fit = smooth(y, 1 / 75, Chain((0.6,), conditioning=B))
     middle = np.median(fit.sd[450:550])
-    assert 0.15 / np.sqrt(1000) < middle < 0.15 / np.sqrt(1000) * 3
+    assert 0.15 / np.sqrt(1000) < middle < 0.15 / np.sqrt(1000) * 3.5
     assert np.mean(np.abs(fit.temperature - 80) < 1.96 * fit.sd) > 0.8
 
 
