@@ -287,7 +287,7 @@ def smooth_traces(
     lag_u_s: float,
     like: Compensated | None = None,
 ) -> Compensated:
-    """Compensate the traces of a disk by the RTS smoother, with known slope changes.
+    """Compensate the traces of a disk by the fixed-interval smoother, with known slope changes.
 
     Parameters
     ----------

@@ -122,9 +122,10 @@ TRACES: dict[str, Message] = {
     "noise.folded": "{subject}: the sampling may alias harmonics of the mains hum to frequencies "
     "of the temperature itself, where they cannot be detected: {folded_K:.2g} {unit} were added to "
     "the standard uncertainty. Use a sampling rate that divides no multiple of the mains frequency",
-    "noise.unexplained": "{subject}: in a part of its spectrum the noise is {ratio:.1f} times what "
-    "white noise before and after the conditioning filter explains; the noise level used is not "
-    "lower than that at the frequencies of the temperature",
+    "noise.unexplained": "{subject}: a part of its spectrum has {ratio:.1f} times the power that "
+    "white noise and a temperature of any roughness explain: interference, or a temperature that "
+    "swings at few frequencies; the noise level used is not lower than that at the frequencies of "
+    "the temperature",
     "noise.coloured": _coloured_noise,
     "traces.coarse": _coarse_logger,
 }
