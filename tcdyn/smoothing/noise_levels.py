@@ -292,15 +292,18 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     Array
         Variances (J, Q, 2) of level [K2] and slope [K2/s2].
     """
-    if not any(q.bursts for q in intensities):
-        return np.zeros((len(knots_s), len(intensities), 2))
-    member, (start, _, _, _, level_sd, slope_sd, width, _) = _burst_arrays(intensities)
-    at = (knots_s == start).astype(float)
-    level_share = at
-    if (width > 0).any():
-        middles = np.concatenate([knots_s[:1], 0.5 * (knots_s[1:] + knots_s[:-1]), knots_s[-1:]])
-        passed = np.clip((middles - start) / np.maximum(width, 1e-300) + 0.5, 0.0, 1.0)
-        level_share = np.where(width > 0, np.diff(passed, axis=1), at)
-    level = (member @ (level_share * level_sd**2)).T
-    slope = (member @ (at * slope_sd**2)).T
-    return np.stack([level, slope], axis=-1)
+    out = np.zeros((len(knots_s), len(intensities), 2))
+    for k, q in enumerate(intensities):
+        for burst in q.bursts:
+            if burst.width_s > 0:
+                ends = [knots_s[:1], 0.5 * (knots_s[1:] + knots_s[:-1]), knots_s[-1:]]
+                since_s = np.concatenate(ends) - burst.start_s
+                passed = np.clip(since_s / burst.width_s + 0.5, 0.0, 1.0)
+                out[:, k, 0] += np.diff(passed) * burst.level_sd**2
+            at = int(np.searchsorted(knots_s, burst.start_s))
+            if at == len(knots_s) or knots_s[at] != burst.start_s:
+                continue
+            out[at, k, 1] += burst.slope_sd**2
+            if burst.width_s == 0:
+                out[at, k, 0] += burst.level_sd**2
+    return out

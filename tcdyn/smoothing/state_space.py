@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -187,9 +187,7 @@ def _cached_steps(drift_bytes: bytes, n: int, step_s: float) -> tuple[Array, Arr
     doublings = max(int(np.ceil(np.log2(max(size, 1.0)))), 0)
     short_s = step_s / 2**doublings
     transition = np.asarray(expm(drift * short_s))
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
-    # powers (nodes, terms) of the time of each node as a share of the step
-    shares = (0.5 * (1.0 + nodes))[:, None] ** np.arange(SERIES_TERMS)
+    shares, weights = _gauss_rule()
     noises = []
     for state in (0, 1):
         term = np.eye(n)[state]
@@ -206,6 +204,13 @@ def _cached_steps(drift_bytes: bytes, n: int, step_s: float) -> tuple[Array, Arr
     for matrix in (transition, level_noise, slope_noise):
         matrix.setflags(write=False)
     return transition, level_noise, slope_noise
+
+
+@cache
+def _gauss_rule() -> tuple[Array, Array]:
+    """Powers (nodes, terms) of the times of the nodes as shares of a step, and weights (nodes,)."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
+    return (0.5 * (1.0 + nodes))[:, None] ** np.arange(SERIES_TERMS), weights
 
 
 def point_models(
