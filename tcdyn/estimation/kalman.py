@@ -122,7 +122,7 @@ class Smoothing(NamedTuple):
 
 
 @compiled
-def _triangularise(a: Array, count: int, rows: int, columns: int) -> None:
+def _triangularise(a: Array, count: int, rows: int, columns: int, next_column: int) -> None:
     """Make the first rows of an array lower triangular by an orthogonal matrix from the right.
 
     ``a @ a.T`` does not change. The diagonal becomes positive or zero (Householder reflections).
@@ -137,14 +137,17 @@ def _triangularise(a: Array, count: int, rows: int, columns: int) -> None:
         Number of rows that become triangular.
     columns
         Number of columns, at least ``rows``.
+    next_column
+        A row has zeros between its diagonal and this column; zero where that is not known.
     """
     for i in range(rows):
+        after = max(i + 1, next_column)
         rest = 0.0
-        for j in range(i + 1, columns):
+        for j in range(after, columns):
             rest += a[i, j] * a[i, j]
         head = a[i, i]
         if rest <= NEGLIGIBLE * head * head:
-            for j in range(i + 1, columns):
+            for j in range(after, columns):
                 a[i, j] = 0.0
             if head < 0.0:
                 for k in range(i, count):
@@ -153,18 +156,19 @@ def _triangularise(a: Array, count: int, rows: int, columns: int) -> None:
         norm = np.sqrt(head * head + rest)
         v = -rest / (head + norm) if head > 0.0 else head - norm
         scale = 2.0 * v * v / (rest + v * v)
-        for j in range(i + 1, columns):
-            a[i, j] /= v
+        inverse = 1.0 / v
+        for j in range(after, columns):
+            a[i, j] *= inverse
         for k in range(i + 1, count):
             product = a[k, i]
-            for j in range(i + 1, columns):
+            for j in range(after, columns):
                 product += a[k, j] * a[i, j]
             product *= scale
             a[k, i] -= product
-            for j in range(i + 1, columns):
+            for j in range(after, columns):
                 a[k, j] -= product * a[i, j]
         a[i, i] = norm
-        for j in range(i + 1, columns):
+        for j in range(after, columns):
             a[i, j] = 0.0
 
 
@@ -358,7 +362,7 @@ def _filter_block(
                         value += model.transition[kind, i, m] * factor[m, j]
                     work[o + i, o + j] = value
                     work[o + i, o + n + j] = noise_factors[slot, i, j]
-            _triangularise(work, n + o, n + o, 2 * n + o)
+            _triangularise(work, n + o, n + o, 2 * n + o, 0)
             roots[slot] = work[0, 0] if present else 0.0
             for i in range(n):
                 gains[slot, i] = work[1 + i, 0] if present else 0.0
@@ -463,7 +467,7 @@ def _factor_of_gram(matrix: Array, transposed: bool, out: Array) -> None:
         work[i, i] = 1.0
         for j in range(n):
             work[i, n + j] = matrix[i, j] if transposed else matrix[j, i]
-    _triangularise(work, n, n, 2 * n)
+    _triangularise(work, n, n, 2 * n, n)
     for i in range(n):
         for j in range(n):
             out[i, j] = work[i, j]
@@ -713,7 +717,7 @@ def _backward_step(
     for k in range(len(sides)):
         for j in range(n + 1):
             work[2 * n + k, n + j] = sides[k, j]
-    _triangularise(work, 2 * n + len(sides), 2 * n, 2 * n + 1)
+    _triangularise(work, 2 * n + len(sides), 2 * n, 2 * n + 1, n)
 
 
 @compiled
@@ -1147,7 +1151,7 @@ def root_of_sum(*roots: Array) -> Array:
     """
     n = len(roots[0])
     work = np.ascontiguousarray(np.concatenate([*roots, np.zeros((n, n))], axis=1))
-    _triangularise(work, n, n, work.shape[1])
+    _triangularise(work, n, n, work.shape[1], 0)
     return np.ascontiguousarray(work[:, :n])
 
 

@@ -51,14 +51,13 @@ REACH_LAGS = 5
 # share of the corner frequency from which on a spectrum is used: the error arises near the corner,
 # not at low frequency
 CORNER_SHARE = 0.4
-# nats: a likelihood that has fallen by so much below its maximum is taken not to rise again; chosen
-# by judgement
+# nats: where a likelihood has fallen by so much below a maximum, another one begins; chosen by
+# judgement
 PAST_PEAK_NATS = 20.0
-# rounds of the grid search for a level, trials in a refined one over 0.8 steps on either side, and
-# batches of the first one; chosen by judgement
+# rounds of the grid search for a level, and trials in a refined one over 0.8 steps on either side;
+# chosen by judgement
 GRID_ROUNDS = 3
 REFINED_TRIALS = 7
-FIRST_BATCHES = 3
 # nats within which the first of several bursts counts as the most likely one, so that
 # rounding errors do not decide
 TIE_NATS = 1e-4
@@ -197,8 +196,8 @@ def exact_levels(
 
     Notes
     -----
-    A grid search in the logarithm, refined ``GRID_ROUNDS`` - 1 times. The highest levels are left
-    out where the likelihood has fallen by ``PAST_PEAK_NATS``: this assumes one maximum.
+    A grid search in the logarithm, refined ``GRID_ROUNDS`` - 1 times. The likelihood of a wave has
+    two maxima: the first takes it for noise.
     ``tests/smoothing/test_any_unit.py`` recovers a known intensity and noise.
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
@@ -227,15 +226,11 @@ def exact_levels(
             value = value + 0.5 * ratio * free - 0.5 * free * (1 + log_ratio)
         return value, ratio
 
-    for iteration in range(GRID_ROUNDS):
-        # skip the highest levels once the likelihood has fallen
-        batches: list[tuple[Array, Array]] = []
-        for batch in np.array_split(logs, FIRST_BATCHES if iteration == 0 else 1, axis=1):
-            batches.append(evaluate(batch))
-            value, ratio = (np.concatenate(arrays, axis=1) for arrays in zip(*batches))
-            if np.all(value[:, -1] < value.max(axis=1) - PAST_PEAK_NATS):
-                break
+    for _ in range(GRID_ROUNDS):
+        value, ratio = evaluate(logs)
         best = np.argmax(value, axis=1)
+        if has_hum(record):  # a wave of the mains is noise, which the first maximum takes it for
+            best = np.array([_first_maximum(row) for row in value])
         rows = np.arange(len(best))
         scale = np.ones(len(best))
         if not noise_known:
@@ -252,6 +247,18 @@ def exact_levels(
         known, _ = exact_levels(record, noise_var, True, most, trials)
         return np.where(signal, known, intensity), np.where(signal, noise_var, larger)
     return intensity, larger
+
+
+def has_hum(record: Record) -> bool:
+    """Whether a channel of the record has a wave of the mains."""
+    return any(model.hum_lines for model in record.noise)
+
+
+def _first_maximum(value: Array) -> int:
+    """The largest of log likelihoods (Q,) before they fall by ``PAST_PEAK_NATS``."""
+    has_fallen = value < np.maximum.accumulate(value) - PAST_PEAK_NATS
+    end = int(np.argmax(has_fallen)) if has_fallen.any() else len(value)
+    return int(np.argmax(value[:end]))
 
 
 def _has_line_above_corner(record: Record, noise_var: Array, intensity: Array) -> Flags:

@@ -16,11 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity, level_noise_at
-from tcdyn.smoothing.process_noise import FLOOR, segment
+from tcdyn.smoothing.process_noise import FLOOR, has_hum, segment
 from tcdyn.smoothing.record import MIN_GOOD_SAMPLES, Record
 from tcdyn.smoothing.state_space import (
     Smoothed,
@@ -59,6 +58,8 @@ CHECK_SIZES = (1, 4, 16)  # windows that are checked together; divisors of their
 PARTS = 16
 PART_SAMPLES = 8192
 PART_LAGS = 10
+# factors of the level noise from which the iteration may begin; it covers what is between
+LEVEL_FACTORS = (1.0, 1e2, 1e4, 1e6, 1e8)
 # smallest level noise, in noise variances per second
 LEVEL_FLOOR = 1e-9
 # factors of the intensity that are tried by the risk, and standard deviations by which it must fall
@@ -256,12 +257,10 @@ def adapt_intensities(
     block, which is one where the likelihood has its maximum (MacKay 1992). A prior of ``PRIOR_DOF``
     degrees of freedom keeps it from zero. A block is divided where its halves disagree.
     """
-    current: list[Intensity] = []
-    for chain, var, q in zip(record.chains, noise_var, intensities):
+    current = list(intensities)
+    for c, q in enumerate(intensities):
         if not q.level_noise:
-            level_noise = _first_level_noise(q, chain, var * record.dt_s)
-            q = replace(q, level_noise=tuple(level_noise.tolist()))
-        current.append(q)
+            current[c] = _with_level_noise(record, c, float(noise_var[c]), q, parts)
     end_s = (len(record.y) - 1) * record.dt_s
     for division in range(divisions + 1):
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
@@ -280,14 +279,32 @@ def adapt_intensities(
     return current
 
 
-def _first_level_noise(intensity: Intensity, chain: Chain, noise_density: float) -> Array:
-    """Intensity of level noise (S,) [K2/s] in each segment of a channel with slope noise only.
+def _with_level_noise(
+    record: Record, channel: int, noise_var: float, intensity: Intensity, parts: Sequence[slice]
+) -> Intensity:
+    """The likeliest of some level noises, from which the iteration begins.
 
-    At the corner of the smoother it has the power of the slope noise. ``noise_density`` is the
-    noise variance times the sampling interval [K2 s].
+    Notes
+    -----
+    The smallest one has the power of the slope noise at the corner of the smoother. The likelihood
+    of a wave has two maxima, of which an iteration finds the nearer one; with hum, which is noise,
+    that of the smallest one is right.
     """
     levels = np.array(intensity.levels)
-    return np.asarray(levels / corner_rad_s(chain, levels / noise_density) ** 2)
+    corner = corner_rad_s(record.chains[channel], levels / (noise_var * record.dt_s))
+    smallest = levels / corner**2
+    candidates = [
+        replace(intensity, level_noise=tuple((factor * smallest).tolist()))
+        for factor in (LEVEL_FACTORS[:1] if has_hum(record) else LEVEL_FACTORS)
+    ]
+    alone = np.arange(len(record.chains)) == channel
+    of_channel = select_channels(record, alone)
+    total = np.zeros(len(candidates))
+    for part in parts:
+        window, shifted = _part_of(of_channel, part, candidates)
+        value, _ = likelihood(window, np.array([noise_var]), [shifted])
+        total += value[0]
+    return candidates[int(np.argmax(total))]
 
 
 def _update_intensity(

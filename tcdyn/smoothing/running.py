@@ -186,6 +186,9 @@ def smooth_block(
         whole = record_of(y, dt_s, chains, names=names, units=units, late_s=late_s)
         likely = likeliest(whole, True)
         learned = learned_from(likely.fit, likely.smooth_probability)
+        learned = learned._replace(
+            missed_var=learned.missed_var[-1], missed_slope_var=learned.missed_slope_var[-1]
+        )
         if running is None:
             record = whole
             origin = 0

@@ -64,7 +64,7 @@ from tcdyn.smoothing.state_space import (
     sample_covariance,
     smooth_record,
 )
-from tcdyn.smoothing.unresolved import unresolved_var
+from tcdyn.smoothing.unresolved import line_var, unresolved_var
 
 # lags between two rows, beyond which a reading has no memory of the one before in double
 # precision: exp(-100) = 4e-44
@@ -275,7 +275,8 @@ class Learned(NamedTuple):
     dof
         Degrees of freedom (M,) from which the intensities were estimated.
     missed_var, missed_slope_var
-        The ``unresolved_var`` (M,) of the temperature [K2] and of its rate of change [K2/s2].
+        The ``unresolved_var`` of the temperature [K2] and of its rate of change [K2/s2], of each
+        sample (N, M), or (M,) of those that follow.
     smooth_probability
         As of ``Likely``.
     """
@@ -290,14 +291,13 @@ class Learned(NamedTuple):
 
 def learned_from(fit: Smoothed, smooth_probability: Array) -> Learned:
     """What a smoothed record tells about the rows that follow, and about its own band."""
-    missed_var, missed_slope_var = unresolved_var(fit)
-    is_rough = 1 - smooth_probability
+    missed_var, missed_slope_var = unresolved_var(fit, 1 - smooth_probability)
     return Learned(
         fit.intensities,
         fit.noise_var,
         degrees_of_freedom(fit),
-        is_rough * missed_var,
-        is_rough * missed_slope_var,
+        missed_var,
+        missed_slope_var,
         smooth_probability,
     )
 
@@ -344,6 +344,9 @@ def compensated(
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     slope_var = slope_var + (per_kelvin * record.aliasing_u_K) ** 2
     if likely is not None and learned is not None:
+        wave_var, wave_slope_var = line_var(fit)
+        var = var + wave_var
+        slope_var = slope_var + wave_slope_var
         is_rough = 1 - learned.smooth_probability
         intensity_var_K2, intensity_slope_var = intensity_var(fit, learned.dof)
         var = var + likely.jump_K**2 + learned.missed_var + is_rough * intensity_var_K2
@@ -457,9 +460,14 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
     fit = _smoothed_without_spikes(record, noise_var, intensities)
     detected_events: list[HiddenEvent] = []
     contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
-    if detect and _shows_events(fit, learned is not None):
-        fit, detected_events = detect_hidden_events(fit, levels_of)
-    fit = refine(fit, are_learned=learned is not None)
+    are_learned = learned is not None
+    if detect and candidate_times(fit, record.events_s):
+        even = refine(fit, 0, are_learned=are_learned)
+        if candidate_times(even, record.events_s):
+            fit, detected_events = detect_hidden_events(fit, levels_of)
+        else:  # level noise, the same at all times, leaves none
+            fit = even
+    fit = refine(fit, are_learned=are_learned)
     # smaller intensities would make jumps of what the likeliest ones explain
     jump_K = remaining_jump(fit)
     if learned is None:
@@ -490,13 +498,6 @@ def _log_likelihood(fit: Smoothed) -> float:
     """Log likelihood of a record with the intensities of ``fit``."""
     value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
     return float(value.sum())
-
-
-def _shows_events(fit: Smoothed, are_learned: bool) -> bool:
-    """Whether level noise, the same at all times, leaves candidates of events."""
-    if not candidate_times(fit, fit.record.events_s):
-        return False
-    return bool(candidate_times(refine(fit, 0, are_learned=are_learned), fit.record.events_s))
 
 
 def _spike_mask(fit: Smoothed) -> Flags:
@@ -746,9 +747,12 @@ def window_covariance(
     listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
     unit = result.units[channel : channel + 1] or None
     record = record_of(window, dt_s, chain, listed, noise_sd, units=unit)
-    out = sample_covariance(
+    of_prior = sample_covariance(
         record, noise_sd**2, q.shifted(shift_s=start * dt_s), first - start, last - start
     )
+    # the result has further contributions, which are taken as correlated like those of the prior
+    scale = result.sd_noise[first:last, channel] / np.sqrt(np.diag(of_prior))
+    out = scale[:, None] * of_prior * scale
     lag = result.lag_sensitivity[first:last, channel]
     split = result.lag_split_K[first:last, channel]
     lag_part = np.outer(lag, lag) * result.lag_covariance[channel, channel]

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.smoothing.record import record_of
 from tcdyn.smoothing.smoother import likeliest, smooth
 from tests.smoothing import long_record_study
-from tests.smoothing.band_study import ROWS, judge, simulate
+from tests.smoothing.band_study import ROWS, judge, simulate, stage_polynomials
 
 ROW = {row.name: row for row in ROWS}
 
@@ -46,6 +47,37 @@ def test_a_record_shows_whether_noise_drives_the_temperature() -> None:
         probabilities.append(fit.smooth_probability[0])
     assert probabilities[0] < 1e-3
     assert probabilities[1] > 0.6
+
+
+@pytest.mark.parametrize("period_s", [1.0, 0.7, 0.5])
+def test_a_wave_faster_than_the_lag_is_followed_or_in_the_band(period_s: float) -> None:
+    """1 K behind a lag of 1 s in noise of 0.05 K: it was a constant with u of 3 mK, without a word.
+    One likelihood has two maxima, and where no intensity is worth it, a line remains."""
+    dt_s = 0.1
+    t = dt_s * np.arange(2000)
+    w = 2 * np.pi / period_s
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        phase = rng.uniform(0, 6)
+        lagged = np.sin(w * t + phase - np.arctan(w)) / np.hypot(1.0, w)
+        result = smooth(80 + lagged + rng.normal(0, 0.05, len(t)), dt_s, 1.0)
+        error = result.temperature[:, 0] - (80 + np.sin(w * t + phase))
+        assert np.mean(np.abs(error) < 1.96 * result.sd[:, 0]) > 0.9
+
+
+def test_the_band_of_a_record_that_becomes_rough_is_narrow_before() -> None:
+    """A random walk from two thirds of the record on; the quiet part had its band, too."""
+    dt_s, quiet = 0.1, 1300
+    rng = np.random.default_rng(3)
+    walk = np.concatenate([np.zeros(quiet), np.cumsum(rng.normal(0, 0.3, 700))])
+    b, a = stage_polynomials(1.0, dt_s)
+    y = lfilter(b, a, walk) + rng.normal(0, 0.05, len(walk))
+    result = smooth(80 + y, dt_s, 1.0)
+    error = result.temperature[:, 0] - 80 - walk
+    covered = np.abs(error) < 1.96 * result.sd[:, 0]
+    assert np.median(result.sd[: quiet - 100]) < 0.03
+    assert np.mean(covered[: quiet - 100]) > 0.9
+    assert np.mean(covered[quiet + 100 :]) > 0.9
 
 
 @pytest.mark.e2e
