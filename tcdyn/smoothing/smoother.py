@@ -77,7 +77,7 @@ REWEIGHTINGS = 4
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
 # nats by which a record must be more likely without its listed events; chosen by judgement
-EVENTS_NATS = 30.0
+EVENTS_NATS = 20.0
 # jumps that contradict listed events are larger than so many standard deviations of the noise;
 # smaller ones do not justify the search for other events. Chosen by judgement
 CONTRADICTION_SD = 3.0
