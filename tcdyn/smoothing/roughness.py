@@ -45,6 +45,9 @@ CHECK_NATS = 8.0
 # below the noise covers 86 %, with 3 it covers 93 %: its readings determine about as many. Records
 # that show their intensity do not change (test_hidden.py; row "drift" of band_study)
 PRIOR_DOF = 3.0
+# In a record of few lags they would be most of what it has to tell: at most so many in each lag.
+# Chosen by judgement: a second of a constant temperature behind a lag of a second has a result
+PRIOR_DOF_IN_LAG = 0.3
 # nats by which two halves of a block must differ to be divided, and degrees of freedom of a half
 SPLIT_NATS = 4.0
 MIN_DOF = 4.0
@@ -266,7 +269,7 @@ def adapt_intensities(
         for _ in range(ITERATIONS if division == 0 else ITERATIONS // 2):
             scores = _scores(record, parts, noise_var, current)
             updated = [
-                _update_intensity(scores, c, q, end_s, float(noise_var[c]))
+                _update_intensity(scores, c, q, end_s, float(noise_var[c]), record.sensors[c].lag_s)
                 for c, q in enumerate(current)
             ]
             if max(gain for _, gain in updated) < SETTLED_NATS:
@@ -308,7 +311,12 @@ def _with_level_noise(
 
 
 def _update_intensity(
-    scores: Scores, channel: int, intensity: Intensity, end_s: float, noise_var: float
+    scores: Scores,
+    channel: int,
+    intensity: Intensity,
+    end_s: float,
+    noise_var: float,
+    lag_s: float,
 ) -> tuple[Intensity, float]:
     """Multiply the intensity of each block by the factor that the scores ask for.
 
@@ -322,8 +330,8 @@ def _update_intensity(
         Its intensity.
     end_s
         End of the record [s].
-    noise_var
-        Noise variance of the channel [K2].
+    noise_var, lag_s
+        Noise variance [K2] and lag [s] of the channel.
 
     Returns
     -------
@@ -336,7 +344,8 @@ def _update_intensity(
     var = np.column_stack([intensity.level_noise, intensity.levels])
     dof = np.maximum(var * expected, 1e-3)
     durations = np.diff(np.append(intensity.starts_s, end_s))
-    prior_dof = PRIOR_DOF * np.clip(durations / durations.sum(), 0.0, 1.0)
+    total_dof = min(PRIOR_DOF, PRIOR_DOF_IN_LAG * end_s / max(lag_s, 1e-300))
+    prior_dof = total_dof * np.clip(durations / durations.sum(), 0.0, 1.0)
     with np.errstate(over="ignore"):  # the factor is limited
         ratio = observed / expected + prior_dof[:, None] / dof
     factor = np.clip(ratio**OVERRELAXATION, 1 / MAX_FACTOR, MAX_FACTOR)

@@ -186,15 +186,16 @@ def smooth_block(
         whole = record_of(y, dt_s, chains, names=names, units=units, late_s=late_s)
         likely = likeliest(whole, True)
         learned = learned_from(likely.fit, likely.smooth_probability)
-        learned = learned._replace(
-            missed_var=learned.missed_var[-1], missed_slope_var=learned.missed_slope_var[-1]
-        )
         if running is None:
             record = whole
             origin = 0
         else:
             at_origin = [q.continued(origin * dt_s) for q in learned.intensities]
-            learned = learned._replace(intensities=tuple(at_origin))
+            learned = learned._replace(
+                intensities=tuple(at_origin),
+                missed_var=learned.missed_var[origin:],
+                missed_slope_var=learned.missed_slope_var[origin:],
+            )
             record = _continued_record(whole, likely.fit, origin, rows_before, running)
             likely = likeliest(record, True, learned)
         findings = whole.findings
@@ -229,11 +230,18 @@ def smooth_block(
         noise,
         learned._replace(
             intensities=tuple(q.continued(end * dt_s) for q in likely.fit.intensities),
+            missed_var=_of_last_row(learned.missed_var),
+            missed_slope_var=_of_last_row(learned.missed_slope_var),
         ),
         Start(means, factors, range_K, rows_before),
         not learns and likely.fit.intensities != learned.intensities,
     )
     return result, passed_on
+
+
+def _of_last_row(values: Array) -> Array:
+    """The last row of values (N, M) of samples; values (M,) for all samples as they are."""
+    return np.asarray(values[-1] if values.ndim == 2 else values)
 
 
 def _continued_record(
