@@ -107,7 +107,7 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     y = y[:n]
     t = np.linspace(-1, 1, n)
     detrended = y - y.mean() - t @ y / (t @ t) * t
-    power = np.abs(rfft(detrended * _taper(n))) ** 2
+    power = np.abs(rfft(detrended * hann_taper(n))) ** 2
     bins = slice(DETREND_BINS, int(0.45 * n))
     power = power[bins]
     w = 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[bins]
@@ -125,7 +125,7 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
 
 
 @lru_cache(maxsize=2)
-def _taper(n: int) -> Array:
+def hann_taper(n: int) -> Array:
     """Hann taper (n,) of unit energy; cached for the other channels."""
     taper = np.hanning(n + 1)[:-1]
     return np.asarray(taper / np.linalg.norm(taper))
@@ -276,7 +276,7 @@ def _has_line_above_corner(record: Record, noise_var: Array, intensity: Array) -
     even = record.at_samples()
     for c, chain in enumerate(record.chains):
         y = even[:, c] - even[:, c].mean()
-        power = np.abs(np.fft.rfft((y - t @ y / (t @ t) * t) * _taper(n))) ** 2
+        power = np.abs(np.fft.rfft((y - t @ y / (t @ t) * t) * hann_taper(n))) ** 2
         if not noise_var[c] > 0:  # it could not be estimated
             continue
         corner = corner_rad_s(chain, np.array(intensity[c] / (noise_var[c] * record.dt_s)))

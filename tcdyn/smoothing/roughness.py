@@ -2,8 +2,8 @@
 
 Both are in the model of every record. The score of the smoother shows without another pass where
 they are too small or too large: with right intensities ``gradient`` equals ``expected`` on average,
-see ``Smoothed``. They follow in blocks of time as short as the data demand. Level noise that the
-readings do not need becomes too small to matter.
+see ``Smoothed``. They follow in blocks of time as short as the data demand. Whether a record has
+level noise at all is averaged over.
 """
 
 from __future__ import annotations
@@ -48,8 +48,10 @@ PRIOR_DOF = 3.0
 # In a record of few lags they would be most of what it has to tell: at most so many in each lag.
 # Chosen by judgement: a second of a constant temperature behind a lag of a second has a result
 PRIOR_DOF_IN_LAG = 0.3
-# nats by which two halves of a block must differ to be divided, and degrees of freedom of a half
+# nats that each further window of a block must gain for it to be divided in two; numbers of
+# windows; and degrees of freedom of a half
 SPLIT_NATS = 4.0
+DIVISION_WINDOWS = (2, 8)
 MIN_DOF = 4.0
 # divisions of a block in two, one after the other, at most
 MAX_DIVISIONS = 6
@@ -258,7 +260,7 @@ def adapt_intensities(
     -----
     An intensity is multiplied by the ratio of the sums of ``gradient`` and ``expected`` in its
     block, which is one where the likelihood has its maximum (MacKay 1992). A prior of ``PRIOR_DOF``
-    degrees of freedom keeps it from zero. A block is divided where its halves disagree.
+    degrees of freedom keeps it from zero. A block is divided where its windows disagree.
     """
     current = list(intensities)
     for c, q in enumerate(intensities):
@@ -359,7 +361,9 @@ def _update_intensity(
 
 
 def _divide_blocks(scores: Scores, channel: int, intensity: Intensity, end_s: float) -> Intensity:
-    """Divide those blocks of an intensity whose halves disagree by ``SPLIT_NATS``.
+    """Divide those blocks of an intensity whose windows disagree by ``SPLIT_NATS`` each.
+
+    Halves alone would not show what lies across the middle of a block.
 
     Parameters
     ----------
@@ -373,13 +377,18 @@ def _divide_blocks(scores: Scores, channel: int, intensity: Intensity, end_s: fl
         End of the record [s].
     """
     starts = np.array(intensity.starts_s)
-    middles = 0.5 * (starts + np.append(starts[1:], end_s))
-    observed, expected = score_sums(scores, channel, np.column_stack([starts, middles]).ravel())
-    var = np.repeat(np.column_stack([intensity.level_noise, intensity.levels]), 2, axis=0)
-    dof = var * expected
-    gain = gain_nats(dof, observed / expected).reshape(len(starts), -1).sum(axis=1)
-    enough = dof.sum(axis=1).reshape(-1, 2).min(axis=1) > MIN_DOF
-    divide = (gain > SPLIT_NATS) & enough
+    ends = np.append(starts[1:], end_s)
+    middles = 0.5 * (starts + ends)
+    var = np.column_stack([intensity.level_noise, intensity.levels])
+    divide = np.zeros(len(starts), dtype=bool)
+    for windows in DIVISION_WINDOWS:
+        edges = starts[:, None] + (ends - starts)[:, None] * np.arange(windows) / windows
+        observed, expected = score_sums(scores, channel, edges.ravel())
+        dof = np.repeat(var, windows, axis=0) * expected
+        gain = gain_nats(dof, observed / expected).reshape(len(starts), -1).sum(axis=1)
+        of_halves = dof.sum(axis=1).reshape(len(starts), 2, -1).sum(axis=2)
+        enough = of_halves.min(axis=1) > MIN_DOF
+        divide |= (gain > SPLIT_NATS * (windows - 1)) & enough
     copies = np.where(divide, 2, 1)
     return replace(
         intensity,

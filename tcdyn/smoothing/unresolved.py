@@ -4,8 +4,8 @@ Above the corner frequency of the smoother the readings show nothing but noise, 
 how much temperature remains there: level noise has a spectrum that falls as w^-2. That of a real
 temperature may fall more slowly. :func:`unresolved_var` fits spectra of several exponents to the
 readings and takes the mean error of the smoother over them. A wave that remains in the residuals
-counts, too. Guarded by
-``tests/smoothing/test_bands.py``; ``tests/smoothing/band_study.py`` measures the coverage.
+counts, too. Guarded by ``tests/smoothing/test_bands.py``; ``tests/smoothing/band_study.py``
+measures the coverage.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tcdyn.chain.logger_noise import LINE_WIDTH_HZ
 from tcdyn.core import Array
 from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.noise_levels import level_noise_at
-from tcdyn.smoothing.process_noise import LINE_CHANCE
+from tcdyn.smoothing.process_noise import LINE_CHANCE, REACH_LAGS, hann_taper
 from tcdyn.smoothing.state_space import Smoothed
 
 # Exponents of the spectrum that are averaged over, with equal prior weights: from 1/f noise and
@@ -29,7 +30,7 @@ EXPONENTS = np.linspace(0.5, 2.0, 16)
 SPECTRUM_START = 0.2
 # ... up to this share of half the sampling rate, where the filter of a logger does not yet matter
 SPECTRUM_END = 0.9
-# Fewest frequencies from there to the corner. With 2 the band of a constant temperature is a third
+# Fewest frequencies from there to the corner. With 2 the band of a constant temperature is a fifth
 # wider; with 10, 20 records of 60 rows of a random walk are covered 84 %, with 3 they are covered
 # 90 %
 MIN_FREQUENCIES = 3
@@ -39,10 +40,6 @@ MAX_BANDS = 200
 # iterations of Fisher scoring, and largest change of a logarithm in one
 ITERATIONS = 40
 LARGEST_STEP = 1.0
-# width [Hz] of a line of hum
-LINE_WIDTH_HZ = 0.5
-# lags after an event from which on its transient no longer counts: exp(-5) of it remains
-SETTLED_LAGS = 5
 
 
 class _Bands(NamedTuple):
@@ -124,7 +121,7 @@ def _line_var_of_channel(fit: Smoothed, channel: int) -> Array:
     n = len(record.y)
     is_good = record.weight[:, channel] > 0
     residuals = np.where(is_good, record.y[:, channel] - fit.predicted[:, channel], 0.0)
-    power = np.abs(np.fft.rfft(residuals * _taper(n))) ** 2
+    power = np.abs(np.fft.rfft(residuals * hann_taper(n))) ** 2
     f_Hz = np.fft.rfftfreq(n, record.dt_s)
     noise_var = float(fit.noise_var[channel])
     is_line = power > noise_var * np.log(n / LINE_CHANCE)
@@ -153,14 +150,14 @@ def _of_spectrum(fit: Smoothed, channel: int, part: slice) -> Array:
 
     Notes
     -----
-    The spectrum S(w) = A w^-b, beside that of the slope noise, and the noise R are fitted to the
-    periodogram around and above the corner by Whittle's likelihood; noise that is known stays as it
-    is. The smoother has the gain h = |G|^2 S0 dt / (|G|^2 S0 + R0 dt), with the spectrum S0 of its
+    The spectrum S(w) = A (w / corner)^-b, beside that of the slope noise, and the noise R are
+    fitted to the periodogram around and above the corner by Whittle's likelihood; noise that is
+    known stays as it is. The smoother has the gain h = |G|^2 S0 dt / (|G|^2 S0 + R0 dt), with the spectrum S0 of its
     own intensities and its noise R0. Its mean square error is the integral of (1 - h)^2 S + h^2 R
     dt / |G|^2 over the frequency. The result is the mean of this over the exponents, with their
-    marginal likelihoods as weights,
-    less that of S0 and R0 themselves. In a block S follows the level noise. The rate of change over
-    one sampling interval is the temperature through a filter of the gain 2 sin(w dt / 2) / dt.
+    marginal likelihoods as weights, less that of S0 and R0 themselves. In a block S follows the
+    level noise. The rate of change over one sampling interval is the temperature through a filter
+    of the gain 2 sin(w dt / 2) / dt.
     """
     record = fit.record
     dt = record.dt_s
@@ -171,7 +168,7 @@ def _of_spectrum(fit: Smoothed, channel: int, part: slice) -> Array:
     w = 2 * np.pi * np.asarray(np.fft.rfftfreq(len(even), dt)[1:], dtype=float)
     time_s = dt * np.arange(part.start, part.stop)
     # means as the periodogram weights the samples
-    share = _taper(len(even)) ** 2
+    share = hann_taper(len(even)) ** 2
     level_noise = float(share @ level_noise_at([replace(q, bursts=())], time_s)[0])
     slope_noise = float(share @ replace(q, bursts=()).at(time_s))
     out = np.zeros((2, len(q.levels)))
@@ -202,28 +199,22 @@ def _of_spectrum(fit: Smoothed, channel: int, part: slice) -> Array:
 
 
 def _between_events(fit: Smoothed) -> slice:
-    """The longest run of samples between two events, from ``SETTLED_LAGS`` after the first on."""
+    """The longest run of samples between two events, from ``REACH_LAGS`` after the first on."""
     record = fit.record
     bursts = {burst.start_s for q in fit.intensities for burst in q.bursts}
     events_s = np.array(sorted({*record.events_s, *bursts}))
-    settling_s = SETTLED_LAGS * max(sensor.lag_s for sensor in record.sensors)
+    settling_s = REACH_LAGS * max(sensor.lag_s for sensor in record.sensors)
     first = np.ceil(np.append(0.0, events_s + settling_s) / record.dt_s).astype(int)
     last = np.append(np.floor(events_s / record.dt_s).astype(int), len(record.y))
     longest = int(np.argmax(last - first))
     return slice(int(first[longest]), int(max(last[longest], first[longest] + 2)))
 
 
-def _taper(n: int) -> Array:
-    """Hann taper (n,) of unit energy."""
-    taper = np.hanning(n + 1)[:-1]
-    return np.asarray(taper / np.linalg.norm(taper))
-
-
 def _bands(y: Array, w: Array, gain: Array, of_slope: Array, used: slice) -> _Bands:
     """Periodogram of readings (N,), averaged in bands of one width in log frequency."""
     n = len(y)
     detrended = y - np.interp(np.arange(n), [0, n - 1], y[[0, -1]])
-    power = np.abs(np.fft.rfft(detrended * _taper(n))[1:]) ** 2
+    power = np.abs(np.fft.rfft(detrended * hann_taper(n))[1:]) ** 2
     edges = np.unique(np.geomspace(used.start, used.stop, MAX_BANDS + 1).astype(int))
     count = np.diff(edges)
     columns = (w, power, gain, of_slope)

@@ -80,10 +80,30 @@ def test_the_band_of_a_record_that_becomes_rough_is_narrow_before() -> None:
     assert np.mean(covered[quiet + 100 :]) > 0.9
 
 
+def test_a_rough_time_across_the_middle_of_a_record_is_covered() -> None:
+    """Both halves of the record are equally rough, so that they do not disagree."""
+    dt_s, first, last = 0.1, 9_000, 11_000
+    b, a = stage_polynomials(1.0, dt_s)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        x = np.zeros(20_000)
+        x[first:last] = np.cumsum(rng.normal(0, 0.3, last - first))
+        x[last:] = x[last - 1]
+        y = lfilter(b, a, x) + rng.normal(0, 0.05, len(x))
+        result = smooth(80 + y, dt_s, 1.0, find_events=False)
+        covered = np.abs(result.temperature[:, 0] - 80 - x) < 1.96 * result.sd[:, 0]
+        assert np.mean(covered[first:last]) > 0.88
+        assert np.median(result.sd[:first]) < 0.03
+
+
 @pytest.mark.e2e
-def test_a_rough_stretch_that_no_part_of_a_long_record_shows_is_covered() -> None:
-    _, _, cover, _ = long_record_study.figures("rough stretch", 5, from_all=False)
-    assert cover > 0.88
+@pytest.mark.parametrize("name", ["sines", "random walk"])
+def test_parts_of_a_long_record_give_the_result_of_all_of_it(name: str) -> None:
+    square, u, cover, _ = long_record_study.figures(name, 5, from_all=False)
+    square_of_all, u_of_all, _, _ = long_record_study.figures(name, 5, from_all=True)
+    assert np.sqrt(square) == pytest.approx(np.sqrt(square_of_all), rel=0.05)
+    assert u == pytest.approx(u_of_all, rel=0.05)
+    assert cover > 0.9
 
 
 def test_a_wave_in_one_slow_channel_is_no_hum_and_no_noise() -> None:
