@@ -152,12 +152,12 @@ def _of_spectrum(fit: Smoothed, channel: int, part: slice) -> Array:
     -----
     The spectrum S(w) = A (w / corner)^-b, beside that of the slope noise, and the noise R are
     fitted to the periodogram around and above the corner by Whittle's likelihood; noise that is
-    known stays as it is. The smoother has the gain h = |G|^2 S0 dt / (|G|^2 S0 + R0 dt), with the spectrum S0 of its
-    own intensities and its noise R0. Its mean square error is the integral of (1 - h)^2 S + h^2 R
-    dt / |G|^2 over the frequency. The result is the mean of this over the exponents, with their
-    marginal likelihoods as weights, less that of S0 and R0 themselves. In a block S follows the
-    level noise. The rate of change over one sampling interval is the temperature through a filter
-    of the gain 2 sin(w dt / 2) / dt.
+    known stays as it is. The smoother has the gain h = |G|^2 S0 dt / (|G|^2 S0 + R0 dt), with the
+    spectrum S0 of its own intensities and its noise R0. Its mean square error is the integral of
+    (1 - h)^2 S + h^2 R dt / |G|^2 over the frequency. The result is the mean of this over the
+    exponents, with their marginal likelihoods as weights, less that of S0 and R0 themselves. In a
+    block S follows the level noise. The rate of change over one sampling interval is the
+    temperature through a filter of the gain 2 sin(w dt / 2) / dt.
     """
     record = fit.record
     dt = record.dt_s
