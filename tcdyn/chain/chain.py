@@ -50,7 +50,8 @@ NO_CONDITIONING = Conditioning(poles=0)
 class Chain(Result):
     """Transfer function of the measurement chain, with G(0) = 1.
 
-    G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s).
+    G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s) * M(s), where
+    M(s) = (1 - exp(-mean s)) / (mean s) is the mean over the time before a row.
 
     Parameters
     ----------
@@ -68,17 +69,20 @@ class Chain(Result):
         Diffusion time [s] of a layer of cement, thickness^2/diffusivity, which divides by
         cosh(sqrt(cement s)): heat diffusing through the layer onto an insulated junction, a
         half-order lag with first moment cement/2.
+    mean_s
+        Time [s] over which a logger averages before each of its rows, which then hold the mean over
+        that time; zero: each row is a reading of an instant.
 
     Raises
     ------
     InputError
-        Time constants that are no numbers, or are negative or infinite; a negative dead time or
-        cement; a pair that is not positive.
+        Time constants that are no numbers, or are negative or infinite; a negative dead time,
+        cement or time of a mean; a pair that is not positive.
 
     Notes
     -----
     ``lag_s`` is the first moment of the impulse response: delay + sum of lags - zero + the lag of
-    the filter.
+    the filter + half of the time of the mean.
 
     A further element must be added to ``factors_without_filter`` (or ``rational``),
     ``frequency_response`` and ``summary``, and to ``tcdyn.chain.structures.ChainStructure`` if it
@@ -99,6 +103,7 @@ class Chain(Result):
     conditioning: Conditioning = NO_CONDITIONING
     pair: tuple[float, float] | None = None
     cement_s: float = 0.0
+    mean_s: float = 0.0
     lag_s: float = field(init=False, compare=False)
 
     if TYPE_CHECKING:
@@ -111,6 +116,7 @@ class Chain(Result):
             conditioning: Conditioning = NO_CONDITIONING,
             pair: tuple[float, float] | None = None,
             cement_s: float = 0.0,
+            mean_s: float = 0.0,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -137,11 +143,17 @@ class Chain(Result):
             raise InputError(
                 f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}"
             )
+        if not 0 <= self.mean_s < np.inf:
+            raise InputError(
+                f"Chain: mean_s is {self.mean_s}",
+                expected="the time in seconds over which a row is the mean, or zero",
+            )
         lag = (
             self.delay_s
             - self.zero_s
             + sum(f[1] for f in self.factors_without_filter())
             + self.conditioning.lag_s
+            + 0.5 * self.mean_s
         )
         object.__setattr__(self, "lag_s", float(lag))
 
@@ -176,7 +188,19 @@ class Chain(Result):
 
     @cached_property
     def rational(self) -> Rational:
-        """The chain as a product of its factors, for simulation; cement by its lags."""
+        """The chain as a product of its factors, for simulation; cement by its lags.
+
+        Raises
+        ------
+        InputError
+            For a chain with the mean of a logger, which is no product of factors.
+        """
+        if self.mean_s:
+            raise InputError(
+                f"the chain has rows that are means over {self.mean_s:g} s: it has no transfer "
+                "function of finite order",
+                remedy="smooth the record, or leave the mean out",
+            )
         num = polynomial_product(
             [[1.0, self.zero_s] if self.zero_s else [1.0], self.conditioning.numerator]
         )
@@ -184,11 +208,15 @@ class Chain(Result):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """All parameters except the filter, by name, as a disk record stores them."""
+        """All parameters of the sensor, by name, as a disk record stores them.
+
+        The filter and the mean are those of the logger.
+        """
+        of_logger = ("conditioning", "mean_s")
         return {
             f.name: getattr(self, f.name)
             for f in fields(self)
-            if f.init and f.name != "conditioning"
+            if f.init and f.name not in of_logger
         }
 
     def summary(self) -> str:
@@ -207,6 +235,8 @@ class Chain(Result):
         if self.conditioning.poles:
             c = self.conditioning
             texts.append(f"conditioning {c.cutoff_Hz:g} Hz x {c.poles} ({c.shape})")
+        if self.mean_s:
+            texts.append(f"means over {self.mean_s:.4g} s")
         return f"{'; '.join(texts) or 'no dynamics'}; lag in all (first moment) {self.lag_s:.4g} s"
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
@@ -317,7 +347,8 @@ class Chain(Result):
         value = value * np.exp(-self.delay_s * s) / np.cosh(np.sqrt(self.cement_s * s))
         for f in replace(self, cement_s=0.0).factors():
             value = value / polyval(s, f)
-        return np.asarray(value)
+        half = 0.5 * self.mean_s * s
+        return np.asarray(value * np.exp(-half) * np.sinc(half.imag / np.pi))
 
     def response(
         self, u: ArrayLike, dt_s: float, hold: Hold = "foh", initial: InitialState = "equilibrium"
@@ -342,12 +373,26 @@ class Chain(Result):
         Response, in the shape and unit of ``u``.
         """
         values = np.asarray(u, dtype=float)
-        system = realise(self.rational, sensitivities=False)
         table = values.reshape(len(values), -1)
-        columns = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
+        columns = [self._response_of(x, dt_s, hold, initial) for x in table.T]
         response = np.stack(columns, axis=1).reshape(values.shape)
         labelled: NDArray[np.float64] = with_labels(response, u)
         return labelled
+
+    def _response_of(self, u: Array, dt_s: float, hold: Hold, initial: InitialState) -> Array:
+        """The response (N,) to one input (N,): that of ``rational``, or its mean over ``mean_s``.
+
+        The mean is a difference of the integral of the response.
+        """
+        if not self.mean_s:
+            system = realise(self.rational, sensitivities=False)
+            return simulate_rows(system, u, dt_s, self.delay_s, hold, initial)[0]
+        integral = replace(replace(self, mean_s=0.0).rational, integrators=1)
+        system = realise(integral, sensitivities=False)
+        before_s = self.delay_s + self.mean_s
+        until_now = simulate_rows(system, u, dt_s, self.delay_s, hold, initial)[0]
+        until_start = simulate_rows(system, u, dt_s, before_s, hold, initial)[0]
+        return np.asarray((until_now - until_start) / self.mean_s)
 
     def discrete(
         self, dt_s: float, hold: Hold = "foh"
@@ -523,7 +568,9 @@ class Sensor:
     """State space of a chain: d state/dt = drift @ state, reading = output @ state.
 
     The state is (x, x', stages). x is the junction temperature [degC], x' its slope [K/s]. Every
-    stage has unit static gain, so all stages are in degC.
+    stage has unit static gain, so all stages are in degC. Where the rows are means, the last states
+    are the integrals of the reading since the last row, from that row to the one before, and so on,
+    over the time of the mean; the reading is their sum.
 
     Parameters
     ----------
@@ -543,6 +590,10 @@ class Sensor:
         The same for noise that drives the temperature itself, of intensity 1 K2/s.
     delay_s, lag_s
         Dead time and total lag [s].
+    mean_s
+        Time [s] over which each row is a mean; zero: there is no mean.
+    mean_rows
+        Number of rows over which a mean goes: that of the last states.
     """
 
     drift: Array
@@ -554,10 +605,21 @@ class Sensor:
     level_scatter: Array
     delay_s: float
     lag_s: float
+    mean_s: float = 0.0
+    mean_rows: int = 0
+
+    @property
+    def at_row(self) -> Array:
+        """Matrix (n, n) of the states at a row: each integral passes on, and a new one starts."""
+        matrix = np.eye(len(self.drift))
+        if self.mean_rows:
+            of_mean = slice(len(matrix) - self.mean_rows, None)
+            matrix[of_mean, of_mean] = np.eye(self.mean_rows, k=-1)
+        return matrix
 
 
 @with_named_arguments
-def sensors(chains: Sequence[Chain]) -> list[Sensor]:
+def sensors(chains: Sequence[Chain], dt_s: float | None = None) -> list[Sensor]:
     """The state space of each chain, padded with idle states to one size.
 
     The equal size lets channels be stacked. Largest lag first, one stage a factor of the chain; the
@@ -567,6 +629,8 @@ def sensors(chains: Sequence[Chain]) -> list[Sensor]:
     ----------
     chains
         Chains of the channels.
+    dt_s
+        Time from row to row [s], for means over several rows; None: a mean is over one row or less.
 
     Raises
     ------
@@ -578,11 +642,14 @@ def sensors(chains: Sequence[Chain]) -> list[Sensor]:
     Idle states decay by themselves and reach no output. The order of the states is used in
     ``tcdyn.smoothing.state_space``; ``tests/smoothing/test_states.py`` guards both.
     """
-    size = 2 + max(sum(len(f) - 1 for f in chain.factors()) for chain in chains)
-    return [_sensor(chain, size) for chain in chains]
+    stages = max(sum(len(f) - 1 for f in chain.factors()) for chain in chains)
+    rows = [max(round(chain.mean_s / dt_s), 1) if dt_s else 1 for chain in chains]
+    mean_rows = [count if chain.mean_s else 0 for chain, count in zip(chains, rows)]
+    size = 2 + stages + max(mean_rows)
+    return [_sensor(chain, size, count) for chain, count in zip(chains, mean_rows)]
 
 
-def _sensor(chain: Chain, size: int) -> Sensor:
+def _sensor(chain: Chain, size: int, mean_rows: int) -> Sensor:
     """The state space of one chain with ``size`` states.
 
     Parameters
@@ -591,6 +658,8 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         The chain.
     size
         Number of states; those that the chain does not need are idle.
+    mean_rows
+        Number of rows over which a mean goes; zero: there is none.
 
     Raises
     ------
@@ -639,21 +708,29 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     split_row = np.zeros(size)
     if last:
         split_row = (rates[last - 1] - rates[last]) / lags_s[last - 1]
-    idle = range(index, size)
+    inner = size - mean_rows
+    idle = range(index, inner)
     drift[idle, idle] = -1.0
+    if mean_rows:
+        drift[inner] = output / chain.mean_s
+        output = np.zeros(size)
+        output[inner:] = 1.0
     ramp = np.zeros((size, 2))
     scatter = np.zeros((size, size))
     level_scatter = np.zeros((size, size))
     ramp[0, 0] = 1.0
     ramp[1, 1] = 1.0
-    if size > 2:
-        stages = drift[2:, 2:]
-        ramp[2:, 0] = -np.linalg.solve(stages, drift[2:, 0])
-        v = np.linalg.solve(stages, ramp[2:, 0])
-        ramp[2:, 1] = v
-        scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
-        level = ramp[2:, 0]
-        level_scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(level, level))
+    if inner > 2:
+        of_stages = slice(2, inner)
+        stages = drift[of_stages, of_stages]
+        level = -np.linalg.solve(stages, drift[of_stages, 0])
+        v = np.linalg.solve(stages, level)
+        ramp[of_stages, 0] = level
+        ramp[of_stages, 1] = v
+        scatter[of_stages, of_stages] = solve_continuous_lyapunov(stages, -np.outer(v, v))
+        level_scatter[of_stages, of_stages] = solve_continuous_lyapunov(
+            stages, -np.outer(level, level)
+        )
     return Sensor(
         drift,
         output,
@@ -664,4 +741,6 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         level_scatter,
         chain.delay_s,
         chain.lag_s,
+        chain.mean_s,
+        mean_rows,
     )

@@ -8,7 +8,7 @@ a log is compensated with a fixed delay or followed. Guarded by
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.file import SensorFile
@@ -118,6 +118,36 @@ class TableChannels:
         return [*self.units, *(name for name in references if isinstance(name, str))]
 
     @property
+    def mean_s(self) -> float:
+        """Time [s] over which each row is a mean; zero: none, or the chains contain it.
+
+        The records of the disks of a rig are made with the logger of the rig: their lags contain
+        its means.
+        """
+        is_rig = any(group.disk for group in self.groups)
+        return 0.0 if is_rig else self.context.options.averages_s or 0.0
+
+    def without_removed(self, findings: Sequence[Finding], has_own_times: bool) -> list[Finding]:
+        """Findings about rows without those whose effect is removed.
+
+        Parameters
+        ----------
+        findings
+            The findings.
+        has_own_times
+            Whether it is known when each row was read.
+
+        Notes
+        -----
+        Each row is compensated at its own time, but not where rows are means.
+        """
+        is_removed = {
+            "series.uneven": has_own_times and not self.mean_s,
+            "series.averages": self.mean_s > 0,
+        }
+        return [f for f in findings if not is_removed.get(f.code, False)]
+
+    @property
     def lag_s(self) -> float:
         """The largest lag [s]."""
         return max((channel.chain.lag_s for channel in self.channels), default=0.0)
@@ -134,9 +164,9 @@ class TableChannels:
         if len(segment.time_s) < MIN_ROWS:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
         series = make_series(segment.time_s, rows, self.context)
-        # each row is compensated at its own time
-        is_exact = series.late_s is not None
-        findings += [f for f in series.findings if not (is_exact and f.code == "series.uneven")]
+        if self.mean_s:
+            findings.append(info("sensor.means", averages_s=self.mean_s))
+        findings += self.without_removed(series.findings, series.late_s is not None)
         group_size = min(max(int(MAX_VALUES / series.clock.size), 1), MAX_COLUMNS)
         prepared = []
         for group in self.groups:
@@ -154,11 +184,13 @@ class TableChannels:
                     )
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
-                prepared.append(_readings_of(group, indices, series))
+                prepared.append(_readings_of(group, indices, series, self.mean_s))
         return prepared, findings
 
 
-def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> ChannelReadings:
+def _readings_of(
+    group: ChannelGroup, indices: list[int], series: Series, mean_s: float
+) -> ChannelReadings:
     """Readings of some channels of a group with their units, chains and uncertainties.
 
     Parameters
@@ -169,6 +201,8 @@ def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> Cha
         Indices (M,) in the group of the channels that have readings.
     series
         Readings of all columns.
+    mean_s
+        Time [s] over which each row is a mean; zero: none.
     """
     channels = [group.channels[i] for i in indices]
     y = np.stack([_with_static_line(series, channel) for channel in channels], axis=1)
@@ -188,7 +222,10 @@ def _readings_of(group: ChannelGroup, indices: list[int], series: Series) -> Cha
         series.clock.start_s,
         series.interval_s,
         series.clock.index,
-        tuple(channel.chain for channel in channels),
+        tuple(
+            replace(channel.chain, mean_s=mean_s) if mean_s else channel.chain
+            for channel in channels
+        ),
         group.lag_covariance_s2[np.ix_(indices, indices)],
         group.split_u_s[indices],
         np.nan_to_num(static_u_K),

@@ -404,6 +404,13 @@ def sensor_file(
         if not np.isfinite(variance) or (variance <= 0 and method in MEASURED):
             raise undetermined_lag_error(name)
         _check_longest(name, chain)
+        if chain.mean_s:
+            raise InputError(
+                f"{name}: the chain has rows that are means over {chain.mean_s:g} s, which are the "
+                "logger's, not the sensor's",
+                remedy="leave mean_s out, and state {averages_s} where the rows are read",
+                parameters={"averages_s": f"{chain.mean_s:g}"},
+            )
     lag_u_s = np.sqrt(np.maximum(variances, 0.0))
     channels = {}
     step_response = {name: dict(values) for name, values in (times or {}).items()}

@@ -70,6 +70,10 @@ NEAR_SAMPLES = 5.0
 LONG_GAP = 10.0
 # share of a trace up to which implausible samples are left to the spike rule; chosen by judgement
 FEW_IMPLAUSIBLE = 0.01
+# A time of a mean counts as whole rows within this share: times of rows are estimated. Rows in a
+# mean at most: each is a state of the filter. Chosen by judgement
+WHOLE_ROWS = 0.01
+MOST_MEAN_ROWS = 12
 # share of readings that are not used, from which on the user is informed; no result depends on it
 REPORTED_BAD_SHARE = 0.01
 
@@ -309,16 +313,17 @@ def record_of(
     Raises
     ------
     InputError
-        For shapes that do not agree, and for a channel that mostly repeats one value or has hardly
-        any good sample.
+        For shapes that do not agree, for a channel that mostly repeats one value or has hardly any
+        good sample, and for rows that are means over a time which is no whole number of rows.
 
     Notes
     -----
     Steps: impossible readings, repeated values, noise and spikes of the channels with one
     conditioning filter and unit, whitening, interpolation. The order matters: impossible and
     repeated values must not enter the noise estimate. Noise and spikes are those of the readings
-    moved to their samples; a trace that is whitened remains moved. A given ``noise_sd`` is taken as
-    white. The spike window follows the shortest lag of the channels, in samples of the slowest one.
+    moved to their samples; a trace that is whitened, or whose rows are means, remains moved. A
+    given ``noise_sd`` is taken as white. The spike window follows the shortest lag of the channels,
+    in samples of the slowest one.
     """
     data = np.array(y, dtype=float)
     data = data.reshape(len(data), -1)
@@ -329,6 +334,7 @@ def record_of(
             f"smooth: {n} samples every {dt_s:g} s",
             expected=f"at least {MIN_GOOD_SAMPLES} samples and a positive interval",
         )
+    listed = [_with_whole_mean(chain, dt_s) for chain in listed]
     channels = channel_names(names, m)
     if len(channels) != m:
         raise InputError(
@@ -389,7 +395,7 @@ def record_of(
     for flag, name in zip(flags.T, channels):
         findings += _flag_findings(flag, name)
     good = flags == GOOD
-    if coloured:
+    if coloured or any(chain.mean_s for chain in listed):
         late_s = None
     if late_s is not None:
         data = own
@@ -400,7 +406,7 @@ def record_of(
         good.astype(float),
         dt_s,
         tuple(listed),
-        tuple(sensors(listed)),
+        tuple(sensors(listed, dt_s)),
         events,
         noise,
         flags,
@@ -411,6 +417,39 @@ def record_of(
         tuple(models),
         late_s=late_s,
     )
+
+
+def _with_whole_mean(chain: Chain, dt_s: float) -> Chain:
+    """The chain with a mean over a whole number of rows, or over a part of one row.
+
+    Parameters
+    ----------
+    chain
+        The chain.
+    dt_s
+        Time from row to row [s].
+
+    Raises
+    ------
+    InputError
+        For a mean over other times, or over more than ``MOST_MEAN_ROWS`` rows.
+    """
+    rows = round(chain.mean_s / dt_s)
+    if rows > MOST_MEAN_ROWS:
+        raise InputError(
+            f"smooth: each row is a mean over {chain.mean_s:g} s, which are {rows} rows",
+            expected=f"at most {MOST_MEAN_ROWS} rows",
+            remedy="keep fewer rows, such as one for each mean",
+        )
+    is_whole = abs(chain.mean_s - rows * dt_s) <= WHOLE_ROWS * chain.mean_s
+    if is_whole:
+        return replace(chain, mean_s=rows * dt_s)
+    if chain.mean_s > dt_s:
+        raise InputError(
+            f"smooth: each row is a mean over {chain.mean_s:g} s, but rows are {dt_s:g} s apart",
+            expected="a mean over a whole number of rows, or over a part of one",
+        )
+    return chain
 
 
 def least_noise_sd(y: Array) -> Array:

@@ -76,6 +76,8 @@ class Points:
         Kind of the step after each point (P,).
     step_s
         Length of each kind of step (K,) [s].
+    starts_mean
+        Whether a mean of the logger starts or ends before each kind of step (K,).
     reading
         Index (N,) of the point that each sample reads: its time minus the dead time.
     sample
@@ -85,6 +87,7 @@ class Points:
     time_s: Array
     kind: NDArray[np.int64]
     step_s: Array
+    starts_mean: Flags
     reading: NDArray[np.intp]
     sample: NDArray[np.intp]
 
@@ -94,7 +97,13 @@ class Points:
         return np.asarray(np.searchsorted(middles_s, time_s))
 
 
-def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Points:
+def points_of(
+    record: Record,
+    delay_s: float,
+    events_s: Sequence[float],
+    mean_s: float = 0.0,
+    mean_rows: int = 1,
+) -> Points:
     """The points of a channel.
 
     Parameters
@@ -105,22 +114,30 @@ def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Poin
         Dead time of the channel [s].
     events_s
         Times of listed events and of bursts [s].
+    mean_s
+        Time [s] over which each reading is a mean; zero: none.
+    mean_rows
+        Number of rows in that time.
 
     Notes
     -----
     A sample reads the state at its time minus the dead time, so the dead time is exact. An event
     takes the place of a sample at the same time. Of a record with a start, the readings of states
-    before it have no point of their own: they are part of the start.
+    before it have no point of their own: they are part of the start, and so are the starts of means
+    before it.
     """
     dt = record.dt_s
     read_s = read_times_s(record, delay_s)
-    first_s = float(read_s.min()) if record.start is None else 0.0
+    starts = [read_s - mean_s * (1 - k / mean_rows) for k in range(mean_rows) if mean_s]
+    mean_starts_s = np.concatenate([*starts, np.empty(0)])
+    first_s = float(read_s.min()) - mean_s if record.start is None else 0.0
+    mean_starts_s = mean_starts_s[mean_starts_s > first_s - SAME_TIME * dt]
     last_s = (len(record.y) - 1) * dt
     inside = sorted({e for e in events_s if first_s < e < last_s})
-    if not inside and not delay_s and record.late_s is None:
+    if not inside and not delay_s and record.late_s is None and not mean_s:
         return _points_of_samples(len(record.y), dt)
     sample_s = np.arange(len(record.y)) * dt
-    time_s = np.concatenate([inside, sample_s, np.maximum(read_s, first_s)])
+    time_s = np.concatenate([inside, sample_s, np.maximum(read_s, first_s), mean_starts_s])
     # of times that are nearly the same the first counts, which is that of an event
     order = np.argsort(time_s, kind="stable")
     is_new = np.diff(time_s[order], prepend=-np.inf) > SAME_TIME * dt
@@ -128,17 +145,22 @@ def points_of(record: Record, delay_s: float, events_s: Sequence[float]) -> Poin
     representative = np.full(int(group[-1]) + 1, len(time_s))
     np.minimum.at(representative, group, order)
     point_s = time_s[representative]
-    steps = np.round(np.diff(point_s) / dt, 6)
-    lengths, kind = np.unique(steps, return_inverse=True)
     point_of_time = np.empty(len(time_s), dtype=np.intp)
     point_of_time[order] = group
-    of_samples = point_of_time[len(inside) :]
-    sample = of_samples[: len(sample_s)]
+    _, sample, reading, of_mean_starts = np.split(
+        point_of_time, np.cumsum([len(inside), len(sample_s), len(read_s)])
+    )
+    starts_mean = np.zeros(len(point_s), dtype=bool)
+    starts_mean[of_mean_starts] = True
+    steps = np.round(np.diff(point_s) / dt, 6)
+    # kinds of steps differ in length, or in whether a mean starts: then the number is negative
+    kinds, kind = np.unique(np.where(starts_mean[:-1], -steps, steps), return_inverse=True)
     return Points(
         point_s,
         np.append(kind, kind[-1]).astype(np.int64),
-        lengths * dt,
-        of_samples[-len(sample_s) :],
+        np.abs(kinds) * dt,
+        kinds < 0,
+        reading,
         sample,
     )
 
@@ -148,7 +170,8 @@ def _points_of_samples(count: int, dt_s: float) -> Points:
     """The points of a channel without dead time and events: each sample is one."""
     index = np.arange(count)
     time_s = dt_s * np.arange(count, dtype=np.float64)
-    return Points(time_s, np.zeros(count, dtype=np.int64), np.array([dt_s]), index, index)
+    one_kind = np.zeros(count, dtype=np.int64)
+    return Points(time_s, one_kind, np.array([dt_s]), np.zeros(1, dtype=bool), index, index)
 
 
 def steps_of(sensor: Sensor, step_s: float) -> tuple[Array, Array, Array]:
@@ -245,16 +268,18 @@ def point_models(
     Notes
     -----
     The process noise of a step has the mean intensity over the step. Jumps act at the end of the
-    step before an event.
+    step before an event. At a row the integrals of a mean pass on before the step.
     """
     sensor = record.sensors[channel]
     weight = record.weight[:, channel]
     reading = record.y[:, channel]
     bursts = {burst.start_s for q in proposals for burst in q.bursts if burst.width_s == 0}
-    points = points_of(record, sensor.delay_s, [*record.events_s, *bursts])
+    events_s = [*record.events_s, *bursts]
+    points = points_of(record, sensor.delay_s, events_s, sensor.mean_s, max(sensor.mean_rows, 1))
     count = len(points.time_s)
     step_matrices = [steps_of(sensor, step_s) for step_s in points.step_s]
     transition, level_unit, slope_unit = (np.array(kinds) for kinds in zip(*step_matrices))
+    transition[points.starts_mean] = transition[points.starts_mean] @ sensor.at_row
     read = np.zeros(count)
     variance = np.zeros(count)
     is_good = weight > 0
@@ -279,8 +304,9 @@ def point_models(
     jumps[:, np.isin(points.time_s, record.events_s), 1] += wide**2
     is_sample = np.zeros(count, dtype=bool)
     is_sample[points.sample] = True
-    # samples and readings alternate where the dead time is no multiple of the sampling interval
-    period = 1 if count < 1.5 * len(reading) else 2
+    # samples, readings and starts of means alternate where the dead time or the time of the mean is
+    # no multiple of the sampling interval
+    period = int(count / len(reading) + 0.5)
     models = []
     priors: dict[tuple[float, float], tuple[Array, Array]] = {}
     for k, intensity_at_start in enumerate(

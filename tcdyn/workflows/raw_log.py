@@ -298,10 +298,8 @@ def surveyed(raw: RawLog, table: Table) -> tuple[RawLog, SeriesReport | None]:
         look.add(time_s, {name: columns[name] for name in names}, findings)
     report = look.report()
     context = replace(channels.context, codes=look.codes, is_surveyed=True, table=None)
-    is_exact = report is not None and report.real_share > 0  # each row has its own time
-    uneven = "series.uneven"
-    look_findings = (f for f in look.findings if not (is_exact and f.code == uneven))
-    findings = (*raw.findings, *look_findings)
+    has_own_times = report is not None and report.real_share > 0
+    findings = (*raw.findings, *channels.without_removed(look.findings, has_own_times))
     channels = replace(channels, context=context)
     return replace(raw, channels=channels, findings=findings), report
 

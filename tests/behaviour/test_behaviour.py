@@ -1,4 +1,4 @@
-"""Every command gives the stored results, within 0.02 of their standard uncertainties."""
+"""Every command gives the stored results, within 0.05 of their standard uncertainties."""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -248,3 +250,35 @@ def test_smoother_takes_a_control_system():
     y = chain.response(np.sin(t), 0.05) + noise
     by_system = smooth(y, 0.05, chain.transfer_function())
     np.testing.assert_allclose(by_system.temperature, smooth(y, 0.05, chain).temperature, atol=1e-6)
+
+
+@pytest.mark.parametrize("hold", ["foh", "zoh"])
+@pytest.mark.parametrize("mean_s", [0.04, 0.25, 1.3])
+def test_rows_that_are_means_are_the_mean_of_the_response(hold, mean_s):
+    chain = Chain((0.6, 0.1), delay_s=0.13)
+    u = 20 + np.cumsum(np.random.default_rng(2).normal(0, 1, 60))
+    dt, parts = 0.1, 500
+    fine_s = np.arange(59 * parts + 1) * dt / parts
+    held = np.interp(fine_s, dt * np.arange(60), u) if hold == "foh" else np.repeat(u, parts)
+    y = chain.response(held[: len(fine_s)], dt / parts, hold)
+    before = round(mean_s / dt * parts)
+    y = np.concatenate([np.full(before, y[0]), y])
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]))])
+    mean = (total[before::parts] - total[: len(total) - before : parts]) / before
+    found = replace(chain, mean_s=mean_s).response(u, dt, hold)
+    assert found == pytest.approx(mean, abs=2e-3)
+
+
+def test_a_mean_is_a_low_pass_with_half_of_its_time_as_lag():
+    chain = Chain(0.5, mean_s=0.8)
+    assert chain.lag_s == pytest.approx(0.9)
+    f = np.array([0.0, 1e-3, 0.4, 1.25])
+    s = 2j * np.pi * f[1:]
+    expected = (1 - np.exp(-0.8 * s)) / (0.8 * s) / (1 + 0.5 * s)
+    assert chain.frequency_response(f)[0] == 1
+    assert chain.frequency_response(f)[1:] == pytest.approx(expected, abs=1e-12)
+    assert "means over 0.8 s" in chain.summary()
+    with pytest.raises(InputError, match="no transfer function of finite order"):
+        chain.transfer_function()
+    with pytest.raises(InputError, match="mean_s is -1"):
+        Chain(0.5, mean_s=-1.0)

@@ -175,6 +175,9 @@ SENSOR: dict[str, Message] = {
     "name states another unit",
     "sensor.unit_unknown": "column {subject}: its unit {unit} is not known here; it is taken as "
     "that of another quantity than temperature, which passes unchanged",
+    "sensor.means": "each row is a mean over the {averages_s:g} s before it, which is removed with "
+    "the lag. The lag must be that of the sensor alone: one that was measured with such rows "
+    "contains half of this time, and then the mean must not be stated",
     "sensor.slow": "column {subject}: the interval of {dt_s:.3g} s between rows is long for a lag "
     "of {lag_s:.3g} s",
 }
