@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -30,14 +32,19 @@ def test_a_short_lag_may_be_the_sensor_s_where_the_step_is_sharp() -> None:
     assert off_in_u((0.24, 0.038), 0.0, 3) < 2
 
 
+QUICK = (SENSORS[0], SENSORS[2])
+
+
 @pytest.mark.study
-@pytest.mark.parametrize("sensor_s", SENSORS)
+@pytest.mark.parametrize(
+    "sensor_s", [pytest.param(s, marks=() if s in QUICK else pytest.mark.long) for s in SENSORS]
+)
 @pytest.mark.parametrize("medium_s", MEDIA_S)
 def test_the_mean_error_of_small_sensors_is_below_two_u(
-    sensor_s: tuple[float, float], medium_s: float
+    sensor_s: tuple[float, float], medium_s: float, draws: Callable[[int], int]
 ) -> None:
     """A medium that is fixed, and not drawn from the prior of the fit."""
-    assert off_in_u(sensor_s, medium_s, 20) < 2
+    assert off_in_u(sensor_s, medium_s, draws(20)) < 2
 
 
 @pytest.mark.e2e

@@ -38,7 +38,8 @@ from tests.series.one_answer import (
     flows_for,
 )
 
-# Files of the default run: one or two of each kind. The others are e2e tests.
+# Files of the default run: one or two of each kind. Every third of the others is an e2e test, the
+# rest are long.
 QUICK = (
     "samples stray by 10 %",
     "75 Hz in ms",
@@ -57,11 +58,11 @@ BY_NAME = {file.name: file for file in FILES}
 
 
 def quick_or_e2e() -> list[Any]:
-    """All files as parameters; those that are not quick are e2e tests."""
-    return [
-        pytest.param(file, id=file.name, marks=() if file.name in QUICK else pytest.mark.e2e)
-        for file in FILES
-    ]
+    """All files as parameters; those that are not quick are e2e tests, most of them long."""
+    slow = [file for file in FILES if file.name not in QUICK]
+    marks = {file.name: [pytest.mark.e2e, pytest.mark.long] for file in slow}
+    marks |= {file.name: [pytest.mark.e2e] for file in slow[::3]}
+    return [pytest.param(file, id=file.name, marks=marks.get(file.name, ())) for file in FILES]
 
 
 def report_of_truth(file: CorpusFile) -> Report:
