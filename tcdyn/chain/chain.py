@@ -143,9 +143,10 @@ class Chain(Result):
             raise InputError(
                 f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}"
             )
-        if not 0 <= self.mean_s < np.inf:
+        is_number = isinstance(self.mean_s, (int, float, np.number))
+        if not is_number or not 0 <= self.mean_s < np.inf:
             raise InputError(
-                f"Chain: mean_s is {self.mean_s}",
+                f"Chain: mean_s is {self.mean_s!r}",
                 expected="the time in seconds over which a row is the mean, or zero",
             )
         lag = (

@@ -26,6 +26,7 @@ from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.reading import CODE, RANGE
 from tcdyn.series.series import Context, Series, make_series, reading_rows
 from tcdyn.series.units import Unit, check_declared, match_columns, unit_findings, units_of
+from tcdyn.smoothing.record import whole_mean_s
 
 # Findings of a sensor that are repeated with each table: an altered file, and a lag without
 # uncertainty, without which the intervals are too short.
@@ -139,10 +140,10 @@ class TableChannels:
 
         Notes
         -----
-        Each row is compensated at its own time, but not where rows are means.
+        Each row is compensated at its own time.
         """
         is_removed = {
-            "series.uneven": has_own_times and not self.mean_s,
+            "series.uneven": has_own_times,
             "series.averages": self.mean_s > 0,
         }
         return [f for f in findings if not is_removed.get(f.code, False)]
@@ -165,6 +166,7 @@ class TableChannels:
             return [], [*findings, warning("sensor.short", count=len(segment.time_s))]
         series = make_series(segment.time_s, rows, self.context)
         if self.mean_s:
+            whole_mean_s(self.mean_s, series.interval_s, series.late_s is not None)
             findings.append(info("sensor.means", averages_s=self.mean_s))
         findings += self.without_removed(series.findings, series.late_s is not None)
         group_size = min(max(int(MAX_VALUES / series.clock.size), 1), MAX_COLUMNS)

@@ -406,8 +406,8 @@ def sensor_file(
         _check_longest(name, chain)
         if chain.mean_s:
             raise InputError(
-                f"{name}: the chain has rows that are means over {chain.mean_s:g} s, which are the "
-                "logger's, not the sensor's",
+                f"{name or 'sensor'}: the chain has rows that are means over {chain.mean_s:g} s, "
+                "which are the logger's, not the sensor's",
                 remedy="leave mean_s out, and state {averages_s} where the rows are read",
                 parameters={"averages_s": f"{chain.mean_s:g}"},
             )

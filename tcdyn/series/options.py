@@ -34,7 +34,8 @@ class ReadingOptions(Options):
         rows are written when a reading has changed by this dead band, in its unit; it is recognised
         from the readings if it is not given
     averages_s
-        each row is the mean of the readings over this time before it [s]
+        each row is the mean of the readings over this time before it [s]; compensate and follow
+        remove the mean of a table: over a part of a row, or over 1 to 12 rows
     sheet
         sheet of an .xlsx workbook, if it has several with tables
     variable

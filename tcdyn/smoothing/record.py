@@ -70,10 +70,13 @@ NEAR_SAMPLES = 5.0
 LONG_GAP = 10.0
 # share of a trace up to which implausible samples are left to the spike rule; chosen by judgement
 FEW_IMPLAUSIBLE = 0.01
-# A time of a mean counts as whole rows within this share: times of rows are estimated. Rows in a
-# mean at most: each is a state of the filter. Chosen by judgement
+# A time of a mean counts as whole rows within these shares: times of rows are estimated. Rows in a
+# mean at most: each is a state of the filter. Share of a row below which a mean is that of an
+# instant. Chosen by judgement
 WHOLE_ROWS = 0.01
+WHOLE_ROWS_UNEVEN = 0.1
 MOST_MEAN_ROWS = 12
+INSTANT = 1e-3
 # share of readings that are not used, from which on the user is informed; no result depends on it
 REPORTED_BAD_SHARE = 0.01
 
@@ -161,7 +164,7 @@ class Record:
 
     def at_samples(self) -> Array:
         """Readings (N, M), moved to the samples along parabolas where they were taken later."""
-        if self.late_s is None:
+        if self.late_s is None or any(chain.mean_s for chain in self.chains):
             return self.y
         return _moved_to_samples(self.y, self.dt_s, self.late_s)
 
@@ -334,7 +337,10 @@ def record_of(
             f"smooth: {n} samples every {dt_s:g} s",
             expected=f"at least {MIN_GOOD_SAMPLES} samples and a positive interval",
         )
-    listed = [_with_whole_mean(chain, dt_s) for chain in listed]
+    listed = [
+        replace(chain, mean_s=whole_mean_s(chain.mean_s, dt_s, late_s is not None))
+        for chain in listed
+    ]
     channels = channel_names(names, m)
     if len(channels) != m:
         raise InputError(
@@ -395,9 +401,9 @@ def record_of(
     for flag, name in zip(flags.T, channels):
         findings += _flag_findings(flag, name)
     good = flags == GOOD
-    if coloured or any(chain.mean_s for chain in listed):
+    if coloured:
         late_s = None
-    if late_s is not None:
+    if late_s is not None and not any(chain.mean_s for chain in listed):
         data = own
     filled = np.stack([interpolate_gaps(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
@@ -419,37 +425,51 @@ def record_of(
     )
 
 
-def _with_whole_mean(chain: Chain, dt_s: float) -> Chain:
-    """The chain with a mean over a whole number of rows, or over a part of one row.
+def whole_mean_s(mean_s: float, dt_s: float, is_uneven: bool = False) -> float:
+    """Time of a mean [s] over a whole number of rows, or over a part of one row.
 
     Parameters
     ----------
-    chain
-        The chain.
+    mean_s
+        Time of the mean as stated [s].
     dt_s
         Time from row to row [s].
+    is_uneven
+        Whether the rows are uneven, so that this time is a mean one.
+
+    Returns
+    -------
+    float
+        The time of the mean; zero where it is that of an instant.
 
     Raises
     ------
     InputError
         For a mean over other times, or over more than ``MOST_MEAN_ROWS`` rows.
+
+    Examples
+    --------
+    >>> whole_mean_s(3.01, 1.0), whole_mean_s(0.4, 1.0), whole_mean_s(1e-6, 1.0)
+    (3.0, 0.4, 0.0)
     """
-    rows = round(chain.mean_s / dt_s)
-    if rows > MOST_MEAN_ROWS:
+    if mean_s < INSTANT * dt_s:
+        return 0.0
+    rows = round(mean_s / dt_s)
+    share = WHOLE_ROWS_UNEVEN if is_uneven else WHOLE_ROWS
+    if rows and abs(mean_s - rows * dt_s) <= share * mean_s:
+        if rows <= MOST_MEAN_ROWS:
+            return rows * dt_s
         raise InputError(
-            f"smooth: each row is a mean over {chain.mean_s:g} s, which are {rows} rows",
-            expected=f"at most {MOST_MEAN_ROWS} rows",
+            f"each row is a mean over {mean_s:g} s, which are {rows} rows",
+            expected=f"a mean over at most {MOST_MEAN_ROWS} rows",
             remedy="keep fewer rows, such as one for each mean",
         )
-    is_whole = abs(chain.mean_s - rows * dt_s) <= WHOLE_ROWS * chain.mean_s
-    if is_whole:
-        return replace(chain, mean_s=rows * dt_s)
-    if chain.mean_s > dt_s:
+    if mean_s > dt_s:
         raise InputError(
-            f"smooth: each row is a mean over {chain.mean_s:g} s, but rows are {dt_s:g} s apart",
+            f"each row is a mean over {mean_s:g} s, but rows are {dt_s:.4g} s apart",
             expected="a mean over a whole number of rows, or over a part of one",
         )
-    return chain
+    return mean_s
 
 
 def least_noise_sd(y: Array) -> Array:

@@ -268,5 +268,5 @@ def _from_start(whole: Record, origin: int, start: Start) -> Record:
     record = segment(whole, origin, len(whole.y), ())
     weight = record.weight.copy()
     for c, sensor in enumerate(record.sensors):
-        weight[reads_before(record, sensor.delay_s), c] = 0.0
+        weight[reads_before(record, sensor), c] = 0.0
     return replace(record, weight=weight, start=start)

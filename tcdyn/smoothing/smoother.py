@@ -719,7 +719,7 @@ def window_covariance(
     N x N matrix is needed. The lag adds
     lag_sensitivity_i lag_sensitivity_k u(lag)^2; its division into parts adds a similar term. The
     uncertainty of the static line, one error at all times, is not included: the user knows whether
-    it cancels.
+    it cancels. That of the times of events is not included either: it is ``event_shift_K``.
 
     Examples
     --------
@@ -751,8 +751,11 @@ def window_covariance(
     of_prior = sample_covariance(
         record, noise_sd**2, q.shifted(shift_s=start * dt_s), first - start, last - start
     )
-    # the result has further contributions, which are taken as correlated like those of the prior
-    scale = result.sd_noise[first:last, channel] / np.sqrt(np.diag(of_prior))
+    # the result has further contributions, which are taken as correlated like those of the prior;
+    # those of uncertain times of events are left to the caller
+    of_events = sum(shift[first:last, channel] ** 2 for shift in result.event_shift_K)
+    var = np.maximum(result.sd_noise[first:last, channel] ** 2 - of_events, 0.0)
+    scale = np.sqrt(var / np.diag(of_prior))
     out = scale[:, None] * of_prior * scale
     lag = result.lag_sensitivity[first:last, channel]
     split = result.lag_split_K[first:last, channel]

@@ -97,27 +97,17 @@ class Points:
         return np.asarray(np.searchsorted(middles_s, time_s))
 
 
-def points_of(
-    record: Record,
-    delay_s: float,
-    events_s: Sequence[float],
-    mean_s: float = 0.0,
-    mean_rows: int = 1,
-) -> Points:
+def points_of(record: Record, events_s: Sequence[float], sensor: Sensor | None = None) -> Points:
     """The points of a channel.
 
     Parameters
     ----------
     record
         The record.
-    delay_s
-        Dead time of the channel [s].
     events_s
         Times of listed events and of bursts [s].
-    mean_s
-        Time [s] over which each reading is a mean; zero: none.
-    mean_rows
-        Number of rows in that time.
+    sensor
+        State space of the channel; None: its readings are those of an instant, without a dead time.
 
     Notes
     -----
@@ -127,17 +117,26 @@ def points_of(
     before it.
     """
     dt = record.dt_s
-    read_s = read_times_s(record, delay_s)
+    delay_s, mean_s, mean_rows = (
+        (0.0, 0.0, 1)
+        if sensor is None
+        else (sensor.delay_s, sensor.mean_s, max(sensor.mean_rows, 1))
+    )
+    read_s = read_times_s(record, sensor)
+    # means of uneven rows were moved to even times; their results are wanted at their own
+    own_s = read_times_s(record) if mean_s and record.late_s is not None else np.empty(0)
     starts = [read_s - mean_s * (1 - k / mean_rows) for k in range(mean_rows) if mean_s]
     mean_starts_s = np.concatenate([*starts, np.empty(0)])
     first_s = float(read_s.min()) - mean_s if record.start is None else 0.0
     mean_starts_s = mean_starts_s[mean_starts_s > first_s - SAME_TIME * dt]
+    own_s = np.maximum(own_s, first_s)
     last_s = (len(record.y) - 1) * dt
     inside = sorted({e for e in events_s if first_s < e < last_s})
     if not inside and not delay_s and record.late_s is None and not mean_s:
         return _points_of_samples(len(record.y), dt)
     sample_s = np.arange(len(record.y)) * dt
-    time_s = np.concatenate([inside, sample_s, np.maximum(read_s, first_s), mean_starts_s])
+    lists = [inside, sample_s, np.maximum(read_s, first_s), mean_starts_s, own_s]
+    time_s = np.concatenate(lists)
     # of times that are nearly the same the first counts, which is that of an event
     order = np.argsort(time_s, kind="stable")
     is_new = np.diff(time_s[order], prepend=-np.inf) > SAME_TIME * dt
@@ -147,9 +146,8 @@ def points_of(
     point_s = time_s[representative]
     point_of_time = np.empty(len(time_s), dtype=np.intp)
     point_of_time[order] = group
-    _, sample, reading, of_mean_starts = np.split(
-        point_of_time, np.cumsum([len(inside), len(sample_s), len(read_s)])
-    )
+    ends = np.cumsum([len(times) for times in lists])
+    _, sample, reading, of_mean_starts, _ = np.split(point_of_time, ends[:-1])
     starts_mean = np.zeros(len(point_s), dtype=bool)
     starts_mean[of_mean_starts] = True
     steps = np.round(np.diff(point_s) / dt, 6)
@@ -275,7 +273,7 @@ def point_models(
     reading = record.y[:, channel]
     bursts = {burst.start_s for q in proposals for burst in q.bursts if burst.width_s == 0}
     events_s = [*record.events_s, *bursts]
-    points = points_of(record, sensor.delay_s, events_s, sensor.mean_s, max(sensor.mean_rows, 1))
+    points = points_of(record, events_s, sensor)
     count = len(points.time_s)
     step_matrices = [steps_of(sensor, step_s) for step_s in points.step_s]
     transition, level_unit, slope_unit = (np.array(kinds) for kinds in zip(*step_matrices))
@@ -284,7 +282,7 @@ def point_models(
     variance = np.zeros(count)
     is_good = weight > 0
     if record.start is not None:
-        is_good &= ~reads_before(record, sensor.delay_s)
+        is_good &= ~reads_before(record, sensor)
     read[points.reading[is_good]] = reading[is_good]
     variance[points.reading[is_good]] = noise_var / weight[is_good]
     good = reading[is_good]
@@ -339,20 +337,20 @@ def point_models(
     return points, models
 
 
-def reads_before(record: Record, delay_s: float) -> Flags:
+def reads_before(record: Record, sensor: Sensor) -> Flags:
     """Samples (N,) whose readings are of a state before the first sample.
 
     Parameters
     ----------
     record
         The record.
-    delay_s
-        Dead time of the channel [s].
+    sensor
+        State space of the channel.
     """
-    return read_times_s(record, delay_s) < -SAME_TIME * record.dt_s
+    return read_times_s(record, sensor) < -SAME_TIME * record.dt_s
 
 
-def read_times_s(record: Record, delay_s: float) -> Array:
+def read_times_s(record: Record, sensor: Sensor | None = None) -> Array:
     """Times (N,) [s] of the states that the samples read.
 
     How late a reading was taken is rounded to a share of the sampling interval, so that steps of
@@ -362,12 +360,14 @@ def read_times_s(record: Record, delay_s: float) -> Array:
     ----------
     record
         The record.
-    delay_s
-        Dead time of the channel [s].
+    sensor
+        State space of the channel, with its dead time; rows that are means were moved to the
+        samples. None: the times at which the rows were taken.
     """
     dt = record.dt_s
+    delay_s = 0.0 if sensor is None else sensor.delay_s
     sample_s = dt * np.arange(len(record.y), dtype=np.float64)
-    if record.late_s is None:
+    if record.late_s is None or (sensor is not None and sensor.mean_s):
         return np.asarray(sample_s - delay_s)
     late_s = np.round(record.late_s / dt * LATE_STEPS) * dt / LATE_STEPS
     return np.asarray(sample_s + late_s - delay_s)
@@ -664,7 +664,7 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
     """
     (n_samples, n_channels) = record.y.shape
     bursts = {b.start_s for q in intensities for b in q.bursts if b.width_s == 0}
-    common = points_of(record, 0.0, [*record.events_s, *(b for b in bursts if b > 0)])
+    common = points_of(record, [*record.events_s, *(b for b in bursts if b > 0)])
     count = len(common.time_s)
     level, slope, lag_change, split_change, jump_chi2 = np.empty((5, count, n_channels))
     change_var = np.empty((n_samples, n_channels, 2))

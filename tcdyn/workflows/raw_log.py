@@ -398,4 +398,6 @@ def _with_output(
     for channel in channels.channels:
         lag = channel.lag_s.text("s")
         notes[f"lag_s of {channel.column}"] = f"{lag}, sensor {channel.sensor}"
+    if channels.mean_s:
+        notes["averages_s"] = f"{channels.mean_s:g}"
     return RawLog(source, time_in_log, stamps, channels, carried, notes, tuple(findings))

@@ -137,14 +137,36 @@ def test_temperatures_behind_a_mean_are_found_with_an_honest_band(mean_s: float)
     assert np.mean(error) < 0.4 * np.mean(ignored)
 
 
-def test_uneven_rows_are_moved_and_rows_that_are_no_whole_number_are_refused() -> None:
-    _, truth, rows = logged(0, 0.5, 0.8)
-    late_s = np.where(np.arange(len(rows)) % 7 == 3, 0.01, 0.0)
-    moved = smooth(rows, 0.5, Chain(0.8, mean_s=0.5), late_s=late_s)
-    assert np.mean(np.abs(moved.temperature[:, 0] - truth) < 1.96 * moved.sd[:, 0]) > 0.9
+def test_the_temperature_behind_means_of_uneven_rows_is_that_at_their_stamps() -> None:
+    """Their readings are moved to even times; the temperature changes by 0.4 K in a deviation."""
+    rng = np.random.default_rng(8)
+    row_s, mean_s, lag_s = 0.5, 0.5, 0.8
+    inside = []
+    for seed in range(3):
+        step_s = 0.002
+        _, fine, _ = logged(seed, step_s, lag_s, step_s)
+        share = np.exp(-step_s / lag_s)
+        lagged = fine[0] + lfilter([1 - share], [1, -share], fine - fine[0])
+        total = np.concatenate([[0.0], np.cumsum(lagged)])
+        width = round(mean_s / step_s)
+        even = np.arange(1000, len(fine) - 1000, round(row_s / step_s))
+        at = even + rng.integers(-60, 61, len(even))
+        rows = (total[at + 1] - total[at + 1 - width]) / width
+        rows = rows + 0.02 * rng.standard_normal(len(rows))
+        late_s = (at - even) * step_s
+        result = smooth(rows, row_s, Chain(lag_s, mean_s=mean_s), late_s=late_s)
+        departure = result.temperature[:, 0] - fine[at]
+        inside.append(np.mean(np.abs(departure) < 1.96 * result.sd[:, 0]))
+    assert np.mean(inside) > 0.9
+
+
+def test_a_mean_over_other_times_is_refused_and_a_tiny_one_is_an_instant() -> None:
+    _, _, rows = logged(0, 0.5, 0.8)
     nearly = smooth(rows, 0.5, Chain(0.8, mean_s=0.503))
     exact = smooth(rows, 0.5, Chain(0.8, mean_s=0.5))
     assert np.array_equal(nearly.temperature, exact.temperature)
+    tiny = smooth(rows, 0.5, Chain(0.8, mean_s=1e-7))
+    assert np.array_equal(tiny.temperature, smooth(rows, 0.5, 0.8).temperature)
     with pytest.raises(InputError, match=r"mean over 0.7 s, but rows are 0.5 s apart"):
         smooth(rows, 0.5, Chain(0.8, mean_s=0.7))
     with pytest.raises(InputError, match="which are 20 rows"):
@@ -175,6 +197,8 @@ def test_a_table_of_means_is_compensated_from_the_command_line_and_from_python(
     codes = {finding["code"] for finding in printed["findings"]}
     assert "sensor.means" in codes
     assert "series.averages" not in codes
+    meta = json.loads(out.with_name("out.csv.meta.json").read_text(encoding="utf-8"))
+    assert meta["metadata"]["averages_s"] == "0.5"
     made = pd.read_csv(out)
     assert np.mean(np.abs(made["T_degC"] - truth) < 1.96 * made["T_u_K"]) > 0.9
     table = pd.DataFrame({"time_s": time_s, "T_degC": rows})
@@ -203,3 +227,19 @@ def test_means_with_a_delay_continue_from_block_to_block(tmp_path: Path) -> None
         table[:count].to_csv(grown, index=False)
         assert tcdyn(*follow, "--idle-s", 0.2) == 0
     assert pd.read_csv(live)["T_degC"].to_numpy() == pytest.approx(made["T_degC"].to_numpy())
+
+
+@pytest.mark.parametrize("command", ["compensate", "compensate with a delay", "follow"])
+def test_a_mean_that_does_not_fit_the_rows_ends_without_an_output(
+    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s, _, rows = logged(3, 0.5, 0.8)
+    path = tmp_path / "log.csv"
+    pd.DataFrame({"time_s": time_s, "T_degC": rows}).to_csv(path, index=False)
+    more = {"compensate with a delay": ["--delay-s", 8], "follow": ["--idle-s", 0.2]}
+    out = tmp_path / "out.csv"
+    call = [command.split()[0], path, "--sensor", probe(tmp_path), "--averages-s", 0.7]
+    assert tcdyn(*call, *more.get(command, []), "--out", out) == 2
+    printed = capsys.readouterr().err
+    assert "each row is a mean over 0.7 s, but rows are 0.5 s apart" in printed
+    assert "a whole number of rows" in printed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -68,13 +70,14 @@ def test_a_reading_later_by_a_whole_sample_is_that_of_the_next_sample() -> None:
 def test_points_are_in_the_order_of_time_where_readings_change_places() -> None:
     late_s = np.array([0.0, 0.8, -0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * DT_S
     record = record_of(np.linspace(0, 1, 12), DT_S, LAG_S, (), NOISE_K, late_s=late_s)
-    points = points_of(record, 0.0, ())
+    points = points_of(record, ())
     assert np.all(np.diff(points.time_s) > 0)
     expected_s = DT_S * np.arange(12) + late_s
     assert np.allclose(points.time_s[points.reading], expected_s, atol=DT_S / 128)
     assert np.allclose(points.time_s[points.sample], DT_S * np.arange(12))
-    assert reads_before(record, 0.0).tolist() == [False] * 12
-    assert reads_before(record, 0.5 * DT_S).tolist() == [True, False] + [False] * 10
+    assert reads_before(record, record.sensors[0]).tolist() == [False] * 12
+    late = replace(record.sensors[0], delay_s=0.5 * DT_S)
+    assert reads_before(record, late).tolist() == [True, False] + [False] * 10
 
 
 @pytest.mark.filterwarnings("ignore:T_degC. in a part of its spectrum")  # it is a sine

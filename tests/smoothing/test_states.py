@@ -103,7 +103,7 @@ def test_the_corner_is_where_the_signal_sinks_into_the_noise() -> None:
 def test_points_are_samples_readings_and_events(delay_s: float, alternate: bool) -> None:
     of = stretch(1, delay_s=delay_s)
     event = 2.53
-    points = points_of(of, delay_s, [event, 2.0, 99.0])
+    points = points_of(of, [event, 2.0, 99.0], of.sensors[0])
     sample_s = np.arange(N) * DT
     expected = np.unique(np.round([*sample_s, *(sample_s - delay_s), event], 9))
     assert points.time_s == pytest.approx(expected, abs=1e-12)

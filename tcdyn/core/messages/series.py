@@ -50,8 +50,8 @@ def _averages(averages_s: float, **_: Any) -> str:
     """Message of ``series.averages``: each row is a mean over ``averages_s``."""
     return (
         f"each row is a mean over the {averages_s:g} s before it: half of this, "
-        f"{averages_s / 2:g} s, is a delay of the logger. It belongs to the lag of the chain, not "
-        "to that of the sensor"
+        f"{averages_s / 2:g} s, is a delay of the logger, which a lag that is measured with such "
+        "rows contains. `compensate` and `follow` remove it beside the lag of the sensor alone"
     )
 
 
