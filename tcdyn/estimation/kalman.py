@@ -7,9 +7,10 @@ not computed again while nothing changes.
 
 The model, for the states x of n numbers at the points p:
 
-    x[p+1] = F x[p] + w,  w ~ N(0, level N1 + slope N2 + diag(jump)),  y[p] = h x[p] + noise
+    x[p+1] = F x[p] + w,  w ~ N(0, level N1 + slope N2 + D diag(jump) D'),  y[p] = h x[p] + noise
 
-F, N1 and N2 belong to the kind of the step. Used by :mod:`tcdyn.smoothing.state_space`. Guarded by
+F, N1 and N2 belong to the kind of the step; the columns of D are the first two unit vectors and
+the direction of a step of the reading. Used by :mod:`tcdyn.smoothing.state_space`. Guarded by
 ``tests/estimation/test_kalman.py``, which compares with dense algebra in extended precision.
 
 Source of the array algorithms: T. Kailath, A. H. Sayed and B. Hassibi, "Linear Estimation",
@@ -51,7 +52,10 @@ class PointModel(NamedTuple):
     level, slope
         Intensities of the noise of that step (P,).
     jump
-        Variances (P, 2) that are added to the first two states at the end of that step.
+        Variances (P, 3) of jumps at the end of that step: of the first state, of the second, and of
+        all states along ``direction``.
+    direction
+        Jump (n,) of the states that is a step of the reading by one.
     row
         The row h (n,).
     reading, variance
@@ -73,6 +77,7 @@ class PointModel(NamedTuple):
     level: Array
     slope: Array
     jump: Array
+    direction: Array
     row: Array
     reading: Array
     variance: Array
@@ -99,10 +104,10 @@ class Smoothing(NamedTuple):
         Variance (P, 2) of the change of the first state from each mark to the next, and to the one
         after that; zero at other points.
     score
-        Adjoint of the first two states (P, 2): the derivative of the log likelihood with respect
-        to a jump of them before the point.
+        Adjoint of the jumps (P, 3): the derivative of the log likelihood with respect to a jump of
+        the first state, of the second, or along ``direction``, before the point.
     score_var
-        Variance of the first, covariance, variance of the second (P, 3).
+        Variance of the first, covariance, variance of the second, variance of the third (P, 4).
     gradient, expected
         For level and slope noise of the step before a point (P, 2): q' N q and trace(N W), with the
         adjoint q and its covariance W. Half of their difference is the derivative of the log
@@ -230,6 +235,7 @@ def _is_same_step(model: PointModel, p: int, q: int) -> bool:
         and model.slope[p] == model.slope[q]
         and model.jump[p, 0] == model.jump[q, 0]
         and model.jump[p, 1] == model.jump[q, 1]
+        and model.jump[p, 2] == model.jump[q, 2]
     )
 
 
@@ -246,6 +252,10 @@ def _noise_factor(model: PointModel, p: int, out: Array) -> None:
             )
     out[0, 0] += model.jump[p, 0]
     out[1, 1] += model.jump[p, 1]
+    if model.jump[p, 2] != 0.0:
+        for i in range(n):
+            for j in range(n):
+                out[i, j] += model.jump[p, 2] * model.direction[i] * model.direction[j]
     _cholesky(out, n)
 
 
@@ -543,6 +553,7 @@ def _score_moments(
     information: Array,
     level_noise: Array,
     slope_noise: Array,
+    direction: Array,
     moments: Array,
     score_map: Array,
     lower: Array,
@@ -557,9 +568,11 @@ def _score_moments(
         Square root T of the information of the readings from the point on.
     level_noise, slope_noise
         Covariances N1 and N2 of the step before the point.
+    direction
+        Direction (n,) of a step of the reading.
     moments
-        Its numbers 4 to 8 become variance, covariance and variance of the first two adjoints,
-        trace(N1 W) and trace(N2 W).
+        Its numbers 4 to 9 become variance, covariance and variance of the first two adjoints,
+        trace(N1 W), trace(N2 W), and the variance of the adjoint along ``direction``.
     score_map
         Becomes the matrix (n, n) from e = d - T'm to the adjoint.
     lower
@@ -587,6 +600,12 @@ def _score_moments(
             moments[8] += twice * slope_noise[i, j]
             if i < 2:
                 moments[4 + i + j] = value
+    moments[9] = 0.0
+    for k in range(n):
+        value = 0.0
+        for i in range(n):
+            value += direction[i] * score_map[i, k]
+        moments[9] += value * value
     for i in range(n):
         _solve_upper(lower, n, score_map[i])
 
@@ -753,9 +772,9 @@ def _smooth(
     values
         Array (P, R): the functions.
     adjoints, gradient, change_var
-        Arrays (P, 2), see ``Smoothing``.
+        Arrays (P, 3), (P, 2) and (P, 2), see ``Smoothing``.
     moments
-        Array (P, 9), see ``_state_moments`` and ``_score_moments``.
+        Array (P, 10), see ``_state_moments`` and ``_score_moments``.
 
     Notes
     -----
@@ -859,7 +878,7 @@ def _smooth(
                         q[j] += value * propagations[phase, i, j]
                 for j in range(n):
                     side[0, j] = q[j]
-                for i in range(9):
+                for i in range(10):
                     moments[p, i] = moments[p + period, i]
                 if with_scores:
                     change_var[p, 0] = change_var[p + period, 0]
@@ -892,7 +911,8 @@ def _smooth(
                 if with_scores:
                     _score_moments(
                         product, information, model.level_noise[kind_before],
-                        model.slope_noise[kind_before], moments[p], score_map, other_lower,
+                        model.slope_noise[kind_before], model.direction, moments[p], score_map,
+                        other_lower,
                     )  # fmt: skip
                     for f in range(2):
                         function_vars[phase, f] = function_vars[next_phase, f]
@@ -929,6 +949,9 @@ def _smooth(
                     q[i] = value
                 adjoints[p, 0] = q[0]
                 adjoints[p, 1] = q[1]
+                adjoints[p, 2] = 0.0
+                for i in range(n):
+                    adjoints[p, 2] += model.direction[i] * q[i]
                 for f in range(2):
                     total = 0.0
                     for j in range(n):
@@ -1126,7 +1149,8 @@ def compile_functions() -> None:
         np.zeros(count, dtype=np.int64),
         np.zeros(count),
         np.zeros(count),
-        np.zeros((count, 2)),
+        np.zeros((count, 3)),
+        np.array([1.0, 0.0]),
         np.array([1.0, 0.0]),
         np.zeros(count),
         np.ones(count),
@@ -1190,9 +1214,9 @@ def smooth_points(
     >>> kind = np.zeros(4, dtype=np.int64)
     >>> zero = np.zeros(4)
     >>> model = PointModel(
-    ...     one, none, none, kind, zero, zero, np.zeros((4, 2)), np.array([1.0, 0.0]),
-    ...     np.array([1.0, 2.0, 3.0, 2.0]), np.full(4, 4.0), np.zeros(2), np.diag([1e6, 1.0]),
-    ...     np.ones(4, dtype=bool),
+    ...     one, none, none, kind, zero, zero, np.zeros((4, 3)), np.array([1.0, 0.0]),
+    ...     np.array([1.0, 0.0]), np.array([1.0, 2.0, 3.0, 2.0]), np.full(4, 4.0), np.zeros(2),
+    ...     np.diag([1e6, 1.0]), np.ones(4, dtype=bool),
     ... )
     >>> result = smooth_points(model)
     >>> result.mean[:, 0].round(6).tolist(), result.covariance[0, 0].round(6)
@@ -1206,9 +1230,10 @@ def smooth_points(
     for noise_root in noise_roots.reshape(-1, n, n):
         _cholesky(noise_root, n)
     values = np.empty((count, len(rows)))
-    adjoints, gradient = np.empty((2, count, 2))
+    adjoints = np.empty((count, 3))
+    gradient = np.empty((count, 2))
     change_var = np.zeros((count, 2))
-    moments = np.empty((count, 9))
+    moments = np.empty((count, 10))
     _smooth(
         model,
         _repeats(model),
@@ -1223,7 +1248,7 @@ def smooth_points(
         change_var,
     )
     gradient[0] = 0.0  # there is no step before the first point
-    moments[0, 7:] = 0.0
+    moments[0, 7:9] = 0.0
     return Smoothing(
         values[:, :2],
         moments[:, :3],
@@ -1232,7 +1257,7 @@ def smooth_points(
         moments[:, 3],
         change_var,
         adjoints,
-        moments[:, 4:7],
+        moments[:, [4, 5, 6, 9]],
         gradient,
         moments[:, 7:9],
     )

@@ -43,6 +43,9 @@ class Burst:
         start.
     width_s
         Time [s] around the start over which that jump of the temperature is spread, in any way.
+    reading_sd
+        Prior standard deviation [K] of a step of the reading itself at the start, such as that of
+        another range or sensor: it is passed on, not inverted.
     rough
         The burst also drives the temperature itself, with the intensity q(t) (rough decay_s)^2
         [K2/s].
@@ -61,6 +64,7 @@ class Burst:
     level_sd: float = 0.0
     slope_sd: float = 0.0
     width_s: float = 0.0
+    reading_sd: float = 0.0
     rough: float = 0.0
 
 
@@ -148,7 +152,7 @@ class Intensity:
             starts_s=(0.0, *moved.starts_s[first + 1 :]),
             levels=self.levels[first:],
             level_noise=self.level_noise[first:],
-            bursts=tuple(replace(b, level_sd=0.0, slope_sd=0.0) for b in bursts),
+            bursts=tuple(replace(b, level_sd=0.0, slope_sd=0.0, reading_sd=0.0) for b in bursts),
         )
 
     def shifted(
@@ -183,10 +187,10 @@ def _burst_arrays(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
     member
         Membership matrix (Q, B) of ones and zeros.
     fields
-        The fields of the bursts in their order, (8, B, 1).
+        The fields of the bursts in their order, (9, B, 1).
     """
     rows = [(k, *vars(b).values()) for k, q in enumerate(intensities) for b in q.bursts]
-    table = np.array(rows, dtype=float).reshape(-1, 9)
+    table = np.array(rows, dtype=float).reshape(-1, 10)
     member = np.arange(len(intensities))[:, None] == table[:, 0]
     return member.astype(float), table[:, 1:].T[:, :, None]
 
@@ -290,9 +294,9 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     Returns
     -------
     Array
-        Variances (J, Q, 2) of level [K2] and slope [K2/s2].
+        Variances (J, Q, 3) of level [K2], slope [K2/s2] and reading [K2].
     """
-    out = np.zeros((len(knots_s), len(intensities), 2))
+    out = np.zeros((len(knots_s), len(intensities), 3))
     for k, q in enumerate(intensities):
         for burst in q.bursts:
             if burst.width_s > 0:
@@ -304,6 +308,7 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
             if at == len(knots_s) or knots_s[at] != burst.start_s:
                 continue
             out[at, k, 1] += burst.slope_sd**2
+            out[at, k, 2] += burst.reading_sd**2
             if burst.width_s == 0:
                 out[at, k, 0] += burst.level_sd**2
     return out

@@ -297,7 +297,7 @@ def point_models(
     if is_rough:
         at_points = level_noise_at(proposals, points.time_s)
         level_noise = 0.5 * (at_points[:, :-1] + at_points[:, 1:])
-    jumps = np.moveaxis(jumps_at(proposals, points.time_s), 1, 0)  # (Q, P, 2)
+    jumps = np.moveaxis(jumps_at(proposals, points.time_s), 1, 0)  # (Q, P, 3)
     wide = slope_prior_sd(sensor, range_K, record.dt_s)
     jumps[:, np.isin(points.time_s, record.events_s), 1] += wide**2
     is_sample = np.zeros(count, dtype=bool)
@@ -325,7 +325,8 @@ def point_models(
                 points.kind,
                 np.append(level_noise[k], 0.0),
                 np.append(slope_noise[k], 0.0),
-                np.concatenate([jumps[k, 1:], np.zeros((1, 2))]),
+                np.concatenate([jumps[k, 1:], np.zeros((1, 3))]),
+                np.ascontiguousarray(sensor.ramp[:, 0]),
                 sensor.output,
                 read,
                 variance,
@@ -549,9 +550,10 @@ class Smoothed:
         Score test (J, M) for a jump of level, slope or both: chi-square with two degrees of freedom
         if there is none.
     score, score_var
-        Adjoint (J, M, 2) of level [1/K] and slope [s/K], and its variance if the intensities are
-        right: the derivative of the log likelihood with respect to the variance of a jump there is
-        half of ``score**2 - score_var``.
+        Adjoint (J, M, 3) of level [1/K], slope [s/K] and a step of the reading [1/K]; and, if the
+        intensities are right, variance of the first, covariance, variance of the second and of the
+        third (J, M, 4). The derivative of the log likelihood with respect to the variance of a jump
+        there is half of the square of the adjoint less its variance.
     gradient, expected
         For level and slope noise of the steps before each time (J, M, 2): twice the derivative of
         the log likelihood with respect to the intensity is ``gradient - expected``; they are equal
@@ -669,7 +671,9 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
     level, slope, lag_change, split_change, jump_chi2 = np.empty((5, count, n_channels))
     change_var = np.empty((n_samples, n_channels, 2))
     var = np.empty((3, count, n_channels))
-    score, score_var, gradient, expected = np.empty((4, count, n_channels, 2))
+    gradient, expected = np.empty((2, count, n_channels, 2))
+    score = np.empty((count, n_channels, 3))
+    score_var = np.empty((count, n_channels, 4))
     predicted, predicted_var = np.empty((2, n_samples, n_channels))
     span = channel_ranges(record)
     for c, (sensor, q) in enumerate(zip(record.sensors, intensities)):
@@ -692,9 +696,9 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
         predicted[:, c] = smoothed.predicted[points.reading]
         predicted_var[:, c] = smoothed.predicted_var[points.reading]
         score[:, c] = smoothed.score[at]
-        level_var, cross, slope_var = smoothed.score_var[at].T
-        score_var[:, c] = np.stack([level_var, slope_var], axis=1)
-        level_score, slope_score = score[:, c].T
+        score_var[:, c] = smoothed.score_var[at]
+        level_var, cross, slope_var, _ = score_var[:, c].T
+        level_score, slope_score, _ = score[:, c].T
         product = level_var * slope_var
         determinant = np.maximum(product - cross**2, 1e-9 * product + 1e-300)
         quadratic = (

@@ -55,8 +55,9 @@ def model_of(
     variance = np.full(count, noise_K**2)
     variance[list(missing)] = 0.0
     variance[2] *= 4
-    jump = np.zeros((count, 2))
-    jump[count // 2] = [9.0, 4.0]
+    jump = np.zeros((count, 3))
+    jump[count // 2] = [9.0, 4.0, 0.0]
+    jump[count // 3, 2] = 2.0
     wide = RANGE_K * np.array([1.0, 1.0 / (sensor.lag_s + float(np.median(steps_s)))])
     return PointModel(
         transition,
@@ -66,6 +67,7 @@ def model_of(
         np.full(count, level),
         np.full(count, slope),
         jump,
+        np.ascontiguousarray(sensor.ramp[:, 0]),
         sensor.output,
         reading,
         variance,
@@ -109,6 +111,8 @@ def dense(model: PointModel) -> Dense:
         noise += mpmath.mpf(model.slope[p]) * exact(model.slope_noise[kind])
         for i in (0, 1):
             noise[i, i] += mpmath.mpf(model.jump[p, i])
+        direction = exact(model.direction).T
+        noise += mpmath.mpf(model.jump[p, 2]) * direction * direction.T
         old, new = slice(0, (p + 1) * n), slice((p + 1) * n, (p + 2) * n)
         cross = flow * prior[p * n : (p + 1) * n, old]
         prior[new, old] = cross
@@ -206,11 +210,19 @@ def test_scores_are_derivatives_of_the_filter_to() -> None:
         return log_likelihood(model._replace(**changed))[0]
 
     for p in (5, 9):
-        for i, var in ((0, ours.score_var[p, 0]), (1, ours.score_var[p, 2])):
+        for i, var in (
+            (0, ours.score_var[p, 0]),
+            (1, ours.score_var[p, 2]),
+            (2, ours.score_var[p, 3]),
+        ):
             step = 1e-5 / var
             jump = np.zeros_like(model.jump)
             jump[p - 1, i] = step
-            slope = (value(jump=model.jump + jump) - value(jump=model.jump - jump)) / (2 * step)
+            # of the stages alone no variance can be taken away
+            before = model.jump - jump if i < 2 else model.jump
+            slope = (value(jump=model.jump + jump) - value(jump=before)) / (
+                2 * step if i < 2 else step
+            )
             assert slope == pytest.approx(0.5 * (ours.score[p, i] ** 2 - var), rel=1e-4, abs=1e-6)
         for i, name in enumerate(("level", "slope")):
             base = getattr(model, name)
@@ -241,7 +253,7 @@ def test_settled_covariances_change_no_result(period: int) -> None:
     assert settled.covariance[:, 0] == pytest.approx(each.covariance[:, 0], rel=1e-7)
     assert settled.change_var[:-2] == pytest.approx(each.change_var[:-2], rel=1e-6, abs=1e-300)
     assert settled.predicted_var == pytest.approx(each.predicted_var, rel=1e-7)
-    score_sd = np.sqrt(each.score_var[1:-1, [0, 2]])
+    score_sd = np.sqrt(each.score_var[1:-1, [0, 2, 3]])
     assert (np.abs(settled.score - each.score)[1:-1] / score_sd).max() < 1e-6
 
 

@@ -42,7 +42,7 @@ def dense_posterior(model: PointModel) -> tuple[Array, Array]:
             break
         kind = model.kind[p]
         noise = model.level[p] * model.level_noise[kind] + model.slope[p] * model.slope_noise[kind]
-        noise = noise + np.diag([*model.jump[p], *[0.0] * (n - 2)])
+        noise = noise + np.diag([*model.jump[p, :2], *[0.0] * (n - 2)])
         values, vectors = np.linalg.eigh(noise)
         state = model.transition[kind] @ state
         state[:, n * (p + 1) : n * (p + 2)] = vectors * np.sqrt(np.maximum(values, 0.0))

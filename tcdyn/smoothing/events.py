@@ -1,0 +1,557 @@
+"""Events that the readings show: kinks and jumps of the temperature, and steps of the reading.
+
+One score answers what happened, when, and how large it was. With the adjoint q of a jump at a point
+and its variance W, both from one pass of the smoother, a jump with the prior variance V raises the
+log likelihood by
+
+    1/2 q' (V^-1 + W)^-1 q - 1/2 log det(1 + V W),
+
+exactly, for given intensities (matrix determinant lemma). The sum over times, kinds and sizes with
+their prior probabilities gives the odds of an event. A step of the reading itself, such as that of
+another range or sensor, is a jump of all states in the direction of a constant temperature, so that
+it is passed on and not inverted.
+
+Events and intensities explain the same readings: what looks like an event beside small intensities
+is none beside large ones. The search begins with several intensities, and the likeliest result is
+taken. Guarded by ``tests/smoothing/test_events.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from tcdyn.core import Array, Flags
+from tcdyn.smoothing.hidden_events import PossibleEvent, influenced_samples
+from tcdyn.smoothing.noise_levels import Burst, Intensity
+from tcdyn.smoothing.process_noise import channel_spans, segment, smearing_time_s
+from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.state_space import Smoothed, likelihood, smooth_record
+
+
+class Kind(IntEnum):
+    """What an event may be: changes of the temperature, and a step of the reading."""
+
+    KINK = 0
+    JUMP = 1
+    JUMP_AND_KINK = 2
+    STEP = 3
+
+
+# Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
+# prior probability in a channel, at an event, of nothing, and of each kind
+NOTHING = 0.5
+PRIOR = np.array([0.3, 0.1, 0.09, 0.01])
+# prior standard deviations of a jump, in ranges of the record (per lag), with equal probabilities
+SIZES = 10.0 ** -np.arange(0.0, 3.1, 0.5)
+# log odds from which an event is one in the search
+MIN_LOG_ODDS = 3.0
+# an event that is found in one pass hides others within so many lags until the next pass
+REACH_LAGS = 2.0
+# samples at either end in which no event is looked for: little is known of them
+MARGIN = 3
+# passes of the search, and events of a record
+ROUNDS = 12
+MAX_EVENTS = 130
+# Factors of the intensities with which the search begins. With those of a record without events a
+# square wave is a rough temperature
+STARTS = (1.0, 1e-3)
+# Lags after an event at which a new segment of the intensities begins: none, or those of a
+# temperature that settles after it. Only after events without another one within so many lags
+SEGMENTS_LAGS = ((0.0,), (0.0, 1.0, 3.0, 9.0))
+ALONE_LAGS = 5.0
+# nats by which a further segment of the intensities must raise the likelihood, as in
+# ``tcdyn.smoothing.roughness``
+SEGMENT_NATS = 4.0
+# the time of an event is resolved to this part of a sampling interval, if it is known to so many
+# intervals
+PARTS_OF_SAMPLE = 8
+MOST_INTERVALS = 16
+# times and weights of an event that are averaged over
+TIMES = 9
+MIN_WEIGHT = 0.01
+# lags over which a jump may be spread, and the probability of each
+WIDTHS_LAGS = (0.0, 0.1, 0.3)
+WIDTH_PRIOR = (0.4, 0.3, 0.3)
+
+
+@dataclass(frozen=True)
+class Event(PossibleEvent):
+    """An event that the caller did not list.
+
+    Parameters
+    ----------
+    u_s
+        Standard uncertainty of its time [s].
+    log_odds
+        Log odds that there is an event.
+    no_event_probability
+        Probability (M,) that a channel has no event.
+    kind_probability
+        Probability (M, K) of each ``Kind`` in a channel, if there is an event.
+    """
+
+    u_s: float
+    log_odds: float
+    no_event_probability: Array
+    kind_probability: Array
+
+    @property
+    def most_probable(self) -> list[Burst]:
+        """Burst of greatest weight at ``at_s`` for each channel (M,)."""
+        then = [possibility for possibility in self.possibilities if possibility[0] == self.at_s]
+        best = np.argmax([weight for _, _, weight in then], axis=0)
+        return [then[k][1][c] for c, k in enumerate(best.tolist())]
+
+    def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
+        """Intensities (M,) without this event."""
+        return without_event(intensities, self.at_s)
+
+
+def without_event(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
+    """Intensities without the jumps at ``at_s`` [s]."""
+    return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in intensities]
+
+
+def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
+    """Log likelihood ratios (T, M, K, S) of a jump of each kind and size at some times.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    index
+        Indices (T,) of the times in ``fit.times_s``.
+    """
+    level, slope, step = np.moveaxis(fit.score[index], 2, 0)[..., None]
+    level_var, cross, slope_var, step_var = np.moveaxis(fit.score_var[index], 2, 0)[..., None]
+    sd_K = channel_spans(fit.record, fit.noise_var)[:, None] * SIZES
+    slope_sd = sd_K / smearing_time_s(fit.record)
+    # adjoints and their covariance for jumps in units of their prior standard deviations
+    a, b, c = sd_K * level, slope_sd * slope, sd_K * step
+    aa, ab, bb = sd_K**2 * level_var, sd_K * slope_sd * cross, slope_sd**2 * slope_var
+    cc = sd_K**2 * step_var
+    determinant = (1 + aa) * (1 + bb) - ab**2
+    quadratic = a**2 * (1 + bb) - 2 * a * b * ab + b**2 * (1 + aa)
+    of_kind = {
+        Kind.KINK: 0.5 * (b**2 / (1 + bb) - np.log1p(bb)),
+        Kind.JUMP: 0.5 * (a**2 / (1 + aa) - np.log1p(aa)),
+        Kind.JUMP_AND_KINK: 0.5 * (quadratic / determinant - np.log(determinant)),
+        Kind.STEP: 0.5 * (c**2 / (1 + cc) - np.log1p(cc)),
+    }
+    return np.stack([of_kind[kind] for kind in Kind], axis=2)
+
+
+def _joint(values: Array) -> Array:
+    """Log of prior times likelihood of the evidence (..., K, S), relative to nothing."""
+    return values + np.log(PRIOR / len(SIZES))[:, None]
+
+
+def log_density(values: Array) -> Array:
+    """Log odds (T,) of an event at a time against none, from the evidence (T, M, K, S).
+
+    They are for an event that is known to be then, if there is any.
+    """
+    some = logsumexp(_joint(values), axis=(2, 3))
+    return np.asarray(np.logaddexp(np.log(NOTHING), some).sum(axis=1))
+
+
+def _burst(at_s: float, kind: Kind, sd_K: float, lag_s: float) -> Burst:
+    """The jump of a kind whose standard deviation is ``sd_K`` [K] (per lag)."""
+    has_jump = kind in (Kind.JUMP, Kind.JUMP_AND_KINK)
+    has_kink = kind in (Kind.KINK, Kind.JUMP_AND_KINK)
+    return Burst(
+        at_s,
+        0.0,
+        1.0,
+        level_sd=sd_K if has_jump else 0.0,
+        slope_sd=sd_K / lag_s if has_kink else 0.0,
+        reading_sd=sd_K if kind is Kind.STEP else 0.0,
+    )
+
+
+def _likeliest_bursts(at_s: float, fit: Smoothed, values: Array) -> list[Burst]:
+    """The likeliest jump of each channel (M,), from the evidence (M, K, S) at its time."""
+    spans_K = channel_spans(fit.record, fit.noise_var).tolist()
+    lag_s = smearing_time_s(fit.record)
+    bursts = []
+    for of_channel, span_K in zip(_joint(values), spans_K):
+        kind, size = np.unravel_index(int(np.argmax(of_channel)), of_channel.shape)
+        bursts.append(_burst(at_s, Kind(int(kind)), float(SIZES[size]) * span_K, lag_s))
+    return bursts
+
+
+def new_events(fit: Smoothed, known_s: Sequence[float]) -> list[tuple[float, list[Burst]]]:
+    """Times [s] of events that a record shows beside known ones, and their likeliest jumps (M,).
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, with the known events.
+    known_s
+        Their times [s].
+
+    Notes
+    -----
+    An event is equally probable in every row. Times at which even the largest likelihood of any
+    jump is no evidence are passed over.
+    """
+    times_s = fit.times_s
+    per_row = -np.log(fit.record.tested_rows)
+    of_step = fit.score[..., 2] ** 2 / np.maximum(fit.score_var[..., 3], 1e-300)
+    bound = 0.5 * np.maximum(fit.jump_chi2, of_step).sum(axis=1) + per_row
+    bound[:MARGIN] = -np.inf
+    bound[-MARGIN:] = -np.inf
+    bound[np.isin(times_s, known_s)] = -np.inf
+    index = np.flatnonzero(bound > 0)
+    if not len(index):
+        return []
+    values = evidence(fit, index)
+    density = log_density(values) + per_row
+    at_s = times_s[index]
+    reach_s = REACH_LAGS * smearing_time_s(fit.record)
+    found: list[tuple[float, list[Burst]]] = []
+    while True:
+        best = int(np.argmax(density))
+        is_near = np.abs(at_s - at_s[best]) <= reach_s
+        if logsumexp(density[is_near]) < MIN_LOG_ODDS:
+            return found
+        time_s = float(at_s[best])
+        found.append((time_s, _likeliest_bursts(time_s, fit, values[best])))
+        density[is_near] = -np.inf
+
+
+def detect_events(
+    fit: Smoothed, estimated: Callable[[Smoothed], Smoothed]
+) -> tuple[Smoothed, list[float]]:
+    """The record with the events that it shows, and their times [s].
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    estimated
+        Gives the record smoothed with intensities that are estimated again, with the same segments.
+
+    Returns
+    -------
+    fit
+        The likeliest of the records without events, and with those that are found from each of
+        ``STARTS`` and ``SEGMENTS_LAGS``.
+    events_s
+        The times of its events.
+    """
+    without = estimated(fit)
+    candidates = [(without, list[float]())]
+    for factor, segments in product(STARTS, SEGMENTS_LAGS):
+        start = fit if factor == 1.0 else _with_smaller_intensities(fit, factor)
+        found = _detected(start, estimated, segments)
+        if found is not None and found[1]:
+            candidates.append(found)
+    values = [_log_posterior(*candidate) for candidate in candidates]
+    return candidates[int(np.argmax(values))]
+
+
+def _with_smaller_intensities(fit: Smoothed, factor: float) -> Smoothed:
+    """The record with slope noise of another factor, and without level noise."""
+    intensities = [
+        replace(q, levels=tuple(factor * level for level in q.levels), level_noise=())
+        for q in fit.intensities
+    ]
+    return smooth_record(fit.record, fit.noise_var, intensities)
+
+
+def _log_posterior(fit: Smoothed, events_s: Sequence[float]) -> float:
+    """Log likelihood of a record, less what its events and segments have to gain."""
+    value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
+    of_events = len(events_s) * (np.log(fit.record.tested_rows) + MIN_LOG_ODDS)
+    of_segments = SEGMENT_NATS * sum(len(q.levels) for q in fit.intensities)
+    return float(value.sum() - of_events - of_segments)
+
+
+def _detected(
+    fit: Smoothed, estimated: Callable[[Smoothed], Smoothed], segments: Sequence[float]
+) -> tuple[Smoothed, list[float]] | None:
+    """The record with events and intensities in turn; None where there are too many events.
+
+    All events are found before the intensities are estimated again, which would rise where one is
+    left out.
+    """
+    events_s: list[float] = []
+    for _ in range(ROUNDS):
+        found = _with_new_events(fit, events_s)
+        if found is None:
+            return None
+        fit, new_s = found
+        if not new_s:
+            break
+        events_s = sorted([*events_s, *new_s])
+        fit = estimated(_divided_at_events(fit, events_s, segments))
+    return fit, events_s
+
+
+def _with_new_events(
+    fit: Smoothed, known_s: Sequence[float]
+) -> tuple[Smoothed, list[float]] | None:
+    """The record with all events that it shows beside known ones, with the same intensities.
+
+    Each event is moved to its likeliest time between the samples, else its neighbours would show
+    further events. None where there are too many.
+    """
+    listed_s = fit.record.events_s
+    found_s: list[float] = []
+    for _ in range(ROUNDS):
+        new = new_events(fit, [*listed_s, *known_s, *found_s])
+        if len(known_s) + len(found_s) + len(new) > MAX_EVENTS:
+            return None
+        intensities = [
+            replace(q, bursts=(*q.bursts, *(bursts[c] for _, bursts in new)))
+            for c, q in enumerate(fit.intensities)
+        ]
+        placed_s = []
+        for at_s, _ in new:
+            event = weighed(fit, intensities, at_s)
+            intensities = without_event(intensities, at_s)
+            if event.log_odds > 0:
+                intensities = event.insert(intensities, event.at_s, event.most_probable)
+                placed_s.append(event.at_s)
+        if not placed_s:
+            break
+        found_s += placed_s
+        fit = smooth_record(fit.record, fit.noise_var, intensities)
+    return fit, found_s
+
+
+def _divided_at_events(
+    fit: Smoothed, events_s: Sequence[float], segments: Sequence[float]
+) -> Smoothed:
+    """The record with segments of the intensities that start at and after its lone events."""
+    lag_s = smearing_time_s(fit.record)
+    ends_s = [*events_s[1:], float(fit.times_s[-1])]
+    starts_s = []
+    for at_s, end_s in zip(events_s, ends_s):
+        if end_s - at_s > ALONE_LAGS * lag_s:
+            after_s = [at_s + share * lag_s for share in segments]
+            starts_s += [start for start in after_s if start + 0.5 * (start - at_s) < end_s]
+    intensities = [_divided(q, starts_s) for q in fit.intensities]
+    return smooth_record(fit.record, fit.noise_var, intensities)
+
+
+def _divided(intensity: Intensity, at_s: Sequence[float]) -> Intensity:
+    """The same intensity with segments that start at some more times."""
+    starts_s = np.unique([*intensity.starts_s, *at_s])
+    segment_of = np.maximum(np.searchsorted(intensity.starts_s, starts_s, "right") - 1, 0).tolist()
+    return replace(
+        intensity,
+        starts_s=tuple(starts_s.tolist()),
+        levels=tuple(intensity.levels[k] for k in segment_of),
+        level_noise=tuple(intensity.level_noise[k] for k in segment_of if intensity.level_noise),
+    )
+
+
+def weigh_events(fit: Smoothed, events_s: Sequence[float]) -> tuple[Smoothed, list[Event]]:
+    """What each event may be, given all others; the record without those that have no evidence.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, with its events and the final intensities.
+    events_s
+        Times of the events [s].
+    """
+    intensities = list(fit.intensities)
+    events = []
+    for at_s in events_s:
+        event = weighed(fit, intensities, at_s)
+        intensities = without_event(intensities, at_s)
+        if event.log_odds > 0:
+            intensities = event.insert(intensities, event.at_s, event.most_probable)
+            events.append(event)
+    if events_s:
+        fit = smooth_record(fit.record, fit.noise_var, intensities)
+    return fit, events
+
+
+def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Event:
+    """When an event may be and what it may be, given all others.
+
+    Parameters
+    ----------
+    fit
+        Gives the record and its noise.
+    intensities
+        Intensity of each channel (M,), with all events.
+    at_s
+        Time of the event [s].
+
+    Notes
+    -----
+    The smoother runs on the samples that the event influences, without it. Where its time is known
+    to some samples, times between the samples are points, too.
+    """
+    record = fit.record
+    dt_s = record.dt_s
+    first, last = influenced_samples(record, at_s)
+    window = segment(record, first, last, record.events_s)
+    shift_s = first * dt_s
+    base = [q.shifted(shift_s=shift_s) for q in without_event(intensities, at_s)]
+    others_s = [*window.events_s, *(b.start_s for q in base for b in q.bursts)]
+    before_s = max([s for s in others_s if s < at_s - shift_s], default=-np.inf)
+    after_s = min([s for s in others_s if s > at_s - shift_s], default=np.inf)
+    part = smooth_record(window, fit.noise_var, base)
+    is_between = (part.times_s > before_s) & (part.times_s < after_s)
+    times_s, density, values = _densities(part, is_between, record.tested_rows)
+    weight = np.exp(density - logsumexp(density))
+    likely_s = times_s[weight > MIN_WEIGHT / np.sqrt(len(times_s))]
+    if np.ptp(likely_s) <= MOST_INTERVALS * dt_s:
+        intervals = np.arange(np.floor(likely_s[0] / dt_s) - 1, np.floor(likely_s[-1] / dt_s) + 2)
+        parts = (np.arange(PARTS_OF_SAMPLE) + 0.5) / PARTS_OF_SAMPLE
+        fine_s = ((intervals[:, None] + parts) * dt_s).ravel()
+        fine_s = fine_s[(fine_s > before_s) & (fine_s < after_s)]
+        nothing = [Burst(time_s, 0.0, 1.0) for time_s in fine_s.tolist()]
+        with_points = [replace(q, bursts=(*q.bursts, *nothing)) for q in base]
+        part = smooth_record(window, fit.noise_var, with_points)
+        is_fine = np.isin(part.times_s, fine_s)
+        times_s, density, values = _densities(part, is_fine, record.tested_rows)
+    event = _event_of(fit, times_s + shift_s, density, values)
+    return _with_widths(event, window, fit.noise_var, base, shift_s)
+
+
+def _densities(part: Smoothed, among: Flags, rows: int) -> tuple[Array, Array, Array]:
+    """Log odds of an event at some times of a window.
+
+    Parameters
+    ----------
+    part
+        The smoothed window.
+    among
+        Whether the event may be at each of its times.
+    rows
+        Rows of the record in which an event is equally probable.
+
+    Returns
+    -------
+    times_s
+        The times (T,) [s].
+    density
+        Log odds (T,) of an event there.
+    values
+        The ``evidence`` (T, M, K, S).
+    """
+    index = np.flatnonzero(among)
+    inner = index[(index >= MARGIN) & (index < len(part.times_s) - MARGIN)]
+    index = inner if len(inner) else index
+    values = evidence(part, index)
+    dt_s = part.record.dt_s
+    width_s = float(np.median(np.diff(part.times_s[index]))) if len(index) > 1 else dt_s
+    return part.times_s[index], log_density(values) + np.log(width_s / (rows * dt_s)), values
+
+
+def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> Event:
+    """The event with its possibilities.
+
+    Parameters
+    ----------
+    fit
+        The record.
+    times_s, density, values
+        As ``_densities`` returns them, on the clock of the record.
+
+    Notes
+    -----
+    A possibility stands for several times, but not for times on both sides of a sample: there the
+    temperature of the sample changes.
+    """
+    log_odds = float(logsumexp(density))
+    time_weight = np.exp(density - log_odds)
+    joint = _joint(values)
+    of_channel = np.logaddexp(np.log(NOTHING), logsumexp(joint, axis=(2, 3)))
+    kind_weight = np.exp(logsumexp(joint, axis=3) - of_channel[..., None])  # (T, M, K)
+    probability = 1 / (1 + np.exp(-log_odds))
+    lag_s = smearing_time_s(fit.record)
+    spans_K = channel_spans(fit.record, fit.noise_var)
+    likely = np.flatnonzero(time_weight > MIN_WEIGHT * time_weight.max())
+    interval = np.floor(times_s[likely] / fit.record.dt_s)
+    of_intervals = [likely[interval == k] for k in np.unique(interval)]
+    per_interval = max(TIMES // len(of_intervals), 1)
+    groups = [
+        group
+        for members in of_intervals
+        for group in np.array_split(members, min(per_interval, len(members)))
+    ]
+    total = time_weight[likely].sum()
+    shares = [time_weight[group] / total for group in groups]
+    middles = [int(group[np.argmax(share)]) for group, share in zip(groups, shares)]
+    best = middles[int(np.argmax([share.sum() for share in shares]))]
+    likeliest_kinds = np.argmax(kind_weight[best], axis=1)
+    possibilities = []
+    for group, share, middle in zip(groups, shares, middles):
+        at_s = float(times_s[middle])
+        for kind in Kind:
+            weight = probability * (share @ kind_weight[group, :, kind])
+            is_likeliest = middle == best and kind in likeliest_kinds
+            if weight.max() < MIN_WEIGHT and not is_likeliest:
+                continue
+            sizes = SIZES[np.argmax(values[middle, :, kind], axis=1)]
+            bursts = [_burst(at_s, kind, sd_K, lag_s) for sd_K in (sizes * spans_K).tolist()]
+            possibilities.append((at_s, tuple(bursts), weight))
+    weights = np.array([weight for _, _, weight in possibilities]).reshape(-1, len(spans_K))
+    mean_s = float(time_weight @ times_s)
+    return Event(
+        float(times_s[best]),
+        tuple(possibilities),
+        float(np.sqrt(time_weight @ (times_s - mean_s) ** 2)),
+        log_odds,
+        1 - weights.sum(axis=0),
+        np.einsum("t,tmk->mk", time_weight, kind_weight),
+    )
+
+
+def _with_widths(
+    event: Event, window: Record, noise_var: Array, base: Sequence[Intensity], shift_s: float
+) -> Event:
+    """The event whose jumps may also be gradual, with the weights of their likelihoods.
+
+    Parameters
+    ----------
+    event
+        The event.
+    window, noise_var, base
+        The samples that it influences, their noise variance (M,) [K2], and the intensities (M,)
+        without the event.
+    shift_s
+        Time of the first of these samples [s].
+    """
+    jumps = [possibility for possibility in event.possibilities if _is_jump(possibility[1])]
+    if not jumps:
+        return event
+    best_s, best_bursts, _ = max(jumps, key=lambda possibility: float(possibility[2].sum()))
+    widths_s = (np.array(WIDTHS_LAGS) * smearing_time_s(window)).tolist()
+    at_best = [replace(b, start_s=best_s - shift_s) for b in best_bursts]
+    proposals = [
+        [replace(q, bursts=(*q.bursts, replace(b, width_s=width))) for width in widths_s]
+        for q, b in zip(base, at_best)
+    ]
+    value = likelihood(window, noise_var, proposals)[0] + np.log(WIDTH_PRIOR)
+    share = np.exp(value - logsumexp(value, axis=1, keepdims=True)).T
+    possibilities = []
+    for at_s, bursts, weight in event.possibilities:
+        if not _is_jump(bursts):
+            possibilities.append((at_s, bursts, weight))
+            continue
+        for width_s, of_width in zip(widths_s, share):
+            if (weight * of_width).max() > MIN_WEIGHT:
+                spread = tuple(replace(b, width_s=width_s) for b in bursts)
+                possibilities.append((at_s, spread, weight * of_width))
+    return replace(event, possibilities=tuple(possibilities))
+
+
+def _is_jump(bursts: Sequence[Burst]) -> bool:
+    """Whether an event is a jump of the temperature alone."""
+    return bursts[0].level_sd > 0 and bursts[0].slope_sd == 0
