@@ -469,8 +469,8 @@ def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
     """Case B with nothing announced; chain used is 1.0 +- 0.05 s drawn. 40 records: +- 4 % in the
     transient.
 
-    The band is too wide here: 98.8 % of the samples of 40 draws lie in a band of 95 %, with a median
-    u of half the rms error, which the first and last samples make. Above 99.5 % this test fails.
+    The band is too wide here: 98.8 % of the samples of 40 draws lie in a band of 95 %. Its median u
+    is half the rms error, which the first and last samples make. Above 99.5 % this test fails.
     """
     x, y = exponential_rise()
     rng = np.random.default_rng(0)
