@@ -13,7 +13,7 @@ it is passed on and not inverted.
 
 Events and intensities explain the same readings: what looks like an event beside small intensities
 is none beside large ones. The search begins with several intensities, and the likeliest result is
-taken. Guarded by ``tests/smoothing/test_events.py``.
+taken. Guarded by ``tests/smoothing/test_event_score.py``.
 """
 
 from __future__ import annotations

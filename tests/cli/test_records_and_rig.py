@@ -121,6 +121,7 @@ def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: P
 
 
 @pytest.mark.e2e
+@pytest.mark.long
 def test_a_gap_after_the_parting_is_no_straight_line(campaign: Campaign, tmp_path: Path) -> None:
     """0.44 s of e missing from the parting on: bridged by a straight line, the trace was 0.4 K rms
     off."""

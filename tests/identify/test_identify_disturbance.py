@@ -35,7 +35,8 @@ def coverage_limit(runs: int, coverage: float) -> float:
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("component", ["plunge", pytest.param("PRBS", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("component", ["plunge", "PRBS"])
 def test_noisy_first_sample_of_a_measured_input_does_not_reduce_coverage(component):
     """If the first sample were taken for the whole past, gain and lag would be covered by 35 and
     53 % for the plunges and 60 and 68 % for the steps."""

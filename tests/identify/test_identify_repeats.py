@@ -139,6 +139,7 @@ def coverage(kind: str, count: int) -> tuple[int, float]:
 
 
 @pytest.mark.study
+@pytest.mark.long
 def test_the_intervals_hold_the_lag() -> None:
     assert sum(coverage(kind, 8)[0] for kind in KINDS) >= 48
 

@@ -35,7 +35,7 @@ def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize("kind", ["plunge", "PRBS"])
+@pytest.mark.parametrize("kind", ["plunge", pytest.param("PRBS", marks=pytest.mark.long)])
 def test_case_a_is_unbiased_and_covered_over_200_seeds(kind, draws):
     n = draws(200)
     s = study_case_a(kind, range(n))

@@ -38,7 +38,7 @@ from tests.series.one_answer import (
     flows_for,
 )
 
-# Files of the default run: one or two of each kind. Every third of the others is an e2e test, the
+# Files of the default run: one or two of each kind. Every sixth of the others is an e2e test, the
 # rest are long.
 QUICK = (
     "samples stray by 10 %",
@@ -61,7 +61,7 @@ def quick_or_e2e() -> list[Any]:
     """All files as parameters; those that are not quick are e2e tests, most of them long."""
     slow = [file for file in FILES if file.name not in QUICK]
     marks = {file.name: [pytest.mark.e2e, pytest.mark.long] for file in slow}
-    marks |= {file.name: [pytest.mark.e2e] for file in slow[::3]}
+    marks |= {file.name: [pytest.mark.e2e] for file in slow[::6]}
     return [pytest.param(file, id=file.name, marks=marks.get(file.name, ())) for file in FILES]
 
 

@@ -97,6 +97,7 @@ def test_a_rough_time_across_the_middle_of_a_record_is_covered() -> None:
 
 
 @pytest.mark.e2e
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["sines", "random walk"])
 def test_parts_of_a_long_record_give_the_result_of_all_of_it(name: str) -> None:
     square, u, cover, _ = long_record_study.figures(name, 5, from_all=False)

@@ -58,7 +58,7 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
 
 @pytest.mark.e2e
 @pytest.mark.usefixtures("small")
-@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+@pytest.mark.parametrize("ending", [".csv", pytest.param(".parquet", marks=pytest.mark.long)])
 def test_a_long_log_is_compensated_as_in_one_piece(
     campaign: Campaign, tmp_path: Path, whole: pd.DataFrame, ending: str
 ) -> None:
