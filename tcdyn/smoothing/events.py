@@ -28,10 +28,16 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.hidden_events import PossibleEvent, influenced_samples
+from tcdyn.smoothing.hidden_events import (
+    MIN_WEIGHT,
+    PossibleEvent,
+    influenced_samples,
+    without_bursts,
+)
 from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import channel_spans, segment, smearing_time_s
 from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.roughness import SPLIT_NATS
 from tcdyn.smoothing.state_space import Smoothed, likelihood, smooth_record
 
 
@@ -66,16 +72,12 @@ STARTS = (1.0, 1e-3)
 # temperature that settles after it. Only after events without another one within so many lags
 SEGMENTS_LAGS = ((0.0,), (0.0, 1.0, 3.0, 9.0))
 ALONE_LAGS = 5.0
-# nats by which a further segment of the intensities must raise the likelihood, as in
-# ``tcdyn.smoothing.roughness``
-SEGMENT_NATS = 4.0
 # the time of an event is resolved to this part of a sampling interval, if it is known to so many
 # intervals
 PARTS_OF_SAMPLE = 8
 MOST_INTERVALS = 16
-# times and weights of an event that are averaged over
+# times of an event that are averaged over
 TIMES = 9
-MIN_WEIGHT = 0.01
 # lags over which a jump may be spread, and the probability of each
 WIDTHS_LAGS = (0.0, 0.1, 0.3)
 WIDTH_PRIOR = (0.4, 0.3, 0.3)
@@ -111,12 +113,7 @@ class Event(PossibleEvent):
 
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
         """Intensities (M,) without this event."""
-        return without_event(intensities, self.at_s)
-
-
-def without_event(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
-    """Intensities without the jumps at ``at_s`` [s]."""
-    return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in intensities]
+        return without_bursts(intensities, self.at_s)
 
 
 def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
@@ -134,16 +131,20 @@ def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
     sd_K = channel_spans(fit.record, fit.noise_var)[:, None] * SIZES
     slope_sd = sd_K / smearing_time_s(fit.record)
     # adjoints and their covariance for jumps in units of their prior standard deviations
-    a, b, c = sd_K * level, slope_sd * slope, sd_K * step
-    aa, ab, bb = sd_K**2 * level_var, sd_K * slope_sd * cross, slope_sd**2 * slope_var
-    cc = sd_K**2 * step_var
-    determinant = (1 + aa) * (1 + bb) - ab**2
-    quadratic = a**2 * (1 + bb) - 2 * a * b * ab + b**2 * (1 + aa)
+    jump = sd_K * level
+    kink = slope_sd * slope
+    step = sd_K * step
+    jump_var = sd_K**2 * level_var
+    covariance = sd_K * slope_sd * cross
+    kink_var = slope_sd**2 * slope_var
+    step_var = sd_K**2 * step_var
+    determinant = (1 + jump_var) * (1 + kink_var) - covariance**2
+    quadratic = jump**2 * (1 + kink_var) - 2 * jump * kink * covariance + kink**2 * (1 + jump_var)
     of_kind = {
-        Kind.KINK: 0.5 * (b**2 / (1 + bb) - np.log1p(bb)),
-        Kind.JUMP: 0.5 * (a**2 / (1 + aa) - np.log1p(aa)),
+        Kind.KINK: 0.5 * (kink**2 / (1 + kink_var) - np.log1p(kink_var)),
+        Kind.JUMP: 0.5 * (jump**2 / (1 + jump_var) - np.log1p(jump_var)),
         Kind.JUMP_AND_KINK: 0.5 * (quadratic / determinant - np.log(determinant)),
-        Kind.STEP: 0.5 * (c**2 / (1 + cc) - np.log1p(cc)),
+        Kind.STEP: 0.5 * (step**2 / (1 + step_var) - np.log1p(step_var)),
     }
     return np.stack([of_kind[kind] for kind in Kind], axis=2)
 
@@ -271,7 +272,7 @@ def _log_posterior(fit: Smoothed, events_s: Sequence[float]) -> float:
     """Log likelihood of a record, less what its events and segments have to gain."""
     value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
     of_events = len(events_s) * (np.log(fit.record.tested_rows) + MIN_LOG_ODDS)
-    of_segments = SEGMENT_NATS * sum(len(q.levels) for q in fit.intensities)
+    of_segments = SPLIT_NATS * sum(len(q.levels) for q in fit.intensities)
     return float(value.sum() - of_events - of_segments)
 
 
@@ -317,7 +318,7 @@ def _with_new_events(
         placed_s = []
         for at_s, _ in new:
             event = weighed(fit, intensities, at_s)
-            intensities = without_event(intensities, at_s)
+            intensities = without_bursts(intensities, at_s)
             if event.log_odds > 0:
                 intensities = event.insert(intensities, event.at_s, event.most_probable)
                 placed_s.append(event.at_s)
@@ -369,7 +370,7 @@ def weigh_events(fit: Smoothed, events_s: Sequence[float]) -> tuple[Smoothed, li
     events = []
     for at_s in events_s:
         event = weighed(fit, intensities, at_s)
-        intensities = without_event(intensities, at_s)
+        intensities = without_bursts(intensities, at_s)
         if event.log_odds > 0:
             intensities = event.insert(intensities, event.at_s, event.most_probable)
             events.append(event)
@@ -400,7 +401,7 @@ def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Eve
     first, last = influenced_samples(record, at_s)
     window = segment(record, first, last, record.events_s)
     shift_s = first * dt_s
-    base = [q.shifted(shift_s=shift_s) for q in without_event(intensities, at_s)]
+    base = [q.shifted(shift_s=shift_s) for q in without_bursts(intensities, at_s)]
     others_s = [*window.events_s, *(b.start_s for q in base for b in q.bursts)]
     before_s = max([s for s in others_s if s < at_s - shift_s], default=-np.inf)
     after_s = min([s for s in others_s if s > at_s - shift_s], default=np.inf)

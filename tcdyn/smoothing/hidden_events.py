@@ -119,7 +119,7 @@ class PossibleEvent:
         bursts
             Burst of each channel (M,) that replaces those at the event.
         """
-        bare = _without_bursts(intensities, self.at_s)
+        bare = without_bursts(intensities, self.at_s)
         shifted = [q.shifted(self.at_s, at_s) for q in bare]
         return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(shifted, bursts)]
 
@@ -153,11 +153,11 @@ class HiddenEvent(PossibleEvent):
 
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
         """Intensities (M,) without this event: no burst, ``level`` before and after it."""
-        bare = _without_bursts(intensities, self.at_s)
+        bare = without_bursts(intensities, self.at_s)
         return [_level_across_boundary(q, self.at_s, level) for q, level in zip(bare, self.level)]
 
 
-def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
+def without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
     """Intensities without the bursts that start at ``at_s``."""
     return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in intensities]
 
@@ -503,7 +503,7 @@ def weigh_event(
     window = _Window(
         segment(record, first, last, record.events_s),
         noise_var,
-        [q.shifted(shift_s=shift) for q in _without_bursts(intensities, at_s)],
+        [q.shifted(shift_s=shift) for q in without_bursts(intensities, at_s)],
         at_s - shift,
         before_s - shift + dt,
         after_s - shift - dt,
@@ -725,7 +725,7 @@ def _forms_of_listed_event(
     at_s = bursts[0].start_s
     samples, shift = event_window(record, at_s)
     start_s = at_s - shift
-    base = [q.shifted(shift_s=shift) for q in _without_bursts(intensities, at_s)]
+    base = [q.shifted(shift_s=shift) for q in without_bursts(intensities, at_s)]
     window = _Window(samples, noise_var, base, start_s, start_s, start_s)
     jumps_K = (jump_ranges(samples, start_s) * channel_spans(samples, noise_var)).tolist()
     kink = [replace(b, level_sd=0.0) for b in bursts]

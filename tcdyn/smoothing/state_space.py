@@ -117,25 +117,26 @@ def points_of(record: Record, events_s: Sequence[float], sensor: Sensor | None =
     before it.
     """
     dt = record.dt_s
-    delay_s, mean_s, mean_rows = (
-        (0.0, 0.0, 1)
-        if sensor is None
-        else (sensor.delay_s, sensor.mean_s, max(sensor.mean_rows, 1))
-    )
     read_s = read_times_s(record, sensor)
-    # means of uneven rows were moved to even times; their results are wanted at their own
-    own_s = read_times_s(record) if mean_s and record.late_s is not None else np.empty(0)
-    starts = [read_s - mean_s * (1 - k / mean_rows) for k in range(mean_rows) if mean_s]
-    mean_starts_s = np.concatenate([*starts, np.empty(0)])
-    first_s = float(read_s.min()) - mean_s if record.start is None else 0.0
+    mean_starts_s = np.empty(0)
+    own_s = np.empty(0)
+    if sensor is not None and sensor.mean_s:
+        mean_starts_s = _mean_starts_s(read_s, sensor)
+        # means of uneven rows were moved to even times; their results are wanted at their own
+        own_s = read_times_s(record)
+    first_s = 0.0
+    if record.start is None:
+        first_s = float(min(read_s.min(), mean_starts_s.min(initial=np.inf)))
     mean_starts_s = mean_starts_s[mean_starts_s > first_s - SAME_TIME * dt]
     own_s = np.maximum(own_s, first_s)
     last_s = (len(record.y) - 1) * dt
     inside = sorted({e for e in events_s if first_s < e < last_s})
-    if not inside and not delay_s and record.late_s is None and not mean_s:
+    is_instant = sensor is None or not (sensor.delay_s or sensor.mean_s)
+    if not inside and is_instant and record.late_s is None:
         return _points_of_samples(len(record.y), dt)
-    sample_s = np.arange(len(record.y)) * dt
-    lists = [inside, sample_s, np.maximum(read_s, first_s), mean_starts_s, own_s]
+    sample_s = dt * np.arange(len(record.y), dtype=np.float64)
+    used_s = np.maximum(read_s, first_s)
+    lists: list[Array] = [np.array(inside, dtype=float), sample_s, used_s, mean_starts_s, own_s]
     time_s = np.concatenate(lists)
     # of times that are nearly the same the first counts, which is that of an event
     order = np.argsort(time_s, kind="stable")
@@ -161,6 +162,21 @@ def points_of(record: Record, events_s: Sequence[float], sensor: Sensor | None =
         reading,
         sample,
     )
+
+
+def _mean_starts_s(read_s: Array, sensor: Sensor) -> Array:
+    """Times [s] of the start of each mean, and of the rows within it.
+
+    Parameters
+    ----------
+    read_s
+        Times (N,) [s] of the states that the samples read.
+    sensor
+        State space of a channel whose rows are means.
+    """
+    row_s = sensor.mean_s / sensor.mean_rows
+    before_s = sensor.mean_s - row_s * np.arange(sensor.mean_rows)
+    return np.asarray((read_s[:, None] - before_s).ravel())
 
 
 @lru_cache(maxsize=16)
