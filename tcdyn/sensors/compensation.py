@@ -264,7 +264,6 @@ def compensate_readings(
         readings.chains,
         events_s=[*inside],
         event_u_s=[*inside.values()],
-        find_events=not events,
         late_s=readings.late_s,
         **options,
     )

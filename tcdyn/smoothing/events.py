@@ -19,26 +19,27 @@ taken. Guarded by ``tests/smoothing/test_event_score.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.hidden_events import (
+from tcdyn.smoothing.noise_levels import Burst, Intensity, jumps_per_second
+from tcdyn.smoothing.possible_events import (
     MIN_WEIGHT,
     PossibleEvent,
     influenced_samples,
     without_bursts,
 )
-from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import channel_spans, segment, smearing_time_s
 from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.roughness import SPLIT_NATS
-from tcdyn.smoothing.state_space import Smoothed, likelihood, smooth_record
+from tcdyn.smoothing.state_space import SAME_TIME, Smoothed, likelihood, smooth_record
 
 
 class Kind(IntEnum):
@@ -54,10 +55,13 @@ class Kind(IntEnum):
 # prior probability in a channel, at an event, of nothing, and of each kind
 NOTHING = 0.5
 PRIOR = np.array([0.3, 0.1, 0.09, 0.01])
-# prior standard deviations of a jump, in ranges of the record (per lag), with equal probabilities
-SIZES = 10.0 ** -np.arange(0.0, 3.1, 0.5)
-# log odds from which an event is one in the search
+# prior standard deviations of a jump, in ranges of the record (per lag), with equal probabilities.
+# Readings that end soon after an event show little of its size
+SIZES = 10.0 ** np.arange(-3.0, 1.6, 0.5)
+# log odds from which an event is one in the search, and is named: a probability of 95 %
 MIN_LOG_ODDS = 3.0
+# probability in a channel from which an event is called a step of the reading
+NAMED_STEP = 0.5
 # an event that is found in one pass hides others within so many lags until the next pass
 REACH_LAGS = 2.0
 # samples at either end in which no event is looked for: little is known of them
@@ -72,10 +76,13 @@ STARTS = (1.0, 1e-3)
 # temperature that settles after it. Only after events without another one within so many lags
 SEGMENTS_LAGS = ((0.0,), (0.0, 1.0, 3.0, 9.0))
 ALONE_LAGS = 5.0
-# the time of an event is resolved to this part of a sampling interval, if it is known to so many
-# intervals
-PARTS_OF_SAMPLE = 8
-MOST_INTERVALS = 16
+# The time of an event is resolved until so many times are likely: in steps of a sampling interval
+# at first, then each time in parts of the step before
+RESOLVED_TIMES = 5
+PARTS_OF_STEP = 8
+RESOLUTIONS = 3
+# weight of a time, relative to the likeliest one, below which it is left out
+LIKELY_TIME = 1e-3
 # times of an event that are averaged over
 TIMES = 9
 # lags over which a jump may be spread, and the probability of each
@@ -93,16 +100,13 @@ class Event(PossibleEvent):
         Standard uncertainty of its time [s].
     log_odds
         Log odds that there is an event.
-    no_event_probability
-        Probability (M,) that a channel has no event.
     kind_probability
         Probability (M, K) of each ``Kind`` in a channel, if there is an event.
     """
 
-    u_s: float
-    log_odds: float
-    no_event_probability: Array
-    kind_probability: Array
+    u_s: float = 0.0
+    log_odds: float = 0.0
+    kind_probability: Array = field(default_factory=lambda: np.empty((0, len(Kind))))
 
     @property
     def most_probable(self) -> list[Burst]:
@@ -111,9 +115,30 @@ class Event(PossibleEvent):
         best = np.argmax([weight for _, _, weight in then], axis=0)
         return [then[k][1][c] for c, k in enumerate(best.tolist())]
 
-    def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
-        """Intensities (M,) without this event."""
-        return without_bursts(intensities, self.at_s)
+
+class ReadingStep(NamedTuple):
+    """A step of the reading itself.
+
+    Parameters
+    ----------
+    channel
+        Index of the channel.
+    at_s
+        Its time [s].
+    sample
+        Index of the first sample after it.
+    step_K, u_K
+        Its size and standard uncertainty [K].
+    probability
+        Probability that it is one, and no change of the temperature.
+    """
+
+    channel: int
+    at_s: float
+    sample: int
+    step_K: float
+    u_K: float
+    probability: float
 
 
 def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
@@ -375,8 +400,80 @@ def weigh_events(fit: Smoothed, events_s: Sequence[float]) -> tuple[Smoothed, li
             intensities = event.insert(intensities, event.at_s, event.most_probable)
             events.append(event)
     if events_s:
+        intensities = [_with_last_jumps(q, fit.record) for q in intensities]
         fit = smooth_record(fit.record, fit.noise_var, intensities)
     return fit, events
+
+
+def _with_last_jumps(intensity: Intensity, record: Record) -> Intensity:
+    """The intensity with jumps in the last samples, as probable as in the record.
+
+    The readings cannot show them yet. They are one jump spread over ``MARGIN`` samples on either
+    side of the end.
+    """
+    duration_s = record.dt_s * len(record.y)
+    spread_s = 2 * MARGIN * record.dt_s
+    level_var, _ = jumps_per_second([intensity], duration_s)[0] * spread_s
+    if not level_var > 0:
+        return intensity
+    end_s = (len(record.y) - 1) * record.dt_s
+    burst = Burst(end_s, 0.0, 1.0, level_sd=float(np.sqrt(level_var)), width_s=spread_s)
+    return replace(intensity, bursts=(*intensity.bursts, burst))
+
+
+def reading_steps(fit: Smoothed, events: Sequence[Event]) -> list[ReadingStep]:
+    """The events that are steps of the reading itself, such as those of another range or sensor.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, with the likeliest form of each event.
+    events
+        The events.
+
+    Notes
+    -----
+    With the prior variance V of the step, its adjoint q and variance W, the step is V q and its
+    variance V - V^2 W (de Jong and Penzer 1998).
+    """
+    steps = []
+    for event in events:
+        index = int(np.searchsorted(fit.times_s, event.at_s - SAME_TIME * fit.record.dt_s))
+        sample = int(np.searchsorted(fit.sample, index))
+        for c, of_kinds in enumerate(event.kind_probability):
+            burst = event.most_probable[c]
+            probability = float(of_kinds[Kind.STEP])
+            if probability < NAMED_STEP or not burst.reading_sd:
+                continue
+            prior_var = burst.reading_sd**2
+            step_K = float(prior_var * fit.score[index, c, 2])
+            var = float(prior_var - prior_var**2 * fit.score_var[index, c, 3])
+            u_K = np.sqrt(max(var, 0.0))
+            steps.append(ReadingStep(c, event.at_s, sample, step_K, u_K, probability))
+    return steps
+
+
+def listed_without_evidence(fit: Smoothed) -> list[float]:
+    """Times [s] of listed events at which the readings show none.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, with all events.
+    """
+    record = fit.record
+    times_s = []
+    for at_s in record.events_s:
+        others_s = tuple(other for other in record.events_s if other != at_s)
+        nothing = Burst(at_s, 0.0, 1.0)
+        intensities = [
+            replace(q, bursts=(*q.bursts, nothing)) for q in without_bursts(fit.intensities, at_s)
+        ]
+        without = smooth_record(replace(record, events_s=others_s), fit.noise_var, intensities)
+        index = np.flatnonzero(without.times_s == at_s)
+        if len(index) and log_density(evidence(without, index))[0] < 0:
+            times_s.append(at_s)
+    return times_s
 
 
 def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Event:
@@ -408,18 +505,21 @@ def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Eve
     part = smooth_record(window, fit.noise_var, base)
     is_between = (part.times_s > before_s) & (part.times_s < after_s)
     times_s, density, values = _densities(part, is_between, record.tested_rows)
-    weight = np.exp(density - logsumexp(density))
-    likely_s = times_s[weight > MIN_WEIGHT / np.sqrt(len(times_s))]
-    if np.ptp(likely_s) <= MOST_INTERVALS * dt_s:
-        intervals = np.arange(np.floor(likely_s[0] / dt_s) - 1, np.floor(likely_s[-1] / dt_s) + 2)
-        parts = (np.arange(PARTS_OF_SAMPLE) + 0.5) / PARTS_OF_SAMPLE
-        fine_s = ((intervals[:, None] + parts) * dt_s).ravel()
+    step_s = dt_s
+    for _ in range(RESOLUTIONS):
+        likely_s = times_s[density > density.max() + np.log(LIKELY_TIME)]
+        if len(likely_s) >= RESOLVED_TIMES:
+            break
+        steps = np.arange(np.floor(likely_s[0] / step_s) - 1, np.floor(likely_s[-1] / step_s) + 2)
+        within = (np.arange(PARTS_OF_STEP) + 0.5) / PARTS_OF_STEP
+        fine_s = ((steps[:, None] + within) * step_s).ravel()
         fine_s = fine_s[(fine_s > before_s) & (fine_s < after_s)]
         nothing = [Burst(time_s, 0.0, 1.0) for time_s in fine_s.tolist()]
         with_points = [replace(q, bursts=(*q.bursts, *nothing)) for q in base]
         part = smooth_record(window, fit.noise_var, with_points)
         is_fine = np.isin(part.times_s, fine_s)
         times_s, density, values = _densities(part, is_fine, record.tested_rows)
+        step_s /= PARTS_OF_STEP
     event = _event_of(fit, times_s + shift_s, density, values)
     return _with_widths(event, window, fit.noise_var, base, shift_s)
 
@@ -466,8 +566,8 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
 
     Notes
     -----
-    A possibility stands for several times, but not for times on both sides of a sample: there the
-    temperature of the sample changes.
+    A possibility stands for several times. Where they are few, none stands for times on both sides
+    of a sample: there the temperature of the sample changes.
     """
     log_odds = float(logsumexp(density))
     time_weight = np.exp(density - log_odds)
@@ -477,10 +577,12 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
     probability = 1 / (1 + np.exp(-log_odds))
     lag_s = smearing_time_s(fit.record)
     spans_K = channel_spans(fit.record, fit.noise_var)
-    likely = np.flatnonzero(time_weight > MIN_WEIGHT * time_weight.max())
+    likely = np.flatnonzero(time_weight > LIKELY_TIME * time_weight.max())
     interval = np.floor(times_s[likely] / fit.record.dt_s)
     of_intervals = [likely[interval == k] for k in np.unique(interval)]
-    per_interval = max(TIMES // len(of_intervals), 1)
+    if len(of_intervals) > TIMES:
+        of_intervals = [likely]
+    per_interval = TIMES // len(of_intervals)
     groups = [
         group
         for members in of_intervals
@@ -497,19 +599,20 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
         for kind in Kind:
             weight = probability * (share @ kind_weight[group, :, kind])
             is_likeliest = middle == best and kind in likeliest_kinds
-            if weight.max() < MIN_WEIGHT and not is_likeliest:
+            is_possible = weight.max() > max(MIN_WEIGHT * share.sum(), LIKELY_TIME)
+            if not is_possible and not is_likeliest:
                 continue
             sizes = SIZES[np.argmax(values[middle, :, kind], axis=1)]
             bursts = [_burst(at_s, kind, sd_K, lag_s) for sd_K in (sizes * spans_K).tolist()]
             possibilities.append((at_s, tuple(bursts), weight))
-    weights = np.array([weight for _, _, weight in possibilities]).reshape(-1, len(spans_K))
+    no_event = 1 - probability * (time_weight @ kind_weight.sum(axis=2))
     mean_s = float(time_weight @ times_s)
     return Event(
         float(times_s[best]),
         tuple(possibilities),
+        no_event,
         float(np.sqrt(time_weight @ (times_s - mean_s) ** 2)),
         log_odds,
-        1 - weights.sum(axis=0),
         np.einsum("t,tmk->mk", time_weight, kind_weight),
     )
 
@@ -547,7 +650,7 @@ def _with_widths(
             possibilities.append((at_s, bursts, weight))
             continue
         for width_s, of_width in zip(widths_s, share):
-            if (weight * of_width).max() > MIN_WEIGHT:
+            if of_width.max() > MIN_WEIGHT:
                 spread = tuple(replace(b, width_s=width_s) for b in bursts)
                 possibilities.append((at_s, spread, weight * of_width))
     return replace(event, possibilities=tuple(possibilities))

@@ -2,7 +2,7 @@
 
 The process noise drives the slope of the temperature; its intensity is q(t) [K2/s3]. A rough
 temperature also has noise that drives the temperature itself, of intensity p(t) [K2/s]. These are
-the values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.hidden_events`
+the values that :mod:`tcdyn.smoothing.process_noise` and :mod:`tcdyn.smoothing.possible_events`
 estimate, that a caller of ``tcdyn.smoothing.smoother.smooth`` may give, and that
 :mod:`tcdyn.smoothing.state_space` averages over the steps of the smoother. Guarded by
 ``tests/smoothing/test_any_unit.py``.
@@ -312,3 +312,25 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
             if burst.width_s == 0:
                 out[at, k, 0] += burst.level_sd**2
     return out
+
+
+def jumps_per_second(intensities: Sequence[Intensity], duration_s: float) -> Array:
+    """Prior variance of all jumps, as if they could be at any time.
+
+    Parameters
+    ----------
+    intensities
+        Q intensities.
+    duration_s
+        Duration of the record [s].
+
+    Returns
+    -------
+    Array
+        Variances (Q, 2) of level [K2/s] and slope [K2/s3] per second.
+    """
+    variances = [
+        [sum(b.level_sd**2 for b in q.bursts), sum(b.slope_sd**2 for b in q.bursts)]
+        for q in intensities
+    ]
+    return np.array(variances, dtype=float) / duration_s

@@ -4,7 +4,7 @@ Each segment between events has one level: long segments by Whittle's spectral l
 ones by the exact likelihood of the Kalman filter. A burst after each event is added. The criteria
 of regularised deconvolution (GCV, discrepancy, L-curve) choose one constant intensity.
 
-Used by :mod:`tcdyn.smoothing.smoother` and :mod:`tcdyn.smoothing.hidden_events`. Guarded by
+Used by :mod:`tcdyn.smoothing.smoother` and :mod:`tcdyn.smoothing.possible_events`. Guarded by
 ``tests/smoothing/test_any_unit.py`` (levels, units, criteria) and
 ``tests/smoothing/test_deconvolve.py``. Thresholds without a source were chosen by judgement.
 """
@@ -473,7 +473,7 @@ def likeliest_burst(
     within one decay time.
 
     What may be changed: the grids, if neighbours stay within the reach of ``REFINEMENTS``. The
-    decay times are also those of ``tcdyn.smoothing.hidden_events._coarse_search``.
+    decay times are also those of ``tcdyn.smoothing.possible_events._coarse_search``.
     ``tests/smoothing/test_any_unit.py`` and ``tests/smoothing/test_smoother.py`` (listed events)
     guard it.
     """
@@ -558,7 +558,7 @@ def event_window(record: Record, event: float) -> tuple[Record, float]:
     Notes
     -----
     From ``BEFORE_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after; see also
-    ``tcdyn.smoothing.hidden_events.influenced_samples``.
+    ``tcdyn.smoothing.possible_events.influenced_samples``.
     """
     dt = record.dt_s
     n = len(record.y)

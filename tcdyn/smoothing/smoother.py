@@ -29,27 +29,38 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.series.index import even_interval_s
 from tcdyn.smoothing.corner import corner_rad_s
-from tcdyn.smoothing.hidden_events import (
-    HiddenEvent,
-    PossibleEvent,
-    average_over_event,
-    candidate_times,
-    detect_hidden_events,
-    influenced_samples,
-    remaining_jump,
-    with_likeliest_forms,
+from tcdyn.smoothing.events import (
+    MIN_LOG_ODDS,
+    Event,
+    detect_events,
+    listed_without_evidence,
+    reading_steps,
+    weigh_events,
 )
 from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
+from tcdyn.smoothing.possible_events import (
+    PossibleEvent,
+    average_over_event,
+    influenced_samples,
+    with_likeliest_forms,
+)
 from tcdyn.smoothing.process_noise import (
     Criterion,
     TradeoffCurve,
     choose_intensities,
     segment,
-    segment_levels,
     tradeoff_curve,
 )
-from tcdyn.smoothing.record import ALONE, SPIKE, Compensated, Record, channel_names, record_of
+from tcdyn.smoothing.record import (
+    ALONE,
+    SPIKE,
+    Compensated,
+    Record,
+    channel_names,
+    channel_units,
+    record_of,
+)
 from tcdyn.smoothing.roughness import (
     averaged_over_level_noise,
     degrees_of_freedom,
@@ -60,7 +71,6 @@ from tcdyn.smoothing.roughness import (
 )
 from tcdyn.smoothing.state_space import (
     Smoothed,
-    likelihood,
     sample_covariance,
     smooth_record,
 )
@@ -76,12 +86,6 @@ STUDENT_DOF = 4.0
 REWEIGHTINGS = 4
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
 MARGIN = 12.0
-# nats by which a record must be more likely without its listed events; chosen by judgement. Right
-# events were dropped in none of 40 records of four rows of band_study (seed 616)
-EVENTS_NATS = 20.0
-# jumps that contradict listed events are larger than so many standard deviations of the noise;
-# smaller ones do not justify the search for other events. Chosen by judgement
-CONTRADICTION_SD = 3.0
 
 
 @with_named_arguments
@@ -95,7 +99,7 @@ def smooth(
     intensity: float | Intensity | Sequence[float | Intensity] | None = None,
     events_s: Sequence[float] = (),
     event_u_s: float | Sequence[float] = 0.0,
-    find_events: bool | None = None,
+    find_events: bool = True,
     heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
     split_u_s: ArrayLike = 0.0,
@@ -128,15 +132,14 @@ def smooth(
         likelihood when left out.
     events_s
         Times [s] from the first sample at which the slope of x may jump (such as an unloading), or
-        x itself; they may lie between samples. Events that contradict the readings are not used:
-        where the same record without them is more likely, that is the result, with a warning.
+        x itself; they may lie between samples. Where the readings show none there, but elsewhere,
+        a warning names both.
     event_u_s
         Standard uncertainty of those times [s], one or one per event.
     find_events
-        Also detect events that are not listed; by default only when none is listed, and only
-        without ``intensity``. At each candidate, no event, a kink and a jump of the temperature, at
-        several times, are weighed by their likelihood. The result is their mean, and the standard
-        deviation includes their spread.
+        Also detect events that are not listed, without ``intensity``. No event, a kink and a jump
+        of the temperature, and a step of the reading, at several times, are weighed by their
+        likelihood. The result is their mean, and the standard deviation includes their spread.
     heavy_tails
         Noise with Student's t distribution of four degrees of freedom instead of a normal one
         (robust loss, by reweighting), for slip rings with outliers that are no clear spikes.
@@ -210,14 +213,14 @@ def smooth(
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
     if intensity is None:
-        detect = not events_s if find_events is None else find_events
-        likely = likeliest(record, detect)
-        if record.events_s and likely.contradicts:
-            other = likeliest(replace(record, events_s=()), True)
-            if _log_likelihood(other.fit) > _log_likelihood(likely.fit) + EVENTS_NATS:
-                likely = other
-                finding = warning("trace.events", events=len(record.events_s))
-                record = replace(record, findings=(*record.findings, finding))
+        likely = likeliest(record, find_events)
+        if likely.detected and (wrong_s := listed_without_evidence(likely.fit)):
+            finding = warning(
+                "trace.events",
+                listed_s=_listed(wrong_s),
+                detected_s=_listed([event.at_s for event in likely.detected]),
+            )
+            record = replace(record, findings=(*record.findings, finding))
         fit = likely.fit
     else:
         fit = _smoothed_without_spikes(
@@ -249,19 +252,19 @@ class Likely(NamedTuple):
         The smoothed record.
     events
         The events that were detected, and the listed ones of uncertain form.
-    jump_K
-        Its ``remaining_jump`` (N, M) [K].
-    contradicts
-        Whether a jump was large before the intensities were adapted to it.
     smooth_probability
         Probability (M,) that no noise drives the temperature itself.
     """
 
     fit: Smoothed
     events: tuple[PossibleEvent, ...]
-    jump_K: Array
-    contradicts: bool
     smooth_probability: Array
+
+    @property
+    def detected(self) -> list[Event]:
+        """The events that were not listed and are certain enough to be named."""
+        events = [event for event in self.events if isinstance(event, Event)]
+        return [event for event in events if event.log_odds > MIN_LOG_ODDS]
 
 
 class Learned(NamedTuple):
@@ -350,8 +353,7 @@ def compensated(
         slope_var = slope_var + wave_slope_var
         is_rough = 1 - learned.smooth_probability
         intensity_var_K2, intensity_slope_var = intensity_var(fit, learned.dof)
-        var = var + likely.jump_K**2 + learned.missed_var + is_rough * intensity_var_K2
-        slope_var = slope_var + (per_kelvin * likely.jump_K) ** 2
+        var = var + learned.missed_var + is_rough * intensity_var_K2
         slope_var = slope_var + learned.missed_slope_var + is_rough * intensity_slope_var
     events = {at: u_by_time[at] for at in record.events_s}
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
@@ -366,11 +368,8 @@ def compensated(
     ]
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
-    detected = [
-        (event.at_s, event.u_s)
-        for event in possible_events
-        if isinstance(event, HiddenEvent) and event.log_odds > 0
-    ]
+    labels = channel_names(names, n_channels)
+    detected = [] if likely is None else [(event.at_s, event.u_s) for event in likely.detected]
     result = Compensated.from_components(
         samples.temperature,
         sd,
@@ -385,15 +384,32 @@ def compensated(
         intensity=np.array([float(np.median(q.at(some_times))) for q in fit.intensities]),
         flags=record.flags,
         method="fixed-interval smoother",
-        findings=tuple(findings),
+        findings=(*findings, *_step_findings(fit, likely, labels)),
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=fit.intensities,
         units=record.units,
     )
-    return result.with_undetermined(
-        record.y, channel_names(names, n_channels), record.chains, record.least_range_K()
-    )
+    return result.with_undetermined(record.y, labels, record.chains, record.least_range_K())
+
+
+def _step_findings(fit: Smoothed, likely: Likely | None, names: Sequence[str]) -> list[Finding]:
+    """A warning for each step of a reading that is no change of the temperature."""
+    if likely is None:
+        return []
+    units = channel_units(fit.record.units or None, names, len(names))
+    found = []
+    for step in reading_steps(fit, likely.detected):
+        finding = warning(
+            "trace.step",
+            subject=names[step.channel],
+            step_K=step.step_K,
+            u_K=step.u_K,
+            first_sample=step.sample,
+            at_s=step.at_s,
+        )
+        found.append(finding.in_unit(units[step.channel]))
+    return found
 
 
 def _as_intensities(
@@ -451,26 +467,18 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
         intensities = list(learned.intensities)
         noise_var = learned.noise_var
 
-    def levels_of(divided: Record) -> tuple[list[Intensity], Array]:
-        """Intensities without bursts of a record that events divide, and its noise variance."""
-        if learned is None:
-            return segment_levels(divided, start_var, record.noise_known)
-        starts_s = (0.0, *divided.events_s)
-        return [q.at_starts(starts_s) for q in learned.intensities], learned.noise_var
-
     fit = _smoothed_without_spikes(record, noise_var, intensities)
-    detected_events: list[HiddenEvent] = []
-    contradicts = bool((remaining_jump(fit) > CONTRADICTION_SD * np.sqrt(fit.noise_var)).any())
     are_learned = learned is not None
-    if detect and candidate_times(fit, record.events_s):
-        even = refine(fit, 0, are_learned=are_learned)
-        if candidate_times(even, record.events_s):
-            fit, detected_events = detect_hidden_events(fit, levels_of)
-        else:  # level noise, the same at all times, leaves none
-            fit = even
+    events_s: list[float] = []
+    if detect:
+
+        def estimated(found: Smoothed) -> Smoothed:
+            """The record with intensities that are estimated again, in the same segments."""
+            return refine(found, 0, are_learned=are_learned)
+
+        fit, events_s = detect_events(fit, estimated)
     fit = refine(fit, are_learned=are_learned)
-    # smaller intensities would make jumps of what the likeliest ones explain
-    jump_K = remaining_jump(fit)
+    fit, detected_events = weigh_events(fit, events_s)
     if learned is None:
         probability = smooth_probability(fit)
         fit = with_least_risk(fit)
@@ -482,7 +490,7 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
     if contradicting.any():
         return likeliest(_without_samples(record, contradicting, ALONE), detect, learned)
     events = (*uncertain_events, *detected_events)
-    return Likely(fit, events, jump_K, contradicts, probability)
+    return Likely(fit, events, probability)
 
 
 def _too_slow(record: Record) -> InputError:
@@ -495,10 +503,9 @@ def _too_slow(record: Record) -> InputError:
     )
 
 
-def _log_likelihood(fit: Smoothed) -> float:
-    """Log likelihood of a record with the intensities of ``fit``."""
-    value, _ = likelihood(fit.record, fit.noise_var, [[q] for q in fit.intensities])
-    return float(value.sum())
+def _listed(times_s: Sequence[float]) -> str:
+    """Times in a message."""
+    return ", ".join(f"{time_s:.4g}" for time_s in times_s)
 
 
 def _spike_mask(fit: Smoothed) -> Flags:

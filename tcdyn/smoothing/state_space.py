@@ -4,7 +4,7 @@ The state is level and slope of the junction temperature and the stages of the c
 drives the slope and, for a rough temperature, the level. Between two points the transition and the
 process noise are exact. Used by :mod:`tcdyn.smoothing.smoother`,
 :mod:`tcdyn.smoothing.process_noise`, :mod:`tcdyn.smoothing.roughness` and
-:mod:`tcdyn.smoothing.hidden_events`; the recursions are :mod:`tcdyn.estimation.kalman`.
+:mod:`tcdyn.smoothing.possible_events`; the recursions are :mod:`tcdyn.estimation.kalman`.
 
 ``tests/smoothing/test_states.py`` compares likelihood and prior with dense algebra,
 ``tests/smoothing/test_smoother.py`` the smoothed temperatures.
@@ -34,6 +34,7 @@ from tcdyn.estimation.kalman import (
 from tcdyn.smoothing.noise_levels import (
     Intensity,
     jumps_at,
+    jumps_per_second,
     level_noise_at,
     levels_at,
     mean_levels,
@@ -287,7 +288,7 @@ def point_models(
     sensor = record.sensors[channel]
     weight = record.weight[:, channel]
     reading = record.y[:, channel]
-    bursts = {burst.start_s for q in proposals for burst in q.bursts if burst.width_s == 0}
+    bursts = {burst.start_s for q in proposals for burst in q.bursts}
     events_s = [*record.events_s, *bursts]
     points = points_of(record, events_s, sensor)
     count = len(points.time_s)
@@ -306,6 +307,11 @@ def point_models(
     start_s = np.maximum(points.time_s[:1], 0.0)
     start_intensity = levels_at(proposals, start_s)[:, 0]
     start_level_noise = level_noise_at(proposals, start_s)[:, 0]
+    # events may be just before the record, too
+    duration_s = record.dt_s * len(reading)
+    of_jumps = jumps_per_second(proposals, duration_s)
+    start_level_noise += of_jumps[:, 0]
+    start_intensity += of_jumps[:, 1]
     range_K = max(span, 10 * float(np.sqrt(noise_var)))
     slope_noise = mean_levels(proposals, points.time_s)
     is_rough = any(q.is_rough for q in proposals)
@@ -446,7 +452,7 @@ def ramp_prior(
     The level has the standard deviation ``DIFFUSE`` ranges, the slope that of ``slope_prior_sd``.
     With a smaller ``DIFFUSE`` the prior would pull the first temperatures to the first good
     reading; with a much larger one rounding errors grow. The same scale is the prior of hidden
-    events in ``tcdyn.smoothing.hidden_events._coarse_search``. ``tests/smoothing/test_states.py``
+    events in ``tcdyn.smoothing.possible_events._coarse_search``. ``tests/smoothing/test_states.py``
     states these values.
     """
     wide = np.array([DIFFUSE * span, slope_prior_sd(sensor, span, dt_s)])
@@ -681,7 +687,7 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
     variance W (as in de Jong and Penzer 1998).
     """
     (n_samples, n_channels) = record.y.shape
-    bursts = {b.start_s for q in intensities for b in q.bursts if b.width_s == 0}
+    bursts = {b.start_s for q in intensities for b in q.bursts}
     common = points_of(record, [*record.events_s, *(b for b in bursts if b > 0)])
     count = len(common.time_s)
     level, slope, lag_change, split_change, jump_chi2 = np.empty((5, count, n_channels))

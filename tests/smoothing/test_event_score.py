@@ -20,9 +20,15 @@ from tcdyn.smoothing.events import (
 )
 from tcdyn.smoothing.noise_levels import Burst
 from tcdyn.smoothing.process_noise import channel_spans, choose_intensities, smearing_time_s
-from tcdyn.smoothing.record import record_of
+from tcdyn.smoothing.record import Start, record_of
 from tcdyn.smoothing.roughness import refine
-from tcdyn.smoothing.state_space import Smoothed, likelihood, smooth_record
+from tcdyn.smoothing.state_space import (
+    Smoothed,
+    channel_ranges,
+    likelihood,
+    smooth_record,
+    state_at,
+)
 
 DT_S = 0.1
 ROWS = 600
@@ -61,6 +67,10 @@ def test_the_evidence_is_the_difference_of_the_likelihoods(kind: Kind) -> None:
     y = np.stack([readings(20 + np.sin(0.005 * np.arange(2000) + c), c) for c in (0, 1)], axis=1)
     record = record_of(y, DT_S, Chain((1.5, 0.5)), noise_sd=NOISE_K)
     noise_var = np.full(2, NOISE_K**2)
+    quiet = smooth_record(record, noise_var, [Intensity((0.0,), (0.2,), level_noise=(0.01,))] * 2)
+    # a known start: else an event makes others before the record more probable
+    start = Start(*state_at(quiet, 0), channel_ranges(record), ROWS)
+    record = replace(record, start=start)
     for at_s in (3.0, 4.23):
         plain = Intensity((0.0,), (0.2,), (Burst(at_s, 0.0, 1.0),), level_noise=(0.01,))
         fit = smooth_record(record, noise_var, [plain] * 2)

@@ -90,8 +90,12 @@ COMPENSATE: dict[str, Message] = {
     "trace.unreachable": "{subject}: {count} reading(s), the first {value:.4g} degC at sample "
     "{first_sample}, change faster than any temperature could make this sensor change; taken as "
     "missing: check the wiring, or the lag of the sensor",
-    "trace.events": "the {events} listed event(s) do not explain the readings; the record was "
-    "smoothed as if no event were listed",
+    "trace.events": "the readings show no change at the listed event(s) at {listed_s} s, but at "
+    "{detected_s} s: check the times of the events, and the clock of the log",
+    "trace.step": "{subject}: the reading itself steps by {step_K:.3g} +- {u_K:.2g} K at sample "
+    "{first_sample} ({at_s:.4g} s), faster than the sensor could follow any temperature: another "
+    "sensor, plug, range or offset. The step is passed on and not inverted; one side of it is "
+    "wrong, and the readings do not tell which",
     "trace.alone": "{subject}: {count} reading(s) at an end of the record, first at sample "
     "{first_sample}, stand alone behind a gap and contradict all others: the temperature changed "
     "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
@@ -155,6 +159,10 @@ OTHER_TRACE: dict[str, Message] = {
     "{first_sample}, stand alone behind a gap and contradict all others: the quantity changed "
     "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
     "more readings, or give the time of the change as an event",
+    "trace.step": "{subject}: the reading itself steps by {step_K:.3g} +- {u_K:.2g} {unit} at "
+    "sample {first_sample} ({at_s:.4g} s), faster than the sensor could follow: another sensor, "
+    "plug, range or offset. The step is passed on and not inverted; one side of it is wrong, and "
+    "the readings do not tell which",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
     "{first_sample}, is not determined by it: there is no reading near, or the standard "
     "uncertainty exceeds the range of the readings ({range_K:.3g} {unit}); not reported there",
