@@ -118,9 +118,11 @@ class SensorOutput(Options):
 @app.command()
 @options_from_docstring
 def new(
-    tau_s: Annotated[list[str], typer.Option(rich_help_panel="Sensor")],
     column: Columns,
+    tau_s: Annotated[list[str] | None, typer.Option(rich_help_panel="Sensor")] = None,
+    t63_s: Annotated[str | None, typer.Option(rich_help_panel="Sensor")] = None,
     dead_time_s: Annotated[str, typer.Option(rich_help_panel="Sensor")] = "0",
+    bare: Annotated[bool, typer.Option("--bare", rich_help_panel="Sensor")] = False,
     *,
     output: SensorOutput,
     known_filter: FilterOptions,
@@ -128,14 +130,22 @@ def new(
 ) -> None:
     """Write a sensor file from a known lag, for example from a data sheet.
 
+    One number does not say how the lag is divided: part of it may be a dead time or a second lag.
+    The uncertainties of temperatures include what that would change, but not with --bare.
+
     Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
 
     Parameters
     ----------
     tau_s
-        a lag in seconds with its standard uncertainty: 1.5+-0.1; repeat for several lags
+        a lag in seconds with its standard uncertainty: 1.5+-0.1; repeat for several lags, whose
+        division then is known
+    t63_s
+        instead of a lag, the time in which the reading passes 63.2 % of a step: 1.5+-0.1
     dead_time_s
         dead time in seconds with its standard uncertainty: 0.2+-0.05
+    bare
+        the sensor is a bare wire: one lag and no dead time
     """
     from tcdyn.sensors import specified_sensor
 
@@ -143,9 +153,11 @@ def new(
     sensor = specified_sensor(
         output.sensor_name,
         column,
-        [number_with_u(text, "tau_s") for text in tau_s],
+        [number_with_u(text, "tau_s") for text in tau_s or []],
         known_filter.conditioning,
         number_with_u(dead_time_s, "dead_time_s"),
+        t63_s=None if t63_s is None else number_with_u(t63_s, "t63_s"),
+        is_bare=bare,
     )
     output.write(sensor, reporter)
 

@@ -18,6 +18,7 @@ import pandas as pd
 from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.chain.chain import STATED_SPLIT_SHARE
 from tcdyn.core import Array
 from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
@@ -62,6 +63,9 @@ MAX_U_DIFFERENCE_REL = 0.5
 # Deviation of the static gain from one, above which a warning is given: 3 u, and at least this;
 # chosen by judgement.
 MIN_GAIN_DEVIATION = 1e-3
+# Relative standard uncertainty of the lag, the first moment, that is taken from the time of 63.2 %:
+# rms difference of the two for two-lag sensors with the ratios t90/t50 of ``STATED_SPLIT_SHARE``.
+T63_LAG_U = 0.032
 # What limits the lag, for methods whose ``fit`` does not say it.
 LIMITED_BY = {
     "plunge": "noise and model of this dip; the spread between dips is not known: repeat it",
@@ -558,6 +562,9 @@ def specified_sensor(
     taus_s: Sequence[tuple[float, float]],
     conditioning: Conditioning = NO_CONDITIONING,
     delay_s: tuple[float, float] = (0.0, 0.0),
+    *,
+    t63_s: tuple[float, float] | None = None,
+    is_bare: bool = False,
     **more: Any,
 ) -> SensorFile:
     """Build a sensor whose lags the user specifies: one chain for all ``columns``.
@@ -574,6 +581,11 @@ def specified_sensor(
         Filter after the sensor.
     delay_s
         Dead time and its standard uncertainty [s].
+    t63_s
+        In place of ``taus_s``, the time at which the step response passes 63.2 %, and its standard
+        uncertainty [s].
+    is_bare
+        Whether the sensor is a bare wire, which has one lag and no dead time.
     more
         Other fields of the file.
 
@@ -581,6 +593,12 @@ def specified_sensor(
     -------
     SensorFile
         The file. The lags of all columns are fully correlated.
+
+    Notes
+    -----
+    One number states a lag, the first moment, and not how it is divided: of a sheathed sensor,
+    ``tcdyn.chain.chain.STATED_SPLIT_SHARE`` of it may be a second lag or a dead time. With several
+    lags, or with a dead time, the structure is stated, too.
 
     Raises
     ------
@@ -592,13 +610,28 @@ def specified_sensor(
     >>> specified_sensor("probe", ["T1"], [(1.5, 0.1), (0.2, 0.0)]).chain.channels["T1"].lag_s.u
     0.1
     """
+    if t63_s is not None and taus_s:
+        raise InputError(
+            "a sensor has both a lag and a time of 63.2 %",
+            expected="{taus_s} or {t63_s}",
+            parameters={"taus_s": f"{taus_s[0][0]:g}", "t63_s": f"{t63_s[0]:g}"},
+        )
     taus = sorted(taus_s, reverse=True)
-    if not columns or not taus:
+    if not columns or not (taus or t63_s):
         raise InputError(
             "a sensor needs a lag and a column",
             expected="{taus_s}, {column}",
             parameters={"taus_s": "1.5", "column": "T1"},
         )
+    is_divided = len(taus) > 1 or delay_s[0] > 0
+    if is_divided and (is_bare or t63_s):
+        raise InputError(
+            "a bare wire, and a time of 63.2 %, have one lag and no dead time",
+            expected="one lag",
+            parameters={"taus_s": "1.5"},
+        )
+    if t63_s is not None:
+        taus = [_lag_of_t63(t63_s, is_bare)]
     for value, u in (*taus, delay_s):
         possible = value == 0 or MIN_LAG_S <= value < MAX_LAG_S
         if not possible or not 0 <= u < MAX_LAG_S:
@@ -610,6 +643,8 @@ def specified_sensor(
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
     lag_variance = sum(u * u for _, u in (*taus, delay_s))
     split_variance = sum(u * u for _, u in (*taus[1:], delay_s))
+    if not is_bare and not is_divided:
+        split_variance += (STATED_SPLIT_SHARE * taus[0][0]) ** 2
     findings = [] if lag_variance > 0 else [warning("sensor.exact", lag_s=chain.lag_s)]
     m = len(columns)
     return sensor_file(
@@ -621,6 +656,22 @@ def specified_sensor(
         findings=findings,
         **more,
     )
+
+
+def _lag_of_t63(t63_s: tuple[float, float], is_bare: bool) -> tuple[float, float]:
+    """Lag and its standard uncertainty [s] of a sensor with a time of 63.2 %.
+
+    Parameters
+    ----------
+    t63_s
+        The time and its standard uncertainty [s].
+    is_bare
+        Whether the sensor has one lag, which then is that time.
+    """
+    value, u = t63_s
+    if is_bare:
+        return value, u
+    return value, float(np.hypot(u, T63_LAG_U * value))
 
 
 @with_named_arguments

@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -82,9 +81,9 @@ RESOLVED_TIMES = 5
 PARTS_OF_STEP = 8
 RESOLUTIONS = 3
 # weight of a time, relative to the likeliest one, below which it is left out
-LIKELY_TIME = 1e-3
+LIKELY_TIME = 3e-3
 # times of an event that are averaged over
-TIMES = 9
+TIMES = 6
 # lags over which a jump may be spread, and the probability of each
 WIDTHS_LAGS = (0.0, 0.1, 0.3)
 WIDTH_PRIOR = (0.4, 0.3, 0.3)
@@ -254,7 +253,7 @@ def new_events(fit: Smoothed, known_s: Sequence[float]) -> list[tuple[float, lis
 
 
 def detect_events(
-    fit: Smoothed, estimated: Callable[[Smoothed], Smoothed]
+    fit: Smoothed, estimated: Callable[[Smoothed], Smoothed], starts: Sequence[float] = STARTS
 ) -> tuple[Smoothed, list[float]]:
     """The record with the events that it shows, and their times [s].
 
@@ -264,22 +263,32 @@ def detect_events(
         The smoothed record.
     estimated
         Gives the record smoothed with intensities that are estimated again, with the same segments.
+    starts
+        Factors of the intensities with which the search begins.
 
     Returns
     -------
     fit
         The likeliest of the records without events, and with those that are found from each of
-        ``STARTS`` and ``SEGMENTS_LAGS``.
+        ``starts`` and ``SEGMENTS_LAGS``; the ``fit`` given where none is found.
     events_s
         The times of its events.
     """
-    without = estimated(fit)
-    candidates = [(without, list[float]())]
-    for factor, segments in product(STARTS, SEGMENTS_LAGS):
+    candidates = []
+    for factor in starts:
         start = fit if factor == 1.0 else _with_smaller_intensities(fit, factor)
-        found = _detected(start, estimated, segments)
-        if found is not None and found[1]:
-            candidates.append(found)
+        found = _with_new_events(start, [])
+        if found is None or not found[1]:
+            continue
+        for segments in SEGMENTS_LAGS:
+            candidate = _settled(*found, estimated, segments)
+            if candidate is not None:
+                candidates.append(candidate)
+            if not _segment_starts(*found, segments):  # further segments change nothing
+                break
+    if not candidates:
+        return fit, []
+    candidates.append((estimated(fit), []))
     values = [_log_posterior(*candidate) for candidate in candidates]
     return candidates[int(np.argmax(values))]
 
@@ -301,24 +310,38 @@ def _log_posterior(fit: Smoothed, events_s: Sequence[float]) -> float:
     return float(value.sum() - of_events - of_segments)
 
 
-def _detected(
-    fit: Smoothed, estimated: Callable[[Smoothed], Smoothed], segments: Sequence[float]
+def _settled(
+    fit: Smoothed,
+    found_s: Sequence[float],
+    estimated: Callable[[Smoothed], Smoothed],
+    segments: Sequence[float],
 ) -> tuple[Smoothed, list[float]] | None:
     """The record with events and intensities in turn; None where there are too many events.
 
+    Parameters
+    ----------
+    fit, found_s
+        The record with the events that were found first, and their times [s].
+    estimated, segments
+        As in ``detect_events``.
+
+    Notes
+    -----
     All events are found before the intensities are estimated again, which would rise where one is
     left out.
     """
     events_s: list[float] = []
     for _ in range(ROUNDS):
+        if not found_s:
+            break
+        events_s = sorted([*events_s, *found_s])
+        starts_s = _segment_starts(fit, events_s, segments)
+        intensities = [_divided(q, starts_s) for q in fit.intensities]
+        fit = estimated(smooth_record(fit.record, fit.noise_var, intensities))
         found = _with_new_events(fit, events_s)
         if found is None:
             return None
-        fit, new_s = found
-        if not new_s:
-            break
-        events_s = sorted([*events_s, *new_s])
-        fit = estimated(_divided_at_events(fit, events_s, segments))
+        fit, found_s = found
     return fit, events_s
 
 
@@ -342,7 +365,7 @@ def _with_new_events(
         ]
         placed_s = []
         for at_s, _ in new:
-            event = weighed(fit, intensities, at_s)
+            event = weighed(fit, intensities, at_s, with_widths=False)
             intensities = without_bursts(intensities, at_s)
             if event.log_odds > 0:
                 intensities = event.insert(intensities, event.at_s, event.most_probable)
@@ -354,19 +377,19 @@ def _with_new_events(
     return fit, found_s
 
 
-def _divided_at_events(
+def _segment_starts(
     fit: Smoothed, events_s: Sequence[float], segments: Sequence[float]
-) -> Smoothed:
-    """The record with segments of the intensities that start at and after its lone events."""
+) -> list[float]:
+    """Starts [s] of segments of the intensities at and after the lone events of a record."""
     lag_s = smearing_time_s(fit.record)
-    ends_s = [*events_s[1:], float(fit.times_s[-1])]
+    ordered_s = sorted(events_s)
+    ends_s = [*ordered_s[1:], float(fit.times_s[-1])]
     starts_s = []
-    for at_s, end_s in zip(events_s, ends_s):
+    for at_s, end_s in zip(ordered_s, ends_s):
         if end_s - at_s > ALONE_LAGS * lag_s:
             after_s = [at_s + share * lag_s for share in segments]
             starts_s += [start for start in after_s if start + 0.5 * (start - at_s) < end_s]
-    intensities = [_divided(q, starts_s) for q in fit.intensities]
-    return smooth_record(fit.record, fit.noise_var, intensities)
+    return starts_s
 
 
 def _divided(intensity: Intensity, at_s: Sequence[float]) -> Intensity:
@@ -476,7 +499,9 @@ def listed_without_evidence(fit: Smoothed) -> list[float]:
     return times_s
 
 
-def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Event:
+def weighed(
+    fit: Smoothed, intensities: Sequence[Intensity], at_s: float, *, with_widths: bool = True
+) -> Event:
     """When an event may be and what it may be, given all others.
 
     Parameters
@@ -487,6 +512,8 @@ def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Eve
         Intensity of each channel (M,), with all events.
     at_s
         Time of the event [s].
+    with_widths
+        Whether its jumps may also be gradual.
 
     Notes
     -----
@@ -495,10 +522,11 @@ def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Eve
     """
     record = fit.record
     dt_s = record.dt_s
-    first, last = influenced_samples(record, at_s)
+    first, last = influenced_samples(record, fit.noise_var, intensities, at_s)
     window = segment(record, first, last, record.events_s)
     shift_s = first * dt_s
-    base = [q.shifted(shift_s=shift_s) for q in without_bursts(intensities, at_s)]
+    end_s = last * dt_s
+    base = [q.within(shift_s, end_s) for q in without_bursts(intensities, at_s)]
     others_s = [*window.events_s, *(b.start_s for q in base for b in q.bursts)]
     before_s = max([s for s in others_s if s < at_s - shift_s], default=-np.inf)
     after_s = min([s for s in others_s if s > at_s - shift_s], default=np.inf)
@@ -513,7 +541,9 @@ def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Eve
         steps = np.arange(np.floor(likely_s[0] / step_s) - 1, np.floor(likely_s[-1] / step_s) + 2)
         within = (np.arange(PARTS_OF_STEP) + 0.5) / PARTS_OF_STEP
         fine_s = ((steps[:, None] + within) * step_s).ravel()
-        fine_s = fine_s[(fine_s > before_s) & (fine_s < after_s)]
+        earliest_s = max(before_s, float(times_s[0]) - step_s)
+        latest_s = min(after_s, float(times_s[-1]) + step_s)
+        fine_s = fine_s[(fine_s > earliest_s) & (fine_s < latest_s)]
         nothing = [Burst(time_s, 0.0, 1.0) for time_s in fine_s.tolist()]
         with_points = [replace(q, bursts=(*q.bursts, *nothing)) for q in base]
         part = smooth_record(window, fit.noise_var, with_points)
@@ -521,6 +551,8 @@ def weighed(fit: Smoothed, intensities: Sequence[Intensity], at_s: float) -> Eve
         times_s, density, values = _densities(part, is_fine, record.tested_rows)
         step_s /= PARTS_OF_STEP
     event = _event_of(fit, times_s + shift_s, density, values)
+    if not with_widths:
+        return event
     return _with_widths(event, window, fit.noise_var, base, shift_s)
 
 
@@ -599,8 +631,8 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
         for kind in Kind:
             weight = probability * (share @ kind_weight[group, :, kind])
             is_likeliest = middle == best and kind in likeliest_kinds
-            is_possible = weight.max() > max(MIN_WEIGHT * share.sum(), LIKELY_TIME)
-            if not is_possible and not is_likeliest:
+            is_only = (weight > 0.5 * share.sum()).any() and share.sum() > LIKELY_TIME
+            if weight.max() < MIN_WEIGHT and not is_only and not is_likeliest:
                 continue
             sizes = SIZES[np.argmax(values[middle, :, kind], axis=1)]
             bursts = [_burst(at_s, kind, sd_K, lag_s) for sd_K in (sizes * spans_K).tolist()]

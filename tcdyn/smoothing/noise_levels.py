@@ -46,9 +46,6 @@ class Burst:
     reading_sd
         Prior standard deviation [K] of a step of the reading itself at the start, such as that of
         another range or sensor: it is passed on, not inverted.
-    rough
-        The burst also drives the temperature itself, with the intensity q(t) (rough decay_s)^2
-        [K2/s].
 
     Notes
     -----
@@ -65,7 +62,6 @@ class Burst:
     slope_sd: float = 0.0
     width_s: float = 0.0
     reading_sd: float = 0.0
-    rough: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ class Intensity:
     @property
     def is_rough(self) -> bool:
         """Whether any noise drives the temperature itself."""
-        return bool(self.level_noise) or any(b.rough for b in self.bursts)
+        return bool(self.level_noise)
 
     def at(self, t_s: ArrayLike) -> Array:
         """q(t) [K2/s3], same shape as ``t_s``."""
@@ -155,6 +151,22 @@ class Intensity:
             bursts=tuple(replace(b, level_sd=0.0, slope_sd=0.0, reading_sd=0.0) for b in bursts),
         )
 
+    def within(self, start_s: float, end_s: float) -> Intensity:
+        """The intensity on a clock that starts at ``start_s``, without bursts outside a window.
+
+        Parameters
+        ----------
+        start_s, end_s
+            Start and end of the window [s]. A burst before it stays where it has a height.
+        """
+        inside = [
+            burst
+            for burst in self.bursts
+            if burst.start_s - burst.width_s < end_s
+            and (burst.height or burst.start_s + burst.width_s > start_s)
+        ]
+        return replace(self, bursts=tuple(inside)).shifted(shift_s=start_s)
+
     def shifted(
         self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0
     ) -> Intensity:
@@ -180,17 +192,17 @@ class Intensity:
 
 
 def _burst_arrays(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
-    """All bursts (B,) of several intensities as arrays.
+    """All bursts (B,) with a height, of several intensities, as arrays.
 
     Returns
     -------
     member
         Membership matrix (Q, B) of ones and zeros.
     fields
-        The fields of the bursts in their order, (9, B, 1).
+        The fields of the bursts in their order, (8, B, 1).
     """
-    rows = [(k, *vars(b).values()) for k, q in enumerate(intensities) for b in q.bursts]
-    table = np.array(rows, dtype=float).reshape(-1, 10)
+    rows = [(k, *vars(b).values()) for k, q in enumerate(intensities) for b in q.bursts if b.height]
+    table = np.array(rows, dtype=float).reshape(-1, 9)
     member = np.arange(len(intensities))[:, None] == table[:, 0]
     return member.astype(float), table[:, 1:].T[:, :, None]
 
@@ -212,11 +224,6 @@ def level_noise_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
         if q.level_noise:
             segment = np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)
             row[:] = np.array(q.level_noise, dtype=float)[segment]
-    if any(b.rough for q in intensities for b in q.bursts):
-        member, (start, height, decay, power, *_, rough) = _burst_arrays(intensities)
-        age = np.maximum(t_s - start, 0.0) / decay
-        decaying = height * (rough * decay) ** 2 * (1.0 + age / power) ** -power
-        out += member @ np.where(t_s >= start, decaying, 0.0)
     return out
 
 
@@ -241,7 +248,7 @@ def levels_at(intensities: Sequence[Intensity], t_s: Array) -> Array:
     (``tests/smoothing/test_any_unit.py`` integrates one numerically).
     """
     of_segments = _segment_levels_at(intensities, t_s)
-    if not any(q.bursts for q in intensities):
+    if not any(burst.height for q in intensities for burst in q.bursts):
         return of_segments
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(t_s - start, 0.0) / decay
@@ -272,7 +279,7 @@ def mean_levels(intensities: Sequence[Intensity], times_s: Array) -> Array:
     same number, so that the smoother finds them equal.
     """
     of_segments = _segment_levels_at(intensities, times_s[:-1])
-    if not any(q.bursts for q in intensities):
+    if not any(burst.height for q in intensities for burst in q.bursts):
         return of_segments
     member, (start, height, decay, power, *_) = _burst_arrays(intensities)
     age = np.maximum(times_s - start, 0.0) / decay

@@ -10,16 +10,16 @@ for units, ``tests/smoothing/test_any_unit.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from tcdyn.core import Array
-from tcdyn.smoothing.noise_levels import Burst, Intensity
+from tcdyn.smoothing.corner import corner_rad_s
+from tcdyn.smoothing.noise_levels import Burst, Intensity, level_noise_at
 from tcdyn.smoothing.process_noise import (
-    AFTER_S,
     REACH_LAGS,
     channel_spans,
     event_window,
@@ -37,10 +37,9 @@ from tcdyn.smoothing.state_space import (
 
 # Values without a source below were chosen by judgement; those of the search trade time against
 # the chance to detect an event, the last ones accuracy of the average against time.
-# start [s] before an event of the samples that it influences
-BEFORE_EVENT_S = 5.0
-# lags: a window ends soon after the next event, unless that event is as near as this
-NEXT_EVENT_LAGS = 1.0
+# periods of the corner frequency (1/rad) on either side of an event that it influences: exp(-6) of
+# its effect remains beyond, as the slowest pole of the smoother decays half as fast
+REACH_CORNERS = 12.0
 # nats by which a fit of height, decay and power of a burst to pure noise raises the likelihood
 BURST_FIT_NATS = 3.0
 # weights below this share are left out of the average
@@ -107,7 +106,7 @@ def without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Intens
 
 
 def influenced_samples(
-    record: Record, at_s: float, others_s: Iterable[float] = ()
+    record: Record, noise_var: Array, intensities: Sequence[Intensity], at_s: float
 ) -> tuple[int, int]:
     """Range of samples that an event influences.
 
@@ -115,10 +114,12 @@ def influenced_samples(
     ----------
     record
         The record.
+    noise_var
+        Noise variance (M,) [K2].
+    intensities
+        Intensity of each channel (M,).
     at_s
         Time of the event [s].
-    others_s
-        Times of other events [s]; the range ends soon after the next of them.
 
     Returns
     -------
@@ -127,15 +128,23 @@ def influenced_samples(
 
     Notes
     -----
-    From ``BEFORE_EVENT_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after. A lag
-    is ``tcdyn.smoothing.process_noise.smearing_time_s``. A longer range costs time. A shorter one
-    leaves out samples that ``average_over_event`` should change.
+    ``REACH_LAGS`` and ``REACH_CORNERS`` on either side. A lag is
+    ``tcdyn.smoothing.process_noise.smearing_time_s``; the corner frequency is that of the smoother
+    with the smaller intensity before or after the event.
     """
     dt = record.dt_s
-    lag = smearing_time_s(record)
-    first = max(int(np.ceil((at_s - BEFORE_EVENT_S - REACH_LAGS * lag) / dt)), 0)
-    after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + NEXT_EVENT_LAGS * lag)])
-    return first, min(int((after + REACH_LAGS * lag) / dt) + 1, len(record.y))
+    beside_s = np.array([at_s - dt, at_s + dt])
+    corners = []
+    for chain, q, var in zip(record.chains, intensities, noise_var.tolist()):
+        without = replace(q, bursts=())
+        slope_ratio = without.at(beside_s) / (var * dt)
+        level_ratio = level_noise_at([without], beside_s)[0] / (var * dt)
+        of_slope = corner_rad_s(chain, slope_ratio)
+        of_level = corner_rad_s(chain, np.maximum(level_ratio, 1e-300), 1)
+        corners.append(np.maximum(of_slope, of_level).min())
+    reach_s = REACH_LAGS * smearing_time_s(record) + REACH_CORNERS / float(min(corners))
+    first = max(int(np.ceil((at_s - reach_s) / dt)), 0)
+    return first, min(int((at_s + reach_s) / dt) + 1, len(record.y))
 
 
 @dataclass(frozen=True)
@@ -280,13 +289,14 @@ def average_over_event(
     time. ``tests/smoothing/test_hidden.py`` (marker ``study``) checks the coverage.
     """
     record = fit.record
-    first, last = influenced_samples(record, event.at_s, record.events_s)
+    first, last = influenced_samples(record, fit.noise_var, fit.intensities, event.at_s)
     window = segment(record, first, last, record.events_s)
     shift = first * record.dt_s
+    end_s = last * record.dt_s
 
     def run(intensities: Sequence[Intensity]) -> Array:
         """Temperature, slope, lag sensitivity and two variances (5, n, M) of the window."""
-        shifted = [q.shifted(shift_s=shift) for q in intensities]
+        shifted = [q.within(shift, end_s) for q in intensities]
         part = smooth_record(window, fit.noise_var, shifted).at_samples()
         return _means_and_variances(part)
 

@@ -20,6 +20,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
+from tcdyn.chain.chain import stated_split_u_s
 from tcdyn.core import Array, Flags
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
@@ -31,6 +32,7 @@ from tcdyn.series.index import even_interval_s
 from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.events import (
     MIN_LOG_ODDS,
+    STARTS,
     Event,
     detect_events,
     listed_without_evidence,
@@ -102,7 +104,7 @@ def smooth(
     find_events: bool = True,
     heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
-    split_u_s: ArrayLike = 0.0,
+    split_u_s: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
@@ -146,7 +148,9 @@ def smooth(
     lag_covariance
         Covariance of the lags of the channels (M, M) [s2].
     split_u_s
-        Standard uncertainty of how much of each lag is its largest lag [s], one or (M,).
+        Standard uncertainty of how much of each lag is its largest lag [s], one or (M,). None:
+        zero for a ``Chain``, whose structure is known; for a number, which only states a lag,
+        ``tcdyn.chain.chain.STATED_SPLIT_SHARE`` of it.
     static_u
         Standard uncertainty of the static line [K], scalar, (M,) or (N, M).
     names
@@ -209,6 +213,8 @@ def smooth(
         late = None if late_s is None else np.asarray(late_s, dtype=float)
         record = record_of(y, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
     n_channels = record.y.shape[1]
+    if split_u_s is None:
+        split_u_s = stated_split_u_s(chains, n_channels)
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
@@ -476,7 +482,9 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
             """The record with intensities that are estimated again, in the same segments."""
             return refine(found, 0, are_learned=are_learned)
 
-        fit, events_s = detect_events(fit, estimated)
+        # listed events and learned intensities leave no rough temperature to explain by others
+        is_known = are_learned or bool(record.events_s)
+        fit, events_s = detect_events(fit, estimated, STARTS[:1] if is_known else STARTS)
     fit = refine(fit, are_learned=are_learned)
     fit, detected_events = weigh_events(fit, events_s)
     if learned is None:
@@ -588,16 +596,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """
     record = fit.record
     dt = record.dt_s
-    n_samples = len(record.y)
-    time = np.arange(n_samples) * dt
-    corners = []
-    for chain, q, var in zip(record.chains, fit.intensities, fit.noise_var):
-        ratio = np.array(np.min(q.at(time)) / (var * dt))
-        corners.append(float(corner_rad_s(chain, ratio)))
-    margin = int(MARGIN / min(corners) / dt)
-    first, last = influenced_samples(record, event_s)
-    first = max(first - margin, 0)
-    last = min(last + margin, n_samples)
+    first, last = influenced_samples(record, fit.noise_var, fit.intensities, event_s)
     window = segment(record, first, last, record.events_s)
     shift = first * dt
     temperatures = []
@@ -622,7 +621,7 @@ def deconvolve(
     criterion: Criterion = "gcv",
     noise_sd: ArrayLike | None = None,
     lag_covariance: ArrayLike | None = None,
-    split_u_s: ArrayLike = 0.0,
+    split_u_s: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
@@ -670,6 +669,8 @@ def deconvolve(
     True
     """
     record = record_of(y, dt_s, chains, (), noise_sd, names, units)
+    if split_u_s is None:
+        split_u_s = stated_split_u_s(chains, record.y.shape[1])
     tradeoff = tradeoff_curve(record, criterion, trials)
     result = smooth(
         record,

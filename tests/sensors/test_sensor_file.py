@@ -263,7 +263,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
         told = []
         done = compensate_table(
             log,
-            [specified_sensor("s", ["T1"], [(0.5, 0.02)])],
+            [specified_sensor("s", ["T1"], [(0.5, 0.02)], is_bare=True)],
             tmp_path / "out.parquet",  # without rounding
             progress=told.append,
         )

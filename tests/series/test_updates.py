@@ -103,7 +103,7 @@ def test_a_column_logged_more_slowly_is_compensated_from_its_new_values(gaps) ->
     probe = sensor_file("probe", {"T": chain}, "stated", np.array([[0.25]]), [0.0])
     done = compensate_frame(pd.Series(y, t, name="T"), probe)
     error = done["T"] - truth
-    assert np.sqrt(np.mean(error**2)) < 1.0
+    assert np.sqrt(np.mean(error**2)) < 2.0
     assert np.mean(np.abs(error) < 1.96 * done["T_u_K"]) > 0.9
 
 

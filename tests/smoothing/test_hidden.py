@@ -70,8 +70,8 @@ def test_what_nobody_announced_stays_inside_the_band(world: str, draws) -> None:
     assert np.mean(np.concatenate([held[near] for (_, held, *_), near in zip(runs, where)])) > 0.9
 
 
-def test_second_edge_of_a_short_pulse_widens_the_band() -> None:
-    """A pulse of 20 K for 0.4 lags: its first edge is the event, its second edge is smoothed."""
+def test_both_edges_of_a_short_pulse_are_found() -> None:
+    """A pulse of 20 K for 0.4 lags."""
     dt = 1 / 75
     t = dt * np.arange(3000)
     truth = 80.0 + 20.0 * ((t >= 15.36) & (t < 15.56))
@@ -80,7 +80,7 @@ def test_second_edge_of_a_short_pulse_widens_the_band() -> None:
     ours = smooth(chain.response(truth, dt, "zoh") + noise, dt, chain)
     error = np.abs(ours.temperature[:, 0] - truth)
     edge = np.abs(t - 15.56) < 0.03
-    assert error[edge].max() > 2.0
+    assert np.sqrt(np.mean(error**2)) < 0.2
     assert (error[edge] / ours.sd[edge, 0]).max() < 3.0
 
 
@@ -125,4 +125,4 @@ def test_a_record_that_ends_soon_after_an_event_is_determined() -> None:
         y = clean + 0.2 * np.random.default_rng(seed).standard_normal(len(t))
         undetermined = smooth(y, dt, chain).undetermined
         assert undetermined is not None
-        assert undetermined[:-2].sum() <= 1
+        assert undetermined[:-2].sum() <= 2
