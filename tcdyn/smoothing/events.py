@@ -541,9 +541,11 @@ def weighed(
         steps = np.arange(np.floor(likely_s[0] / step_s) - 1, np.floor(likely_s[-1] / step_s) + 2)
         within = (np.arange(PARTS_OF_STEP) + 0.5) / PARTS_OF_STEP
         fine_s = ((steps[:, None] + within) * step_s).ravel()
-        earliest_s = max(before_s, float(times_s[0]) - step_s)
-        latest_s = min(after_s, float(times_s[-1]) + step_s)
+        earliest_s = max(before_s, float(part.times_s[0]))
+        latest_s = min(after_s, float(part.times_s[-1]))
         fine_s = fine_s[(fine_s > earliest_s) & (fine_s < latest_s)]
+        if not len(fine_s):
+            break
         nothing = [Burst(time_s, 0.0, 1.0) for time_s in fine_s.tolist()]
         with_points = [replace(q, bursts=(*q.bursts, *nothing)) for q in base]
         part = smooth_record(window, fit.noise_var, with_points)
