@@ -52,10 +52,12 @@ class PointModel(NamedTuple):
     level, slope
         Intensities of the noise of that step (P,).
     jump
-        Variances (P, 3) of jumps at the end of that step: of the first state, of the second, and of
-        all states along ``direction``.
+        Variances (P, 4) of jumps at the end of that step: of the first state, of the second, of
+        all states along ``direction``, and along ``impulse``.
     direction
         Jump (n,) of the states that is a step of the reading by one.
+    impulse
+        Jump (n,) of the states that an impulse of the first one makes, per area.
     row
         The row h (n,).
     reading, variance
@@ -78,6 +80,7 @@ class PointModel(NamedTuple):
     slope: Array
     jump: Array
     direction: Array
+    impulse: Array
     row: Array
     reading: Array
     variance: Array
@@ -236,6 +239,7 @@ def _is_same_step(model: PointModel, p: int, q: int) -> bool:
         and model.jump[p, 0] == model.jump[q, 0]
         and model.jump[p, 1] == model.jump[q, 1]
         and model.jump[p, 2] == model.jump[q, 2]
+        and model.jump[p, 3] == model.jump[q, 3]
     )
 
 
@@ -252,10 +256,12 @@ def _noise_factor(model: PointModel, p: int, out: Array) -> None:
             )
     out[0, 0] += model.jump[p, 0]
     out[1, 1] += model.jump[p, 1]
-    if model.jump[p, 2] != 0.0:
+    if model.jump[p, 2] != 0.0 or model.jump[p, 3] != 0.0:
         for i in range(n):
             for j in range(n):
-                out[i, j] += model.jump[p, 2] * model.direction[i] * model.direction[j]
+                of_direction = model.direction[i] * model.direction[j]
+                of_impulse = model.impulse[i] * model.impulse[j]
+                out[i, j] += model.jump[p, 2] * of_direction + model.jump[p, 3] * of_impulse
     _cholesky(out, n)
 
 
@@ -1149,8 +1155,9 @@ def compile_functions() -> None:
         np.zeros(count, dtype=np.int64),
         np.zeros(count),
         np.zeros(count),
-        np.zeros((count, 3)),
+        np.zeros((count, 4)),
         np.array([1.0, 0.0]),
+        np.zeros(2),
         np.array([1.0, 0.0]),
         np.zeros(count),
         np.ones(count),
@@ -1214,9 +1221,9 @@ def smooth_points(
     >>> kind = np.zeros(4, dtype=np.int64)
     >>> zero = np.zeros(4)
     >>> model = PointModel(
-    ...     one, none, none, kind, zero, zero, np.zeros((4, 3)), np.array([1.0, 0.0]),
-    ...     np.array([1.0, 0.0]), np.array([1.0, 2.0, 3.0, 2.0]), np.full(4, 4.0), np.zeros(2),
-    ...     np.diag([1e6, 1.0]), np.ones(4, dtype=bool),
+    ...     one, none, none, kind, zero, zero, np.zeros((4, 4)), np.array([1.0, 0.0]),
+    ...     np.zeros(2), np.array([1.0, 0.0]), np.array([1.0, 2.0, 3.0, 2.0]), np.full(4, 4.0),
+    ...     np.zeros(2), np.diag([1e6, 1.0]), np.ones(4, dtype=bool),
     ... )
     >>> result = smooth_points(model)
     >>> result.mean[:, 0].round(6).tolist(), result.covariance[0, 0].round(6)

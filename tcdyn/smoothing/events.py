@@ -84,6 +84,9 @@ RESOLUTIONS = 3
 LIKELY_TIME = 3e-3
 # times of an event that are averaged over
 TIMES = 6
+# Standard deviation of the time of a jump, in its standard uncertainties given the times of all
+# others, that the others see: wide beside the one that includes them
+TIME_SPREAD = 4.0
 # lags over which a jump may be spread, and the probability of each
 WIDTHS_LAGS = (0.0, 0.1, 0.3)
 WIDTH_PRIOR = (0.4, 0.3, 0.3)
@@ -109,10 +112,15 @@ class Event(PossibleEvent):
 
     @property
     def most_probable(self) -> list[Burst]:
-        """Burst of greatest weight at ``at_s`` for each channel (M,)."""
+        """Burst of greatest weight at ``at_s`` for each channel (M,).
+
+        The time of a jump is left uncertain, so that what other events may be includes it.
+        """
         then = [possibility for possibility in self.possibilities if possibility[0] == self.at_s]
         best = np.argmax([weight for _, _, weight in then], axis=0)
-        return [then[k][1][c] for c, k in enumerate(best.tolist())]
+        bursts = [then[k][1][c] for c, k in enumerate(best.tolist())]
+        spread_s = TIME_SPREAD * self.u_s
+        return [replace(burst, area_sd=burst.level_sd * spread_s) for burst in bursts]
 
 
 class ReadingStep(NamedTuple):

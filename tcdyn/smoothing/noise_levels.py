@@ -46,6 +46,9 @@ class Burst:
     reading_sd
         Prior standard deviation [K] of a step of the reading itself at the start, such as that of
         another range or sensor: it is passed on, not inverted.
+    area_sd
+        Prior standard deviation [K s] of an impulse of the temperature at the start: that of a jump
+        of an uncertain time is the size of the jump times the uncertainty of its time.
 
     Notes
     -----
@@ -62,6 +65,7 @@ class Burst:
     slope_sd: float = 0.0
     width_s: float = 0.0
     reading_sd: float = 0.0
+    area_sd: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,7 @@ class Intensity:
             starts_s=(0.0, *moved.starts_s[first + 1 :]),
             levels=self.levels[first:],
             level_noise=self.level_noise[first:],
-            bursts=tuple(replace(b, level_sd=0.0, slope_sd=0.0, reading_sd=0.0) for b in bursts),
+            bursts=tuple(Burst(b.start_s, b.height, b.decay_s, b.power) for b in bursts),
         )
 
     def within(self, start_s: float, end_s: float) -> Intensity:
@@ -199,10 +203,10 @@ def _burst_arrays(intensities: Sequence[Intensity]) -> tuple[Array, Array]:
     member
         Membership matrix (Q, B) of ones and zeros.
     fields
-        The fields of the bursts in their order, (8, B, 1).
+        The fields of the bursts in their order, (9, B, 1).
     """
     rows = [(k, *vars(b).values()) for k, q in enumerate(intensities) for b in q.bursts if b.height]
-    table = np.array(rows, dtype=float).reshape(-1, 9)
+    table = np.array(rows, dtype=float).reshape(-1, 10)
     member = np.arange(len(intensities))[:, None] == table[:, 0]
     return member.astype(float), table[:, 1:].T[:, :, None]
 
@@ -301,9 +305,9 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
     Returns
     -------
     Array
-        Variances (J, Q, 3) of level [K2], slope [K2/s2] and reading [K2].
+        Variances (J, Q, 4) of level [K2], slope [K2/s2], reading [K2] and area [K2 s2].
     """
-    out = np.zeros((len(knots_s), len(intensities), 3))
+    out = np.zeros((len(knots_s), len(intensities), 4))
     for k, q in enumerate(intensities):
         for burst in q.bursts:
             if burst.width_s > 0:
@@ -316,6 +320,7 @@ def jumps_at(intensities: Sequence[Intensity], knots_s: Array) -> Array:
                 continue
             out[at, k, 1] += burst.slope_sd**2
             out[at, k, 2] += burst.reading_sd**2
+            out[at, k, 3] += burst.area_sd**2
             if burst.width_s == 0:
                 out[at, k, 0] += burst.level_sd**2
     return out

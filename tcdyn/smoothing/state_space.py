@@ -319,7 +319,7 @@ def point_models(
     if is_rough:
         at_points = level_noise_at(proposals, points.time_s)
         level_noise = 0.5 * (at_points[:, :-1] + at_points[:, 1:])
-    jumps = np.moveaxis(jumps_at(proposals, points.time_s), 1, 0)  # (Q, P, 3)
+    jumps = np.moveaxis(jumps_at(proposals, points.time_s), 1, 0)  # (Q, P, 4)
     wide = slope_prior_sd(sensor, range_K, record.dt_s)
     jumps[:, np.isin(points.time_s, record.events_s), 1] += wide**2
     is_sample = np.zeros(count, dtype=bool)
@@ -347,8 +347,9 @@ def point_models(
                 points.kind,
                 np.append(level_noise[k], 0.0),
                 np.append(slope_noise[k], 0.0),
-                np.concatenate([jumps[k, 1:], np.zeros((1, 3))]),
+                np.concatenate([jumps[k, 1:], np.zeros((1, 4))]),
                 np.ascontiguousarray(sensor.ramp[:, 0]),
+                np.ascontiguousarray(sensor.drift[:, 0]),
                 sensor.output,
                 read,
                 variance,

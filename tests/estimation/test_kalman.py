@@ -55,9 +55,10 @@ def model_of(
     variance = np.full(count, noise_K**2)
     variance[list(missing)] = 0.0
     variance[2] *= 4
-    jump = np.zeros((count, 3))
-    jump[count // 2] = [9.0, 4.0, 0.0]
+    jump = np.zeros((count, 4))
+    jump[count // 2] = [9.0, 4.0, 0.0, 0.0]
     jump[count // 3, 2] = 2.0
+    jump[count // 4, 3] = 3.0
     wide = RANGE_K * np.array([1.0, 1.0 / (sensor.lag_s + float(np.median(steps_s)))])
     return PointModel(
         transition,
@@ -68,6 +69,7 @@ def model_of(
         np.full(count, slope),
         jump,
         np.ascontiguousarray(sensor.ramp[:, 0]),
+        np.ascontiguousarray(sensor.drift[:, 0]),
         sensor.output,
         reading,
         variance,
@@ -113,6 +115,8 @@ def dense(model: PointModel) -> Dense:
             noise[i, i] += mpmath.mpf(model.jump[p, i])
         direction = exact(model.direction).T
         noise += mpmath.mpf(model.jump[p, 2]) * direction * direction.T
+        impulse = exact(model.impulse).T
+        noise += mpmath.mpf(model.jump[p, 3]) * impulse * impulse.T
         old, new = slice(0, (p + 1) * n), slice((p + 1) * n, (p + 2) * n)
         cross = flow * prior[p * n : (p + 1) * n, old]
         prior[new, old] = cross
