@@ -36,7 +36,7 @@ from tcdyn.smoothing.possible_events import (
     without_bursts,
 )
 from tcdyn.smoothing.process_noise import channel_spans, segment, smearing_time_s
-from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.record import Record, least_noise_sd
 from tcdyn.smoothing.roughness import SPLIT_NATS
 from tcdyn.smoothing.state_space import SAME_TIME, Smoothed, likelihood, smooth_record
 
@@ -66,7 +66,7 @@ REACH_LAGS = 2.0
 # samples at either end in which no event is looked for: little is known of them
 MARGIN = 3
 # passes of the search, and events of a record
-ROUNDS = 12
+ROUNDS = 40
 MAX_EVENTS = 130
 # Factors of the intensities with which the search begins. With those of a record without events a
 # square wave is a rough temperature
@@ -84,6 +84,8 @@ RESOLUTIONS = 3
 LIKELY_TIME = 3e-3
 # times of an event that are averaged over
 TIMES = 6
+# rounds in which the noise is estimated again beside events: a further one changes it by few percent
+NOISE_ROUNDS = 2
 # Standard deviation of the time of a jump, in its standard uncertainties given the times of all
 # others, that the others see: wide beside the one that includes them
 TIME_SPREAD = 4.0
@@ -346,11 +348,36 @@ def _settled(
         starts_s = _segment_starts(fit, events_s, segments)
         intensities = [_divided(q, starts_s) for q in fit.intensities]
         fit = estimated(smooth_record(fit.record, fit.noise_var, intensities))
+        fit = _with_noise(fit)
         found = _with_new_events(fit, events_s)
         if found is None:
             return None
         fit, found_s = found
     return fit, events_s
+
+
+def _with_noise(fit: Smoothed) -> Smoothed:
+    """The record smoothed with the noise of its readings, of which events are no part.
+
+    Notes
+    -----
+    The likeliest variance is the sum of squared residuals over the number of readings less that of
+    the degrees of freedom of the temperature (MacKay 1992).
+    """
+    record = fit.record
+    if record.noise_known:
+        return fit
+    noise_var = fit.noise_var
+    for _ in range(NOISE_ROUNDS):
+        residual = record.weight * (record.y - fit.predicted) ** 2
+        freedom = record.weight * (1 - fit.predicted_var / noise_var)
+        smallest = (least_noise_sd(record.y) ** 2).clip(min=1e-300)
+        likeliest = residual.sum(axis=0) / freedom.sum(axis=0).clip(min=1.0)
+        # rounding is no white noise, of which residuals would tell
+        is_white = record.rounding_K == 0
+        noise_var = np.where(is_white, np.maximum(likeliest, smallest), noise_var)
+        fit = smooth_record(record, noise_var, fit.intensities)
+    return fit
 
 
 def _with_new_events(

@@ -129,6 +129,8 @@ class Record:
     aliasing_u_K
         Standard uncertainty (M,) [K] from aliased hum, see ``LoggerNoise``, and from the rounding
         of a logger whose steps are coarser than its noise.
+    rounding_K
+        The part of it (M,) [K] from rounding; zero where the noise hides it.
     findings
         Findings about the channels.
     units
@@ -156,6 +158,7 @@ class Record:
     flags: NDArray[np.uint8]
     noise_known: bool
     aliasing_u_K: Array
+    rounding_K: Array
     findings: tuple[Finding, ...] = ()
     units: tuple[str, ...] = ()
     noise: tuple[LoggerNoise, ...] = ()
@@ -394,6 +397,8 @@ def record_of(
         models.append(replace(logger_noise, level_K=noise[index].copy()))
         aliasing_u[index] = logger_noise.aliasing_u_K
         coloured = coloured or logger_noise.is_coloured
+        if hides_noise[index].all():  # rounding makes waves of slow changes
+            logger_noise = replace(logger_noise, waves=())
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
         findings += [finding.in_unit(unit) for finding in logger_noise.findings(subject)]
         for c in index:
@@ -418,6 +423,7 @@ def record_of(
         flags,
         not is_estimated or coloured,
         np.hypot(aliasing_u, rounding_u),
+        rounding_u,
         tuple(findings),
         unit_of_channel,
         tuple(models),

@@ -99,6 +99,7 @@ def select_channels(record: Record, channels: Flags) -> Record:
         sensors=tuple(s for s, use in zip(record.sensors, channels) if use),
         noise_sd=record.noise_sd[channels],
         aliasing_u_K=record.aliasing_u_K[channels],
+        rounding_K=record.rounding_K[channels],
     )
 
 

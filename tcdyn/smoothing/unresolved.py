@@ -109,7 +109,7 @@ def line_var(fit: Smoothed) -> tuple[Array, Array]:
     -----
     A wave that the prior does not expect remains in the residuals. At its frequency the error of
     the temperature is the residual over the gain G. White noise exceeds the limit in one record of
-    1 / ``LINE_CHANCE``. Hum is no temperature.
+    1 / ``LINE_CHANCE``. Hum is no temperature, nor are the waves that rounding makes of a slow change.
     """
     each = np.array([_line_var_of_channel(fit, c) for c in range(len(fit.intensities))])
     return each[:, 0], each[:, 1]
@@ -118,6 +118,8 @@ def line_var(fit: Smoothed) -> tuple[Array, Array]:
 def _line_var_of_channel(fit: Smoothed, channel: int) -> Array:
     """The ``line_var`` (2,) of one channel."""
     record = fit.record
+    if record.rounding_K[channel] > 0:
+        return np.zeros(2)
     n = len(record.y)
     is_good = record.weight[:, channel] > 0
     residuals = np.where(is_good, record.y[:, channel] - fit.predicted[:, channel], 0.0)
