@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
@@ -41,6 +42,8 @@ MIN_ROWS = 10
 # Interval in lags from which a warning is given that the rows are slow for the sensor; by
 # judgement.
 SLOW_ROWS_LAGS = 0.5
+# words of a column of text that switches
+TWO_WORDS = 2
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,7 @@ class TableChannels:
             whole_mean_s(self.mean_s, series.interval_s, series.late_s is not None)
             findings.append(info("sensor.means", averages_s=self.mean_s))
         findings += self.without_removed(series.findings, series.late_s is not None)
+        others = _other_columns(segment, series, self.raw_columns)
         group_size = min(max(int(MAX_VALUES / series.clock.size), 1), MAX_COLUMNS)
         prepared = []
         for group in self.groups:
@@ -186,8 +190,44 @@ class TableChannels:
                     )
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
-                prepared.append(_readings_of(group, indices, series, self.mean_s))
+                readings = _readings_of(group, indices, series, self.mean_s)
+                prepared.append(replace(readings, others=others))
         return prepared, findings
+
+
+def _other_columns(
+    segment: TableSegment, series: Series, channels: Sequence[str]
+) -> dict[str, Array]:
+    """Columns of a segment that are no channels, at its samples (N,), as numbers.
+
+    Parameters
+    ----------
+    segment
+        The segment.
+    series
+        Its channels on the even grid.
+    channels
+        Columns of the channels.
+
+    Notes
+    -----
+    Of a text with two words, such as on and off, the words become 0 and 1 in the order of the
+    alphabet; other texts are left out.
+    """
+    others = {}
+    for name, values in segment.data.items():
+        if name in channels:
+            continue
+        numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=float)
+        if not np.isfinite(numbers).any():
+            codes, words = pd.factorize(pd.Series(values).astype("string"), sort=True)
+            if len(words) != TWO_WORDS:
+                continue
+            numbers = np.where(codes >= 0, codes.astype(float), np.nan)
+        at_samples = np.full(series.clock.size, np.nan)
+        at_samples[series.clock.index] = numbers
+        others[name] = at_samples
+    return others
 
 
 def _readings_of(

@@ -265,6 +265,7 @@ def compensate_readings(
         events_s=[*inside],
         event_u_s=[*inside.values()],
         late_s=readings.late_s,
+        switched=readings.others,
         **options,
     )
 

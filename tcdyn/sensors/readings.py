@@ -6,7 +6,8 @@ Used by :mod:`tcdyn.sensors.compensation`, :mod:`tcdyn.sensors.channels` and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,9 @@ class ChannelReadings:
         Whether the value of each row (R, M) was left out as impossible or as a code; None: none.
     late_s
         How much later than its sample each reading was taken (N,) [s]; None: not at all.
+    others
+        Other columns of the source (N,) as numbers, NaN where missing: those that switch may
+        interfere with the readings.
     """
 
     columns: tuple[str, ...]
@@ -69,6 +73,7 @@ class ChannelReadings:
     is_separable: bool = False
     is_left_out: Flags | None = None
     late_s: Array | None = None
+    others: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def names(self) -> list[str]:
@@ -104,4 +109,5 @@ class ChannelReadings:
             sample_of_row=self.sample_of_row - first,
             static_u_K=self.static_u_K[first:],
             late_s=None if self.late_s is None else self.late_s[first:],
+            others={name: values[first:] for name, values in self.others.items()},
         )

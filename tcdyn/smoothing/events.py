@@ -57,6 +57,12 @@ PRIOR = np.array([0.3, 0.1, 0.09, 0.01])
 # prior standard deviations of a jump, in ranges of the record (per lag), with equal probabilities.
 # Readings that end soon after an event show little of its size
 SIZES = 10.0 ** np.arange(-3.0, 1.6, 0.5)
+# relative deviation of a period up to which steps are periodic; chosen by judgement
+SAME_PERIOD = 0.1
+# Prior probability that a reading is a spike, and standard deviations of spikes, in those of the
+# noise, with equal probabilities. A normal reading is one at 5.4 standard deviations: 7 in 1e8
+SPIKE_PRIOR = 1e-4
+SPIKE_SIZES = 10.0 ** np.arange(1.0, 5.0)
 # log odds from which an event is one in the search, and is named: a probability of 95 %
 MIN_LOG_ODDS = 3.0
 # probability in a channel from which an event is called a step of the reading
@@ -84,7 +90,8 @@ RESOLUTIONS = 3
 LIKELY_TIME = 3e-3
 # times of an event that are averaged over
 TIMES = 6
-# rounds in which the noise is estimated again beside events: a further one changes it by few percent
+# rounds in which the noise is estimated again beside events: a further one changes it by few
+# percent
 NOISE_ROUNDS = 2
 # Standard deviation of the time of a jump, in its standard uncertainties given the times of all
 # others, that the others see: wide beside the one that includes them
@@ -181,6 +188,36 @@ def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
         Kind.STEP: 0.5 * (step**2 / (1 + step_var) - np.log1p(step_var)),
     }
     return np.stack([of_kind[kind] for kind in Kind], axis=2)
+
+
+def spike_log_odds(fit: Smoothed, y: Array) -> Array:
+    """Log odds (N, M) that a reading is a spike of itself, given all others.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    y
+        Readings (N, M) [degC], also of those samples that have no weight in ``fit``.
+
+    Notes
+    -----
+    Without the reading itself, its prediction is off by the residual times R / (R - P), with the
+    variance R^2 / (R - P); R is its noise variance and P that of its prediction with it. A reading
+    that had no weight is off by its residual, with the variance R + P.
+    """
+    residual = y - fit.predicted
+    is_used = fit.record.weight > 0
+    noise_var = fit.noise_var / np.where(is_used, fit.record.weight, 1.0)
+    remaining = np.maximum(noise_var - fit.predicted_var, 1e-6 * noise_var)
+    error = np.where(is_used, residual * noise_var / remaining, residual)
+    var = np.where(is_used, noise_var**2 / remaining, noise_var + fit.predicted_var)
+    of_spike = fit.noise_var[:, None] * SPIKE_SIZES**2
+    total = var[..., None] + of_spike
+    gain = 0.5 * (error**2)[..., None] * (1 / var[..., None] - 1 / total)
+    gain -= 0.5 * np.log(total / var[..., None])
+    prior = np.log(SPIKE_PRIOR / len(SPIKE_SIZES))
+    return np.asarray(logsumexp(gain, axis=2) + prior)
 
 
 def _joint(values: Array) -> Array:
@@ -509,6 +546,23 @@ def reading_steps(fit: Smoothed, events: Sequence[Event]) -> list[ReadingStep]:
             u_K = np.sqrt(max(var, 0.0))
             steps.append(ReadingStep(c, event.at_s, sample, step_K, u_K, probability))
     return steps
+
+
+def period_of(times_s: Sequence[float]) -> float:
+    """Period [s] of times of edges, every second of which is alike; zero where there is none.
+
+    Examples
+    --------
+    >>> period_of([0.0, 4.0, 10.0, 14.1, 20.0, 24.0]), period_of([0.0, 3.0, 14.0, 15.0, 29.0])
+    (10.0, 0.0)
+    """
+    ordered_s = np.sort(times_s)
+    periods_s = ordered_s[2:] - ordered_s[:-2]
+    if not len(periods_s):
+        return 0.0
+    period_s = float(np.median(periods_s))
+    is_regular = np.abs(periods_s - period_s).max() < SAME_PERIOD * period_s
+    return period_s if is_regular else 0.0
 
 
 def listed_without_evidence(fit: Smoothed) -> list[float]:

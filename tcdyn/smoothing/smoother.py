@@ -36,11 +36,14 @@ from tcdyn.smoothing.events import (
     Event,
     detect_events,
     listed_without_evidence,
+    period_of,
     reading_steps,
+    spike_log_odds,
     weigh_events,
 )
 from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
+from tcdyn.smoothing.pick_up import PickUp, Removed, removed, switching, without_pick_up
 from tcdyn.smoothing.possible_events import (
     PossibleEvent,
     average_over_event,
@@ -84,6 +87,8 @@ MAX_LAGS_IN_ROW = 100.0
 # degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
 # Chosen by judgement
 STUDENT_DOF = 4.0
+# steps of a reading that are named one by one
+FEW_STEPS = 2
 # rounds of reweighting: a further one changes no result by a tenth of its standard deviation
 REWEIGHTINGS = 4
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
@@ -109,6 +114,7 @@ def smooth(
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
     late_s: ArrayLike | None = None,
+    switched: Mapping[str, ArrayLike] | None = None,
 ) -> Compensated:
     """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
@@ -163,6 +169,9 @@ def smooth(
         How much later than its sample each reading was taken (N,) [s], where rows are uneven; a
         negative number is earlier. The temperatures are those at these times, the rates those at
         the samples.
+    switched
+        Other columns of the log (N,) by name. Where the readings step with the edges of one that
+        switches, such as a heater, that is interference: it is named and removed.
 
     Returns
     -------
@@ -218,7 +227,9 @@ def smooth(
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
+    pick_ups: tuple[PickUp, ...] = ()
     if intensity is None:
+        record, pick_ups = without_pick_up(record, _switching_columns(switched, record))
         likely = likeliest(record, find_events)
         if likely.detected and (wrong_s := listed_without_evidence(likely.fit)):
             finding = warning(
@@ -245,8 +256,33 @@ def smooth(
         static_u=static_u,
         findings=record.findings,
         names=names,
+        pick_ups=pick_ups,
     )
     return result.with_labels(y, names)
+
+
+def _switching_columns(
+    switched: Mapping[str, ArrayLike] | None, record: Record
+) -> dict[str, Array]:
+    """Those of some columns that switch.
+
+    Raises
+    ------
+    InputError
+        For a column of another length than the record.
+    """
+    columns = {}
+    for name, given in (switched or {}).items():
+        values = np.asarray(given, dtype=float)
+        if values.shape != (len(record.y),):
+            raise InputError(
+                f"smooth: the column {name} of switched has the shape {values.shape}",
+                expected=f"one value for each of the {len(record.y)} rows",
+            )
+        of_switch = switching(values)
+        if of_switch is not None:
+            columns[name] = of_switch
+    return columns
 
 
 class Likely(NamedTuple):
@@ -323,6 +359,7 @@ def compensated(
     static_u: ArrayLike | None,
     findings: Sequence[Finding],
     names: Sequence[str] | None,
+    pick_ups: Sequence[PickUp] = (),
 ) -> Compensated:
     """The result of a smoothed record, with all contributions to its uncertainty.
 
@@ -338,6 +375,8 @@ def compensated(
         As in ``smooth``.
     findings
         Findings about the channels.
+    pick_ups
+        Interference that was removed from the readings.
     """
     record = fit.record
     dt_s = record.dt_s
@@ -366,6 +405,15 @@ def compensated(
     for shift_K in event_shifts:
         var = var + shift_K**2
         slope_var = slope_var + np.gradient(shift_K, dt_s, axis=0) ** 2
+    temperature = samples.temperature
+    slope = samples.slope
+    interference = [removed(fit, pick_up) for pick_up in pick_ups]
+    for one in interference:
+        of_channel = np.arange(temperature.shape[1]) == one.pick_up.channel
+        temperature = temperature - of_channel * (one.correction * one.temperature)[:, None]
+        slope = slope - of_channel * (one.correction * one.slope)[:, None]
+        var = var + of_channel * (one.u_K * one.temperature)[:, None] ** 2
+        slope_var = slope_var + of_channel * (one.u_K * one.slope)[:, None] ** 2
     sd = np.sqrt(var)
     n_channels = record.y.shape[1]
     split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
@@ -377,9 +425,9 @@ def compensated(
     labels = channel_names(names, n_channels)
     detected = [] if likely is None else [(event.at_s, event.u_s) for event in likely.detected]
     result = Compensated.from_components(
-        samples.temperature,
+        temperature,
         sd,
-        samples.slope,
+        slope,
         np.sqrt(slope_var),
         samples.lag_sensitivity,
         lag_covariance,
@@ -390,7 +438,11 @@ def compensated(
         intensity=np.array([float(np.median(q.at(some_times))) for q in fit.intensities]),
         flags=record.flags,
         method="fixed-interval smoother",
-        findings=(*findings, *_step_findings(fit, likely, labels)),
+        findings=(
+            *findings,
+            *_step_findings(fit, likely, labels),
+            *_pick_up_findings(interference, labels, record),
+        ),
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=fit.intensities,
@@ -399,22 +451,59 @@ def compensated(
     return result.with_undetermined(record.y, labels, record.chains, record.least_range_K())
 
 
+def _pick_up_findings(
+    interference: Sequence[Removed], names: Sequence[str], record: Record
+) -> list[Finding]:
+    """A warning for each interference that was removed."""
+    units = channel_units(record.units or None, names, len(names))
+    found = []
+    for one in interference:
+        pick_up = one.pick_up
+        finding = warning(
+            "trace.pick_up",
+            subject=names[pick_up.channel],
+            column=pick_up.column,
+            edges=pick_up.edges,
+            step_K=pick_up.per_unit_K * pick_up.edge,
+            u_K=one.u_K * pick_up.edge,
+        )
+        found.append(finding.in_unit(units[pick_up.channel]))
+    return found
+
+
 def _step_findings(fit: Smoothed, likely: Likely | None, names: Sequence[str]) -> list[Finding]:
-    """A warning for each step of a reading that is no change of the temperature."""
+    """Warnings for the steps of a reading that are no change of the temperature."""
     if likely is None:
         return []
     units = channel_units(fit.record.units or None, names, len(names))
+    steps = reading_steps(fit, likely.detected)
     found = []
-    for step in reading_steps(fit, likely.detected):
-        finding = warning(
-            "trace.step",
-            subject=names[step.channel],
-            step_K=step.step_K,
-            u_K=step.u_K,
-            first_sample=step.sample,
-            at_s=step.at_s,
-        )
-        found.append(finding.in_unit(units[step.channel]))
+    for c, (name, unit) in enumerate(zip(names, units)):
+        of_channel = [step for step in steps if step.channel == c]
+        if len(of_channel) > FEW_STEPS:
+            first = of_channel[0]
+            period_s = period_of([step.at_s for step in of_channel])
+            finding = warning(
+                "trace.steps",
+                subject=name,
+                count=len(of_channel),
+                step_K=float(np.sqrt(np.mean([step.step_K**2 for step in of_channel]))),
+                first_sample=first.sample,
+                at_s=first.at_s,
+                period_s=period_s,
+            )
+            found.append(finding.in_unit(unit))
+            continue
+        for step in of_channel:
+            finding = warning(
+                "trace.step",
+                subject=name,
+                step_K=step.step_K,
+                u_K=step.u_K,
+                first_sample=step.sample,
+                at_s=step.at_s,
+            )
+            found.append(finding.in_unit(unit))
     return found
 
 
@@ -520,13 +609,12 @@ def _spike_mask(fit: Smoothed) -> Flags:
     """Samples (N, M) that are spikes, judged by the prediction of the smoother.
 
     Next to a slope change or in fast motion the rule with medians, applied before, misses spikes.
-    Many outlying samples in a row are no spikes. Limit and width are the rule "answer" in
+    Many outlying samples in a row are no spikes: that is the rule "answer" in
     ``tcdyn.estimation.trace_noise.SPIKES``; ``tests/smoothing/test_hidden.py`` has such a spike.
     """
     rule = SPIKES["answer"]
     record = fit.record
-    limit = rule.sigmas * np.sqrt(fit.noise_var)
-    outlying = (np.abs(record.y - fit.predicted) > limit) & (record.weight > 0)
+    outlying = (spike_log_odds(fit, record.y) > 0) & (record.weight > 0)
     window = np.ones(rule.width)
     crowd = np.stack([np.convolve(column, window, mode="same") for column in outlying.T], axis=1)
     return np.asarray(outlying & (crowd <= rule.longest))
@@ -534,9 +622,8 @@ def _spike_mask(fit: Smoothed) -> Flags:
 
 def _with_explained_readings(fit: Smoothed, record: Record) -> Smoothed:
     """Smooth again with readings of ``record`` that were spikes only before events were known."""
-    limit = SPIKES["answer"].sigmas * np.sqrt(fit.noise_var)
     was_removed = (record.weight > 0) & (fit.record.weight == 0)
-    is_explained = was_removed & (np.abs(record.y - fit.predicted) < limit)
+    is_explained = was_removed & (spike_log_odds(fit, record.y) < 0)
     if not is_explained.any():
         return fit
     restored = replace(

@@ -109,7 +109,8 @@ def line_var(fit: Smoothed) -> tuple[Array, Array]:
     -----
     A wave that the prior does not expect remains in the residuals. At its frequency the error of
     the temperature is the residual over the gain G. White noise exceeds the limit in one record of
-    1 / ``LINE_CHANCE``. Hum is no temperature, nor are the waves that rounding makes of a slow change.
+    1 / ``LINE_CHANCE``. Hum is no temperature, nor are the waves that rounding makes of a slow
+    change.
     """
     each = np.array([_line_var_of_channel(fit, c) for c in range(len(fit.intensities))])
     return each[:, 0], each[:, 1]

@@ -76,6 +76,27 @@ def _one_disk(subject: str, other: str, option: Spelling, **_: Any) -> str:
     )
 
 
+def _steps(
+    subject: str,
+    count: int,
+    step_K: float,
+    first_sample: int,
+    at_s: float,
+    period_s: float,
+    unit: str,
+    **_: Any,
+) -> str:
+    """Message of ``trace.steps``; ``period_s`` is zero where the steps are not periodic."""
+    how_often = f"about every {period_s:.3g} s" if period_s else "at no regular times"
+    return (
+        f"{subject}: the reading itself steps {count} times, {how_often}, by {step_K:.3g} {unit} "
+        f"(rms), the first time at sample {first_sample} ({at_s:.4g} s), faster than the sensor "
+        "could follow: interference of something that switches, or a bad contact. The steps are "
+        "passed on and not inverted; log what switches as a column of the table, and they are "
+        "removed with it"
+    )
+
+
 # tcdyn/smoothing
 COMPENSATE: dict[str, Message] = {
     "trace.stuck": "{subject}: stuck or saturated in {percent:.2g} % of the record, first at "
@@ -96,6 +117,10 @@ COMPENSATE: dict[str, Message] = {
     "{first_sample} ({at_s:.4g} s), faster than the sensor could follow any temperature: another "
     "sensor, plug, range or offset. The step is passed on and not inverted; one side of it is "
     "wrong, and the readings do not tell which",
+    "trace.steps": _steps,
+    "trace.pick_up": "{subject}: the readings step by {step_K:.3g} +- {u_K:.2g} K with the {edges} "
+    "edges of {column!r}, at once and not through the sensor: interference (pick-up), which was "
+    "removed; lay the wires of the sensor apart from those of the load, or shield them",
     "trace.alone": "{subject}: {count} reading(s) at an end of the record, first at sample "
     "{first_sample}, stand alone behind a gap and contradict all others: the temperature changed "
     "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
@@ -163,6 +188,10 @@ OTHER_TRACE: dict[str, Message] = {
     "sample {first_sample} ({at_s:.4g} s), faster than the sensor could follow: another sensor, "
     "plug, range or offset. The step is passed on and not inverted; one side of it is wrong, and "
     "the readings do not tell which",
+    "trace.steps": _steps,
+    "trace.pick_up": "{subject}: the readings step by {step_K:.3g} +- {u_K:.2g} {unit} with the "
+    "{edges} edges of {column!r}, at once and not through the sensor: interference (pick-up), "
+    "which was removed; lay the wires of the sensor apart from those of the load, or shield them",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
     "{first_sample}, is not determined by it: there is no reading near, or the standard "
     "uncertainty exceeds the range of the readings ({range_K:.3g} {unit}); not reported there",

@@ -1,0 +1,257 @@
+"""Interference of a logged column that switches: steps of the readings at its edges.
+
+A heater, relay or valve may couple into the wires of a sensor. The reading then contains a multiple
+of the column, at once and not through the sensor. The multiple is estimated beside what the
+temperature itself may do at the edges: jump, or change its slope. Readings without it must be more
+likely with intensities of their own.
+
+Used by ``tcdyn.smoothing.smoother.smooth``. Guarded by ``tests/smoothing/test_pick_up.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tcdyn.core import Array
+from tcdyn.smoothing.noise_levels import Intensity
+from tcdyn.smoothing.process_noise import channel_spans, choose_intensities, smearing_time_s
+from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.roughness import select_channels
+from tcdyn.smoothing.state_space import Smoothed, likelihood, predicted_readings, smooth_record
+
+# Share of the rows in which a column that switches changes at most, and edges that it has at least:
+# fewer do not tell a coincidence from a cause. Chosen by judgement
+MOST_CHANGES = 0.34
+FEWEST_EDGES = 3
+# nats by which readings without an interference must be more likely, beside the number of columns
+# that are tried: odds of 150 to 1
+MIN_NATS = 5.0
+# factors of the intensities with which the search begins: interference looks like a rough
+# temperature, beside which it would not be seen
+STARTS = (1.0, 1e-3)
+
+
+@dataclass(frozen=True)
+class PickUp:
+    """Interference of a column in one channel.
+
+    Attributes
+    ----------
+    channel
+        Index of the channel.
+    column
+        Name of the column.
+    values
+        Its values (N,), less that without interference.
+    per_unit_K
+        Change of the reading for a unit of the column [K].
+    """
+
+    channel: int
+    column: str
+    values: Array
+    per_unit_K: float
+
+    @property
+    def edge(self) -> float:
+        """Usual size of an edge of the column."""
+        edges = np.abs(np.diff(self.values))
+        return float(np.median(edges[edges > 0]))
+
+    @property
+    def edges(self) -> int:
+        """Number of its edges."""
+        return int(np.count_nonzero(np.diff(self.values)))
+
+
+def switching(values: Array) -> Array | None:
+    """The values (N,) of a column that switches, less the smallest; None for another one.
+
+    Parameters
+    ----------
+    values
+        The column (N,), NaN where missing: there the value before holds.
+
+    Examples
+    --------
+    >>> switching(np.array([1.0, 1, 1, 1, 3, 3, 3, 1, 1, np.nan, 3, 3])).tolist()
+    [0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 0.0, 0.0, 0.0, 2.0, 2.0]
+    >>> switching(np.arange(9.0)) is None
+    True
+    """
+    is_known = np.isfinite(values)
+    if not is_known.any():
+        return None
+    last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), 0))
+    held = values[last]
+    held = np.where(np.isfinite(held), held, values[is_known][0])
+    changes = np.count_nonzero(np.diff(held))
+    if not FEWEST_EDGES <= changes <= MOST_CHANGES * len(held):
+        return None
+    return np.asarray(held - held.min())
+
+
+def without_pick_up(
+    record: Record, switched: Mapping[str, Array]
+) -> tuple[Record, tuple[PickUp, ...]]:
+    """The record without the interference that its readings show, and what was removed.
+
+    Parameters
+    ----------
+    record
+        The record.
+    switched
+        Columns that switch (N,), see :func:`switching`, by name.
+    """
+    found: list[PickUp] = []
+    needed = MIN_NATS + np.log(max(len(switched), 1))
+    for c in range(len(record.chains)):
+        alone = select_channels(record, np.arange(len(record.chains)) == c)
+        fit, without = _fitted(alone)
+        most = without + needed
+        best: PickUp | None = None
+        for name, values in switched.items():
+            for per_unit_K in _candidates(fit, values):
+                y = alone.y - per_unit_K * values[:, None]
+                _, value = _fitted(replace(alone, y=y))
+                if value > most:
+                    most = value
+                    best = PickUp(c, name, values, per_unit_K)
+        if best is not None:
+            found.append(best)
+            changed = record.y.copy()
+            changed[:, c] -= best.per_unit_K * best.values
+            record = replace(record, y=changed)
+    return record, tuple(found)
+
+
+def _fitted(record: Record) -> tuple[Smoothed, float]:
+    """A record of one channel smoothed with its likeliest intensity, and its log likelihood."""
+    intensities, noise_var = choose_intensities(record, record.noise_sd**2, record.noise_known)
+    value, _ = likelihood(record, noise_var, [intensities])
+    return smooth_record(record, noise_var, intensities), float(value[0, 0])
+
+
+def _candidates(fit: Smoothed, values: Array) -> list[float]:
+    """Multiples [K per unit] of a column in the readings of one channel that are worth a fit."""
+    candidates = []
+    for factor in STARTS:
+        (q,) = fit.intensities
+        smaller = replace(q, levels=tuple(factor * level for level in q.levels))
+        per_unit_K, nats = _estimate(fit, values, smaller)
+        if nats > MIN_NATS:
+            candidates.append(per_unit_K)
+    return candidates
+
+
+def _estimate(fit: Smoothed, values: Array, intensity: Intensity) -> tuple[float, float]:
+    """Multiple [K per unit] of a column in the readings, and log likelihood that it gains.
+
+    Parameters
+    ----------
+    fit
+        Gives the record of one channel, and its noise.
+    values
+        The column (N,).
+    intensity
+        Intensity of the channel.
+
+    Notes
+    -----
+    Beside it stand a jump of the temperature and a change of its slope at each edge, also in
+    multiples of the column: the column through the chain, and its integral. With the covariance S
+    of the readings, the residuals of the smoother over the noise variance are S^-1 y, for the
+    readings and for the regressors X alike. The gain is that of the first beside the other two,
+
+        1/2 b' (A + V^-1)^-1 b - 1/2 log det(1 + V A),  A = X' S^-1 X,  b = X' S^-1 y.
+    """
+    record = fit.record
+    chain = record.chains[0]
+    dt = record.dt_s
+    integral = np.cumsum(values - values.mean()) * dt / smearing_time_s(record)
+    regressors = np.stack(
+        [values, chain.response(values, dt, "zoh"), chain.response(integral, dt)], axis=1
+    )
+    weight = record.weight[:, 0]
+    noise_var = float(fit.noise_var[0])
+    of_regressors = np.empty_like(regressors)
+    for k, column in enumerate(regressors.T):
+        only = replace(record, y=column[:, None])
+        predicted, _ = predicted_readings(only, fit.noise_var, [intensity])
+        of_regressors[:, k] = weight * (column - predicted[:, 0]) / noise_var
+    gram = regressors.T @ of_regressors
+    edges = np.abs(np.diff(values))
+    prior_sd = float(channel_spans(record, fit.noise_var)[0] / np.median(edges[edges > 0]))
+    scaled = prior_sd**2 * 0.5 * (gram + gram.T)
+    projection = prior_sd * (of_regressors.T @ record.y[:, 0])
+
+    def gained(index: list[int]) -> tuple[Array, float]:
+        """Posterior means of some regressors, and the log likelihood that they gain."""
+        information = np.eye(len(index)) + scaled[np.ix_(index, index)]
+        mean = np.linalg.solve(information, projection[index])
+        nats = 0.5 * projection[index] @ mean - 0.5 * np.linalg.slogdet(information)[1]
+        return prior_sd * mean, float(nats)
+
+    mean, of_all = gained([0, 1, 2])
+    _, of_temperature = gained([1, 2])
+    return float(mean[0]), of_all - of_temperature
+
+
+@dataclass(frozen=True)
+class Removed:
+    """What the uncertainty of an interference changes.
+
+    Attributes
+    ----------
+    pick_up
+        The interference, with the final estimate.
+    u_K
+        Standard uncertainty of ``per_unit_K`` [K].
+    temperature, slope
+        Change of the temperature (N,) and of its rate of change [1/s] for a unit of it.
+    correction
+        Change of ``per_unit_K`` by the final estimate [K], which the temperature does not contain.
+    """
+
+    pick_up: PickUp
+    u_K: float
+    temperature: Array
+    slope: Array
+    correction: float
+
+
+def removed(fit: Smoothed, pick_up: PickUp) -> Removed:
+    """The final estimate of an interference, given all that the record shows.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, without the interference.
+    pick_up
+        The interference.
+
+    Notes
+    -----
+    With the residuals S^-1 s of the column s, its multiple has the variance 1 / (s' S^-1 s).
+    """
+    c = pick_up.channel
+    record = fit.record
+    y = record.y.copy()
+    y[:, c] = pick_up.values
+    of_column = smooth_record(replace(record, y=y), fit.noise_var, fit.intensities)
+    noise_var = float(fit.noise_var[c])
+    weighted = record.weight[:, c] * (pick_up.values - of_column.predicted[:, c]) / noise_var
+    information = float(pick_up.values @ weighted)
+    correction = float(record.y[:, c] @ weighted) / information
+    samples = of_column.at_samples()
+    estimate = replace(pick_up, per_unit_K=pick_up.per_unit_K + correction)
+    return Removed(
+        estimate,
+        float(np.sqrt(1 / information)),
+        samples.temperature[:, c],
+        samples.slope[:, c],
+        correction,
+    )
