@@ -36,7 +36,7 @@ from tcdyn.smoothing.possible_events import (
     without_bursts,
 )
 from tcdyn.smoothing.process_noise import channel_spans, segment, smearing_time_s
-from tcdyn.smoothing.record import Record, least_noise_sd
+from tcdyn.smoothing.record import DetectedEvent, Record, least_noise_sd
 from tcdyn.smoothing.roughness import SPLIT_NATS
 from tcdyn.smoothing.state_space import SAME_TIME, Smoothed, likelihood, smooth_record
 
@@ -118,6 +118,11 @@ class Event(PossibleEvent):
     u_s: float = 0.0
     log_odds: float = 0.0
     kind_probability: Array = field(default_factory=lambda: np.empty((0, len(Kind))))
+
+    def as_detected(self) -> DetectedEvent:
+        """What of it is a result."""
+        kink, jump, both, step = self.kind_probability.T
+        return DetectedEvent(self.at_s, self.u_s, self.log_odds, kink, jump + both, step)
 
     @property
     def most_probable(self) -> list[Burst]:

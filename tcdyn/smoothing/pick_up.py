@@ -10,7 +10,7 @@ Used by ``tcdyn.smoothing.smoother.smooth``. Guarded by ``tests/smoothing/test_p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,10 +94,8 @@ def switching(values: Array) -> Array | None:
     return np.asarray(held - held.min())
 
 
-def without_pick_up(
-    record: Record, switched: Mapping[str, Array]
-) -> tuple[Record, tuple[PickUp, ...]]:
-    """The record without the interference that its readings show, and what was removed.
+def find_pick_up(record: Record, switched: Mapping[str, Array]) -> tuple[PickUp, ...]:
+    """The interference that readings show, at most that of one column in each channel.
 
     Parameters
     ----------
@@ -107,7 +105,9 @@ def without_pick_up(
         Columns that switch (N,), see :func:`switching`, by name.
     """
     found: list[PickUp] = []
-    needed = MIN_NATS + np.log(max(len(switched), 1))
+    if not switched:
+        return ()
+    needed = MIN_NATS + np.log(len(switched))
     for c in range(len(record.chains)):
         alone = select_channels(record, np.arange(len(record.chains)) == c)
         fit, without = _fitted(alone)
@@ -122,10 +122,15 @@ def without_pick_up(
                     best = PickUp(c, name, values, per_unit_K)
         if best is not None:
             found.append(best)
-            changed = record.y.copy()
-            changed[:, c] -= best.per_unit_K * best.values
-            record = replace(record, y=changed)
-    return record, tuple(found)
+    return tuple(found)
+
+
+def without_pick_up(y: Array, pick_ups: Sequence[PickUp]) -> Array:
+    """Readings (N,) or (N, M) without interference, in the shape (N, M)."""
+    out = y.reshape(len(y), -1).copy()
+    for pick_up in pick_ups:
+        out[:, pick_up.channel] -= pick_up.per_unit_K * pick_up.values
+    return out
 
 
 def _fitted(record: Record) -> tuple[Smoothed, float]:

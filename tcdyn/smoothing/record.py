@@ -105,6 +105,40 @@ class Start:
 
 
 @dataclass(frozen=True)
+class DetectedEvent:
+    """A sudden change that the readings show.
+
+    Attributes
+    ----------
+    at_s, u_s
+        Its time and standard uncertainty [s].
+    log_odds
+        Log odds that there is one.
+    kink, jump, step
+        Probabilities (M,) that it is a change of the slope of the temperature, a jump of the
+        temperature (with or without a change of its slope), or a step of the reading itself, in
+        each channel; what is missing to one is the probability of nothing.
+    """
+
+    at_s: float
+    u_s: float
+    log_odds: float
+    kink: Array
+    jump: Array
+    step: Array
+
+    def kind(self, channel: int = 0) -> str:
+        """What it most probably is in a channel: kink, jump, step of the reading, or nothing."""
+        of_kinds = {
+            "kink": float(self.kink[channel]),
+            "jump": float(self.jump[channel]),
+            "step of the reading": float(self.step[channel]),
+        }
+        of_kinds["nothing"] = 1.0 - sum(of_kinds.values())
+        return max(of_kinds, key=lambda kind: of_kinds[kind])
+
+
+@dataclass(frozen=True)
 class Record:
     """A record: samples of M channels at a constant interval, with their chains and events.
 
@@ -683,6 +717,8 @@ class Compensated(Result):
         Findings about the channels.
     events_s
         Pairs of event time and its standard uncertainty [s].
+    detected
+        The events among them that were not listed, with what they may be.
     intensities
         Process-noise intensities as functions of time, one a channel (smoother only).
     event_shift_K
@@ -721,6 +757,7 @@ class Compensated(Result):
     method: str
     findings: tuple[Finding, ...] = ()
     events_s: tuple[tuple[float, float], ...] = ()
+    detected: tuple[DetectedEvent, ...] = ()
     intensities: tuple[Intensity, ...] = ()
     event_shift_K: tuple[Array, ...] = ()
     undetermined: Flags | None = None

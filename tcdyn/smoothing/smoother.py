@@ -43,7 +43,14 @@ from tcdyn.smoothing.events import (
 )
 from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
-from tcdyn.smoothing.pick_up import PickUp, Removed, removed, switching, without_pick_up
+from tcdyn.smoothing.pick_up import (
+    PickUp,
+    Removed,
+    find_pick_up,
+    removed,
+    switching,
+    without_pick_up,
+)
 from tcdyn.smoothing.possible_events import (
     PossibleEvent,
     average_over_event,
@@ -216,20 +223,24 @@ def smooth(
             "smooth: dt_s is not given",
             expected="the sampling interval in seconds, or readings with times in their index",
         )
+    pick_ups: tuple[PickUp, ...] = ()
     if isinstance(y, Record):
         record = y
     else:
         late = None if late_s is None else np.asarray(late_s, dtype=float)
         record = record_of(y, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
+        if switched and intensity is None:
+            pick_ups = find_pick_up(record, _switching_columns(switched, record))
+        if pick_ups:  # its edges look like spikes
+            changed = without_pick_up(np.asarray(y, dtype=float), pick_ups)
+            record = record_of(changed, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
     n_channels = record.y.shape[1]
     if split_u_s is None:
         split_u_s = stated_split_u_s(chains, n_channels)
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
-    pick_ups: tuple[PickUp, ...] = ()
     if intensity is None:
-        record, pick_ups = without_pick_up(record, _switching_columns(switched, record))
         likely = likeliest(record, find_events)
         if likely.detected and (wrong_s := listed_without_evidence(likely.fit)):
             finding = warning(
@@ -261,9 +272,7 @@ def smooth(
     return result.with_labels(y, names)
 
 
-def _switching_columns(
-    switched: Mapping[str, ArrayLike] | None, record: Record
-) -> dict[str, Array]:
+def _switching_columns(switched: Mapping[str, ArrayLike], record: Record) -> dict[str, Array]:
     """Those of some columns that switch.
 
     Raises
@@ -272,7 +281,7 @@ def _switching_columns(
         For a column of another length than the record.
     """
     columns = {}
-    for name, given in (switched or {}).items():
+    for name, given in switched.items():
         values = np.asarray(given, dtype=float)
         if values.shape != (len(record.y),):
             raise InputError(
@@ -445,6 +454,7 @@ def compensated(
         ),
         event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
+        detected=() if likely is None else tuple(e.as_detected() for e in likely.detected),
         intensities=fit.intensities,
         units=record.units,
     )
