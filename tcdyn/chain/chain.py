@@ -42,10 +42,12 @@ if TYPE_CHECKING:
 # Relative difference below which two numbers of a ``control`` system are taken as equal; roots of a
 # double pole are known to about the square root of the rounding error of doubles.
 ROOT_TOLERANCE = 1e-6
-# Share of a stated lag that may be a dead time or a second lag instead (1 sd). The ratios t90/t50
-# of six sensors of a maker (SAB, insulated junction, 1.5 to 6 mm, in water and air) give
-# coefficients of s^2 in 1/G between 0 and 0.23 squares of the lag, rms 0.14; a dead time of 0.15
-# lags has 0.14.
+# How a lag may be divided of which only the sum is known: probability, share of a second lag, and
+# share of a dead time. The ratios t90/t50 of six sensors of a maker (SAB, insulated junction, 1.5
+# to 6 mm, in water and air) are those of a second lag of 0, 0, 0.06, 0.14, 0.33 and 0.35 of the
+# lag; of the small ones, a dead time explains the ratio as well.
+DIVISIONS = ((1 / 3, 0.0, 0.0), (1 / 6, 0.1, 0.0), (1 / 6, 0.0, 0.1), (1 / 3, 0.34, 0.0))
+# Share that is a dead time, with the same mean square effect on the coefficient of s^2 in 1/G
 STATED_SPLIT_SHARE = 0.15
 # A conditioning filter without poles: G = 1.
 NO_CONDITIONING = Conditioning(poles=0)
@@ -77,6 +79,9 @@ class Chain(Result):
     mean_s
         Time [s] over which a logger averages before each of its rows, which then hold the mean over
         that time; zero: each row is a reading of an instant.
+    is_stated
+        Whether only the lag is known, as from a data sheet, and not how it is divided into a second
+        lag or a dead time. Results then are averages over ``DIVISIONS``.
 
     Raises
     ------
@@ -109,6 +114,7 @@ class Chain(Result):
     pair: tuple[float, float] | None = None
     cement_s: float = 0.0
     mean_s: float = 0.0
+    is_stated: bool = False
     lag_s: float = field(init=False, compare=False)
 
     if TYPE_CHECKING:
@@ -122,6 +128,7 @@ class Chain(Result):
             pair: tuple[float, float] | None = None,
             cement_s: float = 0.0,
             mean_s: float = 0.0,
+            is_stated: bool = False,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -427,6 +434,26 @@ class Chain(Result):
         taus = sorted(self.taus_s, reverse=True) or [0.0]
         return replace(self, taus_s=(max(taus[0] + shift_s, 0.0), *taus[1:]))
 
+    def divided(self) -> list[tuple[float, Chain]]:
+        """What a chain of which only the lag is stated may be: probabilities, and chains.
+
+        Examples
+        --------
+        >>> divided = Chain(1.0, is_stated=True).divided()
+        >>> [(round(p, 2), c.taus_s, c.delay_s) for p, c in divided[:3]]
+        [(0.33, (1.0,), 0.0), (0.17, (0.9, 0.1), 0.0), (0.17, (0.9,), 0.1)]
+        """
+        if not self.is_stated or len(self.taus_s) != 1:
+            return [(1.0, self)]
+        (tau,) = self.taus_s
+        chains = []
+        for probability, second, dead in DIVISIONS:
+            taus_s = ((1 - second - dead) * tau, second * tau) if second else ((1 - dead) * tau,)
+            delay_s = self.delay_s + dead * tau
+            chain = replace(self, taus_s=taus_s, delay_s=delay_s, is_stated=False)
+            chains.append((probability, chain))
+        return chains
+
     def with_split_shift(self, shift_s: float) -> Chain:
         """The same total lag, with part of the largest lag moved to the next.
 
@@ -483,7 +510,7 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     Parameters
     ----------
     chains
-        One chain for all channels, one number [s] for a single lag of all, or one chain for each
+        One chain for all channels, one number [s] that states the lag of all, or one chain for each
         channel. A ``control`` system of static gain 1 is a chain too.
     count
         Number of channels.
@@ -507,7 +534,7 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     if isinstance(chains, Chain):
         return [chains] * count
     if np.ndim(chains) == 0:  # type: ignore[arg-type]
-        return [Chain(chains)] * count  # type: ignore[arg-type]
+        return [Chain(chains, is_stated=True)] * count  # type: ignore[arg-type]
     listed = [
         Chain.from_control(c) if hasattr(c, "dcgain") else c
         for c in chains  # type: ignore[union-attr]
@@ -523,27 +550,6 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
             f"{count} channels but {len(listed)} chains", expected="one chain, or one per channel"
         )
     return listed
-
-
-def stated_split_u_s(chains: Any, count: int) -> Array:
-    """Standard uncertainty of the split of each lag as the caller gave it (M,) [s].
-
-    Parameters
-    ----------
-    chains
-        Chains as in :func:`chains_for`. The structure of a ``Chain`` is known. A number states a
-        lag, of which ``STATED_SPLIT_SHARE`` may be a dead time or a second lag.
-    count
-        Number of channels.
-
-    Examples
-    --------
-    >>> stated_split_u_s(2.0, 1).tolist(), stated_split_u_s(Chain(2.0), 1).tolist()
-    ([0.3], [0.0])
-    """
-    if hasattr(chains, "dcgain") or np.ndim(chains) > 0 or isinstance(chains, Chain):
-        return np.zeros(count)
-    return np.full(count, STATED_SPLIT_SHARE * float(chains))
 
 
 @with_named_arguments

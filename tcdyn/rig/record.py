@@ -70,7 +70,7 @@ class ChannelChain(StrictModel):
 
     Parameters
     ----------
-    taus_s, zero_s, delay_s, pair, cement_s
+    taus_s, zero_s, delay_s, pair, cement_s, is_stated
         Parameters of the chain, by their names in ``tcdyn.Chain``.
     lag_s
         First moment of the chain, including the filter B.
@@ -83,6 +83,7 @@ class ChannelChain(StrictModel):
     delay_s: Lag = 0.0
     pair: tuple[Positive, Positive] | None = None
     cement_s: Lag = 0.0
+    is_stated: bool = False
     lag_s: Estimate
     split_u_s: Lag = 0.0
 

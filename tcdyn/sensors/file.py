@@ -597,7 +597,7 @@ def specified_sensor(
     Notes
     -----
     One number states a lag, the first moment, and not how it is divided: of a sheathed sensor,
-    ``tcdyn.chain.chain.STATED_SPLIT_SHARE`` of it may be a second lag or a dead time. With several
+    ``tcdyn.chain.chain.DIVISIONS`` tells what may be a second lag or a dead time. With several
     lags, or with a dead time, the structure is stated, too.
 
     Raises
@@ -640,10 +640,16 @@ def specified_sensor(
                 expected=f"0, or a microsecond to {MAX_LAG_S:g} s, its uncertainty not negative "
                 "and less than that",
             )
-    chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
+    is_stated = not is_bare and not is_divided
+    chain = Chain(
+        [t for t, _ in taus],
+        delay_s=delay_s[0],
+        conditioning=conditioning,
+        is_stated=is_stated,
+    )
     lag_variance = sum(u * u for _, u in (*taus, delay_s))
     split_variance = sum(u * u for _, u in (*taus[1:], delay_s))
-    if not is_bare and not is_divided:
+    if is_stated:
         split_variance += (STATED_SPLIT_SHARE * taus[0][0]) ** 2
     findings = [] if lag_variance > 0 else [warning("sensor.exact", lag_s=chain.lag_s)]
     m = len(columns)

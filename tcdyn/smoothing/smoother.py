@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
-from tcdyn.chain.chain import stated_split_u_s
+from tcdyn.chain.chain import STATED_SPLIT_SHARE, sensors
 from tcdyn.core import Array, Flags
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
@@ -78,11 +78,13 @@ from tcdyn.smoothing.roughness import (
     degrees_of_freedom,
     intensity_var,
     refine,
+    select_channels,
     smooth_probability,
     with_least_risk,
 )
 from tcdyn.smoothing.state_space import (
     Smoothed,
+    likelihood,
     sample_covariance,
     smooth_record,
 )
@@ -94,6 +96,8 @@ MAX_LAGS_IN_ROW = 100.0
 # degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
 # Chosen by judgement
 STUDENT_DOF = 4.0
+# shares of the dead time and second lag by which events may be earlier than with one lag
+EARLIER_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # steps of a reading that are named one by one
 FEW_STEPS = 2
 # rounds of reweighting: a further one changes no result by a tenth of its standard deviation
@@ -116,7 +120,7 @@ def smooth(
     find_events: bool = True,
     heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
-    split_u_s: ArrayLike | None = None,
+    split_u_s: ArrayLike = 0.0,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
@@ -161,9 +165,9 @@ def smooth(
     lag_covariance
         Covariance of the lags of the channels (M, M) [s2].
     split_u_s
-        Standard uncertainty of how much of each lag is its largest lag [s], one or (M,). None:
-        zero for a ``Chain``, whose structure is known; for a number, which only states a lag,
-        ``tcdyn.chain.chain.STATED_SPLIT_SHARE`` of it.
+        Standard uncertainty of how much of each lag is its largest lag [s], one or (M,). A lag that
+        is only stated, as a number or in a file of ``tcdyn sensor new``, is averaged over how it
+        may be divided instead, see ``tcdyn.chain.chain.DIVISIONS``.
     static_u
         Standard uncertainty of the static line [K], scalar, (M,) or (N, M).
     names
@@ -235,8 +239,6 @@ def smooth(
             changed = without_pick_up(np.asarray(y, dtype=float), pick_ups)
             record = record_of(changed, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
     n_channels = record.y.shape[1]
-    if split_u_s is None:
-        split_u_s = stated_split_u_s(chains, n_channels)
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
@@ -426,9 +428,10 @@ def compensated(
     sd = np.sqrt(var)
     n_channels = record.y.shape[1]
     split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
-    split_K = samples.lag_split_sensitivity * [
-        c.split_s2(u) for c, u in zip(record.chains, split_u)
-    ]
+    of_channels = [_over_divisions(fit, c, u) for c, u in enumerate(split_u)]
+    shift_K, split_K = np.stack(of_channels, axis=2)
+    temperature = temperature + shift_K
+    slope = slope + np.gradient(shift_K, dt_s, axis=0)
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
     labels = channel_names(names, n_channels)
@@ -459,6 +462,83 @@ def compensated(
         units=record.units,
     )
     return result.with_undetermined(record.y, labels, record.chains, record.least_range_K())
+
+
+def _over_divisions(fit: Smoothed, channel: int, split_u_s: float) -> Array:
+    """What the division of a lag into its parts changes.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record.
+    channel
+        Index of the channel.
+    split_u_s
+        Standard uncertainty of the division of a lag that was measured [s].
+
+    Returns
+    -------
+    Array
+        Mean change (N,) of the temperature [K], and its standard deviation with the sign of the
+        change by a second lag (N,) [K].
+
+    Notes
+    -----
+    Of a lag that is only stated, the channel is smoothed with each of its ``Chain.divided``. A
+    record that continues another one has its start for one chain: there, and for a lag that was
+    measured, the change is that of a small one.
+    """
+    record = fit.record
+    chain = record.chains[channel]
+    is_stated = chain.is_stated and len(chain.taus_s) == 1
+    if not is_stated or record.start is not None:
+        shift_s = STATED_SPLIT_SHARE * chain.taus_s[0] if is_stated else split_u_s
+        sensitivity = fit.split_change[fit.own, channel]
+        return np.stack([np.zeros(len(sensitivity)), sensitivity * chain.split_s2(shift_s)])
+    alone = select_channels(record, np.arange(len(record.chains)) == channel)
+    probabilities = []
+    changes = []
+    for probability, divided in chain.divided():
+        other = replace(alone, chains=(divided,), sensors=tuple(sensors([divided], record.dt_s)))
+        noise_var = fit.noise_var[[channel]]
+        latest_s = chain.lag_s - max(divided.taus_s)
+        earlier = _with_earlier_events(other, noise_var, fit.intensities[channel], latest_s)
+        part = smooth_record(other, noise_var, [earlier])
+        probabilities.append(probability)
+        changes.append(part.level[part.own, 0] - fit.level[fit.own, channel])
+    weights = np.array(probabilities)
+    mean = weights @ np.array(changes)
+    sd = np.sqrt(weights @ (np.array(changes) - mean) ** 2)
+    return np.stack([mean, np.copysign(sd, changes[-1])])
+
+
+def _with_earlier_events(
+    record: Record, noise_var: Array, intensity: Intensity, latest_s: float
+) -> Intensity:
+    """The intensity with events so much earlier, up to ``latest_s``, that it is likeliest.
+
+    Parameters
+    ----------
+    record, noise_var
+        A record of one channel, and its noise variance (1,) [K2].
+    intensity
+        Its intensity, with events that were found with another chain.
+    latest_s
+        Dead time and second lag [s] that this chain has, which delay what events do.
+    """
+    if not intensity.bursts or not latest_s > 0:
+        return intensity
+    proposals = [
+        replace(
+            intensity,
+            bursts=tuple(
+                replace(b, start_s=b.start_s - share * latest_s) for b in intensity.bursts
+            ),
+        )
+        for share in EARLIER_SHARES
+    ]
+    value, _ = likelihood(record, noise_var, [proposals])
+    return proposals[int(np.argmax(value[0]))]
 
 
 def _pick_up_findings(
@@ -718,7 +798,7 @@ def deconvolve(
     criterion: Criterion = "gcv",
     noise_sd: ArrayLike | None = None,
     lag_covariance: ArrayLike | None = None,
-    split_u_s: ArrayLike | None = None,
+    split_u_s: ArrayLike = 0.0,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
@@ -766,8 +846,6 @@ def deconvolve(
     True
     """
     record = record_of(y, dt_s, chains, (), noise_sd, names, units)
-    if split_u_s is None:
-        split_u_s = stated_split_u_s(chains, record.y.shape[1])
     tradeoff = tradeoff_curve(record, criterion, trials)
     result = smooth(
         record,
