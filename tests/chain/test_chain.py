@@ -199,12 +199,15 @@ def test_smoother_accepts_one_lag_as_a_number_and_rejects_an_ambiguous_list() ->
     y = Chain(1.5).response(20 + np.sin(t / 3), 0.05) + 0.01 * np.random.default_rng(
         1
     ).standard_normal(len(t))
-    assert smooth(y, 0.05, 1.5).temperature == pytest.approx(
-        smooth(y, 0.05, Chain((1.5,))).temperature
-    )
-    assert (
-        np.max(np.abs(smooth(y, 0.05, 1.5).temperature[:, 0] - 20 - np.sin(t / 3))[20:-20]) < 0.05
-    )
+    truth = 20 + np.sin(t / 3)
+    stated = smooth(y, 0.05, 1.5)
+    known = smooth(y, 0.05, Chain((1.5,)))
+    same = smooth(y, 0.05, Chain((1.5,), is_stated=True))
+    assert stated.temperature == pytest.approx(same.temperature)
+    assert np.max(np.abs(known.temperature[:, 0] - truth)[20:-20]) < 0.05
+    # a number does not say how the lag is divided
+    assert (stated.sd > known.sd).all()
+    assert np.mean(np.abs(stated.temperature[:, 0] - truth) < 1.96 * stated.sd[:, 0]) > 0.95
     with pytest.raises(InputError, match="for a sensor of several lags"):
         smooth(np.column_stack([y, y]), 0.05, [0.5, 0.1])  # type: ignore[list-item]
 
