@@ -16,7 +16,16 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    computed_field,
+    model_serializer,
+    model_validator,
+)
 
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError, first_validation_error, utf8
@@ -86,6 +95,14 @@ class ChannelChain(StrictModel):
     is_stated: bool = False
     lag_s: Estimate
     split_u_s: Lag = 0.0
+
+    @model_serializer(mode="wrap")
+    def _without_usual(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The fields; ``is_stated`` only where it holds, so that other files stay as they were."""
+        data = dict(serialize(self))
+        if not data.get("is_stated"):
+            data.pop("is_stated", None)
+        return data
 
 
 class ChainRecord(StrictModel):

@@ -60,8 +60,8 @@ SIZES = 10.0 ** np.arange(-3.0, 1.6, 0.5)
 # relative deviation of a period up to which steps are periodic; chosen by judgement
 SAME_PERIOD = 0.1
 # Prior probability that a reading is a spike, and standard deviations of spikes, in those of the
-# noise, with equal probabilities. A normal reading is one at 5.4 standard deviations: 7 in 1e8
-SPIKE_PRIOR = 1e-4
+# noise, with equal probabilities. A normal reading is one at 6.3 standard deviations: 3 in 1e10
+SPIKE_PRIOR = 1e-7
 SPIKE_SIZES = 10.0 ** np.arange(1.0, 5.0)
 # log odds from which an event is one in the search, and is named: a probability of 95 %
 MIN_LOG_ODDS = 3.0
@@ -196,7 +196,7 @@ def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
 
 
 def spike_log_odds(fit: Smoothed, y: Array) -> Array:
-    """Log odds (N, M) that a reading is a spike of itself, given all others.
+    """Log odds (N, M) that a reading is a spike.
 
     Parameters
     ----------
@@ -207,19 +207,17 @@ def spike_log_odds(fit: Smoothed, y: Array) -> Array:
 
     Notes
     -----
-    Without the reading itself, its prediction is off by the residual times R / (R - P), with the
-    variance R^2 / (R - P); R is its noise variance and P that of its prediction with it. A reading
-    that had no weight is off by its residual, with the variance R + P.
+    A reading without weight is off by its residual, with the variance R + P; R is its noise
+    variance and P that of the prediction. The residual of a reading with weight has the variance
+    R - P. R is taken for it, so that a model that is wrong does not make spikes of readings.
     """
     residual = y - fit.predicted
     is_used = fit.record.weight > 0
     noise_var = fit.noise_var / np.where(is_used, fit.record.weight, 1.0)
-    remaining = np.maximum(noise_var - fit.predicted_var, 1e-6 * noise_var)
-    error = np.where(is_used, residual * noise_var / remaining, residual)
-    var = np.where(is_used, noise_var**2 / remaining, noise_var + fit.predicted_var)
+    var = noise_var + np.where(is_used, 0.0, fit.predicted_var)
     of_spike = fit.noise_var[:, None] * SPIKE_SIZES**2
     total = var[..., None] + of_spike
-    gain = 0.5 * (error**2)[..., None] * (1 / var[..., None] - 1 / total)
+    gain = 0.5 * (residual**2)[..., None] * (1 / var[..., None] - 1 / total)
     gain -= 0.5 * np.log(total / var[..., None])
     prior = np.log(SPIKE_PRIOR / len(SPIKE_SIZES))
     return np.asarray(logsumexp(gain, axis=2) + prior)

@@ -123,7 +123,9 @@ def points_of(record: Record, events_s: Sequence[float], sensor: Sensor | None =
     own_s = np.empty(0)
     if sensor is not None and sensor.mean_s:
         mean_starts_s = _mean_starts_s(read_s, sensor)
-        # means of uneven rows were moved to even times; their results are wanted at their own
+    if sensor is not None and (sensor.mean_s or sensor.delay_s):
+        # means of uneven rows were moved to even times, and with a dead time a row reads an
+        # earlier state; the results are wanted at the times of the rows
         own_s = read_times_s(record)
     first_s = 0.0
     if record.start is None:

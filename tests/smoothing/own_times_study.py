@@ -61,7 +61,7 @@ def record(signal: Signal, scatter: float, seed: int) -> tuple[pd.DataFrame, Arr
 
 def main(records: int, seed: int) -> None:
     """Print the table."""
-    sensor = specified_sensor("probe", ["T"], [(LAG_S, 1e-4)])
+    sensor = specified_sensor("probe", ["T"], [(LAG_S, 1e-4)], is_bare=True)
     for signal in (sines, step, walk):
         for scatter in (0.0, 0.1, 0.25):
             coverage, square, u = [], [], []

@@ -166,7 +166,7 @@ def test_a_mean_over_other_times_is_refused_and_a_tiny_one_is_an_instant() -> No
     exact = smooth(rows, 0.5, Chain(0.8, mean_s=0.5))
     assert np.array_equal(nearly.temperature, exact.temperature)
     tiny = smooth(rows, 0.5, Chain(0.8, mean_s=1e-7))
-    assert np.array_equal(tiny.temperature, smooth(rows, 0.5, 0.8).temperature)
+    assert np.array_equal(tiny.temperature, smooth(rows, 0.5, Chain(0.8)).temperature)
     with pytest.raises(InputError, match=r"mean over 0.7 s, but rows are 0.5 s apart"):
         smooth(rows, 0.5, Chain(0.8, mean_s=0.7))
     with pytest.raises(InputError, match="which are 20 rows"):

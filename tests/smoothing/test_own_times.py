@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tcdyn.chain import Chain
 from tcdyn.sensors import specified_sensor
 from tcdyn.smoothing import Intensity, smooth
 from tcdyn.smoothing.record import record_of
@@ -38,13 +39,13 @@ def test_temperatures_are_those_at_the_times_of_the_readings() -> None:
     squares, ignored_squares = [], []
     for seed in range(4):
         due_s, late_s, y = uneven(seed)
-        result = smooth(y, DT_S, LAG_S, late_s=late_s)
+        result = smooth(y, DT_S, Chain(LAG_S), late_s=late_s)
         error = result.temperature[:, 0] - (60 + 5 * np.sin(W * (due_s + late_s)))
         assert np.mean(np.abs(error) < 1.96 * result.sd[:, 0]) > 0.9
         square = np.mean(error[inside] ** 2)
         assert np.sqrt(square) < 1.3 * np.median(result.sd[inside, 0])
         assert result.noise_sd[0] == pytest.approx(NOISE_K, rel=0.15)
-        ignored = smooth(y, DT_S, LAG_S)
+        ignored = smooth(y, DT_S, Chain(LAG_S))
         worse = ignored.temperature[:, 0] - (60 + 5 * np.sin(W * due_s))
         squares.append(square)
         ignored_squares.append(np.mean(worse[inside] ** 2))
@@ -86,7 +87,7 @@ def test_a_table_with_uneven_rows_is_compensated_at_its_stamps(
     signal: own_times_study.Signal,
 ) -> None:
     """The truth is integrated in small steps; rows stray by a quarter of an interval (1 sd)."""
-    sensor = specified_sensor("probe", ["T"], [(LAG_S, 0.005)])
+    sensor = specified_sensor("probe", ["T"], [(LAG_S, 0.005)], is_bare=True)
     frame, truth = own_times_study.record(signal, 0.25, 11)
     result = compensate_frame(frame, [sensor])
     error = result["T_degC"].to_numpy() - truth
