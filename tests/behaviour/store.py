@@ -1,4 +1,4 @@
-"""Store the results of the behaviour suite: ``python -m tests.behaviour.store``.
+"""Store the results of the behaviour suite: ``python -m tests.behaviour.store [RUN ...]``.
 
 Prints for each run the largest difference from the stored results, in standard uncertainties.
 ``records`` makes the records of the two disks that other runs read.
@@ -71,9 +71,12 @@ def main() -> None:
     """Run everything and store what came out."""
     then = load() if STORED.exists() else {}
     now: dict[str, Estimates] = {}
+    words = [word for word in sys.argv[1:] if word in RUNS]
     with tempfile.TemporaryDirectory() as folder:
         inputs = inputs_in(Path(folder))
-        names = ["calibrate fast", "calibrate slow"] if "records" in sys.argv else list(RUNS)
+        names = words or list(RUNS)
+        if "records" in sys.argv:
+            names = ["calibrate fast", "calibrate slow"]
         for name in names:
             place = Path(folder) / name.replace(" ", "-")
             place.mkdir()
@@ -92,7 +95,7 @@ def main() -> None:
     if "records" not in sys.argv:
         rounded = {
             name: {path: [float(f"{x:.{DIGITS}g}") for x in pair] for path, pair in found.items()}
-            for name, found in now.items()
+            for name, found in {**then, **now}.items()
         }
         STORED.write_text(json.dumps(rounded, indent=0) + "\n", encoding="utf-8")
 
