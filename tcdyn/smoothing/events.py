@@ -57,6 +57,8 @@ PRIOR = np.array([0.3, 0.1, 0.09, 0.01])
 # prior standard deviations of a jump, in ranges of the record (per lag), with equal probabilities.
 # Readings that end soon after an event show little of its size
 SIZES = 10.0 ** np.arange(-3.0, 1.6, 0.5)
+# steps of a coarse logger by which rounding may step; a larger one is a step of the reading
+ROUNDING_STEPS = 2.0
 # relative deviation of a period up to which steps are periodic; chosen by judgement
 SAME_PERIOD = 0.1
 # Prior probability that a reading is a spike, and standard deviations of spikes, in those of the
@@ -192,6 +194,11 @@ def evidence(fit: Smoothed, index: NDArray[np.intp]) -> Array:
         Kind.JUMP_AND_KINK: 0.5 * (quadratic / determinant - np.log(determinant)),
         Kind.STEP: 0.5 * (step**2 / (1 + step_var) - np.log1p(step_var)),
     }
+    # rounding steps too, by one or two of its own steps
+    rounding_step_K = fit.record.rounding_K[:, None] * np.sqrt(12)
+    likeliest_K = sd_K * step / (1 + step_var)
+    is_rounding = np.abs(likeliest_K) < ROUNDING_STEPS * rounding_step_K
+    of_kind[Kind.STEP] = np.where(is_rounding, -np.inf, of_kind[Kind.STEP])
     return np.stack([of_kind[kind] for kind in Kind], axis=2)
 
 

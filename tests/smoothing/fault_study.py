@@ -30,6 +30,7 @@ DT_S = 0.1
 ROWS = 600
 FINE = 20
 NOISE_K = 0.05
+BESIDE_S = 0.55  # readings beside an edge
 LAGS_S = ((2.0,), (1.6, 0.4))
 
 
@@ -140,12 +141,15 @@ def quantised(rng: np.random.Generator) -> World:
     return world
 
 
-def names_in(result: Compensated) -> set[str]:
-    """What the result names."""
+def names_in(result: Compensated, edge_s: float | None = None) -> set[str]:
+    """What the result names; a reading beside an edge at ``edge_s`` may count as a spike."""
     names = {event.kind() for event in result.detected}
     codes = {finding.code for finding in result.findings}
     names |= {code for code in codes if code in ("trace.pick_up", "trace.steps", "noise.wave")}
-    if (result.flags & SPIKE).any():
+    spikes_s = DT_S * np.flatnonzero(result.flags[:, 0] & SPIKE)
+    if edge_s is not None:
+        spikes_s = spikes_s[np.abs(spikes_s - edge_s) > BESIDE_S]
+    if len(spikes_s):
         names.add("spike")
     return names
 
@@ -202,7 +206,7 @@ def judge(row: Row, index: int, seed: int) -> tuple[float, ...]:
     start = time.process_time()
     result = smooth(y, DT_S, Chain(lags_s), switched=world.columns)
     spent = time.process_time() - start
-    names = names_in(result)
+    names = names_in(result, world.at_s if row.named == "step of the reading" else None)
     if row.named == "spike":
         at_row = round(world.at_s / DT_S)
         is_right = np.flatnonzero(result.flags[:, 0] & SPIKE).tolist() == [at_row]

@@ -9,7 +9,7 @@ import pytest
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
-from tcdyn.smoothing import Intensity
+from tcdyn.smoothing import Intensity, smooth
 from tcdyn.smoothing.events import (
     SIZES,
     Event,
@@ -155,3 +155,19 @@ def test_a_temperature_without_events_has_none(name: str) -> None:
     }[name]
     _, events = found_in(readings(temperature, 7))
     assert events == []
+
+
+def test_rounding_is_no_step_of_the_reading_and_no_wave() -> None:
+    """Steps of 0.5 K over noise of 0.05 K, in a heating and in a slow wave."""
+    fine_s = DT_S / 20 * np.arange(20 * ROWS)
+    for seed in range(3):
+        heating = 20 - 15 * np.expm1(-np.maximum(fine_s - 12.3, 0.0) / 6.0)
+        wave = 60 + 5 * np.sin(fine_s / 8 + seed)
+        for temperature in (heating, wave):
+            y = np.round(readings(temperature, seed) / 0.5) * 0.5
+            result = smooth(y, DT_S, Chain(LAG_S))
+            codes = {finding.code for finding in result.findings}
+            assert not codes & {"trace.step", "trace.steps", "noise.wave"}
+            error = np.abs(result.temperature[:, 0] - temperature[::20])
+            assert np.mean(error < 1.96 * result.sd[:, 0]) > 0.9
+            assert np.median(result.sd) < 1.0
