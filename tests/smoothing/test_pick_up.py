@@ -14,7 +14,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.smoothing import smooth
 from tcdyn.smoothing.pick_up import switching
 from tcdyn.workflows.compensate_table import compensate_table
-from tests.smoothing.fault_study import (
+from tests.smoothing.event_fault_study import (
     DT_S,
     FINE,
     LAGS_S,

@@ -1,6 +1,6 @@
 """Faults of readings and events of temperatures: named right, and in the band.
 
-`python -m tests.smoothing.fault_study [RECORDS] [SEED] [NAMES]` prints one line a row of the table
+`python -m tests.smoothing.event_fault_study [RECORDS] [SEED] [NAMES]` prints one line a row of the table
 on the page "Validation": records named right, records with a false name, coverage of the 95 % band
 (mean and worst record), largest error in standard deviations over the records without a warning,
 rms error, median u, and CPU time a record. A row has one fault or event, or none, in a record of a
