@@ -1,10 +1,11 @@
 """Faults of readings and events of temperatures: named right, and in the band.
 
-`python -m tests.smoothing.event_fault_study [RECORDS] [SEED] [NAMES]` prints one line a row of the table
-on the page "Validation": records named right, records with a false name, coverage of the 95 % band
-(mean and worst record), largest error in standard deviations over the records without a warning,
-rms error, median u, and CPU time a record. A row has one fault or event, or none, in a record of a
-temperature that is constant, a ramp, a slow wave, an Ornstein-Uhlenbeck process or a heating.
+`python -m tests.smoothing.event_fault_study [RECORDS] [SEED] [NAMES]` prints one line a row of the
+table on the page "Validation": records named right, records with a false name, coverage of the
+95 % band (mean and worst record), largest error in standard deviations over the records without a
+warning, rms error, median u, and CPU time a record. A row has one fault or event, or none, in a
+record of a temperature that is constant, a ramp, a slow wave, an Ornstein-Uhlenbeck process or a
+heating.
 
 The readings come from a recursion over a grid 20 times finer than the samples. Where the reading
 itself steps, the true temperature has no step: one side of the step is wrong, and only the rows
