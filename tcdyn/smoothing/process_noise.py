@@ -234,7 +234,9 @@ def exact_levels(
         rows = np.arange(len(best))
         scale = np.ones(len(best))
         if not noise_known:
-            least = least_noise_sd(record.y) ** 2 / noise_var
+            # rounding that the noise does not hide is a noise of its own
+            least_K = np.maximum(least_noise_sd(record.y), record.rounding_K)
+            least = least_K**2 / noise_var
             scale = np.maximum(ratio[rows, best], least)
         step = logs[:, 1] - logs[:, 0]
         top = logs[rows, best]
