@@ -110,7 +110,7 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
             "power_W": 3.0 * t,
         },
     )
-    sensor = specified_sensor("all", ["a", "b", "c", "d", "e"], [(1.5, 0.05)])
+    sensor = specified_sensor("all", ["a", "b", "c", "d", "e"], [(1.5, 0.05)], is_bare=True)
     done = compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold_junction="cj")
     out = written(done.path)
     assert list(out) == [
