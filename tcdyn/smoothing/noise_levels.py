@@ -113,25 +113,6 @@ class Intensity:
         t = np.asarray(t_s, dtype=float)
         return levels_at([self], t.ravel())[0].reshape(t.shape)
 
-    def at_starts(self, starts_s: tuple[float, ...]) -> Intensity:
-        """The intensity without bursts in other segments, each with the level at its start.
-
-        Parameters
-        ----------
-        starts_s
-            Start times of the segments [s].
-        """
-        without = replace(self, bursts=())
-        times_s = np.array(starts_s)
-        levels = tuple(levels_at([without], times_s)[0].tolist())
-        level_noise = tuple(level_noise_at([without], times_s)[0].tolist())
-        return replace(
-            without,
-            starts_s=starts_s,
-            levels=levels,
-            level_noise=level_noise if self.level_noise else (),
-        )
-
     def continued(self, at_s: float) -> Intensity:
         """The intensity on a clock that starts at ``at_s`` [s], without what is over by then.
 

@@ -440,7 +440,6 @@ def likeliest_burst(
     noise_var: Array,
     base: Sequence[Intensity],
     initial: Sequence[Burst],
-    near: bool = False,
     jump_ranges: float = 0.0,
 ) -> list[Burst]:
     """Most likely burst of each channel, added to given intensities.
@@ -455,10 +454,8 @@ def likeliest_burst(
         Intensity of each channel without the burst.
     initial
         For each channel a burst that the candidates differ from in height, decay and power; of
-        height zero unless ``near``. A burst of height zero is returned where no candidate makes the
+        height zero. A burst of height zero is returned where no candidate makes the
         data more likely.
-    near
-        ``initial`` has a height, and only bursts similar to it are tried.
     jump_ranges
         Also try bursts with a jump of the temperature by so many ranges of the trace.
 
@@ -474,8 +471,7 @@ def likeliest_burst(
     limited so that the slope noise moves the trace by at most about ``MAX_BURST_RANGES`` ranges
     within one decay time.
 
-    What may be changed: the grids, if neighbours stay within the reach of ``REFINEMENTS``. The
-    decay times are also those of ``tcdyn.smoothing.possible_events._coarse_search``.
+    What may be changed: the grids, if neighbours stay within the reach of ``REFINEMENTS``.
     ``tests/smoothing/test_any_unit.py`` and ``tests/smoothing/test_smoother.py`` (listed events)
     guard it.
     """
@@ -492,7 +488,7 @@ def likeliest_burst(
             bursts += [replace(b, level_sd=jump_ranges * span) for b in bursts[::JUMP_STRIDE]]
         candidates.append(bursts)
     best = list(initial)
-    for refine in (True,) if near else (False, True):
+    for refine in (False, True):
         if refine:
             candidates = [
                 [

@@ -454,8 +454,7 @@ def ramp_prior(
     -----
     The level has the standard deviation ``DIFFUSE`` ranges, the slope that of ``slope_prior_sd``.
     With a smaller ``DIFFUSE`` the prior would pull the first temperatures to the first good
-    reading; with a much larger one rounding errors grow. The same scale is the prior of hidden
-    events in ``tcdyn.smoothing.possible_events._coarse_search``. ``tests/smoothing/test_states.py``
+    reading; with a much larger one rounding errors grow. ``tests/smoothing/test_states.py``
     states these values.
     """
     wide = np.array([DIFFUSE * span, slope_prior_sd(sensor, span, dt_s)])
