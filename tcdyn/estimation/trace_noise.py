@@ -106,7 +106,7 @@ class SpikeRule:
 
 
 # What a rule of ``SPIKES`` is for.
-SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator", "answer"]
+SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator"]
 
 # all limits for spikes (outlier rejection), by their use; widths for the usual 75 Hz
 SPIKES: Mapping[SpikeUse, SpikeRule] = {
@@ -120,8 +120,6 @@ SPIKES: Mapping[SpikeUse, SpikeRule] = {
     "force": SpikeRule(6.0, 151),
     # traces of any origin, in a compensator
     "compensator": SpikeRule(6.0, 9, local=73),
-    # the same samples again, relative to the prediction of the smoother
-    "answer": SpikeRule(6.0, 7),
 }
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tcdyn.core import Array
+from tcdyn.smoothing.events import STARTS
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.process_noise import channel_spans, choose_intensities, smearing_time_s
 from tcdyn.smoothing.record import Record
@@ -29,9 +30,6 @@ FEWEST_EDGES = 3
 # nats by which readings without an interference must be more likely, beside the number of columns
 # that are tried: odds of 150 to 1
 MIN_NATS = 5.0
-# factors of the intensities with which the search begins: interference looks like a rough
-# temperature, beside which it would not be seen
-STARTS = (1.0, 1e-3)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.labels import common_index, labels_of
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
+from tcdyn.estimation.trace_noise import interpolate_gaps
 from tcdyn.series.index import even_interval_s
 from tcdyn.smoothing.corner import corner_rad_s
 from tcdyn.smoothing.events import (
@@ -98,6 +98,8 @@ MAX_LAGS_IN_ROW = 100.0
 STUDENT_DOF = 4.0
 # shares of the dead time and second lag by which events may be earlier than with one lag
 EARLIER_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+# samples that may be a spike together; chosen by judgement
+LONGEST_SPIKE = 3
 # steps of a reading that are named one by one
 FEW_STEPS = 2
 # rounds of reweighting: a further one changes no result by a tenth of its standard deviation
@@ -196,9 +198,9 @@ def smooth(
 
     Notes
     -----
-    Steps: intensity, smoother, spikes that only the prediction shows, hidden events, heavy tails,
+    Steps: intensity, smoother, spikes that only the prediction shows, events, heavy tails,
     average over whether p is zero and over what the events may be, shift by uncertain event times.
-    The order matters: spikes go before hidden events, which they would look like.
+    The order matters: spikes go before events, which they would look like.
 
     What may be changed: ``STUDENT_DOF``, ``REWEIGHTINGS`` and ``MARGIN`` (see their comments). The
     variance is the sum of ``tcdyn.smoothing.record.Compensated.from_components``; a new
@@ -700,15 +702,14 @@ def _spike_mask(fit: Smoothed) -> Flags:
     """Samples (N, M) that are spikes, judged by the prediction of the smoother.
 
     Next to a slope change or in fast motion the rule with medians, applied before, misses spikes.
-    Many outlying samples in a row are no spikes: that is the rule "answer" in
-    ``tcdyn.estimation.trace_noise.SPIKES``; ``tests/smoothing/test_hidden.py`` has such a spike.
+    More than ``LONGEST_SPIKE`` outlying samples near each other are no spikes.
+    ``tests/smoothing/test_hidden.py`` has such a spike.
     """
-    rule = SPIKES["answer"]
     record = fit.record
     outlying = (spike_log_odds(fit, record.y) > 0) & (record.weight > 0)
-    window = np.ones(rule.width)
+    window = np.ones(2 * LONGEST_SPIKE + 1)
     crowd = np.stack([np.convolve(column, window, mode="same") for column in outlying.T], axis=1)
-    return np.asarray(outlying & (crowd <= rule.longest))
+    return np.asarray(outlying & (crowd <= LONGEST_SPIKE))
 
 
 def _with_explained_readings(fit: Smoothed, record: Record) -> Smoothed:
