@@ -83,6 +83,9 @@ STARTS = (1.0, 1e-3)
 # temperature that settles after it. Only after events without another one within so many lags
 SEGMENTS_LAGS = ((0.0,), (0.0, 1.0, 3.0, 9.0))
 ALONE_LAGS = 5.0
+# rounds in which the first event of a group is moved: a further one moves it by less than its
+# standard uncertainty
+MOVES = 2
 # The time of an event is resolved until so many times are likely: in steps of a sampling interval
 # at first, then each time in parts of the step before
 RESOLVED_TIMES = 5
@@ -327,7 +330,8 @@ def detect_events(
     -------
     fit
         The likeliest of the records without events, and with those that are found from each of
-        ``starts`` and ``SEGMENTS_LAGS``; the ``fit`` given where none is found.
+        ``starts`` and ``SEGMENTS_LAGS``, all or the first of each group; the ``fit`` given where
+        none is found.
     events_s
         The times of its events.
     """
@@ -337,6 +341,11 @@ def detect_events(
         found = _with_new_events(start, [])
         if found is None or not found[1]:
             continue
+        first = _with_first_events(start, *found, estimated)
+        if first is not None:
+            candidate = _settled(*first, estimated, SEGMENTS_LAGS[-1])
+            if candidate is not None:
+                candidates.append(candidate)
         for segments in SEGMENTS_LAGS:
             candidate = _settled(*found, estimated, segments)
             if candidate is not None:
@@ -365,6 +374,74 @@ def _log_posterior(fit: Smoothed, events_s: Sequence[float]) -> float:
     of_events = len(events_s) * (np.log(fit.record.tested_rows) + MIN_LOG_ODDS)
     of_segments = SPLIT_NATS * sum(len(q.levels) for q in fit.intensities)
     return float(value.sum() - of_events - of_segments)
+
+
+def _with_first_events(
+    start: Smoothed,
+    fit: Smoothed,
+    found_s: Sequence[float],
+    estimated: Callable[[Smoothed], Smoothed],
+) -> tuple[Smoothed, list[float]] | None:
+    """The record with the first event of each group only, and larger intensities after it.
+
+    Parameters
+    ----------
+    start
+        The smoothed record without events.
+    fit, found_s
+        The same with the events that were found first, and their times [s].
+    estimated
+        As in ``detect_events``.
+
+    Returns
+    -------
+    tuple or None
+        The smoothed record and the times of its events [s]; None where no event is beside another.
+
+    Notes
+    -----
+    Beside small intensities a temperature that settles quickly after a change of slope looks like a
+    jump some samples later, and further changes. Beside those of ``SEGMENTS_LAGS`` the first event
+    is moved to where it is likeliest.
+    """
+    reach_s = ALONE_LAGS * smearing_time_s(fit.record)
+    ordered_s = sorted(found_s)
+    before_s = [-np.inf, *ordered_s[:-1]]
+    first_s = [at for at, before in zip(ordered_s, before_s) if at - before > reach_s]
+    if len(first_s) == len(ordered_s):
+        return None
+    bursts = [[b for b in q.bursts if b.start_s in first_s] for q in fit.intensities]
+    for _ in range(MOVES):
+        starts_s = _segment_starts(fit, first_s, SEGMENTS_LAGS[-1])
+        divided = [_divided(q, starts_s) for q in start.intensities]
+        with_first = [
+            replace(q, bursts=(*q.bursts, *of_channel)) for q, of_channel in zip(divided, bursts)
+        ]
+        fit = estimated(smooth_record(fit.record, fit.noise_var, with_first))
+        intensities = list(fit.intensities)
+        first_s, intensities = _moved(fit, intensities, first_s)
+        bursts = [[b for b in q.bursts if b.start_s in first_s] for q in intensities]
+    if not first_s:
+        return None
+    return smooth_record(fit.record, fit.noise_var, intensities), first_s
+
+
+def _moved(
+    fit: Smoothed, intensities: Sequence[Intensity], events_s: Sequence[float]
+) -> tuple[list[float], list[Intensity]]:
+    """Events at their likeliest times [s] given all others, and the intensities (M,) with them.
+
+    Those without evidence are left out.
+    """
+    placed_s = []
+    moved = list(intensities)
+    for at_s in events_s:
+        event = weighed(fit, moved, at_s, with_widths=False)
+        moved = without_bursts(moved, at_s)
+        if event.log_odds > 0:
+            moved = event.insert(moved, event.at_s, event.most_probable)
+            placed_s.append(event.at_s)
+    return placed_s, moved
 
 
 def _settled(
@@ -445,13 +522,7 @@ def _with_new_events(
             replace(q, bursts=(*q.bursts, *(bursts[c] for _, bursts in new)))
             for c, q in enumerate(fit.intensities)
         ]
-        placed_s = []
-        for at_s, _ in new:
-            event = weighed(fit, intensities, at_s, with_widths=False)
-            intensities = without_bursts(intensities, at_s)
-            if event.log_odds > 0:
-                intensities = event.insert(intensities, event.at_s, event.most_probable)
-                placed_s.append(event.at_s)
+        placed_s, intensities = _moved(fit, intensities, [at_s for at_s, _ in new])
         if not placed_s:
             break
         found_s += placed_s
