@@ -86,7 +86,7 @@ CAMPAIGN = StoredKind(
 STATE = StoredKind(
     "the state of a followed log",
     "tcdyn.follow",
-    (12,),
+    (13,),
     "file",
     "tcdyn follow",
     remedy="continue the run with the version of tcdyn that wrote it",

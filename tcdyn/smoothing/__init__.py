@@ -33,13 +33,13 @@ from tcdyn.smoothing.inverse import (
     report_inverse,
     widest_bandwidth_Hz,
 )
-from tcdyn.smoothing.noise_levels import Burst, Intensity
+from tcdyn.smoothing.noise_levels import Change, Intensity
 from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth, window_covariance
 
 __all__ = [
-    "Burst",
+    "Change",
     "Compensated",
     "FilterReport",
     "Intensity",

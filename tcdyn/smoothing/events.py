@@ -18,9 +18,8 @@ taken. Guarded by ``tests/smoothing/test_event_score.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from enum import IntEnum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,32 +27,25 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.noise_levels import Burst, Intensity, jumps_per_second
+from tcdyn.smoothing.noise_levels import Change, Intensity, jumps_per_second
 from tcdyn.smoothing.possible_events import (
     MIN_WEIGHT,
-    PossibleEvent,
+    Event,
+    Kind,
     influenced_samples,
-    without_bursts,
+    without_changes,
 )
 from tcdyn.smoothing.process_noise import channel_spans, segment, smearing_time_s
-from tcdyn.smoothing.record import DetectedEvent, Record, least_noise_sd
+from tcdyn.smoothing.record import Record, least_noise_sd
 from tcdyn.smoothing.roughness import SPLIT_NATS
 from tcdyn.smoothing.state_space import SAME_TIME, Smoothed, likelihood, smooth_record
 
-
-class Kind(IntEnum):
-    """What an event may be: changes of the temperature, and a step of the reading."""
-
-    KINK = 0
-    JUMP = 1
-    JUMP_AND_KINK = 2
-    STEP = 3
-
-
 # Values without a source below were chosen by judgement, and tried by tests/smoothing/band_study.py
-# prior probability in a channel, at an event, of nothing, and of each kind
+# prior probability in a channel, at an event, of nothing, also at one that the caller lists because
+# something happened; and of each kind, if there is any
 NOTHING = 0.5
-PRIOR = np.array([0.3, 0.1, 0.09, 0.01])
+NOTHING_WHERE_LISTED = 0.1
+PRIOR = np.array([0.6, 0.2, 0.18, 0.02])
 # prior standard deviations of a jump, in ranges of the record (per lag), with equal probabilities.
 # Readings that end soon after an event show little of its size
 SIZES = 10.0 ** np.arange(-3.0, 1.6, 0.5)
@@ -79,9 +71,11 @@ MAX_EVENTS = 130
 # Factors of the intensities with which the search begins. With those of a record without events a
 # square wave is a rough temperature
 STARTS = (1.0, 1e-3)
-# Lags after an event at which a new segment of the intensities begins: none, or those of a
-# temperature that settles after it. Only after events without another one within so many lags
-SEGMENTS_LAGS = ((0.0,), (0.0, 1.0, 3.0, 9.0))
+# Segments of the intensities after an event: one, or those of a temperature that settles after it,
+# which is smooth. They start at so many lags after it, with so many times the slope noise: the
+# estimate finds the nearer of two maxima. Only after events without another one within ALONE_LAGS
+SETTLING = ((0.0, 1e6), (1.0, 1e5), (3.0, 1e3), (9.0, 1.0))
+SEGMENTS = (((0.0, 1.0),), SETTLING)
 ALONE_LAGS = 5.0
 # rounds in which the first event of a group is moved: a further one moves it by less than its
 # standard uncertainty
@@ -98,48 +92,13 @@ TIMES = 6
 # rounds in which the noise is estimated again beside events: a further one changes it by few
 # percent
 NOISE_ROUNDS = 2
-# Standard deviation of the time of a jump, in its standard uncertainties given the times of all
-# others, that the others see: wide beside the one that includes them
-TIME_SPREAD = 4.0
 # lags over which a jump may be spread, and the probability of each
 WIDTHS_LAGS = (0.0, 0.1, 0.3)
 WIDTH_PRIOR = (0.4, 0.3, 0.3)
 
 
-@dataclass(frozen=True)
-class Event(PossibleEvent):
-    """An event that the caller did not list.
-
-    Parameters
-    ----------
-    u_s
-        Standard uncertainty of its time [s].
-    log_odds
-        Log odds that there is an event.
-    kind_probability
-        Probability (M, K) of each ``Kind`` in a channel, if there is an event.
-    """
-
-    u_s: float = 0.0
-    log_odds: float = 0.0
-    kind_probability: Array = field(default_factory=lambda: np.empty((0, len(Kind))))
-
-    def as_detected(self) -> DetectedEvent:
-        """What of it is a result."""
-        kink, jump, both, step = self.kind_probability.T
-        return DetectedEvent(self.at_s, self.u_s, self.log_odds, kink, jump + both, step)
-
-    @property
-    def most_probable(self) -> list[Burst]:
-        """Burst of greatest weight at ``at_s`` for each channel (M,).
-
-        The time of a jump is left uncertain, so that what other events may be includes it.
-        """
-        then = [possibility for possibility in self.possibilities if possibility[0] == self.at_s]
-        best = np.argmax([weight for _, _, weight in then], axis=0)
-        bursts = [then[k][1][c] for c, k in enumerate(best.tolist())]
-        spread_s = TIME_SPREAD * self.u_s
-        return [replace(burst, area_sd=burst.level_sd * spread_s) for burst in bursts]
+# lags after an event at which segments start, and factors of their slope noise
+Segments = Sequence[tuple[float, float]]
 
 
 class ReadingStep(NamedTuple):
@@ -233,46 +192,45 @@ def spike_log_odds(fit: Smoothed, y: Array) -> Array:
     return np.asarray(logsumexp(gain, axis=2) + prior)
 
 
-def _joint(values: Array) -> Array:
-    """Log of prior times likelihood of the evidence (..., K, S), relative to nothing."""
-    return values + np.log(PRIOR / len(SIZES))[:, None]
+def _joint(values: Array, nothing: float = NOTHING) -> Array:
+    """Log of prior times likelihood of the evidence (..., K, S), relative to no event."""
+    return values + np.log((1 - nothing) * PRIOR / len(SIZES))[:, None]
 
 
-def log_density(values: Array) -> Array:
+def log_density(values: Array, nothing: float = NOTHING) -> Array:
     """Log odds (T,) of an event at a time against none, from the evidence (T, M, K, S).
 
-    They are for an event that is known to be then, if there is any.
+    They are for an event that is known to be then, if there is any; ``nothing`` is the prior
+    probability that it is none of a channel.
     """
-    some = logsumexp(_joint(values), axis=(2, 3))
-    return np.asarray(np.logaddexp(np.log(NOTHING), some).sum(axis=1))
+    some = logsumexp(_joint(values, nothing), axis=(2, 3))
+    return np.asarray(np.logaddexp(np.log(nothing), some).sum(axis=1))
 
 
-def _burst(at_s: float, kind: Kind, sd_K: float, lag_s: float) -> Burst:
+def _change(at_s: float, kind: Kind, sd_K: float, lag_s: float) -> Change:
     """The jump of a kind whose standard deviation is ``sd_K`` [K] (per lag)."""
     has_jump = kind in (Kind.JUMP, Kind.JUMP_AND_KINK)
     has_kink = kind in (Kind.KINK, Kind.JUMP_AND_KINK)
-    return Burst(
+    return Change(
         at_s,
-        0.0,
-        1.0,
         level_sd=sd_K if has_jump else 0.0,
         slope_sd=sd_K / lag_s if has_kink else 0.0,
         reading_sd=sd_K if kind is Kind.STEP else 0.0,
     )
 
 
-def _likeliest_bursts(at_s: float, fit: Smoothed, values: Array) -> list[Burst]:
+def _likeliest_changes(at_s: float, fit: Smoothed, values: Array) -> list[Change]:
     """The likeliest jump of each channel (M,), from the evidence (M, K, S) at its time."""
     spans_K = channel_spans(fit.record, fit.noise_var).tolist()
     lag_s = smearing_time_s(fit.record)
-    bursts = []
+    changes = []
     for of_channel, span_K in zip(_joint(values), spans_K):
         kind, size = np.unravel_index(int(np.argmax(of_channel)), of_channel.shape)
-        bursts.append(_burst(at_s, Kind(int(kind)), float(SIZES[size]) * span_K, lag_s))
-    return bursts
+        changes.append(_change(at_s, Kind(int(kind)), float(SIZES[size]) * span_K, lag_s))
+    return changes
 
 
-def new_events(fit: Smoothed, known_s: Sequence[float]) -> list[tuple[float, list[Burst]]]:
+def new_events(fit: Smoothed, known_s: Sequence[float]) -> list[tuple[float, list[Change]]]:
     """Times [s] of events that a record shows beside known ones, and their likeliest jumps (M,).
 
     Parameters
@@ -301,62 +259,88 @@ def new_events(fit: Smoothed, known_s: Sequence[float]) -> list[tuple[float, lis
     density = log_density(values) + per_row
     at_s = times_s[index]
     reach_s = REACH_LAGS * smearing_time_s(fit.record)
-    found: list[tuple[float, list[Burst]]] = []
+    found: list[tuple[float, list[Change]]] = []
     while True:
         best = int(np.argmax(density))
         is_near = np.abs(at_s - at_s[best]) <= reach_s
         if logsumexp(density[is_near]) < MIN_LOG_ODDS:
             return found
         time_s = float(at_s[best])
-        found.append((time_s, _likeliest_bursts(time_s, fit, values[best])))
+        found.append((time_s, _likeliest_changes(time_s, fit, values[best])))
         density[is_near] = -np.inf
 
 
-def detect_events(
-    fit: Smoothed, estimated: Callable[[Smoothed], Smoothed], starts: Sequence[float] = STARTS
-) -> tuple[Smoothed, list[float]]:
-    """The record with the events that it shows, and their times [s].
+@dataclass(frozen=True)
+class Search:
+    """How events are searched for.
+
+    Parameters
+    ----------
+    estimated
+        Gives the record smoothed with intensities that are estimated again, with the same segments.
+    starts
+        Factors of the intensities with which the search begins.
+    detects
+        Whether events are looked for that are not listed.
+    """
+
+    estimated: Callable[[Smoothed], Smoothed]
+    starts: Sequence[float] = STARTS
+    detects: bool = True
+
+
+def detect_events(fit: Smoothed, search: Search) -> tuple[Smoothed, list[float]]:
+    """The record with the events that it shows, and the times [s] of those that are not listed.
 
     Parameters
     ----------
     fit
         The smoothed record.
-    estimated
-        Gives the record smoothed with intensities that are estimated again, with the same segments.
-    starts
-        Factors of the intensities with which the search begins.
+    search
+        How they are searched for.
 
     Returns
     -------
     fit
-        The likeliest of the records without events, and with those that are found from each of
-        ``starts`` and ``SEGMENTS_LAGS``, all or the first of each group; the ``fit`` given where
-        none is found.
+        The likeliest of the records with the listed events only, and with those that are found from
+        each of ``Search.starts`` and ``SEGMENTS``, all or the first of each group; the ``fit``
+        given where there is none.
     events_s
-        The times of its events.
+        The times of the events that were found.
     """
+    has_listed = bool(fit.record.events_s)
     candidates = []
-    for factor in starts:
+    for factor in search.starts:
         start = fit if factor == 1.0 else _with_smaller_intensities(fit, factor)
-        found = _with_new_events(start, [])
-        if found is None or not found[1]:
+        start = with_listed_events(start)
+        found = _with_new_events(start, [], search)
+        if found is None or not (found[1] or has_listed):
             continue
-        first = _with_first_events(start, *found, estimated)
+        first = _with_first_events(start, *found, search)
         if first is not None:
-            candidate = _settled(*first, estimated, SEGMENTS_LAGS[-1])
+            candidate = _settled(*first, search, SETTLING)
             if candidate is not None:
                 candidates.append(candidate)
-        for segments in SEGMENTS_LAGS:
-            candidate = _settled(*found, estimated, segments)
+        for segments in SEGMENTS:
+            candidate = _settled(*found, search, segments)
             if candidate is not None:
                 candidates.append(candidate)
             if not _segment_starts(*found, segments):  # further segments change nothing
                 break
     if not candidates:
         return fit, []
-    candidates.append((estimated(fit), []))
+    candidates.append((search.estimated(with_listed_events(fit)), []))
     values = [_log_posterior(*candidate) for candidate in candidates]
     return candidates[int(np.argmax(values))]
+
+
+def with_listed_events(fit: Smoothed) -> Smoothed:
+    """The record with the likeliest form of each listed event, beside the same intensities."""
+    listed_s = fit.record.events_s
+    if not listed_s:
+        return fit
+    _, intensities = _moved(fit, fit.intensities, listed_s)
+    return smooth_record(fit.record, fit.noise_var, intensities)
 
 
 def _with_smaller_intensities(fit: Smoothed, factor: float) -> Smoothed:
@@ -377,53 +361,54 @@ def _log_posterior(fit: Smoothed, events_s: Sequence[float]) -> float:
 
 
 def _with_first_events(
-    start: Smoothed,
-    fit: Smoothed,
-    found_s: Sequence[float],
-    estimated: Callable[[Smoothed], Smoothed],
+    start: Smoothed, fit: Smoothed, found_s: Sequence[float], search: Search
 ) -> tuple[Smoothed, list[float]] | None:
     """The record with the first event of each group only, and larger intensities after it.
 
     Parameters
     ----------
     start
-        The smoothed record without events.
+        The smoothed record with the listed events only.
     fit, found_s
         The same with the events that were found first, and their times [s].
-    estimated
-        As in ``detect_events``.
+    search
+        How events are searched for.
 
     Returns
     -------
     tuple or None
-        The smoothed record and the times of its events [s]; None where no event is beside another.
+        The smoothed record and the times [s] of those of its events that are not listed; None where
+        no event is beside another.
 
     Notes
     -----
     Beside small intensities a temperature that settles quickly after a change of slope looks like a
-    jump some samples later, and further changes. Beside those of ``SEGMENTS_LAGS`` the first event
-    is moved to where it is likeliest.
+    jump some samples later, and further changes. Beside those of ``SETTLING`` the first event is
+    moved to where it is likeliest.
     """
+    listed_s = fit.record.events_s
     reach_s = ALONE_LAGS * smearing_time_s(fit.record)
-    ordered_s = sorted(found_s)
-    before_s = [-np.inf, *ordered_s[:-1]]
-    first_s = [at for at, before in zip(ordered_s, before_s) if at - before > reach_s]
-    if len(first_s) == len(ordered_s):
+    ordered_s = sorted([*listed_s, *found_s])
+    distance_s = np.diff(ordered_s, prepend=-np.inf)
+    first_s = [at for at, from_last in zip(ordered_s, distance_s) if from_last > reach_s]
+    kept_s = sorted({*listed_s, *first_s})
+    if len(kept_s) == len(ordered_s):
         return None
-    bursts = [[b for b in q.bursts if b.start_s in first_s] for q in fit.intensities]
+    changes = [[b for b in q.changes if b.start_s in kept_s] for q in fit.intensities]
+    blocks = [replace(q, changes=()) for q in start.intensities]
     for _ in range(MOVES):
-        starts_s = _segment_starts(fit, first_s, SEGMENTS_LAGS[-1])
-        divided = [_divided(q, starts_s) for q in start.intensities]
-        with_first = [
-            replace(q, bursts=(*q.bursts, *of_channel)) for q, of_channel in zip(divided, bursts)
-        ]
-        fit = estimated(smooth_record(fit.record, fit.noise_var, with_first))
-        intensities = list(fit.intensities)
-        first_s, intensities = _moved(fit, intensities, first_s)
-        bursts = [[b for b in q.bursts if b.start_s in first_s] for q in intensities]
-    if not first_s:
+        others_s = [at for at in kept_s if at not in listed_s]
+        starts = _segment_starts(fit, others_s, SETTLING)
+        divided = [_divided(q, starts) for q in blocks]
+        with_first = [replace(q, changes=tuple(some)) for q, some in zip(divided, changes)]
+        fit = search.estimated(smooth_record(fit.record, fit.noise_var, with_first))
+        kept_s, intensities = _moved(fit, fit.intensities, kept_s)
+        changes = [list(q.changes) for q in intensities]
+    if not kept_s:
         return None
-    return smooth_record(fit.record, fit.noise_var, intensities), first_s
+    with_first = [replace(q, changes=tuple(some)) for q, some in zip(blocks, changes)]
+    fit = smooth_record(fit.record, fit.noise_var, with_first)
+    return fit, [at for at in kept_s if at not in listed_s]
 
 
 def _moved(
@@ -431,24 +416,21 @@ def _moved(
 ) -> tuple[list[float], list[Intensity]]:
     """Events at their likeliest times [s] given all others, and the intensities (M,) with them.
 
-    Those without evidence are left out.
+    Those without evidence are left out, unless they are listed, whose times remain.
     """
     placed_s = []
     moved = list(intensities)
     for at_s in events_s:
         event = weighed(fit, moved, at_s, with_widths=False)
-        moved = without_bursts(moved, at_s)
-        if event.log_odds > 0:
+        moved = without_changes(moved, at_s)
+        if event.log_odds > 0 or event.is_listed:
             moved = event.insert(moved, event.at_s, event.most_probable)
             placed_s.append(event.at_s)
     return placed_s, moved
 
 
 def _settled(
-    fit: Smoothed,
-    found_s: Sequence[float],
-    estimated: Callable[[Smoothed], Smoothed],
-    segments: Sequence[float],
+    fit: Smoothed, found_s: Sequence[float], search: Search, segments: Segments
 ) -> tuple[Smoothed, list[float]] | None:
     """The record with events and intensities in turn; None where there are too many events.
 
@@ -456,8 +438,8 @@ def _settled(
     ----------
     fit, found_s
         The record with the events that were found first, and their times [s].
-    estimated, segments
-        As in ``detect_events``.
+    search, segments
+        How events are searched for, and one of ``SEGMENTS``.
 
     Notes
     -----
@@ -465,15 +447,17 @@ def _settled(
     left out.
     """
     events_s: list[float] = []
-    for _ in range(ROUNDS):
-        if not found_s:
+    for count in range(ROUNDS):
+        if count and not found_s:
             break
         events_s = sorted([*events_s, *found_s])
-        starts_s = _segment_starts(fit, events_s, segments)
-        intensities = [_divided(q, starts_s) for q in fit.intensities]
-        fit = estimated(smooth_record(fit.record, fit.noise_var, intensities))
-        fit = _with_noise(fit)
-        found = _with_new_events(fit, events_s)
+        starts = _segment_starts(fit, events_s, segments)
+        if count:  # those of earlier rounds have been estimated
+            starts = dict.fromkeys(starts, 1.0)
+        intensities = [_divided(q, starts) for q in fit.intensities]
+        fit = search.estimated(smooth_record(fit.record, fit.noise_var, intensities))
+        fit = with_listed_events(_with_noise(fit))
+        found = _with_new_events(fit, events_s, search)
         if found is None:
             return None
         fit, found_s = found
@@ -505,7 +489,7 @@ def _with_noise(fit: Smoothed) -> Smoothed:
 
 
 def _with_new_events(
-    fit: Smoothed, known_s: Sequence[float]
+    fit: Smoothed, known_s: Sequence[float], search: Search
 ) -> tuple[Smoothed, list[float]] | None:
     """The record with all events that it shows beside known ones, with the same intensities.
 
@@ -514,12 +498,14 @@ def _with_new_events(
     """
     listed_s = fit.record.events_s
     found_s: list[float] = []
+    if not search.detects:
+        return fit, found_s
     for _ in range(ROUNDS):
         new = new_events(fit, [*listed_s, *known_s, *found_s])
         if len(known_s) + len(found_s) + len(new) > MAX_EVENTS:
             return None
         intensities = [
-            replace(q, bursts=(*q.bursts, *(bursts[c] for _, bursts in new)))
+            replace(q, changes=(*q.changes, *(changes[c] for _, changes in new)))
             for c, q in enumerate(fit.intensities)
         ]
         placed_s, intensities = _moved(fit, intensities, [at_s for at_s, _ in new])
@@ -531,28 +517,34 @@ def _with_new_events(
 
 
 def _segment_starts(
-    fit: Smoothed, events_s: Sequence[float], segments: Sequence[float]
-) -> list[float]:
-    """Starts [s] of segments of the intensities at and after the lone events of a record."""
+    fit: Smoothed, events_s: Sequence[float], segments: Segments
+) -> dict[float, float]:
+    """Starts [s] of segments at and after the lone events of a record, and factors of slope noise.
+
+    ``events_s`` are those that are not listed.
+    """
     lag_s = smearing_time_s(fit.record)
-    ordered_s = sorted(events_s)
+    ordered_s = sorted([*fit.record.events_s, *events_s])
     ends_s = [*ordered_s[1:], float(fit.times_s[-1])]
-    starts_s = []
+    starts = {}
     for at_s, end_s in zip(ordered_s, ends_s):
         if end_s - at_s > ALONE_LAGS * lag_s:
-            after_s = [at_s + share * lag_s for share in segments]
-            starts_s += [start for start in after_s if start + 0.5 * (start - at_s) < end_s]
-    return starts_s
+            for share, factor in segments:
+                start_s = at_s + share * lag_s
+                if start_s + 0.5 * (start_s - at_s) < end_s:
+                    starts[start_s] = factor
+    return starts
 
 
-def _divided(intensity: Intensity, at_s: Sequence[float]) -> Intensity:
-    """The same intensity with segments that start at some more times."""
-    starts_s = np.unique([*intensity.starts_s, *at_s])
+def _divided(intensity: Intensity, starts: Mapping[float, float]) -> Intensity:
+    """The same intensity with segments that start at some more times [s], and factors of it."""
+    starts_s = np.unique([*intensity.starts_s, *starts]).tolist()
     segment_of = np.maximum(np.searchsorted(intensity.starts_s, starts_s, "right") - 1, 0).tolist()
+    factors = [starts.get(start_s, 1.0) for start_s in starts_s]
     return replace(
         intensity,
-        starts_s=tuple(starts_s.tolist()),
-        levels=tuple(intensity.levels[k] for k in segment_of),
+        starts_s=tuple(starts_s),
+        levels=tuple(factor * intensity.levels[k] for factor, k in zip(factors, segment_of)),
         level_noise=tuple(intensity.level_noise[k] for k in segment_of if intensity.level_noise),
     )
 
@@ -565,17 +557,18 @@ def weigh_events(fit: Smoothed, events_s: Sequence[float]) -> tuple[Smoothed, li
     fit
         The smoothed record, with its events and the final intensities.
     events_s
-        Times of the events [s].
+        Times [s] of the events that are not listed.
     """
+    all_s = [*fit.record.events_s, *events_s]
     intensities = list(fit.intensities)
     events = []
-    for at_s in events_s:
+    for at_s in all_s:
         event = weighed(fit, intensities, at_s)
-        intensities = without_bursts(intensities, at_s)
-        if event.log_odds > 0:
+        intensities = without_changes(intensities, at_s)
+        if event.log_odds > 0 or event.is_listed:
             intensities = event.insert(intensities, event.at_s, event.most_probable)
             events.append(event)
-    if events_s:
+    if all_s:
         intensities = [_with_last_jumps(q, fit.record) for q in intensities]
         fit = smooth_record(fit.record, fit.noise_var, intensities)
     return fit, events
@@ -593,8 +586,8 @@ def _with_last_jumps(intensity: Intensity, record: Record) -> Intensity:
     if not level_var > 0:
         return intensity
     end_s = (len(record.y) - 1) * record.dt_s
-    burst = Burst(end_s, 0.0, 1.0, level_sd=float(np.sqrt(level_var)), width_s=spread_s)
-    return replace(intensity, bursts=(*intensity.bursts, burst))
+    change = Change(end_s, level_sd=float(np.sqrt(level_var)), width_s=spread_s)
+    return replace(intensity, changes=(*intensity.changes, change))
 
 
 def reading_steps(fit: Smoothed, events: Sequence[Event]) -> list[ReadingStep]:
@@ -617,11 +610,11 @@ def reading_steps(fit: Smoothed, events: Sequence[Event]) -> list[ReadingStep]:
         index = int(np.searchsorted(fit.times_s, event.at_s - SAME_TIME * fit.record.dt_s))
         sample = int(np.searchsorted(fit.sample, index))
         for c, of_kinds in enumerate(event.kind_probability):
-            burst = event.most_probable[c]
+            change = event.most_probable[c]
             probability = float(of_kinds[Kind.STEP])
-            if probability < NAMED_STEP or not burst.reading_sd:
+            if probability < NAMED_STEP or not change.reading_sd:
                 continue
-            prior_var = burst.reading_sd**2
+            prior_var = change.reading_sd**2
             step_K = float(prior_var * fit.score[index, c, 2])
             var = float(prior_var - prior_var**2 * fit.score_var[index, c, 3])
             u_K = np.sqrt(max(var, 0.0))
@@ -646,29 +639,6 @@ def period_of(times_s: Sequence[float]) -> float:
     return period_s if is_regular else 0.0
 
 
-def listed_without_evidence(fit: Smoothed) -> list[float]:
-    """Times [s] of listed events at which the readings show none.
-
-    Parameters
-    ----------
-    fit
-        The smoothed record, with all events.
-    """
-    record = fit.record
-    times_s = []
-    for at_s in record.events_s:
-        others_s = tuple(other for other in record.events_s if other != at_s)
-        nothing = Burst(at_s, 0.0, 1.0)
-        intensities = [
-            replace(q, bursts=(*q.bursts, nothing)) for q in without_bursts(fit.intensities, at_s)
-        ]
-        without = smooth_record(replace(record, events_s=others_s), fit.noise_var, intensities)
-        index = np.flatnonzero(without.times_s == at_s)
-        if len(index) and log_density(evidence(without, index))[0] < 0:
-            times_s.append(at_s)
-    return times_s
-
-
 def weighed(
     fit: Smoothed, intensities: Sequence[Intensity], at_s: float, *, with_widths: bool = True
 ) -> Event:
@@ -688,7 +658,8 @@ def weighed(
     Notes
     -----
     The smoother runs on the samples that the event influences, without it. Where its time is known
-    to some samples, times between the samples are points, too.
+    to some samples, times between the samples are points, too. The time of a listed event is known,
+    and its jumps are sudden.
     """
     record = fit.record
     dt_s = record.dt_s
@@ -696,8 +667,10 @@ def weighed(
     window = segment(record, first, last, record.events_s)
     shift_s = first * dt_s
     end_s = last * dt_s
-    base = [q.within(shift_s, end_s) for q in without_bursts(intensities, at_s)]
-    others_s = [*window.events_s, *(b.start_s for q in base for b in q.bursts)]
+    base = [q.within(shift_s, end_s) for q in without_changes(intensities, at_s)]
+    if at_s in record.events_s:
+        return _listed_event(fit, window, base, at_s, shift_s)
+    others_s = [*window.events_s, *(b.start_s for q in base for b in q.changes)]
     before_s = max([s for s in others_s if s < at_s - shift_s], default=-np.inf)
     after_s = min([s for s in others_s if s > at_s - shift_s], default=np.inf)
     part = smooth_record(window, fit.noise_var, base)
@@ -716,8 +689,8 @@ def weighed(
         fine_s = fine_s[(fine_s > earliest_s) & (fine_s < latest_s)]
         if not len(fine_s):
             break
-        nothing = [Burst(time_s, 0.0, 1.0) for time_s in fine_s.tolist()]
-        with_points = [replace(q, bursts=(*q.bursts, *nothing)) for q in base]
+        nothing = [Change(time_s) for time_s in fine_s.tolist()]
+        with_points = [replace(q, changes=(*q.changes, *nothing)) for q in base]
         part = smooth_record(window, fit.noise_var, with_points)
         is_fine = np.isin(part.times_s, fine_s)
         times_s, density, values = _densities(part, is_fine, record.tested_rows)
@@ -726,6 +699,37 @@ def weighed(
     if not with_widths:
         return event
     return _with_widths(event, window, fit.noise_var, base, shift_s)
+
+
+def _listed_event(
+    fit: Smoothed,
+    window: Record,
+    base: Sequence[Intensity],
+    at_s: float,
+    shift_s: float,
+) -> Event:
+    """What a listed event may be, given all others.
+
+    Parameters
+    ----------
+    fit
+        Gives the record and its noise.
+    window, base
+        The samples that it influences, and the intensities (M,) there without the event.
+    at_s
+        Time of the event [s].
+    shift_s
+        Time of the first of these samples [s].
+    """
+    listed_s = at_s - shift_s
+    nothing = Change(listed_s)  # else its slope could be any
+    part = smooth_record(
+        window, fit.noise_var, [replace(q, changes=(*q.changes, nothing)) for q in base]
+    )
+    index = np.searchsorted(part.times_s, [listed_s - SAME_TIME * window.dt_s])
+    values = evidence(part, index)
+    density = log_density(values, NOTHING_WHERE_LISTED)
+    return _event_of(fit, np.array([at_s]), density, values, is_listed=True)
 
 
 def _densities(part: Smoothed, among: Flags, rows: int) -> tuple[Array, Array, Array]:
@@ -758,7 +762,9 @@ def _densities(part: Smoothed, among: Flags, rows: int) -> tuple[Array, Array, A
     return part.times_s[index], log_density(values) + np.log(width_s / (rows * dt_s)), values
 
 
-def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> Event:
+def _event_of(
+    fit: Smoothed, times_s: Array, density: Array, values: Array, *, is_listed: bool = False
+) -> Event:
     """The event with its possibilities.
 
     Parameters
@@ -767,6 +773,8 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
         The record.
     times_s, density, values
         As ``_densities`` returns them, on the clock of the record.
+    is_listed
+        Whether the caller listed it.
 
     Notes
     -----
@@ -775,10 +783,11 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
     """
     log_odds = float(logsumexp(density))
     time_weight = np.exp(density - log_odds)
-    joint = _joint(values)
-    of_channel = np.logaddexp(np.log(NOTHING), logsumexp(joint, axis=(2, 3)))
+    nothing = NOTHING_WHERE_LISTED if is_listed else NOTHING
+    joint = _joint(values, nothing)
+    of_channel = np.logaddexp(np.log(nothing), logsumexp(joint, axis=(2, 3)))
     kind_weight = np.exp(logsumexp(joint, axis=3) - of_channel[..., None])  # (T, M, K)
-    probability = 1 / (1 + np.exp(-log_odds))
+    probability = 1.0 if is_listed else 1 / (1 + np.exp(-log_odds))
     lag_s = smearing_time_s(fit.record)
     spans_K = channel_spans(fit.record, fit.noise_var)
     likely = np.flatnonzero(time_weight > LIKELY_TIME * time_weight.max())
@@ -807,8 +816,8 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
             if weight.max() < MIN_WEIGHT and not is_only and not is_likeliest:
                 continue
             sizes = SIZES[np.argmax(values[middle, :, kind], axis=1)]
-            bursts = [_burst(at_s, kind, sd_K, lag_s) for sd_K in (sizes * spans_K).tolist()]
-            possibilities.append((at_s, tuple(bursts), weight))
+            changes = [_change(at_s, kind, sd_K, lag_s) for sd_K in (sizes * spans_K).tolist()]
+            possibilities.append((at_s, tuple(changes), weight))
     no_event = 1 - probability * (time_weight @ kind_weight.sum(axis=2))
     mean_s = float(time_weight @ times_s)
     return Event(
@@ -818,6 +827,7 @@ def _event_of(fit: Smoothed, times_s: Array, density: Array, values: Array) -> E
         float(np.sqrt(time_weight @ (times_s - mean_s) ** 2)),
         log_odds,
         np.einsum("t,tmk->mk", time_weight, kind_weight),
+        is_listed,
     )
 
 
@@ -839,27 +849,27 @@ def _with_widths(
     jumps = [possibility for possibility in event.possibilities if _is_jump(possibility[1])]
     if not jumps:
         return event
-    best_s, best_bursts, _ = max(jumps, key=lambda possibility: float(possibility[2].sum()))
+    best_s, best_changes, _ = max(jumps, key=lambda possibility: float(possibility[2].sum()))
     widths_s = (np.array(WIDTHS_LAGS) * smearing_time_s(window)).tolist()
-    at_best = [replace(b, start_s=best_s - shift_s) for b in best_bursts]
+    at_best = [replace(b, start_s=best_s - shift_s) for b in best_changes]
     proposals = [
-        [replace(q, bursts=(*q.bursts, replace(b, width_s=width))) for width in widths_s]
+        [replace(q, changes=(*q.changes, replace(b, width_s=width))) for width in widths_s]
         for q, b in zip(base, at_best)
     ]
     value = likelihood(window, noise_var, proposals)[0] + np.log(WIDTH_PRIOR)
     share = np.exp(value - logsumexp(value, axis=1, keepdims=True)).T
     possibilities = []
-    for at_s, bursts, weight in event.possibilities:
-        if not _is_jump(bursts):
-            possibilities.append((at_s, bursts, weight))
+    for at_s, changes, weight in event.possibilities:
+        if not _is_jump(changes):
+            possibilities.append((at_s, changes, weight))
             continue
         for width_s, of_width in zip(widths_s, share):
             if of_width.max() > MIN_WEIGHT:
-                spread = tuple(replace(b, width_s=width_s) for b in bursts)
+                spread = tuple(replace(b, width_s=width_s) for b in changes)
                 possibilities.append((at_s, spread, weight * of_width))
     return replace(event, possibilities=tuple(possibilities))
 
 
-def _is_jump(bursts: Sequence[Burst]) -> bool:
+def _is_jump(changes: Sequence[Change]) -> bool:
     """Whether an event is a jump of the temperature alone."""
-    return bursts[0].level_sd > 0 and bursts[0].slope_sd == 0
+    return changes[0].level_sd > 0 and changes[0].slope_sd == 0

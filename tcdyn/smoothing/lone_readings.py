@@ -108,8 +108,8 @@ def _largest_error_sd(fit: Smoothed, channel: int, lone: NDArray[np.intp], neigh
     weight = record.weight.copy()
     weight[lone] = 0.0
     filled = interpolate_gaps(record.y[:, 0], weight[:, 0] > 0)[:, None]
-    bursts = [b for b in fit.intensities[channel].bursts if not low_s <= b.start_s <= high_s]
-    events_s = {*record.events_s, *(burst.start_s for burst in bursts)}
+    changes = [b for b in fit.intensities[channel].changes if not low_s <= b.start_s <= high_s]
+    events_s = {*record.events_s, *(change.start_s for change in changes)}
     if is_first:
         events_s.add(high_s)
     divided = replace(record, y=filled, weight=weight, events_s=tuple(sorted(events_s)))
@@ -118,7 +118,7 @@ def _largest_error_sd(fit: Smoothed, channel: int, lone: NDArray[np.intp], neigh
     levels = intensity.levels
     if is_first:  # the gap has no reading, and gets the intensity of what follows
         levels = (levels[1], *levels[1:])
-    intensity = replace(intensity, levels=levels, bursts=tuple(bursts))
+    intensity = replace(intensity, levels=levels, changes=tuple(changes))
     rest = replace(divided, events_s=record.events_s)
     predicted = smooth_record(rest, noise_var, [intensity])
     sd = np.sqrt(predicted.predicted_var[lone, 0] + noise_var[0])

@@ -18,7 +18,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.smoothing.events import STARTS
 from tcdyn.smoothing.noise_levels import Intensity
-from tcdyn.smoothing.process_noise import channel_spans, choose_intensities, smearing_time_s
+from tcdyn.smoothing.process_noise import channel_spans, segment_levels, smearing_time_s
 from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.roughness import select_channels
 from tcdyn.smoothing.state_space import Smoothed, likelihood, predicted_readings, smooth_record
@@ -133,7 +133,7 @@ def without_pick_up(y: Array, pick_ups: Sequence[PickUp]) -> Array:
 
 def _fitted(record: Record) -> tuple[Smoothed, float]:
     """A record of one channel smoothed with its likeliest intensity, and its log likelihood."""
-    intensities, noise_var = choose_intensities(record, record.noise_sd**2, record.noise_known)
+    intensities, noise_var = segment_levels(record, record.noise_sd**2, record.noise_known)
     value, _ = likelihood(record, noise_var, [intensities])
     return smooth_record(record, noise_var, intensities), float(value[0, 0])
 

@@ -1,7 +1,7 @@
 """Process-noise intensity by maximum likelihood, or by a criterion of regularised deconvolution.
 
 Each segment between events has one level: long segments by Whittle's spectral likelihood, short
-ones by the exact likelihood of the Kalman filter. A burst after each event is added. The criteria
+ones by the exact likelihood of the Kalman filter. A change after each event is added. The criteria
 of regularised deconvolution (GCV, discrepancy, L-curve) choose one constant intensity.
 
 Used by :mod:`tcdyn.smoothing.smoother` and :mod:`tcdyn.smoothing.possible_events`. Guarded by
@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.fft import prev_fast_len, rfft
 from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.smoothing.corner import corner_rad_s
-from tcdyn.smoothing.noise_levels import Burst, Intensity
+from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.record import Record, least_noise_sd
 from tcdyn.smoothing.state_space import likelihood, smooth_record
 
@@ -37,16 +37,8 @@ CLEAR_FLOORS = 100.0
 FEW_BINS = 20
 # samples from which on the spectral likelihood replaces the exact one; chosen by judgement
 LONG_SAMPLES = 4096
-# decay times of the bursts tried [s], a factor of six apart; chosen by judgement
-DECAYS_S = (0.1, 0.6, 3.6)
-# power of a burst at which its decay is nearly exponential
-EXPONENTIAL = 50.0
-# refinement of a burst: powers, factors of the decay time, factors of the height
-REFINEMENTS = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
-# length [s] of the window after an event in which a burst is fitted; chosen by judgement
-AFTER_S = 30.0
-# start of this window before the event [s], and lags on either side of it; chosen by judgement
-BEFORE_S = 10.0
+# lags after an event in which the sensor settles, and on either side of it that it influences;
+# chosen by judgement
 REACH_LAGS = 5
 # share of the corner frequency from which on a spectrum is used: the error arises near the corner,
 # not at low frequency
@@ -58,17 +50,9 @@ PAST_PEAK_NATS = 20.0
 # chosen by judgement
 GRID_ROUNDS = 3
 REFINED_TRIALS = 7
-# nats within which the first of several bursts counts as the most likely one, so that
-# rounding errors do not decide
-TIE_NATS = 1e-4
 # bands of a spectrum, evenly in the logarithm of the frequency, each of nearly one shape; more
 # bands cost time
 SPECTRAL_BANDS = 1500
-# every so many-th candidate burst is also tried with a jump of the temperature (time); chosen by
-# judgement
-JUMP_STRIDE = 3
-# a burst may move the trace by so many of its ranges within one decay time; chosen by judgement
-MAX_BURST_RANGES = 3.0
 # factor of the noise variance from which on what is called noise must be white; and the chance that
 # white noise shows a line
 NOISE_SLACK = 1.2
@@ -287,52 +271,10 @@ def _has_line_above_corner(record: Record, noise_var: Array, intensity: Array) -
     return out
 
 
-def choose_intensities(
-    record: Record, noise_var: Array, noise_known: bool = False
-) -> tuple[list[Intensity], Array]:
-    """Maximum-likelihood process-noise intensity of each channel, with bursts, and noise variance.
-
-    Parameters
-    ----------
-    record
-        The record.
-    noise_var
-        Noise variance (M,) [K2]; a first estimate, or the known value.
-    noise_known
-        Whether the noise variance is known.
-
-    Returns
-    -------
-    intensities
-        Intensity of each channel (M,).
-    noise_var
-        Noise variance (M,) [K2].
-
-    Notes
-    -----
-    The segments come from :func:`segment_levels`. Then each event gets the burst that is most
-    likely given the samples around it, and a jump of the temperature itself where that is more
-    likely still. The bursts of neighbouring events are fitted one at a time, each without the
-    others.
-    """
-    intensities, noise_var = segment_levels(record, noise_var, noise_known)
-    for event in record.events_s:
-        window, shift = event_window(record, event)
-        base = [replace(q, bursts=()).shifted(shift_s=shift) for q in intensities]
-        nothing = [Burst(event - shift, 0.0, 1.0)] * len(base)
-        ranges = jump_ranges(window, event - shift)
-        bursts = likeliest_burst(window, noise_var, base, nothing, jump_ranges=ranges)
-        intensities = [
-            replace(q, bursts=(*q.bursts, replace(b, start_s=event)))
-            for q, b in zip(intensities, bursts)
-        ]
-    return intensities, noise_var
-
-
 def segment_levels(
     record: Record, noise_var: Array, noise_known: bool
 ) -> tuple[list[Intensity], Array]:
-    """Intensity of each channel without bursts, and its noise variance.
+    """Intensity of each channel without changes, and its noise variance.
 
     Parameters
     ----------
@@ -353,9 +295,8 @@ def segment_levels(
     Notes
     -----
     Segments of at least ``LONG_SAMPLES`` get their level from the spectrum, shorter ones from the
-    exact likelihood, without the first ``AFTER_S`` or ``REACH_LAGS`` lags, whichever is longer, but
-    at most half of its readings: there the burst after an event decays and the sensor settles,
-    which looks like a large intensity. A segment with fewer than 64
+    exact likelihood, without the first ``REACH_LAGS`` lags, but at most half of its readings: there
+    the sensor settles, which looks like a large intensity. A segment with fewer than 64
     samples gets the largest level of the others. Where the spectrum puts the corner frequency below
     ``FEW_BINS`` bins, the signal may lie in the bins that the spectrum leaves out: the exact
     likelihood is tried as well, and used above ``CLEAR_FLOORS`` floors.
@@ -368,7 +309,7 @@ def segment_levels(
     starts = [0.0, *record.events_s]
     cuts = [int(np.ceil(t / dt)) for t in starts] + [n]
     levels = np.full((len(starts), len(noise_var)), np.nan)
-    settling_s = max(AFTER_S, REACH_LAGS * max(s.lag_s for s in record.sensors))
+    settling_s = REACH_LAGS * max(s.lag_s for s in record.sensors)
     if n < LONG_SAMPLES and len(starts) == 1:
         levels[0], noise_var = exact_levels(record, noise_var, noise_known)
     else:
@@ -435,78 +376,6 @@ def segment(record: Record, first: int, last: int, events: Sequence[float]) -> R
     return replace(record, **samples, events_s=events_inside, start=start, late_s=late_s)
 
 
-def likeliest_burst(
-    window: Record,
-    noise_var: Array,
-    base: Sequence[Intensity],
-    initial: Sequence[Burst],
-    jump_ranges: float = 0.0,
-) -> list[Burst]:
-    """Most likely burst of each channel, added to given intensities.
-
-    Parameters
-    ----------
-    window
-        Samples around the event.
-    noise_var
-        Noise variance (M,) [K2].
-    base
-        Intensity of each channel without the burst.
-    initial
-        For each channel a burst that the candidates differ from in height, decay and power; of
-        height zero. A burst of height zero is returned where no candidate makes the
-        data more likely.
-    jump_ranges
-        Also try bursts with a jump of the temperature by so many ranges of the trace.
-
-    Returns
-    -------
-    list of Burst
-        One burst for each channel.
-
-    Notes
-    -----
-    A grid of heights and ``DECAYS_S``, then ``REFINEMENTS`` of the best. Of bursts within
-    ``TIE_NATS`` the first is taken, so that the result does not depend on rounding. The height is
-    limited so that the slope noise moves the trace by at most about ``MAX_BURST_RANGES`` ranges
-    within one decay time.
-
-    What may be changed: the grids, if neighbours stay within the reach of ``REFINEMENTS``.
-    ``tests/smoothing/test_any_unit.py`` and ``tests/smoothing/test_smoother.py`` (listed events)
-    guard it.
-    """
-    candidates = []
-    for zero, var, span in zip(initial, noise_var, channel_spans(window, noise_var)):
-        heights = np.geomspace(1e-3, 1e8, 12) * var
-        sizes = [
-            (h, d)
-            for d in DECAYS_S
-            for h in np.minimum(heights, (MAX_BURST_RANGES * span) ** 2 / d**3)
-        ]
-        bursts = [zero, *(replace(zero, height=h, decay_s=d) for h, d in sizes)]
-        if jump_ranges:
-            bursts += [replace(b, level_sd=jump_ranges * span) for b in bursts[::JUMP_STRIDE]]
-        candidates.append(bursts)
-    best = list(initial)
-    for refine in (False, True):
-        if refine:
-            candidates = [
-                [
-                    replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p)
-                    for p, d, h in REFINEMENTS
-                ]
-                for b in best
-            ]
-        proposed = [
-            [replace(q, bursts=(*q.bursts, b)) for b in bursts]
-            for q, bursts in zip(base, candidates)
-        ]
-        value, _ = likelihood(window, noise_var, proposed)
-        first = np.argmax(value > value.max(axis=1, keepdims=True) - TIE_NATS, axis=1)
-        best = [bursts[k] for bursts, k in zip(candidates, first)]
-    return best
-
-
 def smearing_time_s(record: Record) -> float:
     """Time [s] over which the slowest chain and the sampling smear an instantaneous change.
 
@@ -518,54 +387,12 @@ def smearing_time_s(record: Record) -> float:
 def channel_spans(record: Record, noise_var: Array) -> Array:
     """Range of each channel (M,) [K], at least ten standard deviations of the noise.
 
-    It is the scale of bursts and jumps, so that results are the same in any unit. Unlike
+    It is the scale of changes and jumps, so that results are the same in any unit. Unlike
     ``tcdyn.smoothing.state_space.channel_ranges`` it includes interpolated samples and has a lower
     bound.
     """
     own = np.maximum(np.ptp(record.y, axis=0), record.least_range_K())
     return np.asarray(np.maximum(own, 10 * np.sqrt(noise_var)))
-
-
-def jump_ranges(window: Record, at_s: float) -> float:
-    """Prior standard deviation of a jump of the temperature, in ranges of the readings.
-
-    The readings of ``window`` show only a part of a change at ``at_s`` [s] that lasts for less than
-    a lag.
-    """
-    after_s = max(len(window.y) * window.dt_s - at_s, window.dt_s)
-    return 1.0 + smearing_time_s(window) / after_s
-
-
-def event_window(record: Record, event: float) -> tuple[Record, float]:
-    """Samples that an event can influence, without any other event.
-
-    Parameters
-    ----------
-    record
-        The record.
-    event
-        Time of the event [s].
-
-    Returns
-    -------
-    window
-        The samples, whose only event is this one.
-    shift
-        Time [s] at which they start.
-
-    Notes
-    -----
-    From ``BEFORE_S`` and ``REACH_LAGS`` before to ``AFTER_S`` and ``REACH_LAGS`` after; see also
-    ``tcdyn.smoothing.possible_events.influenced_samples``.
-    """
-    dt = record.dt_s
-    n = len(record.y)
-    lag = max(s.lag_s for s in record.sensors)
-    before = max([e for e in record.events_s if e < event], default=0.0)
-    after = min([e for e in record.events_s if e > event], default=(n - 1) * dt)
-    first = int(np.ceil(max(before, event - BEFORE_S - REACH_LAGS * lag) / dt))
-    last = min(int(min(after, event + AFTER_S + REACH_LAGS * lag) / dt) + 1, n)
-    return segment(record, first, last, (event,)), first * dt
 
 
 @dataclass(frozen=True)

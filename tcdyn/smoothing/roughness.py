@@ -215,7 +215,7 @@ def changes_in_time(fit: Smoothed) -> Flags:
 
     Notes
     -----
-    The gain of a window follows from the degrees of freedom of its process noise, bursts included,
+    The gain of a window follows from the degrees of freedom of its process noise, changes included,
     and from the ratio by which that noise should rise. ``CHECK_NATS`` plus the logarithm of the
     number of windows allows for the choice of the best window.
     """
@@ -250,7 +250,7 @@ def adapt_intensities(
     noise_var
         Noise variance (M,) [K2].
     intensities
-        Intensity of each channel to start from; its bursts remain, its segments are the first
+        Intensity of each channel to start from; its changes remain, its segments are the first
         blocks.
     parts
         The samples whose likelihood counts, see ``sampled_parts``.
@@ -292,15 +292,15 @@ def _with_level_noise(
 
     Notes
     -----
-    The smallest one has the power of the slope noise at the corner of the smoother. The likelihood
+    The smallest one has the power of the least slope noise at the corner of the smoother. The likelihood
     of a wave has two maxima, of which an iteration finds the nearer one; with hum, which is noise,
     that of the smallest one is right.
     """
     levels = np.array(intensity.levels)
     corner = corner_rad_s(record.chains[channel], levels / (noise_var * record.dt_s))
-    smallest = levels / corner**2
+    smallest = float(np.min(levels / corner**2))
     candidates = [
-        replace(intensity, level_noise=tuple((factor * smallest).tolist()))
+        replace(intensity, level_noise=(factor * smallest,) * len(levels))
         for factor in (LEVEL_FACTORS[:1] if has_hum(record) else LEVEL_FACTORS)
     ]
     alone = np.arange(len(record.chains)) == channel
@@ -400,7 +400,7 @@ def _divide_blocks(scores: Scores, channel: int, intensity: Intensity, end_s: fl
 
 
 def _scaled(intensity: Intensity, factor: float) -> Intensity:
-    """An intensity whose slope noise and level noise, but not its bursts, have another factor."""
+    """An intensity whose slope noise and level noise, but not its changes, have another factor."""
     return replace(
         intensity,
         levels=tuple(v * factor for v in intensity.levels),

@@ -24,7 +24,7 @@ from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.rig.disk import Conditioning
-from tcdyn.smoothing.noise_levels import Burst, Intensity
+from tcdyn.smoothing.noise_levels import Change, Intensity
 from tcdyn.smoothing.process_noise import segment
 from tcdyn.smoothing.record import Compensated, Record, Start, record_of
 from tcdyn.smoothing.smoother import Learned, compensated, learned_from, likeliest
@@ -98,7 +98,7 @@ class Running:
 def _intensity_from_dict(data: Mapping[str, Any]) -> Intensity:
     """An intensity from its fields."""
     lists = {name: tuple(data[name]) for name in ("starts_s", "levels", "level_noise")}
-    return Intensity(**lists, bursts=tuple(Burst(**burst) for burst in data["bursts"]))
+    return Intensity(**lists, changes=tuple(Change(**change) for change in data["changes"]))
 
 
 def _noise_to_dict(noise: LoggerNoise) -> dict[str, Any]:

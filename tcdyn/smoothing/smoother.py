@@ -34,8 +34,8 @@ from tcdyn.smoothing.events import (
     MIN_LOG_ODDS,
     STARTS,
     Event,
+    Search,
     detect_events,
-    listed_without_evidence,
     period_of,
     reading_steps,
     spike_log_odds,
@@ -52,16 +52,14 @@ from tcdyn.smoothing.pick_up import (
     without_pick_up,
 )
 from tcdyn.smoothing.possible_events import (
-    PossibleEvent,
     average_over_event,
     influenced_samples,
-    with_likeliest_forms,
 )
 from tcdyn.smoothing.process_noise import (
     Criterion,
     TradeoffCurve,
-    choose_intensities,
     segment,
+    segment_levels,
     tradeoff_curve,
 )
 from tcdyn.smoothing.record import (
@@ -246,7 +244,7 @@ def smooth(
     likely: Likely | None = None
     if intensity is None:
         likely = likeliest(record, find_events)
-        if likely.detected and (wrong_s := listed_without_evidence(likely.fit)):
+        if likely.detected and (wrong_s := likely.listed_without_evidence):
             finding = warning(
                 "trace.events",
                 listed_s=_listed(wrong_s),
@@ -306,20 +304,25 @@ class Likely(NamedTuple):
     fit
         The smoothed record.
     events
-        The events that were detected, and the listed ones of uncertain form.
+        The listed events, and those that were detected.
     smooth_probability
         Probability (M,) that no noise drives the temperature itself.
     """
 
     fit: Smoothed
-    events: tuple[PossibleEvent, ...]
+    events: tuple[Event, ...]
     smooth_probability: Array
 
     @property
     def detected(self) -> list[Event]:
         """The events that were not listed and are certain enough to be named."""
-        events = [event for event in self.events if isinstance(event, Event)]
-        return [event for event in events if event.log_odds > MIN_LOG_ODDS]
+        others = [event for event in self.events if not event.is_listed]
+        return [event for event in others if event.log_odds > MIN_LOG_ODDS]
+
+    @property
+    def listed_without_evidence(self) -> list[float]:
+        """Times [s] of listed events at which the readings show none."""
+        return [event.at_s for event in self.events if event.is_listed and event.log_odds < 0]
 
 
 class Learned(NamedTuple):
@@ -529,13 +532,13 @@ def _with_earlier_events(
     latest_s
         Dead time and second lag [s] that this chain has, which delay what events do.
     """
-    if not intensity.bursts or not latest_s > 0:
+    if not intensity.changes or not latest_s > 0:
         return intensity
     proposals = [
         replace(
             intensity,
-            bursts=tuple(
-                replace(b, start_s=b.start_s - share * latest_s) for b in intensity.bursts
+            changes=tuple(
+                replace(b, start_s=b.start_s - share * latest_s) for b in intensity.changes
             ),
         )
         for share in EARLIER_SHARES
@@ -650,37 +653,32 @@ def likeliest(record: Record, detect: bool, learned: Learned | None = None) -> L
         raise _too_slow(record)
     start_var = record.noise_sd**2
     if learned is None:
-        intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
+        intensities, noise_var = segment_levels(record, start_var, record.noise_known)
     else:
         intensities = list(learned.intensities)
         noise_var = learned.noise_var
 
     fit = _smoothed_without_spikes(record, noise_var, intensities)
     are_learned = learned is not None
-    events_s: list[float] = []
-    if detect:
 
-        def estimated(found: Smoothed) -> Smoothed:
-            """The record with intensities that are estimated again, in the same segments."""
-            return refine(found, 0, are_learned=are_learned)
+    def estimated(found: Smoothed) -> Smoothed:
+        """The record with intensities that are estimated again, in the same segments."""
+        return refine(found, 0, are_learned=are_learned)
 
-        # listed events and learned intensities leave no rough temperature to explain by others
-        is_known = are_learned or bool(record.events_s)
-        fit, events_s = detect_events(fit, estimated, STARTS[:1] if is_known else STARTS)
+    search = Search(estimated, STARTS[:1] if are_learned else STARTS, detect)
+    fit, events_s = detect_events(fit, search)
     fit = refine(fit, are_learned=are_learned)
-    fit, detected_events = weigh_events(fit, events_s)
+    fit, events = weigh_events(fit, events_s)
     if learned is None:
         probability = smooth_probability(fit)
         fit = with_least_risk(fit)
     else:
         probability = learned.smooth_probability
     fit = _with_explained_readings(fit, record)
-    fit, uncertain_events = with_likeliest_forms(fit)
     contradicting = contradicting_readings(fit)
     if contradicting.any():
         return likeliest(_without_samples(record, contradicting, ALONE), detect, learned)
-    events = (*uncertain_events, *detected_events)
-    return Likely(fit, events, probability)
+    return Likely(fit, tuple(events), probability)
 
 
 def _too_slow(record: Record) -> InputError:
@@ -929,7 +927,7 @@ def window_covariance(
     good = result.flags[start:stop, channel] == 0
     window = np.where(good, data[start:stop], np.nan)[:, None]
     # jumps at detected (not listed) events belong to the intensity
-    detected = {burst.start_s for burst in q.bursts if burst.slope_sd > 0}
+    detected = {change.start_s for change in q.changes if change.slope_sd > 0}
     listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
     unit = result.units[channel : channel + 1] or None
     record = record_of(window, dt_s, chain, listed, noise_sd, units=unit)

@@ -37,7 +37,6 @@ from tcdyn.smoothing.noise_levels import (
     jumps_per_second,
     level_noise_at,
     levels_at,
-    mean_levels,
 )
 from tcdyn.smoothing.record import Record
 
@@ -106,7 +105,7 @@ def points_of(record: Record, events_s: Sequence[float], sensor: Sensor | None =
     record
         The record.
     events_s
-        Times of listed events and of bursts [s].
+        Times of listed events and of changes [s].
     sensor
         State space of the channel; None: its readings are those of an instant, without a dead time.
 
@@ -271,7 +270,7 @@ def point_models(
     noise_var
         Noise variance [K2].
     proposals
-        Proposed intensities, whose bursts start at the same times.
+        Proposed intensities, whose changes start at the same times.
     span
         The ``channel_ranges`` of the channel [K].
 
@@ -284,14 +283,14 @@ def point_models(
 
     Notes
     -----
-    The process noise of a step has the mean intensity over the step. Jumps act at the end of the
+    The process noise of a step has the intensity at its start. Jumps act at the end of the
     step before an event. At a row the integrals of a mean pass on before the step.
     """
     sensor = record.sensors[channel]
     weight = record.weight[:, channel]
     reading = record.y[:, channel]
-    bursts = {burst.start_s for q in proposals for burst in q.bursts}
-    events_s = [*record.events_s, *bursts]
+    changes = {change.start_s for q in proposals for change in q.changes}
+    events_s = [*record.events_s, *changes]
     points = points_of(record, events_s, sensor)
     count = len(points.time_s)
     step_matrices = [steps_of(sensor, step_s) for step_s in points.step_s]
@@ -315,7 +314,7 @@ def point_models(
     start_level_noise += of_jumps[:, 0]
     start_intensity += of_jumps[:, 1]
     range_K = max(span, 10 * float(np.sqrt(noise_var)))
-    slope_noise = mean_levels(proposals, points.time_s)
+    slope_noise = levels_at(proposals, points.time_s[:-1])
     is_rough = any(q.is_rough for q in proposals)
     level_noise = np.zeros_like(slope_noise)
     if is_rough:
@@ -323,7 +322,8 @@ def point_models(
         level_noise = 0.5 * (at_points[:, :-1] + at_points[:, 1:])
     jumps = np.moveaxis(jumps_at(proposals, points.time_s), 1, 0)  # (Q, P, 4)
     wide = slope_prior_sd(sensor, range_K, record.dt_s)
-    jumps[:, np.isin(points.time_s, record.events_s), 1] += wide**2
+    of_any_slope = [event for event in record.events_s if event not in changes]
+    jumps[:, np.isin(points.time_s, of_any_slope), 1] += wide**2
     is_sample = np.zeros(count, dtype=bool)
     is_sample[points.sample] = True
     # samples, readings and starts of means alternate where the dead time or the time of the mean is
@@ -499,7 +499,7 @@ def likelihood(
     span = channel_ranges(record)
     value, chi2 = np.empty((2, len(noise_var), len(proposals[0])))
     for c, proposed in enumerate(proposals):
-        for same_times, index in _by_burst_times(proposed):
+        for same_times, index in _by_change_times(proposed):
             _, models = point_models(record, c, float(noise_var[c]), same_times, float(span[c]))
             for k, model in zip(index, models):
                 value[c, k], chi2[c, k] = log_likelihood(model, SETTLED_IN_SEARCH)
@@ -511,13 +511,13 @@ def likelihood(
     return value, ratio
 
 
-def _by_burst_times(
+def _by_change_times(
     proposals: Sequence[Intensity],
 ) -> list[tuple[list[Intensity], list[int]]]:
-    """Proposals whose bursts start at the same times, and their indices."""
+    """Proposals whose changes start at the same times, and their indices."""
     groups: dict[frozenset[float], tuple[list[Intensity], list[int]]] = {}
     for k, q in enumerate(proposals):
-        starts = frozenset(burst.start_s for burst in q.bursts)
+        starts = frozenset(change.start_s for change in q.changes)
         members, index = groups.setdefault(starts, ([], []))
         members.append(q)
         index.append(k)
@@ -642,8 +642,8 @@ class Smoothed:
         var_one = self.change_var[:-1, :, 0] / dt**2
         time_s = self.times_s[self.sample]
         noise = np.stack([level_noise_at([q], time_s)[0] for q in self.intensities], axis=1)
-        bursts = [b.start_s for q in self.intensities for b in q.bursts if b.width_s == 0]
-        is_event = np.isin(self.times_s, [*self.record.events_s, *bursts])
+        changes = [b.start_s for q in self.intensities for b in q.changes if b.width_s == 0]
+        is_event = np.isin(self.times_s, [*self.record.events_s, *changes])
         count = np.cumsum(is_event)
         is_usual = count[last] == count[first]  # no event after its start, up to its end
         before = np.concatenate([[False], is_usual])
@@ -689,8 +689,8 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
     variance W (as in de Jong and Penzer 1998).
     """
     (n_samples, n_channels) = record.y.shape
-    bursts = {b.start_s for q in intensities for b in q.bursts}
-    common = points_of(record, [*record.events_s, *(b for b in bursts if b > 0)])
+    changes = {b.start_s for q in intensities for b in q.changes}
+    common = points_of(record, [*record.events_s, *(b for b in changes if b > 0)])
     count = len(common.time_s)
     level, slope, lag_change, split_change, jump_chi2 = np.empty((5, count, n_channels))
     change_var = np.empty((n_samples, n_channels, 2))

@@ -172,8 +172,8 @@ def _of_spectrum(fit: Smoothed, channel: int, part: slice) -> Array:
     time_s = dt * np.arange(part.start, part.stop)
     # means as the periodogram weights the samples
     share = hann_taper(len(even)) ** 2
-    level_noise = float(share @ level_noise_at([replace(q, bursts=())], time_s)[0])
-    slope_noise = float(share @ replace(q, bursts=()).at(time_s))
+    level_noise = float(share @ level_noise_at([replace(q, changes=())], time_s)[0])
+    slope_noise = float(share @ replace(q, changes=()).at(time_s))
     out = np.zeros((2, len(q.levels)))
     corner = float(corner_rad_s(chain, np.array(level_noise / (noise_var * dt)), 1))
     slope_corner = float(corner_rad_s(chain, np.array(slope_noise / (noise_var * dt))))
@@ -204,8 +204,8 @@ def _of_spectrum(fit: Smoothed, channel: int, part: slice) -> Array:
 def _between_events(fit: Smoothed) -> slice:
     """The longest run of samples between two events, from ``REACH_LAGS`` after the first on."""
     record = fit.record
-    bursts = {burst.start_s for q in fit.intensities for burst in q.bursts}
-    events_s = np.array(sorted({*record.events_s, *bursts}))
+    changes = {change.start_s for q in fit.intensities for change in q.changes}
+    events_s = np.array(sorted({*record.events_s, *changes}))
     settling_s = REACH_LAGS * max(sensor.lag_s for sensor in record.sensors)
     first = np.ceil(np.append(0.0, events_s + settling_s) / record.dt_s).astype(int)
     last = np.append(np.floor(events_s / record.dt_s).astype(int), len(record.y))

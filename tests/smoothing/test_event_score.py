@@ -14,12 +14,13 @@ from tcdyn.smoothing.events import (
     SIZES,
     Event,
     Kind,
+    Search,
     detect_events,
     evidence,
     weigh_events,
 )
-from tcdyn.smoothing.noise_levels import Burst
-from tcdyn.smoothing.process_noise import channel_spans, choose_intensities, smearing_time_s
+from tcdyn.smoothing.noise_levels import Change
+from tcdyn.smoothing.process_noise import channel_spans, segment_levels, smearing_time_s
 from tcdyn.smoothing.record import Start, record_of
 from tcdyn.smoothing.roughness import refine
 from tcdyn.smoothing.state_space import (
@@ -55,9 +56,9 @@ def readings(temperature: Array, seed: int, parts: int = 20) -> Array:
 def found_in(y: Array) -> tuple[Smoothed, list[Event]]:
     """The smoothed record and its events."""
     record = record_of(y, DT_S, Chain(LAG_S))
-    intensities, noise_var = choose_intensities(record, record.noise_sd**2, record.noise_known)
+    intensities, noise_var = segment_levels(record, record.noise_sd**2, record.noise_known)
     fit = smooth_record(record, noise_var, intensities)
-    fit, events_s = detect_events(fit, lambda other: refine(other, 0))
+    fit, events_s = detect_events(fit, Search(lambda other: refine(other, 0)))
     return weigh_events(refine(fit), events_s)
 
 
@@ -72,25 +73,23 @@ def test_the_evidence_is_the_difference_of_the_likelihoods(kind: Kind) -> None:
     start = Start(*state_at(quiet, 0), channel_ranges(record), ROWS)
     record = replace(record, start=start)
     for at_s in (3.0, 4.23):
-        plain = Intensity((0.0,), (0.2,), (Burst(at_s, 0.0, 1.0),), level_noise=(0.01,))
+        plain = Intensity((0.0,), (0.2,), (Change(at_s),), level_noise=(0.01,))
         fit = smooth_record(record, noise_var, [plain] * 2)
         index = np.flatnonzero(np.abs(fit.times_s - at_s) < 1e-9)
         found = evidence(fit, index)[0, :, kind]
         lag_s = smearing_time_s(record)
         for c, span_K in enumerate(channel_spans(record, noise_var)):
             sd = SIZES * span_K
-            bursts = [
-                Burst(
+            changes = [
+                Change(
                     at_s,
-                    0.0,
-                    1.0,
                     level_sd=s if kind in (Kind.JUMP, Kind.JUMP_AND_KINK) else 0.0,
                     slope_sd=s / lag_s if kind in (Kind.KINK, Kind.JUMP_AND_KINK) else 0.0,
                     reading_sd=s if kind is Kind.STEP else 0.0,
                 )
                 for s in sd.tolist()
             ]
-            proposals = [plain, *(replace(plain, bursts=(b,)) for b in bursts)]
+            proposals = [plain, *(replace(plain, changes=(b,)) for b in changes)]
             value = likelihood(record, noise_var, [proposals] * 2)[0][c]
             assert found[c] == pytest.approx(value[1:] - value[0], abs=1e-5)
 

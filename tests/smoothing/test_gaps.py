@@ -14,7 +14,7 @@ import pytest
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
 from tcdyn.estimation.kalman import PointModel, smooth_points
-from tcdyn.smoothing import Burst, Intensity, smooth
+from tcdyn.smoothing import Change, Intensity, smooth
 from tcdyn.smoothing.record import record_of
 from tcdyn.smoothing.state_space import point_models
 from tests.smoothing.sparse_study import Verdict, judge, simulate
@@ -63,7 +63,7 @@ def sparse_readings(gaps: list[int], dense: int) -> Array:
     return y + NOISE_K * np.random.default_rng(0).standard_normal(len(y))
 
 
-RISE = Burst(70.5, 1e3, 2.0, level_sd=60.0, slope_sd=30.0)
+RISE = Change(70.5, level_sd=60.0, slope_sd=30.0)
 
 
 @pytest.mark.parametrize("lags_s", [(20.0,), (20.0, 3.0)])

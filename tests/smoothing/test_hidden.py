@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.smoothing import Burst, Intensity, smooth
+from tcdyn.smoothing import Change, Intensity, smooth
 from tests.smoothing.event_study import CHAIN, RATE_HZ, WORLDS, judged, logged
 
 
@@ -13,7 +13,7 @@ def test_a_jump_of_the_temperature_is_told_from_a_kink_and_its_time_is_found() -
     done = smooth(y, 1 / RATE_HZ, CHAIN)
     ((found, u),) = done.events_s
     assert abs(found - at) < max(3 * u, 0.03)
-    assert max(b.level_sd for b in done.intensities[0].bursts) > 0
+    assert max(b.level_sd for b in done.intensities[0].changes) > 0
     off = done.temperature[:, 0] - truth
     assert (
         np.sqrt(np.mean(off[np.abs(t - at) > 2 / RATE_HZ] ** 2)) < 0.1
@@ -30,17 +30,17 @@ def test_smooth_motion_has_no_events(world: str) -> None:
 
 def test_given_a_jump_the_temperature_jumps_between_two_samples() -> None:
     _, truth, y, (at,) = logged(WORLDS["jump"], np.random.default_rng(2), seconds=20.0)
-    free = Burst(at, 0.0, 1.0, level_sd=10.0, slope_sd=10.0)
+    free = Change(at, level_sd=10.0, slope_sd=10.0)
     kink, jump = (
         smooth(
             y,
             1 / RATE_HZ,
             CHAIN,
             noise_sd=0.12,
-            intensity=Intensity((0.0,), (1e-6,), bursts),
+            intensity=Intensity((0.0,), (1e-6,), changes),
             events_s=(at,),
         )
-        for bursts in ((), (free,))
+        for changes in ((), (free,))
     )
     assert np.abs(jump.temperature[:, 0] - truth).max() < 0.2
     assert np.abs(kink.temperature[:, 0] - truth).max() > 2.0
