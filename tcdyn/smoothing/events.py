@@ -73,8 +73,10 @@ MAX_EVENTS = 130
 STARTS = (1.0, 1e-3)
 # Segments of the intensities after an event: one, or those of a temperature that settles after it,
 # which is smooth. They start at so many lags after it, with so many times the slope noise: the
-# estimate finds the nearer of two maxima. Only after events without another one within ALONE_LAGS
-SETTLING = ((0.0, 1e6), (1.0, 1e5), (3.0, 1e3), (9.0, 1.0))
+# estimate finds the nearer of two maxima. Each further one begins three times as late as the one
+# before, up to the next event. Only after events without another one within ALONE_LAGS
+SETTLING = ((0.0, 1e6), (1.0, 1e5), (3.0, 1e3))
+TIMES_LATER = 3.0
 SEGMENTS = (((0.0, 1.0),), SETTLING)
 ALONE_LAGS = 5.0
 # rounds in which the first event of a group is moved: a further one moves it by less than its
@@ -303,18 +305,20 @@ def detect_events(fit: Smoothed, search: Search) -> tuple[Smoothed, list[float]]
     -------
     fit
         The likeliest of the records with the listed events only, and with those that are found from
-        each of ``Search.starts`` and ``SEGMENTS``, all or the first of each group; the ``fit``
-        given where there is none.
+        each of ``Search.starts`` and ``SEGMENTS``, all or the first of each group.
     events_s
         The times of the events that were found.
     """
-    has_listed = bool(fit.record.events_s)
     candidates = []
-    for factor in search.starts:
-        start = fit if factor == 1.0 else _with_smaller_intensities(fit, factor)
-        start = with_listed_events(start)
+    plain = fit
+    starts = search.starts
+    if fit.record.events_s:
+        plain = _settled_after_listed(fit, search)
+        starts = starts[:1]  # beside listed events no rough temperature explains them
+    for factor in starts:
+        start = plain if factor == 1.0 else _with_smaller_intensities(plain, factor)
         found = _with_new_events(start, [], search)
-        if found is None or not (found[1] or has_listed):
+        if found is None or not found[1]:
             continue
         first = _with_first_events(start, *found, search)
         if first is not None:
@@ -328,10 +332,19 @@ def detect_events(fit: Smoothed, search: Search) -> tuple[Smoothed, list[float]]
             if not _segment_starts(*found, segments):  # further segments change nothing
                 break
     if not candidates:
-        return fit, []
-    candidates.append((search.estimated(with_listed_events(fit)), []))
+        return plain, []
+    candidates.append((search.estimated(plain), []))
     values = [_log_posterior(*candidate) for candidate in candidates]
     return candidates[int(np.argmax(values))]
+
+
+def _settled_after_listed(fit: Smoothed, search: Search) -> Smoothed:
+    """The record with the listed events, after which the temperature may settle."""
+    fit = with_listed_events(fit)
+    starts = _segment_starts(fit, [], SETTLING)
+    divided = [_divided(q, starts) for q in fit.intensities]
+    fit = search.estimated(smooth_record(fit.record, fit.noise_var, divided))
+    return with_listed_events(_with_noise(fit))
 
 
 def with_listed_events(fit: Smoothed) -> Smoothed:
@@ -528,11 +541,14 @@ def _segment_starts(
     ends_s = [*ordered_s[1:], float(fit.times_s[-1])]
     starts = {}
     for at_s, end_s in zip(ordered_s, ends_s):
-        if end_s - at_s > ALONE_LAGS * lag_s:
-            for share, factor in segments:
-                start_s = at_s + share * lag_s
-                if start_s + 0.5 * (start_s - at_s) < end_s:
-                    starts[start_s] = factor
+        if end_s - at_s <= ALONE_LAGS * lag_s:
+            continue
+        for share, factor in segments:
+            starts[at_s + share * lag_s] = factor
+        after_s = TIMES_LATER * segments[-1][0] * lag_s
+        while 0 < after_s < (end_s - at_s) / 1.5:
+            starts[at_s + after_s] = 1.0
+            after_s *= TIMES_LATER
     return starts
 
 

@@ -292,9 +292,9 @@ def _with_level_noise(
 
     Notes
     -----
-    The smallest one has the power of the least slope noise at the corner of the smoother. The likelihood
-    of a wave has two maxima, of which an iteration finds the nearer one; with hum, which is noise,
-    that of the smallest one is right.
+    The smallest one has the power of the least slope noise at the corner of the smoother. The
+    likelihood of a wave has two maxima, of which an iteration finds the nearer one; with hum, which
+    is noise, that of the smallest one is right.
     """
     levels = np.array(intensity.levels)
     corner = corner_rad_s(record.chains[channel], levels / (noise_var * record.dt_s))
