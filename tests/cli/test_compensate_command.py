@@ -84,7 +84,13 @@ def lvm_text(frame: pd.DataFrame) -> str:
 
 @pytest.mark.e2e
 @pytest.mark.parametrize(
-    ("given", "wanted"), [("csv", "parquet"), ("tdms", "csv"), ("parquet", "tdms"), ("lvm", "csv")]
+    ("given", "wanted"),
+    [
+        ("csv", "parquet"),
+        ("tdms", "csv"),
+        pytest.param("parquet", "tdms", marks=pytest.mark.long),
+        pytest.param("lvm", "csv", marks=pytest.mark.long),
+    ],
 )
 def test_every_format_comes_in_and_goes_out_once(
     campaign: Campaign,
@@ -116,7 +122,10 @@ def test_every_format_comes_in_and_goes_out_once(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("wanted", ["csv", "parquet", "tdms"])
+@pytest.mark.parametrize(
+    "wanted",
+    ["csv", *(pytest.param(ending, marks=pytest.mark.long) for ending in ("parquet", "tdms"))],
+)
 def test_a_log_with_stamps_keeps_them_its_start_and_on_request_its_dialect(
     campaign: Campaign,
     tmp_path: Path,
@@ -219,6 +228,7 @@ def test_with_a_delay_a_log_with_stamps_keeps_them_and_its_start(
     assert live.read_bytes() == done.path.read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -458,7 +468,7 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     ("first_s", "last_s", "said"),
     [
         (200.0, 350.0, set()),
-        (0.0, 60.0, {"compensate.unrefined"}),
+        pytest.param(0.0, 60.0, {"compensate.unrefined"}, marks=pytest.mark.long),
         (0.0, 29.0, {"compensate.unrefined"}),
     ],
     ids=["begins in contact", "no unloading", "never loaded"],

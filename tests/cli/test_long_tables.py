@@ -124,8 +124,9 @@ def offered(message: str) -> list[str]:
     return shlex.split(found[0])[:2]
 
 
-@pytest.mark.parametrize("name", ["cycle.csv", "german.csv", "long.parquet"])
-@pytest.mark.parametrize("label", ["CH1", "CH 1"])
+@pytest.mark.parametrize(
+    ("name", "label"), [("cycle.csv", "CH1"), ("german.csv", "CH 1"), ("long.parquet", "CH 1")]
+)
 def test_the_option_of_the_message_keeps_one_channel(
     folder: Path, name: str, label: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,6 +86,7 @@ def test_one_record_alone_remembers_its_columns(campaign: Campaign) -> None:
     assert rig_from_records({"slow": record}).columns()["load_N"] == "Load"
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_uncertainties_of_one_disk_widen_that_disk(
     campaign: Campaign, partition: Partition, tmp_path: Path
@@ -103,6 +104,7 @@ def test_uncertainties_of_one_disk_widen_that_disk(
         assert least < grown < most
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: Path) -> None:
     """A slow disk twice as crowned: the track is that of two equal disks with the mean of both

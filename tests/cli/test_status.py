@@ -17,6 +17,7 @@ def asked(*words: object) -> int:
     return run(lambda: app([str(w) for w in words], standalone_mode=False))
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_sound_log_ends_with_0_and_the_headline(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]

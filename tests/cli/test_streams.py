@@ -68,7 +68,9 @@ def test_names_that_the_encoding_of_the_output_lacks_are_escaped(
 @pytest.mark.e2e
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this machine")
 @pytest.mark.parametrize("name", ["warns", "bad input", "wrong option"])
-@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-"])
+@pytest.mark.parametrize(
+    "redirection", ["2>/dev/full", pytest.param("2>&-", marks=pytest.mark.long)]
+)
 def test_a_process_with_a_full_or_closed_standard_error_ends_as_without(
     name: str, redirection: str, tmp_path: Path
 ) -> None:
@@ -80,7 +82,9 @@ def test_a_process_with_a_full_or_closed_standard_error_ends_as_without(
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("redirection", [">&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize(
+    "redirection", [pytest.param(">&-", marks=pytest.mark.long), ">&- 2>&- <&-"]
+)
 def test_a_process_with_closed_streams_ends_as_without(redirection: str, tmp_path: Path) -> None:
     words = [*COMMAND, *words_of(tmp_path)["warns"]]
     sound = subprocess.run(words, capture_output=True, text=True)

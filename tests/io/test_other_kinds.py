@@ -95,7 +95,7 @@ COMMANDS = (
     ("sensor", "plunge", "LOG", "--column", "T_degC", "--out", "OUT.sensor.json"),
     ("view", "LOG", "--out", "OUT.html"),
     ("compensate", "LOG", "--sensor", "SENSOR", "--out", "OUT.csv"),
-    ("follow", "LOG", "--sensor", "SENSOR", "--out", "OUT.csv"),
+    ("follow", "LOG", "--sensor", "SENSOR", "--out", "OUT.csv", "--idle-s", "1"),
 )
 
 

@@ -15,8 +15,8 @@ from tests.conftest import Campaign
 
 FUNCTIONS = [
     tcdyn.calibrate_disk,
-    tcdyn.compensate_log,
-    tcdyn.estimate_beta,
+    pytest.param(tcdyn.compensate_log, marks=pytest.mark.long),
+    pytest.param(tcdyn.estimate_beta, marks=pytest.mark.long),
     tcdyn.iter_log,
     tcdyn.read_record,
     tcdyn.write_record,

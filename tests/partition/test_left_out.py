@@ -72,7 +72,7 @@ def test_beta_of_the_joint_fit_is_correct_without_any_one_channel(
     params=[
         pytest.param("slow_a", marks=pytest.mark.study),
         pytest.param("slow_d", marks=[pytest.mark.study, pytest.mark.long]),
-        pytest.param("slow_b", marks=pytest.mark.study),
+        pytest.param("slow_b", marks=[pytest.mark.study, pytest.mark.long]),
     ],
 )
 def excluded_analysis(request: pytest.FixtureRequest, study: StudyRig) -> tuple[str, Partition]:
@@ -316,6 +316,7 @@ def record_options(campaign: Campaign) -> list[object]:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_gap_at_unloading_gives_a_warning_and_a_finding_in_the_file(
     write_damaged: Callable[[str, str], Path],

@@ -171,6 +171,7 @@ def test_braked_disks_with_second_contact_give_correct_lags_and_beta(
     assert_estimates_within_tolerance(study_errors(*braked_with_second_contact))
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(
     "world", [DEFAULT[0], *(pytest.param(name, marks=pytest.mark.long) for name in DEFAULT[1:])]

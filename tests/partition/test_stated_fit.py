@@ -213,6 +213,7 @@ def test_prior_scales_with_the_flux_that_an_exact_or_an_uninformed_fit_observes(
         )
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_contradicted_press_fit_is_reported_and_not_used() -> None:
     """A prior on the far side, off by 3 u or more, gives a warning; the harmonic is that without a

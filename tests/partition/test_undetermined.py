@@ -155,6 +155,7 @@ def test_a_friction_of_1_N_leaves_the_speed_law_undetermined_and_the_joint_fit_r
     assert "answers.undetermined" in [f.code for f in partition.analysis_findings]
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_an_exponent_that_the_test_does_not_determine_is_not_said_to_agree() -> None:
     """0.5 N for 160 s only: 0.8 +- 1.5 was said to agree with the speed law."""

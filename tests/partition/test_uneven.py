@@ -227,6 +227,7 @@ def test_fitted_harmonic_is_subtracted_from_the_readings(
         np.testing.assert_allclose(subtracted[unloading], [expected[c] for c in CHANNELS], atol=0.6)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_even_disks_have_no_harmonic_and_nearly_the_same_u(
     even_disks: tuple[StudyRig, Partition],

@@ -90,13 +90,13 @@ def test_a_long_log_without_unloading_and_a_place_that_cannot_be_written(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = pd.read_csv(campaign.files.ehl["B3"])
-    loaded = write_log(frame[frame["time_s"].between(100, 200)], tmp_path / "loaded.csv")
-    monkeypatch.setattr(compensate, "MAX_ROWS", 4_000)
-    monkeypatch.setattr(stages, "MAX_ROWS", 4_000)
+    loaded = write_log(frame[frame["time_s"].between(100, 150)], tmp_path / "loaded.csv")
+    monkeypatch.setattr(compensate, "MAX_ROWS", 2_000)
+    monkeypatch.setattr(stages, "MAX_ROWS", 2_000)
     done = compensate_log(loaded, campaign.records, campaign.rig)
-    assert len(done.frame) == 4_000
+    assert len(done.frame) == 2_000
     path, noticed = done.write(tmp_path / "out.csv")
-    assert len(pd.read_csv(path)) == 100 * 75 + 1
+    assert len(pd.read_csv(path)) == 50 * 75 + 1
     assert "compensate.unrefined" in {f.code for f in noticed}
     with pytest.raises(InputError, match=r"\.tdms"):
         done.write(tmp_path / "out.tdms")

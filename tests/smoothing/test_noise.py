@@ -194,7 +194,11 @@ def test_a_fast_wave_that_is_no_mains_hum_is_reported(f_Hz: float, is_reported: 
 @pytest.mark.e2e
 @pytest.mark.parametrize(
     ("world", "duration_s", "seeds"),
-    [("before", 60, range(6)), ("ar0.6", 60, range(6)), ("ar0.6", 200, (104, 108, 116))],
+    [
+        ("before", 60, range(6)),
+        ("ar0.6", 60, range(6)),
+        pytest.param("ar0.6", 200, (104, 108, 116), marks=pytest.mark.long),
+    ],
 )
 def test_a_slow_swing_under_coloured_noise_is_not_made_worse(
     world: str, duration_s: float, seeds: Sequence[int]
