@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import pandas as pd
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
@@ -27,6 +26,7 @@ from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.reading import CODE, RANGE
 from tcdyn.series.series import Context, Series, make_series, reading_rows
 from tcdyn.series.units import Unit, check_declared, match_columns, unit_findings, units_of
+from tcdyn.smoothing.pick_up import numbers_of
 from tcdyn.smoothing.record import whole_mean_s
 
 # Findings of a sensor that are repeated with each table: an altered file, and a lag without
@@ -43,7 +43,6 @@ MIN_ROWS = 10
 # judgement.
 SLOW_ROWS_LAGS = 0.5
 # words of a column of text that switches
-TWO_WORDS = 2
 
 
 @dataclass(frozen=True)
@@ -211,19 +210,16 @@ def _other_columns(
 
     Notes
     -----
-    Of a text with two words, such as on and off, the words become 0 and 1 in the order of the
-    alphabet; other texts are left out.
+    Texts with two words are those of a switch, see ``tcdyn.smoothing.pick_up.numbers_of``; others
+    are left out.
     """
     others = {}
     for name, values in segment.data.items():
         if name in channels:
             continue
-        numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=float)
-        if not np.isfinite(numbers).any():
-            codes, words = pd.factorize(pd.Series(values).astype("string"), sort=True)
-            if len(words) != TWO_WORDS:
-                continue
-            numbers = np.where(codes >= 0, codes.astype(float), np.nan)
+        numbers = numbers_of(values)
+        if numbers is None:
+            continue
         at_samples = np.full(series.clock.size, np.nan)
         at_samples[series.clock.index] = numbers
         others[name] = at_samples

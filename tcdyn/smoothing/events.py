@@ -401,12 +401,12 @@ def _with_first_events(
     """
     listed_s = fit.record.events_s
     reach_s = ALONE_LAGS * smearing_time_s(fit.record)
-    ordered_s = sorted([*listed_s, *found_s])
+    ordered_s = sorted([*_shown_listed(fit), *found_s])
     distance_s = np.diff(ordered_s, prepend=-np.inf)
-    first_s = [at for at, from_last in zip(ordered_s, distance_s) if from_last > reach_s]
-    kept_s = sorted({*listed_s, *first_s})
-    if len(kept_s) == len(ordered_s):
+    first_s = {at for at, from_last in zip(ordered_s, distance_s) if from_last > reach_s}
+    if first_s.issuperset(found_s):
         return None
+    kept_s = sorted({*listed_s, *first_s})
     changes = [[b for b in q.changes if b.start_s in kept_s] for q in fit.intensities]
     blocks = [replace(q, changes=()) for q in start.intensities]
     for _ in range(MOVES):
@@ -429,16 +429,19 @@ def _moved(
 ) -> tuple[list[float], list[Intensity]]:
     """Events at their likeliest times [s] given all others, and the intensities (M,) with them.
 
-    Those without evidence are left out, unless they are listed, whose times remain.
+    Those without evidence are left out; of a listed one its time remains.
     """
     placed_s = []
     moved = list(intensities)
     for at_s in events_s:
         event = weighed(fit, moved, at_s, with_widths=False)
         moved = without_changes(moved, at_s)
-        if event.log_odds > 0 or event.is_listed:
+        if event.log_odds > 0:
             moved = event.insert(moved, event.at_s, event.most_probable)
             placed_s.append(event.at_s)
+        elif event.is_listed:
+            moved = event.insert(moved, event.at_s, [Change(at_s)] * len(moved))
+            placed_s.append(at_s)
     return placed_s, moved
 
 
@@ -534,10 +537,10 @@ def _segment_starts(
 ) -> dict[float, float]:
     """Starts [s] of segments at and after the lone events of a record, and factors of slope noise.
 
-    ``events_s`` are those that are not listed.
+    ``events_s`` are those that are not listed; listed ones count if the readings show them.
     """
     lag_s = smearing_time_s(fit.record)
-    ordered_s = sorted([*fit.record.events_s, *events_s])
+    ordered_s = sorted([*_shown_listed(fit), *events_s])
     ends_s = [*ordered_s[1:], float(fit.times_s[-1])]
     starts = {}
     for at_s, end_s in zip(ordered_s, ends_s):
@@ -550,6 +553,12 @@ def _segment_starts(
             starts[at_s + after_s] = 1.0
             after_s *= TIMES_LATER
     return starts
+
+
+def _shown_listed(fit: Smoothed) -> list[float]:
+    """Times [s] of the listed events that the readings show."""
+    changed_s = {c.start_s for q in fit.intensities for c in q.changes if c.level_sd or c.slope_sd}
+    return [at_s for at_s in fit.record.events_s if at_s in changed_s]
 
 
 def _divided(intensity: Intensity, starts: Mapping[float, float]) -> Intensity:

@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
 from tcdyn.smoothing.events import STARTS
@@ -24,12 +26,19 @@ from tcdyn.smoothing.roughness import select_channels
 from tcdyn.smoothing.state_space import Smoothed, likelihood, predicted_readings, smooth_record
 
 # Share of the rows in which a column that switches changes at most, and edges that it has at least:
-# fewer do not tell a coincidence from a cause. Chosen by judgement
+# one does not tell a coincidence from a cause. Chosen by judgement
 MOST_CHANGES = 0.34
-FEWEST_EDGES = 3
+FEWEST_EDGES = 2
 # nats by which readings without an interference must be more likely, beside the number of columns
 # that are tried: odds of 150 to 1
 MIN_NATS = 5.0
+
+
+# words for the state in which a load is switched off, in small letters
+OFF_WORDS = frozenset(
+    {"off", "aus", "open", "offen", "idle", "inactive", "stopped", "stop", "standby", "false", "no"}
+)
+TWO_WORDS = 2
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,34 @@ class PickUp:
     def edges(self) -> int:
         """Number of its edges."""
         return int(np.count_nonzero(np.diff(self.values)))
+
+
+def numbers_of(values: ArrayLike) -> Array | None:
+    """A column (N,) as numbers, NaN where missing; None for a text that is no switch.
+
+    Notes
+    -----
+    Of a text with two words, such as on and off, one of ``OFF_WORDS`` is 0 and the other one 1;
+    without one, the first in the alphabet is 0.
+
+    Examples
+    --------
+    >>> numbers_of(["Off", "on", None, "on"]).tolist()
+    [0.0, 1.0, nan, 1.0]
+    >>> numbers_of(["closed", "open"]).tolist(), numbers_of(["low", "mid", "high"])
+    ([1.0, 0.0], None)
+    """
+    cells = pd.Series(np.asarray(values))
+    numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    if np.isfinite(numbers).any():
+        return np.asarray(numbers)
+    codes, words = pd.factorize(cells.astype("string"), sort=True)
+    if len(words) != TWO_WORDS:
+        return None
+    is_off = [str(word).strip().lower() in OFF_WORDS for word in words]
+    if is_off == [False, True]:
+        codes = np.where(codes >= 0, 1 - codes, codes)
+    return np.where(codes >= 0, codes.astype(float), np.nan)
 
 
 def switching(values: Array) -> Array | None:

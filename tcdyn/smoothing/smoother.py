@@ -47,6 +47,7 @@ from tcdyn.smoothing.pick_up import (
     PickUp,
     Removed,
     find_pick_up,
+    numbers_of,
     removed,
     switching,
     without_pick_up,
@@ -98,8 +99,8 @@ STUDENT_DOF = 4.0
 EARLIER_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # samples that may be a spike together; chosen by judgement
 LONGEST_SPIKE = 3
-# steps of a reading that are named one by one
-FEW_STEPS = 2
+# steps of a reading that are named with row and size
+FEW_STEPS = 1
 # rounds of reweighting: a further one changes no result by a tenth of its standard deviation
 REWEIGHTINGS = 4
 # margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
@@ -181,8 +182,9 @@ def smooth(
         negative number is earlier. The temperatures are those at these times, the rates those at
         the samples.
     switched
-        Other columns of the log (N,) by name. Where the readings step with the edges of one that
-        switches, such as a heater, that is interference: it is named and removed.
+        Other columns of the log (N,) by name, of numbers or of two words. Where the readings step
+        with the edges of one that switches, such as a heater, that is interference: it is named and
+        removed. The readings are taken as right where the column is smallest, or off.
 
     Returns
     -------
@@ -256,6 +258,11 @@ def smooth(
         fit = _smoothed_without_spikes(
             record, record.noise_sd**2, _as_intensities(intensity, n_channels)
         )
+    outside_s = [at_s for at_s in events_s if at_s not in record.events_s]
+    if outside_s:
+        duration_s = (len(record.y) - 1) * dt_s
+        finding = warning("trace.event_outside", listed_s=_listed(outside_s), duration_s=duration_s)
+        record = replace(record, findings=(*record.findings, finding))
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
             fit = _smooth_with_student_weights(fit, record.y)
@@ -280,11 +287,16 @@ def _switching_columns(switched: Mapping[str, ArrayLike], record: Record) -> dic
     Raises
     ------
     InputError
-        For a column of another length than the record.
+        For a column of another length than the record, or with more than two words.
     """
     columns = {}
     for name, given in switched.items():
-        values = np.asarray(given, dtype=float)
+        values = numbers_of(given)
+        if values is None:
+            raise InputError(
+                f"smooth: the column {name} of switched has other words than those of a switch",
+                expected="numbers, or two words such as on and off",
+            )
         if values.shape != (len(record.y),):
             raise InputError(
                 f"smooth: the column {name} of switched has the shape {values.shape}",
@@ -585,7 +597,7 @@ def _step_findings(fit: Smoothed, likely: Likely | None, names: Sequence[str]) -
                 count=len(of_channel),
                 step_K=float(np.sqrt(np.mean([step.step_K**2 for step in of_channel]))),
                 first_sample=first.sample,
-                at_s=first.at_s,
+                at_s=first.sample * fit.record.dt_s,
                 period_s=period_s,
             )
             found.append(finding.in_unit(unit))
@@ -597,7 +609,7 @@ def _step_findings(fit: Smoothed, likely: Likely | None, names: Sequence[str]) -
                 step_K=step.step_K,
                 u_K=step.u_K,
                 first_sample=step.sample,
-                at_s=step.at_s,
+                at_s=step.sample * fit.record.dt_s,
             )
             found.append(finding.in_unit(unit))
     return found

@@ -366,6 +366,8 @@ class _TableRun:
         table = self.raw.source.table
         if self.settings.delay_s is None:
             findings = [*self.raw.findings, *totals.findings]
+            told = {f.subject for f in totals.findings if f.code.startswith("trace.")}
+            findings += [f for f in _findings_of_rows(totals) if f.subject not in told]
         else:
             findings = delayed_findings(self.raw, self.rising_rows, totals)
         file = table if len(self.paths) == 1 else open_table(self.paths[0])
@@ -457,6 +459,19 @@ def _with_seconds(
         yield replace(segment, columns={**segment.columns, time: segment.time_s})
 
 
+def _findings_of_rows(totals: Totals) -> list[Finding]:
+    """How many readings of each column were not used: with a warning where they are many."""
+    findings = []
+    for column, (count, first_s) in totals.not_used.items():
+        severity = warning if count > MANY_NOT_USED * totals.rows else info
+        findings.append(
+            severity(
+                "rows.not_used", subject=column, count=count, rows=totals.rows, first_s=first_s
+            )
+        )
+    return findings
+
+
 def delayed_findings(raw: RawLog, rising: RisingRows, totals: Totals) -> list[Finding]:
     """Findings of a run with a fixed delay: of the log, of its rows ``rising``, and of ``totals``.
 
@@ -466,13 +481,7 @@ def delayed_findings(raw: RawLog, rising: RisingRows, totals: Totals) -> list[Fi
     findings = list(raw.findings)
     of_segments = ("trace.", "noise.")
     findings += [f for f in totals.findings if not f.code.startswith(of_segments)]
-    for column, (count, first_s) in totals.not_used.items():
-        severity = warning if count > MANY_NOT_USED * totals.rows else info
-        findings.append(
-            severity(
-                "delay.not_used", subject=column, count=count, rows=totals.rows, first_s=first_s
-            )
-        )
+    findings += _findings_of_rows(totals)
     if rising.left_out:
         findings.append(warning("delay.backward", count=rising.left_out))
     return findings

@@ -76,7 +76,7 @@ def test_invalid_readings_count_as_missing_and_are_told(tmp_path: Path, kind: st
     _, gas, clean = kiln()
     run, out = followed(tmp_path, y)
     bad = y != clean
-    told = [f for f in run.findings if f.code == "delay.not_used"]
+    told = [f for f in run.findings if f.code == "rows.not_used"]
     assert [f.subject for f in told] == ["TC1_degC"]
     assert told[0].numbers["count"] >= 0.9 * np.count_nonzero(bad)
     assert told[0].numbers["first_s"] <= np.flatnonzero(bad)[0] * DT_S + 2
@@ -104,7 +104,7 @@ def test_the_range_is_that_of_the_temperature_in_any_unit(tmp_path: Path) -> Non
     y = kiln()[2] + 273.15
     y[200] = -40.0
     run, out = followed(tmp_path, y, "TC1_K")
-    assert [f.numbers["count"] for f in run.findings if f.code == "delay.not_used"] == [1]
+    assert [f.numbers["count"] for f in run.findings if f.code == "rows.not_used"] == [1]
     assert out["TC1_K"].min() > 900.0
 
 

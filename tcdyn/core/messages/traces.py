@@ -89,11 +89,11 @@ def _steps(
     """Message of ``trace.steps``; ``period_s`` is zero where the steps are not periodic."""
     how_often = f"about every {period_s:.3g} s" if period_s else "at no regular times"
     return (
-        f"{subject}: the reading itself steps {count} times, {how_often}, by {step_K:.3g} {unit} "
-        f"(rms), the first time at sample {first_sample} ({at_s:.4g} s), faster than the sensor "
-        "could follow: interference of something that switches, or a bad contact. The steps are "
-        "passed on and not inverted; log what switches as a column of the table, and they are "
-        "removed with it"
+        f"{subject}: the reading itself steps {count} times, {how_often}, by about {step_K:.3g} "
+        f"{unit}, the first time at sample {first_sample} ({at_s:.4g} s), faster than the sensor "
+        "could follow: interference of something that switches, a bad contact, or another sensor, "
+        "plug or range for a time. The steps are left as they are in the result; log what switches "
+        "as a column of the table, and they are removed with it"
     )
 
 
@@ -113,14 +113,18 @@ COMPENSATE: dict[str, Message] = {
     "missing: check the wiring, or the lag of the sensor",
     "trace.events": "the readings show no change at the listed event(s) at {listed_s} s, but at "
     "{detected_s} s: check the times of the events, and the clock of the log",
+    "trace.event_outside": "the listed event(s) at {listed_s} s are outside the record of "
+    "{duration_s:.4g} s and not used: events are in seconds from the first row",
     "trace.step": "{subject}: the reading itself steps by {step_K:.3g} +- {u_K:.2g} K at sample "
     "{first_sample} ({at_s:.4g} s), faster than the sensor could follow any temperature: another "
-    "sensor, plug, range or offset. The step is passed on and not inverted; one side of it is "
+    "sensor, plug, range or offset. The step is left as it is in the result; one side of it is "
     "wrong, and the readings do not tell which",
     "trace.steps": _steps,
     "trace.pick_up": "{subject}: the readings step by {step_K:.3g} +- {u_K:.2g} K with the {edges} "
     "edges of {column!r}, at once and not through the sensor: interference (pick-up), which was "
-    "removed; lay the wires of the sensor apart from those of the load, or shield them",
+    "removed. Rows in which the column is off, or smallest, are taken as right: if it is the other "
+    "state, all rows are off by the step. Lay the wires of the sensor apart from those of the "
+    "load, or shield them",
     "trace.alone": "{subject}: {count} reading(s) at an end of the record, first at sample "
     "{first_sample}, stand alone behind a gap and contradict all others: the temperature changed "
     "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
@@ -170,7 +174,7 @@ PIPELINE: dict[str, Message] = {
     "compensate.one_disk": _one_disk,
     "compensate.unrefined": "the common lags are those of the records: the unloading could not be "
     "used ({problem})",
-    "delay.not_used": "{count} of {rows} readings of {subject} are spikes, stuck, or not possible "
+    "rows.not_used": "{count} of {rows} readings of {subject} are spikes, stuck, or not possible "
     "for this sensor, the first at {first_s:.6g} s: taken as missing",
     "delay.backward": "{count} rows whose time is missing or runs backward were not used",
     "follow.behind": "the log grew faster than its rows were compensated: up to {rows} rows "
@@ -186,12 +190,14 @@ OTHER_TRACE: dict[str, Message] = {
     "more readings, or give the time of the change as an event",
     "trace.step": "{subject}: the reading itself steps by {step_K:.3g} +- {u_K:.2g} {unit} at "
     "sample {first_sample} ({at_s:.4g} s), faster than the sensor could follow: another sensor, "
-    "plug, range or offset. The step is passed on and not inverted; one side of it is wrong, and "
+    "plug, range or offset. The step is left as it is in the result; one side of it is wrong, and "
     "the readings do not tell which",
     "trace.steps": _steps,
     "trace.pick_up": "{subject}: the readings step by {step_K:.3g} +- {u_K:.2g} {unit} with the "
     "{edges} edges of {column!r}, at once and not through the sensor: interference (pick-up), "
-    "which was removed; lay the wires of the sensor apart from those of the load, or shield them",
+    "which was removed. Rows in which the column is off, or smallest, are taken as right: if it is "
+    "the other state, all rows are off by the step. Lay the wires of the sensor apart from those "
+    "of the load, or shield them",
     "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
     "{first_sample}, is not determined by it: there is no reading near, or the standard "
     "uncertainty exceeds the range of the readings ({range_K:.3g} {unit}); not reported there",
