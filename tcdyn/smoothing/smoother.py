@@ -95,6 +95,8 @@ MAX_LAGS_IN_ROW = 100.0
 # degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
 # Chosen by judgement
 STUDENT_DOF = 4.0
+# rows by which a listed time may be early or late, as a standard uncertainty: evenly within one row
+LISTED_U_ROWS = 3**-0.5
 # shares of the dead time and second lag by which events may be earlier than with one lag
 EARLIER_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # samples that may be a spike together; chosen by judgement
@@ -117,7 +119,7 @@ def smooth(
     noise_sd: ArrayLike | None = None,
     intensity: float | Intensity | Sequence[float | Intensity] | None = None,
     events_s: Sequence[float] = (),
-    event_u_s: float | Sequence[float] = 0.0,
+    event_u_s: float | Sequence[float] | None = None,
     find_events: bool = True,
     heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
@@ -155,7 +157,8 @@ def smooth(
         x itself; they may lie between samples. Where the readings show none there, but elsewhere,
         a warning names both.
     event_u_s
-        Standard uncertainty of those times [s], one or one per event.
+        Standard uncertainty of those times [s], one or one per event; None: that of times which may
+        be a row early or late, where events are looked for, and zero with ``intensity``.
     find_events
         Also detect events that are not listed, without ``intensity``. No event, a kink and a jump
         of the temperature, and a step of the reading, at several times, are weighed by their
@@ -241,6 +244,8 @@ def smooth(
             changed = without_pick_up(np.asarray(y, dtype=float), pick_ups)
             record = record_of(changed, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
     n_channels = record.y.shape[1]
+    if event_u_s is None:
+        event_u_s = 0.0 if intensity is not None else LISTED_U_ROWS * dt_s
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcdyn.chain import Chain
+from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
 from tcdyn.smoothing import Intensity, smooth
 from tcdyn.smoothing.events import (
@@ -170,3 +170,49 @@ def test_rounding_is_no_step_of_the_reading_and_no_wave() -> None:
             error = np.abs(result.temperature[:, 0] - temperature[::20])
             assert np.mean(error < 1.96 * result.sd[:, 0]) > 0.9
             assert np.median(result.sd) < 1.0
+
+
+def cooling(at_s: float, seed: int) -> tuple[Array, Array]:
+    """A temperature (N,) that falls by 40 K within 15 s from a time on, and its readings (N,)."""
+    fine_s = DT_S / 20 * np.arange(20 * ROWS)
+    temperature = 80 + 40 * np.expm1(-np.maximum(fine_s - at_s, 0.0) / 15.0)
+    return temperature[::20], readings(temperature, seed)
+
+
+@pytest.mark.parametrize("listed_s", [20.0, 40.0])
+def test_a_listed_event_at_a_wrong_time_is_named_and_the_right_one_is_found(
+    listed_s: float,
+) -> None:
+    truth, y = cooling(30.02, 3)
+    done = smooth(y, DT_S, Chain(LAG_S, conditioning=NO_CONDITIONING), events_s=[listed_s])
+    assert [finding.code for finding in done.findings] == ["trace.events"]
+    assert [event.kind() for event in done.detected] == ["kink"]
+    assert abs(done.detected[0].at_s - 30.02) < 3 * done.detected[0].u_s + DT_S
+    assert np.mean(np.abs(done.temperature[:, 0] - truth) < 1.96 * done.sd[:, 0]) > 0.9
+
+
+@pytest.mark.parametrize("rows_late", [-1.0, 0.0, 1.0])
+def test_a_listed_event_may_be_a_row_early_or_late(rows_late: float) -> None:
+    truth, y = cooling(30.02, 4)
+    at_s = 30.02 + rows_late * DT_S
+    done = smooth(y, DT_S, Chain(LAG_S, conditioning=NO_CONDITIONING), events_s=[at_s])
+    error = np.abs(done.temperature[:, 0] - truth)
+    assert np.max(error / done.sd[:, 0]) < 6
+    assert np.mean(error < 1.96 * done.sd[:, 0]) > 0.88
+
+
+def test_a_listed_event_outside_the_record_is_said() -> None:
+    _, y = cooling(30.02, 5)
+    done = smooth(y, DT_S, Chain(LAG_S, conditioning=NO_CONDITIONING), events_s=[1e4])
+    assert [finding.code for finding in done.findings] == ["trace.event_outside"]
+
+
+def test_a_temperature_that_settles_within_two_lags_is_a_kink_and_no_jump() -> None:
+    fine_s = DT_S / 20 * np.arange(20 * ROWS)
+    since_s = np.maximum(fine_s - 30.01, 0.0)
+    temperature = 80 + 20 * np.expm1(-since_s / (2 * LAG_S)) + 20 * np.expm1(-since_s / 30.0)
+    for seed in range(3):
+        fit, events = found_in(readings(temperature, seed))
+        assert [int(np.argmax(event.kind_probability[0])) for event in events] == [Kind.KINK]
+        error = np.abs(fit.at_samples().temperature[:, 0] - temperature[::20])
+        assert np.max(error / fit.at_samples().sd[:, 0]) < 6

@@ -83,7 +83,7 @@ def test_without_the_column_the_steps_are_counted_in_one_message() -> None:
     assert "log what switches" in steps[0].sentence
 
 
-@pytest.mark.parametrize("words", [(1, 0), ("on", "off")])
+@pytest.mark.parametrize("words", [(1, 0), ("on", "off"), ("Closed", "Open")])
 def test_a_table_needs_no_option(words: tuple[object, object], tmp_path: Path) -> None:
     """All columns without a sensor are tried, also those of words."""
     rng = np.random.default_rng([71, 1])
@@ -99,6 +99,21 @@ def test_a_table_needs_no_option(words: tuple[object, object], tmp_path: Path) -
     assert np.sqrt(np.mean((done["T_degC"] - truth) ** 2)) < 0.4
     result = compensate_table(path, {"T_degC": (LAGS_S[0][0], 0.02)}, tmp_path / "out.csv")
     assert any("interference" in text and "'ssr'" in text for text in result.warnings)
+
+
+def test_one_pulse_of_a_relay_is_enough() -> None:
+    rng = np.random.default_rng(5)
+    y = 60 + 5 * np.sin(0.01 * np.arange(600)) + 0.05 * rng.standard_normal(600)
+    relay = np.where((np.arange(600) >= 200) & (np.arange(600) < 300), "Heating", "Idle")
+    done = smooth(y + 2.0 * (relay == "Heating"), DT_S, Chain(2.0), switched={"relay": relay})
+    assert [finding.code for finding in done.findings] == ["trace.pick_up"]
+    assert done.findings[0].numbers["step_K"] == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_column_of_other_words_is_refused() -> None:
+    words = np.array(["low", "mid", "high"] * 20)
+    with pytest.raises(InputError, match="relay of switched has other words"):
+        smooth(np.linspace(20, 30, 60), DT_S, Chain(2.0), switched={"relay": words})
 
 
 def test_only_columns_that_switch_are_tried() -> None:

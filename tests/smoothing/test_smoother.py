@@ -268,7 +268,7 @@ def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
-    ours = smooth(y, DT, chain, events_s=(RISE_S,), lag_covariance=[[0.0025]])
+    ours = smooth(y, DT, chain, events_s=(RISE_S,), event_u_s=0.0, lag_covariance=[[0.0025]])
     c = window_covariance(y, DT, chain, ours, 0, 110, 160)
     assert np.allclose(
         np.sqrt(np.diag(c)),
@@ -291,7 +291,7 @@ def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
     x, _ = exponential_rise()
     chain = Chain((1.0,), cement_s=0.05, pair=pair, conditioning=NO_CONDITIONING)
     y = chain.response(x, DT) + 0.2 * np.random.default_rng(0).standard_normal(len(x))
-    ours = smooth(y, DT, chain, events_s=(RISE_S,))
+    ours = smooth(y, DT, chain, events_s=(RISE_S,), event_u_s=0.0)
     c = window_covariance(y, DT, chain, ours, 0, 110, 160)
     assert np.allclose(np.sqrt(np.diag(c)), ours.sd_noise[110:160, 0], rtol=0.02)
     assert np.min(np.linalg.eigvalsh(c)) > -1e-9 * np.max(c)
