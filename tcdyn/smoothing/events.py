@@ -314,7 +314,8 @@ def detect_events(fit: Smoothed, search: Search) -> tuple[Smoothed, list[float]]
     starts = search.starts
     if fit.record.events_s:
         plain = _settled_after_listed(fit, search)
-        starts = starts[:1]  # beside listed events no rough temperature explains them
+        if len(_shown_listed(plain)) == len(fit.record.events_s):
+            starts = starts[:1]  # no rough temperature stands for events at other times
     for factor in starts:
         start = plain if factor == 1.0 else _with_smaller_intensities(plain, factor)
         found = _with_new_events(start, [], search)
