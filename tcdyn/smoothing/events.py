@@ -727,6 +727,43 @@ def weighed(
     return _with_widths(event, window, fit.noise_var, base, shift_s)
 
 
+def time_of_listed(fit: Smoothed, at_s: float) -> tuple[float, float]:
+    """Time [s] of a listed event that may be a row early or late, and its standard uncertainty.
+
+    Parameters
+    ----------
+    fit
+        The smoothed record, with all events.
+    at_s
+        The listed time [s].
+
+    Notes
+    -----
+    Before, the listed time is as probable as all others within a row together. They are weighed as
+    those of any event.
+    """
+    record = fit.record
+    dt_s = record.dt_s
+    first, last = influenced_samples(record, fit.noise_var, fit.intensities, at_s)
+    others_s = tuple(other for other in record.events_s if other != at_s)
+    window = segment(replace(record, events_s=others_s), first, last, others_s)
+    shift_s = first * dt_s
+    parts = np.arange(-PARTS_OF_STEP, PARTS_OF_STEP + 1) / PARTS_OF_STEP
+    times_s = at_s - shift_s + dt_s * parts
+    times_s = times_s[(times_s > 0) & (times_s < (last - first - 1) * dt_s)]
+    times_s = times_s[~np.isin(times_s, [other - shift_s for other in others_s])]
+    points = tuple(Change(time_s) for time_s in times_s.tolist())
+    base = [q.within(shift_s, last * dt_s) for q in without_changes(fit.intensities, at_s)]
+    with_points = [replace(q, changes=(*q.changes, *points)) for q in base]
+    part = smooth_record(window, fit.noise_var, with_points)
+    index = np.searchsorted(part.times_s, times_s - SAME_TIME * dt_s)
+    density = log_density(evidence(part, index), NOTHING_WHERE_LISTED)
+    density[times_s == at_s - shift_s] += np.log(len(times_s) - 1)
+    weight = np.exp(density - logsumexp(density))
+    best_s = float(times_s[np.argmax(weight)])
+    return best_s + shift_s, float(np.sqrt(weight @ (times_s - best_s) ** 2))
+
+
 def _listed_event(
     fit: Smoothed,
     window: Record,

@@ -39,6 +39,7 @@ from tcdyn.smoothing.events import (
     period_of,
     reading_steps,
     spike_log_odds,
+    time_of_listed,
     weigh_events,
 )
 from tcdyn.smoothing.lone_readings import contradicting_readings
@@ -95,8 +96,6 @@ MAX_LAGS_IN_ROW = 100.0
 # degrees of freedom of Student's t of heavy-tailed noise; fewer reject outliers more strongly.
 # Chosen by judgement
 STUDENT_DOF = 4.0
-# rows by which a listed time may be early or late, as a standard uncertainty: evenly within one row
-LISTED_U_ROWS = 3**-0.5
 # shares of the dead time and second lag by which events may be earlier than with one lag
 EARLIER_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # samples that may be a spike together; chosen by judgement
@@ -157,8 +156,8 @@ def smooth(
         x itself; they may lie between samples. Where the readings show none there, but elsewhere,
         a warning names both.
     event_u_s
-        Standard uncertainty of those times [s], one or one per event; None: that of times which may
-        be a row early or late, where events are looked for, and zero with ``intensity``.
+        Standard uncertainty of those times [s], one or one per event. None: they may be a row early
+        or late, and what the readings tell about that is used; with ``intensity``: zero.
     find_events
         Also detect events that are not listed, without ``intensity``. No event, a kink and a jump
         of the temperature, and a step of the reading, at several times, are weighed by their
@@ -244,13 +243,15 @@ def smooth(
             changed = without_pick_up(np.asarray(y, dtype=float), pick_ups)
             record = record_of(changed, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
     n_channels = record.y.shape[1]
-    if event_u_s is None:
-        event_u_s = 0.0 if intensity is not None else LISTED_U_ROWS * dt_s
-    listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
+    listed_u_s = np.broadcast_to(np.asarray(event_u_s or 0.0, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
     if intensity is None:
         likely = likeliest(record, find_events)
+        if event_u_s is None and record.events_s:
+            u_by_time = dict(time_of_listed(likely.fit, at_s) for at_s in record.events_s)
+            record = replace(record, events_s=tuple(sorted(u_by_time)))
+            likely = likeliest(record, find_events)
         if likely.detected and (wrong_s := likely.listed_without_evidence):
             finding = warning(
                 "trace.events",
@@ -263,9 +264,9 @@ def smooth(
         fit = _smoothed_without_spikes(
             record, record.noise_sd**2, _as_intensities(intensity, n_channels)
         )
-    outside_s = [at_s for at_s in events_s if at_s not in record.events_s]
+    duration_s = (len(record.y) - 1) * dt_s
+    outside_s = [at_s for at_s in events_s if not 0 < at_s < duration_s]
     if outside_s:
-        duration_s = (len(record.y) - 1) * dt_s
         finding = warning("trace.event_outside", listed_s=_listed(outside_s), duration_s=duration_s)
         record = replace(record, findings=(*record.findings, finding))
     if heavy_tails:
