@@ -67,6 +67,7 @@ def test_without_a_rig_file_the_records_rig_is_used(
     assert abs(own - speed_law(campaign, other_steel, "--rig", campaign.files.rig)) > 0.01
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_rig_file_that_is_not_the_records_is_said(
     campaign: Campaign, partition: Partition, other_steel: list[Path]

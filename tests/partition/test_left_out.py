@@ -385,6 +385,7 @@ def test_without_option_excludes_channels_on_the_command_line(
     ]
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_campaign_row_of_an_excluded_channel_is_nan(campaign: Campaign) -> None:
     settings = CampaignSettings(
