@@ -69,9 +69,11 @@ class Intensity:
 
     Examples
     --------
-    >>> q = Intensity((0.0, 10.0), (1.0, 4.0))
+    >>> q = Intensity((0.0, 10.0), (1.0, 4.0), (Change(10.0, slope_sd=3.0),))
     >>> q.at([5.0, 10.0, 16.0]).tolist()
     [1.0, 4.0, 4.0]
+    >>> q.shifted(shift_s=2.0).changes[0].start_s
+    8.0
     """
 
     starts_s: tuple[float, ...]
