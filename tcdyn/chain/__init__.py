@@ -11,6 +11,8 @@
 >>> alike = equalise(read, 0.02, [slow, quick], common=slow)  # no inverse: both become slow
 >>> np.round(20 + 5 * t[-1] - alike[-1], 3)  # both lag by 0.7 s
 array([3.5, 3.5])
+>>> FlowLaw(at=2.0, exponent=0.5, inner_share=0.2).factor(8.0).round(3)  # of the lag at 2 m/s
+np.float64(0.6)
 >>> round(sum(cement_lags()), 6)  # of the diffusion time: the first moment
 0.5
 """
@@ -25,6 +27,7 @@ from tcdyn.chain.chain import (
     sensors,
 )
 from tcdyn.chain.equalisation import equalise
+from tcdyn.chain.law import FlowLaw
 from tcdyn.chain.rational import Hold
 from tcdyn.chain.structures import STRUCTURES, ChainStructure
 
@@ -33,6 +36,7 @@ __all__ = [
     "STRUCTURES",
     "Chain",
     "ChainStructure",
+    "FlowLaw",
     "Hold",
     "Sensor",
     "cement_lags",

@@ -748,6 +748,35 @@ def _sensor(chain: Chain, size: int, mean_rows: int) -> Sensor:
         drift[inner] = output / chain.mean_s
         output = np.zeros(size)
         output[inner:] = 1.0
+    return Sensor(
+        drift,
+        output,
+        lag_row,
+        split_row,
+        *_settled(drift, inner),
+        chain.delay_s,
+        chain.lag_s,
+        chain.mean_s,
+        mean_rows,
+    )
+
+
+def _settled(drift: Array, inner: int) -> tuple[Array, Array, Array]:
+    """States of a chain that has always followed a level and a slope, and their scatter.
+
+    Parameters
+    ----------
+    drift
+        System matrix (n, n).
+    inner
+        Number of states without those of a mean.
+
+    Returns
+    -------
+    ramp, scatter, level_scatter
+        As in ``Sensor``.
+    """
+    size = len(drift)
     ramp = np.zeros((size, 2))
     scatter = np.zeros((size, size))
     level_scatter = np.zeros((size, size))
@@ -764,16 +793,34 @@ def _sensor(chain: Chain, size: int, mean_rows: int) -> Sensor:
         level_scatter[of_stages, of_stages] = solve_continuous_lyapunov(
             stages, -np.outer(level, level)
         )
-    return Sensor(
-        drift,
-        output,
-        lag_row,
-        split_row,
-        ramp,
-        scatter,
-        level_scatter,
-        chain.delay_s,
-        chain.lag_s,
-        chain.mean_s,
-        mean_rows,
+    return ramp, scatter, level_scatter
+
+
+def with_first_lag(sensor: Sensor, lag_s: float) -> Sensor:
+    """The state space of a chain whose first, largest lag has another value.
+
+    Parameters
+    ----------
+    sensor
+        The state space, of a chain without a zero.
+    lag_s
+        The first lag [s].
+
+    Notes
+    -----
+    The states remain temperatures in cascade, so that they stay valid while the lag changes.
+    """
+    drift = sensor.drift.copy()
+    first_s = -1.0 / drift[2, 2]
+    drift[2, 0] = 1.0 / lag_s
+    drift[2, 2] = -1.0 / lag_s
+    ramp, scatter, level_scatter = _settled(drift, len(drift) - sensor.mean_rows)
+    return replace(
+        sensor,
+        drift=drift,
+        ramp=ramp,
+        scatter=scatter,
+        level_scatter=level_scatter,
+        lag_row=sensor.lag_row * first_s / lag_s,
+        lag_s=sensor.lag_s + lag_s - first_s,
     )

@@ -373,7 +373,15 @@ def segment(record: Record, first: int, last: int, events: Sequence[float]) -> R
     samples = {name: getattr(record, name)[rows] for name in ("y", "weight", "flags")}
     start = record.start if first == 0 else None
     late_s = None if record.late_s is None else record.late_s[rows]
-    return replace(record, **samples, events_s=events_inside, start=start, late_s=late_s)
+    followed = tuple(lag and lag.within(rows) for lag in record.followed)
+    return replace(
+        record,
+        **samples,
+        events_s=events_inside,
+        start=start,
+        late_s=late_s,
+        followed=followed,
+    )
 
 
 def smearing_time_s(record: Record) -> float:

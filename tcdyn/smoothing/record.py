@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.chain import Chain, Sensor, chains_for, sensors
 from tcdyn.chain.bursts import estimate_and_whiten_noise, whiten_traces
+from tcdyn.chain.chain import with_first_lag
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -56,6 +57,9 @@ STUCK = 4
 SATURATED = 8
 IMPLAUSIBLE = 16
 ALONE = 32  # see ``tcdyn.smoothing.lone_readings``
+# step of the logarithm of a lag that follows another column: an error of 0.25 % at most, well below
+# the uncertainty of any lag; smaller steps cost time
+LAG_STEP = 0.005
 # fewest good samples of a channel, and samples of a record; chosen by judgement
 MIN_GOOD_SAMPLES = 8
 # Estimated noise is at least this part of the largest reading: below, the covariances of the filter
@@ -139,6 +143,41 @@ class DetectedEvent:
 
 
 @dataclass(frozen=True)
+class FollowedLag:
+    """The first lag of a channel, which follows another column.
+
+    Parameters
+    ----------
+    lag_s
+        The lag at each sample (N,) [s].
+    sensors
+        State spaces with some lags, evenly in their logarithm.
+    of_sample
+        Index (N,) of the state space of each sample.
+    """
+
+    lag_s: Array
+    sensors: tuple[Sensor, ...]
+    of_sample: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, lag_s: Array, sensor: Sensor) -> FollowedLag:
+        """The state spaces for lags (N,) [s] of a chain with the state space ``sensor``."""
+        step = np.round(np.log(lag_s) / LAG_STEP)
+        steps, of_sample = np.unique(step, return_inverse=True)
+        lags_s = np.exp(steps * LAG_STEP).tolist()
+        return cls(lag_s, tuple(with_first_lag(sensor, lag) for lag in lags_s), of_sample)
+
+    def at(self, time_s: Array, dt_s: float) -> Array:
+        """The lag [s] at some times (T,) [s]."""
+        return np.interp(time_s, dt_s * np.arange(len(self.lag_s)), self.lag_s)
+
+    def within(self, rows: slice) -> FollowedLag:
+        """That of some samples."""
+        return replace(self, lag_s=self.lag_s[rows], of_sample=self.of_sample[rows])
+
+
+@dataclass(frozen=True)
 class Record:
     """A record: samples of M channels at a constant interval, with their chains and events.
 
@@ -175,6 +214,9 @@ class Record:
         What the rows before tell; None: nothing.
     late_s
         How much later than its sample each reading was taken (N,) [s]; None: not at all.
+    followed
+        The first lag of each channel (M,) that follows another column, None where it does not;
+        empty: of no channel. ``chains`` then are those with its median.
 
     Notes
     -----
@@ -198,6 +240,7 @@ class Record:
     noise: tuple[LoggerNoise, ...] = ()
     start: Start | None = None
     late_s: Array | None = None
+    followed: tuple[FollowedLag | None, ...] = ()
 
     def at_samples(self) -> Array:
         """Readings (N, M), moved to the samples along parabolas where they were taken later."""
@@ -721,9 +764,10 @@ class Compensated(Result):
         The events among them that were not listed, with what they may be.
     intensities
         Process-noise intensities as functions of time, one a channel (smoother only).
-    event_shift_K
-        Change (N, M) [K] for one standard uncertainty of the time of each event; its square is
-        included in that of ``sd_noise``.
+    shift_K
+        Changes (N, M) [K] by one standard uncertainty of what is one error for the whole record:
+        the time of each event, and the law of a lag that follows a flow. Their squares are included
+        in that of ``sd_noise``.
     undetermined
         Samples (N, M) where the record does not determine the temperature, see
         ``with_undetermined``.
@@ -759,7 +803,7 @@ class Compensated(Result):
     events_s: tuple[tuple[float, float], ...] = ()
     detected: tuple[DetectedEvent, ...] = ()
     intensities: tuple[Intensity, ...] = ()
-    event_shift_K: tuple[Array, ...] = ()
+    shift_K: tuple[Array, ...] = ()
     undetermined: Flags | None = None
     names: tuple[str, ...] = ()
     index: pd.Index[Any] | None = None

@@ -100,6 +100,7 @@ def select_channels(record: Record, channels: Flags) -> Record:
         noise_sd=record.noise_sd[channels],
         aliasing_u_K=record.aliasing_u_K[channels],
         rounding_K=record.rounding_K[channels],
+        followed=tuple(compress(record.followed, channels)),
     )
 
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
 from tcdyn.chain.chain import STATED_SPLIT_SHARE, sensors
+from tcdyn.chain.law import FlowLaw
 from tcdyn.core import Array, Flags
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
@@ -42,6 +43,7 @@ from tcdyn.smoothing.events import (
     time_of_listed,
     weigh_events,
 )
+from tcdyn.smoothing.followed_flow import FollowedFlow, followed_flow
 from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.pick_up import (
@@ -128,6 +130,9 @@ def smooth(
     units: Sequence[str] | None = None,
     late_s: ArrayLike | None = None,
     switched: Mapping[str, ArrayLike] | None = None,
+    laws: FlowLaw | Sequence[FlowLaw | None] | None = None,
+    flow: ArrayLike | None = None,
+    flow_u: ArrayLike = 0.0,
 ) -> Compensated:
     """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
@@ -187,6 +192,12 @@ def smooth(
         Other columns of the log (N,) by name, of numbers or of two words. Where the readings step
         with the edges of one that switches, such as a heater, that is interference: it is named and
         removed. The readings are taken as right where the column is smallest, or off.
+    laws
+        How the lags of the channels follow a flow, one law or one per channel (M,); None where a
+        lag does not. ``chains`` then hold at the flow ``FlowLaw.at``.
+    flow, flow_u
+        The flow (N,) or (N, M), in the unit of the laws, and its standard uncertainty, one error
+        for the whole record.
 
     Returns
     -------
@@ -232,6 +243,10 @@ def smooth(
             expected="the sampling interval in seconds, or readings with times in their index",
         )
     pick_ups: tuple[PickUp, ...] = ()
+    law: FollowedFlow | None = None
+    if laws is not None or flow is not None:
+        law = followed_flow(y, chains, laws, flow, flow_u)
+        chains = law.median_chains
     if isinstance(y, Record):
         record = y
     else:
@@ -242,6 +257,8 @@ def smooth(
         if pick_ups:  # its edges look like spikes
             changed = without_pick_up(np.asarray(y, dtype=float), pick_ups)
             record = record_of(changed, dt_s, chains, events_s, noise_sd, names, units, late_s=late)
+    if law is not None:
+        record = replace(record, followed=law.lags(record))
     n_channels = record.y.shape[1]
     listed_u_s = np.broadcast_to(np.asarray(event_u_s or 0.0, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
@@ -283,6 +300,7 @@ def smooth(
         findings=record.findings,
         names=names,
         pick_ups=pick_ups,
+        law=law,
     )
     return result.with_labels(y, names)
 
@@ -394,6 +412,7 @@ def compensated(
     findings: Sequence[Finding],
     names: Sequence[str] | None,
     pick_ups: Sequence[PickUp] = (),
+    law: FollowedFlow | None = None,
 ) -> Compensated:
     """The result of a smoothed record, with all contributions to its uncertainty.
 
@@ -411,6 +430,8 @@ def compensated(
         Findings about the channels.
     pick_ups
         Interference that was removed from the readings.
+    law
+        How the lags follow a flow.
     """
     record = fit.record
     dt_s = record.dt_s
@@ -436,6 +457,8 @@ def compensated(
         slope_var = slope_var + learned.missed_slope_var + is_rough * intensity_slope_var
     events = {at: u_by_time[at] for at in record.events_s}
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
+    if law is not None:
+        event_shifts += tuple(samples.lag_sensitivity * shift_s for shift_s in law.shift_s)
     for shift_K in event_shifts:
         var = var + shift_K**2
         slope_var = slope_var + np.gradient(shift_K, dt_s, axis=0) ** 2
@@ -479,7 +502,7 @@ def compensated(
             *_step_findings(fit, likely, labels),
             *_pick_up_findings(interference, labels, record),
         ),
-        event_shift_K=event_shifts,
+        shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         detected=() if likely is None else tuple(e.as_detected() for e in likely.detected),
         intensities=fit.intensities,
@@ -514,7 +537,8 @@ def _over_divisions(fit: Smoothed, channel: int, split_u_s: float) -> Array:
     """
     record = fit.record
     chain = record.chains[channel]
-    is_stated = chain.is_stated and len(chain.taus_s) == 1
+    is_followed = bool(record.followed) and record.followed[channel] is not None
+    is_stated = chain.is_stated and len(chain.taus_s) == 1 and not is_followed
     if not is_stated or record.start is not None:
         shift_s = STATED_SPLIT_SHARE * chain.taus_s[0] if is_stated else split_u_s
         sensitivity = fit.split_change[fit.own, channel]
@@ -920,7 +944,7 @@ def window_covariance(
     N x N matrix is needed. The lag adds
     lag_sensitivity_i lag_sensitivity_k u(lag)^2; its division into parts adds a similar term. The
     uncertainty of the static line, one error at all times, is not included: the user knows whether
-    it cancels. That of the times of events is not included either: it is ``event_shift_K``.
+    it cancels. That of the times of events is not included either: it is ``shift_K``.
 
     Examples
     --------
@@ -954,7 +978,7 @@ def window_covariance(
     )
     # the result has further contributions, which are taken as correlated like those of the prior;
     # those of uncertain times of events are left to the caller
-    of_events = sum(shift[first:last, channel] ** 2 for shift in result.event_shift_K)
+    of_events = sum(shift[first:last, channel] ** 2 for shift in result.shift_K)
     var = np.maximum(result.sd_noise[first:last, channel] ** 2 - of_events, 0.0)
     scale = np.sqrt(var / np.diag(of_prior))
     out = scale[:, None] * of_prior * scale

@@ -13,7 +13,7 @@ process noise are exact. Used by :mod:`tcdyn.smoothing.smoother`,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import NamedTuple
 
@@ -38,7 +38,7 @@ from tcdyn.smoothing.noise_levels import (
     level_noise_at,
     levels_at,
 )
-from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.record import FollowedLag, Record
 
 # prior sd of level, slope and slope jumps, in ranges of the record (per lag): diffuse, but well
 # scaled; chosen by judgement
@@ -293,7 +293,12 @@ def point_models(
     events_s = [*record.events_s, *changes]
     points = points_of(record, events_s, sensor)
     count = len(points.time_s)
-    step_matrices = [steps_of(sensor, step_s) for step_s in points.step_s]
+    followed = record.followed[channel] if record.followed else None
+    of_steps = [sensor] * len(points.step_s)
+    if followed is not None:
+        points, of_steps = _with_followed_lag(points, followed, record.dt_s)
+        sensor = followed.sensors[followed.of_sample[0]]
+    step_matrices = [steps_of(each, step_s) for each, step_s in zip(of_steps, points.step_s)]
     transition, level_unit, slope_unit = (np.array(kinds) for kinds in zip(*step_matrices))
     transition[points.starts_mean] = transition[points.starts_mean] @ sensor.at_row
     read = np.zeros(count)
@@ -361,6 +366,31 @@ def point_models(
             )
         )
     return points, models
+
+
+def _first_lag_s(sensor: Sensor) -> float:
+    """The first lag [s] of a state space."""
+    return float(-1.0 / sensor.drift[2, 2])
+
+
+def _with_followed_lag(
+    points: Points, followed: FollowedLag, dt_s: float
+) -> tuple[Points, list[Sensor]]:
+    """Points whose kinds of steps also differ in the lag, and the state space of each kind.
+
+    The lag of a step is that of the sample at its start.
+    """
+    sample = np.floor(points.time_s / dt_s + SAME_TIME).astype(int)
+    of_point = followed.of_sample[np.clip(sample, 0, len(followed.of_sample) - 1)]
+    pairs, kind = np.unique(np.column_stack([points.kind, of_point]), axis=0, return_inverse=True)
+    of_kind, of_lag = pairs.T
+    changed = replace(
+        points,
+        kind=kind.astype(np.int64).ravel(),
+        step_s=points.step_s[of_kind],
+        starts_mean=points.starts_mean[of_kind],
+    )
+    return changed, [followed.sensors[k] for k in of_lag.tolist()]
 
 
 def reads_before(record: Record, sensor: Sensor) -> Flags:
@@ -716,6 +746,9 @@ def smooth_record(record: Record, noise_var: Array, intensities: Sequence[Intens
         level[:, c], slope[:, c] = smoothed.mean[at].T
         var[:, :, c] = smoothed.covariance[at].T
         lag_change[:, c], split_change[:, c] = smoothed.extra[at].T
+        followed = record.followed[c] if record.followed else None
+        if followed is not None:
+            lag_change[:, c] *= _first_lag_s(sensor) / followed.at(common.time_s, record.dt_s)
         change_var[:, c] = smoothed.change_var[points.sample]
         predicted[:, c] = smoothed.predicted[points.reading]
         predicted_var[:, c] = smoothed.predicted_var[points.reading]

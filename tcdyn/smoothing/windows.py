@@ -111,7 +111,7 @@ def window_means(
             channel_covariance = window_covariance(
                 traces.measured_degC[:, i], dt_s, traces.chains[i], result, i, first, last
             )
-            event_shifts = np.array([shift[rows, i] for shift in result.event_shift_K]).reshape(
+            event_shifts = np.array([shift[rows, i] for shift in result.shift_K]).reshape(
                 -1, last - first
             )
             sample_covariance[name.removesuffix("_degC")] = (

@@ -163,7 +163,7 @@ def test_means_just_after_an_uncertain_event_err_together_and_their_difference_d
         off = np.array(found["mean_degC"]) - x[first : first + len(found["time_s"])].mean()
         z.append(off[0] / np.sqrt(c[0, 0]))
         apart.append((off[0] - off[1]) / found["difference_u_K"][0][1])
-        instant = ours.event_shift_K[0][first : first + len(found["time_s"]), 0].mean()
+        instant = ours.shift_K[0][first : first + len(found["time_s"]), 0].mean()
         untold.append(off[0] / np.sqrt(c[0, 0] - instant**2))
     assert (
         np.mean(np.abs(z) < 1.96) > 0.8
