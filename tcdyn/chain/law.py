@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from tcdyn.chain.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
 
 # exponent with which forced and natural convection combine: Nu^3 = Nu_forced^3 + Nu_natural^3
 # (S. W. Churchill, AIChE J. 23, 10, 1977)
@@ -35,6 +36,8 @@ class FlowLaw:
         Share of the lag that does not follow the flow, and its standard uncertainty.
     least
         Flow in the same unit below which natural convection keeps the lag from rising; zero: none.
+    quantity
+        What the flow is, with its unit, such as speed_m_s: the usual name of its column.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class FlowLaw:
     inner_share: float = 0.0
     inner_share_u: float = 0.0
     least: float = 0.0
+    quantity: str = "flow"
 
     def __post_init__(self) -> None:
         if not self.at > 0:
@@ -71,6 +75,15 @@ class FlowLaw:
             raise InputError(f"FlowLaw: an inner share of {self.inner_share}", expected="0 to 1")
         if min(self.exponent_u, self.inner_share_u, self.least) < 0:
             raise InputError("FlowLaw: a negative uncertainty or least flow", expected="0 or more")
+
+    def summary(self) -> str:
+        """The law in one line."""
+        exponent = Estimate.normal(self.exponent, self.exponent_u).text()
+        share = Estimate.normal(self.inner_share, self.inner_share_u).text()
+        least = f", natural convection below {self.least:g}" if self.least else ""
+        return (
+            f"lag at {self.quantity} = {self.at:g}; exponent {exponent}, inner share {share}{least}"
+        )
 
     def _relative(self, flow: ArrayLike) -> Array:
         """Effective flow over that of ``at``.

@@ -31,6 +31,7 @@ from tcdyn.sensors.options import CurrentOptions, DipOptions, PairOptions
 from tcdyn.series.options import TableOptions
 
 if TYPE_CHECKING:
+    from tcdyn.chain.law import FlowLaw
     from tcdyn.core.findings import Finding
     from tcdyn.sensors import SensorFile
 
@@ -123,6 +124,10 @@ def new(
     t63_s: Annotated[str | None, typer.Option(rich_help_panel="Sensor")] = None,
     dead_time_s: Annotated[str, typer.Option(rich_help_panel="Sensor")] = "0",
     bare: Annotated[bool, typer.Option("--bare", rich_help_panel="Sensor")] = False,
+    at: Annotated[str, typer.Option(rich_help_panel="Flow")] = "",
+    exponent: Annotated[str, typer.Option(rich_help_panel="Flow")] = "0.5+-0.1",
+    inner_share: Annotated[str, typer.Option(rich_help_panel="Flow")] = "0.2+-0.1",
+    least_flow: Annotated[float, typer.Option(rich_help_panel="Flow")] = 0.0,
     *,
     output: SensorOutput,
     known_filter: FilterOptions,
@@ -146,6 +151,15 @@ def new(
         dead time in seconds with its standard uncertainty: 0.2+-0.05
     bare
         the sensor is a bare wire: one lag and no dead time
+    at
+        the lag follows a flow: its quantity, as its column is usually named, and its value at which
+        the lag holds: speed_m_s=2
+    exponent
+        with --at: exponent of the film, with its standard uncertainty
+    inner_share
+        with --at: share of the lag that does not follow, with its standard uncertainty
+    least_flow
+        with --at: flow below which natural convection keeps the lag from rising
     """
     from tcdyn.sensors import specified_sensor
 
@@ -158,8 +172,32 @@ def new(
         number_with_u(dead_time_s, "dead_time_s"),
         t63_s=None if t63_s is None else number_with_u(t63_s, "t63_s"),
         is_bare=bare,
+        law=_law_of(at, exponent, inner_share, least_flow),
     )
     output.write(sensor, reporter)
+
+
+def _law_of(at: str, exponent: str, inner_share: str, least: float) -> FlowLaw | None:
+    """The law of a lag from the options of ``sensor new``; None without ``at``.
+
+    Raises
+    ------
+    InputError
+        For an ``at`` that is no quantity with its value.
+    """
+    from tcdyn.chain.law import FlowLaw
+
+    if not at:
+        return None
+    quantity, is_given, value = at.partition("=")
+    number, _ = number_with_u(value, "at") if is_given and quantity.strip() else (0.0, 0.0)
+    if not number > 0:
+        raise InputError(
+            f"--at {at}", expected="a quantity and its value above zero, such as speed_m_s=2"
+        )
+    n, n_u = number_with_u(exponent, "exponent")
+    share, share_u = number_with_u(inner_share, "inner_share")
+    return FlowLaw(number, n, n_u, share, share_u, least, quantity.strip())
 
 
 @app.command()

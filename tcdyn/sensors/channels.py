@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from tcdyn.chain import Chain
+from tcdyn.chain.law import FlowLaw
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
@@ -59,6 +60,8 @@ class Channel:
         Static line; None where readings stand as they are.
     sensor
         Name of the sensor.
+    law
+        How the lag follows a flow; None where it does not.
     """
 
     column: str
@@ -67,6 +70,7 @@ class Channel:
     lag_s: Estimate
     line: StaticLine | None
     sensor: str
+    law: FlowLaw | None = None
 
 
 @dataclass(frozen=True)
@@ -99,10 +103,13 @@ class TableChannels:
         The channels, in groups.
     context
         Where the rows come from, and what is known of all of them.
+    flow_column
+        Column with the flow that lags follow; empty: no lag follows.
     """
 
     groups: tuple[ChannelGroup, ...]
     context: Context
+    flow_column: str = ""
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -150,6 +157,56 @@ class TableChannels:
         }
         return [f for f in findings if not is_removed.get(f.code, False)]
 
+    def following(self, follows: str, names: Sequence[str]) -> TableChannels:
+        """The channels with the column of the flow that their lags follow.
+
+        Parameters
+        ----------
+        follows
+            The column, or ``quantity=column``; empty: the column with the name of the quantity.
+        names
+            Columns of the table.
+
+        Raises
+        ------
+        InputError
+            Without such a column, for sensors that follow several quantities, and for a column
+            although no lag follows.
+        """
+        quantities = {channel.law.quantity for channel in self.channels if channel.law}
+        where = self.context.where
+        if not quantities:
+            if follows:
+                raise InputError(
+                    f"no lag follows {follows!r}",
+                    where=where,
+                    expected="a sensor with the law of its lag",
+                    remedy="state it with {at}",
+                    parameters={"at": "speed_m_s=2"},
+                )
+            return self
+        if len(quantities) > 1:
+            listed = ", ".join(sorted(quantities))
+            raise InputError(f"lags follow {listed}", where=where, expected="one quantity")
+        (quantity,) = quantities
+        named, _, column = follows.rpartition("=")
+        if named and named != quantity:
+            raise InputError(
+                f"a column for {named}",
+                where=where,
+                expected=f"one for {quantity}: QUANTITY=COLUMN",
+            )
+        column = column or quantity
+        if column not in names:
+            raise InputError(
+                f"no column {column!r} with the flow that the lag follows",
+                where=where,
+                expected=", ".join(names),
+                parameters={"follows": f"{quantity}=COLUMN"},
+                remedy="name it with {follows}",
+            )
+        return replace(self, flow_column=column)
+
     @property
     def lag_s(self) -> float:
         """The largest lag [s]."""
@@ -190,8 +247,30 @@ class TableChannels:
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
                 readings = _readings_of(group, indices, series, self.mean_s)
-                prepared.append(replace(readings, others=others))
+                flow = self._flow(others)
+                prepared.append(replace(readings, others=others, flow=flow))
         return prepared, findings
+
+    def _flow(self, others: Mapping[str, Array]) -> Array | None:
+        """The flow at the samples (N,), held where it is missing; None: no lag follows.
+
+        Raises
+        ------
+        InputError
+            For a column without a number.
+        """
+        if not self.flow_column:
+            return None
+        values = others.get(self.flow_column, np.full(1, np.nan))
+        is_known = np.isfinite(values)
+        if not is_known.any():
+            raise InputError(
+                f"column {self.flow_column!r} with the flow has no number",
+                where=self.context.where,
+            )
+        last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), 0))
+        first = int(np.argmax(is_known))
+        return np.asarray(values[np.maximum(last, first)])
 
 
 def _other_columns(
@@ -273,6 +352,7 @@ def _readings_of(
         is_separable=True,
         is_left_out=(reasons == RANGE) | (reasons == CODE),
         late_s=series.late_on_grid(),
+        laws=tuple(channel.law for channel in channels),
     )
 
 
@@ -348,6 +428,7 @@ def sensor_channels(
                 file.chain.channels[pattern].lag_s,
                 file.static.get(pattern),
                 file.sensor,
+                file.law,
             )
         )
         split_u_s[i] = file.split_u_s[index]

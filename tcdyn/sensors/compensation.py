@@ -247,6 +247,10 @@ def compensate_readings(
         "names": readings.names,
         "units": [unit.base for unit in readings.units],
     }
+    if readings.flow is not None and method.method in ("inverse", "deconvolve"):
+        raise InputError(
+            "a lag that follows a flow", expected="the smoother, the method without an option"
+        )
     if method.method == "inverse":
         return invert(y, dt, readings.chains, method.filter_bandwidth_Hz, **options)
     options["split_u_s"] = readings.split_u_s
@@ -266,6 +270,8 @@ def compensate_readings(
         event_u_s=[*inside.values()],
         late_s=readings.late_s,
         switched=readings.others,
+        laws=None if readings.flow is None else readings.laws,
+        flow=readings.flow,
         **options,
     )
 

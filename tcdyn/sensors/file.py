@@ -19,6 +19,7 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.chain import STATED_SPLIT_SHARE
+from tcdyn.chain.law import FlowLaw
 from tcdyn.core import Array
 from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
@@ -126,6 +127,8 @@ class SensorFile(Result, StrictModel):
         By column: when the response to a step passes 50, 63.2 and 90 %.
     static
         By column, where there is a static line.
+    law
+        How the lags follow a flow; None: they do not.
     fit
         Further results of the method.
     reading
@@ -149,6 +152,7 @@ class SensorFile(Result, StrictModel):
     conditioning: Conditioning = NO_CONDITIONING
     times: dict[str, dict[str, Estimate]] = Field(default_factory=dict)
     static: dict[str, StaticLine] = Field(default_factory=dict)
+    law: FlowLaw | None = None
     fit: dict[str, Any] = Field(default_factory=dict)
     reading: list[dict[str, Any]] = Field(default_factory=list)
     findings: list[Finding] = Field(default_factory=list)
@@ -286,6 +290,8 @@ class SensorFile(Result, StrictModel):
             ]
             if times:
                 lines.append("    " + ", ".join(times))
+        if self.law is not None:
+            lines.append(f"  {self.law.summary()}")
         for dip in dips:
             lag_text = Estimate(**dip["lag_s"]).text("s")
             lines.append(f"  {dip['file'] or 'dip'}: {dip['direction']}, lag {lag_text}")
@@ -337,8 +343,9 @@ class SensorFile(Result, StrictModel):
         return pd.DataFrame(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of the file, with its checksum."""
-        return with_checksum(self.model_dump(mode="json", by_alias=True))
+        """The content of the file, with its checksum; ``law`` only where there is one."""
+        left_out = {"law"} if self.law is None else set()
+        return with_checksum(self.model_dump(mode="json", by_alias=True, exclude=left_out))
 
 
 @with_named_arguments
@@ -565,6 +572,7 @@ def specified_sensor(
     *,
     t63_s: tuple[float, float] | None = None,
     is_bare: bool = False,
+    law: FlowLaw | None = None,
     **more: Any,
 ) -> SensorFile:
     """Build a sensor whose lags the user specifies: one chain for all ``columns``.
@@ -586,6 +594,8 @@ def specified_sensor(
         uncertainty [s].
     is_bare
         Whether the sensor is a bare wire, which has one lag and no dead time.
+    law
+        How the lag follows a flow; ``taus_s`` then hold at ``FlowLaw.at``.
     more
         Other fields of the file.
 
@@ -647,6 +657,8 @@ def specified_sensor(
         conditioning=conditioning,
         is_stated=is_stated,
     )
+    if law is not None:
+        law.first_lag_s(chain, np.ones(1))
     lag_variance = sum(u * u for _, u in (*taus, delay_s))
     split_variance = sum(u * u for _, u in (*taus[1:], delay_s))
     if is_stated:
@@ -660,6 +672,7 @@ def specified_sensor(
         np.full((m, m), lag_variance),
         [split_variance**0.5] * m,
         findings=findings,
+        law=law,
         **more,
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
+from tcdyn.chain.law import FlowLaw
 from tcdyn.core import Array, Flags
 from tcdyn.series.units import Unit
 
@@ -54,6 +55,10 @@ class ChannelReadings:
     others
         Other columns of the source (N,) as numbers, NaN where missing: those that switch may
         interfere with the readings.
+    laws
+        How the lag of each channel (M,) follows a flow, None where it does not; empty: of none.
+    flow
+        That flow (N,); None: no lag follows.
     """
 
     columns: tuple[str, ...]
@@ -74,6 +79,8 @@ class ChannelReadings:
     is_left_out: Flags | None = None
     late_s: Array | None = None
     others: Mapping[str, Array] = field(default_factory=dict)
+    laws: tuple[FlowLaw | None, ...] = ()
+    flow: Array | None = None
 
     @property
     def names(self) -> list[str]:
@@ -98,6 +105,7 @@ class ChannelReadings:
             gain_u_rel=self.gain_u_rel[one],
             noise_K=None if self.noise_K is None else self.noise_K[one],
             is_left_out=None if self.is_left_out is None else self.is_left_out[:, one],
+            laws=self.laws[one],
         )
 
     def from_sample(self, first: int) -> ChannelReadings:
@@ -110,4 +118,5 @@ class ChannelReadings:
             static_u_K=self.static_u_K[first:],
             late_s=None if self.late_s is None else self.late_s[first:],
             others={name: values[first:] for name, values in self.others.items()},
+            flow=None if self.flow is None else self.flow[first:],
         )

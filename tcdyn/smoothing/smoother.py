@@ -260,7 +260,9 @@ def smooth(
     if law is not None:
         record = replace(record, followed=law.lags(record))
     n_channels = record.y.shape[1]
-    listed_u_s = np.broadcast_to(np.asarray(event_u_s or 0.0, dtype=float), len(events_s)).tolist()
+    listed_u_s = np.broadcast_to(
+        np.asarray(0.0 if event_u_s is None else event_u_s, dtype=float), len(events_s)
+    ).tolist()
     u_by_time = dict(zip(events_s, listed_u_s))
     likely: Likely | None = None
     if intensity is None:

@@ -56,9 +56,13 @@ class FrameOptions(LogOptions):
     ----------
     rate
         also write the rate of change of each result and its standard uncertainty
+    follows
+        with a sensor whose lag follows the flow: the column of the flow, or QUANTITY=COLUMN
+        (default: the column with the name of the quantity)
     """
 
     rate: bool = option(False, "Output")
+    follows: str = option("", "Sensor")
 
 
 @dataclass(frozen=True)

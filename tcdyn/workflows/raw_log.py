@@ -47,7 +47,7 @@ from tcdyn.series.source import FilledTimes, Source, selected_rows, source_of_ta
 from tcdyn.series.survey import Survey
 from tcdyn.series.thermocouple_types import convert_columns
 from tcdyn.series.units import cold_column
-from tcdyn.workflows.options import LogOptions
+from tcdyn.workflows.options import FrameOptions, LogOptions
 from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
@@ -214,6 +214,8 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: LogOptions
         other_times=source.clock.others,
     )
     channels = replace(channels, context=context)
+    if isinstance(options, FrameOptions):
+        channels = channels.following(options.follows, value_columns)
     carried = tuple(n for n in value_columns if n not in channels.units)
     without_sensor = [name for name in carried if not table.is_time(name)]
     if without_sensor:
@@ -250,6 +252,12 @@ def checked_before_following(raw: RawLog, table: Table) -> RawLog:
         thermocouple can have because they are in another unit.
     """
     channels = raw.channels
+    if channels.flow_column:
+        raise InputError(
+            "a lag that follows the flow, compensated while the log is recorded or with a delay",
+            where=table.where,
+            expected="a sensor without a law, or compensation of the whole log",
+        )
     check_one_channel(table, raw.source.time, list(channels.units))
     checks = {name: RangeCheck(name, unit.name) for name, unit in channels.units.items()}
     try:
