@@ -341,14 +341,14 @@ def detect_events(fit: Smoothed, search: Search) -> tuple[Smoothed, list[float]]
 
 def _settled_after_listed(fit: Smoothed, search: Search) -> Smoothed:
     """The record with the listed events, after which the temperature may settle."""
-    fit = with_listed_events(fit)
+    fit = _with_listed_events(fit)
     starts = _segment_starts(fit, [], SETTLING)
     divided = [_divided(q, starts) for q in fit.intensities]
     fit = search.estimated(smooth_record(fit.record, fit.noise_var, divided))
-    return with_listed_events(_with_noise(fit))
+    return _with_listed_events(_with_noise(fit))
 
 
-def with_listed_events(fit: Smoothed) -> Smoothed:
+def _with_listed_events(fit: Smoothed) -> Smoothed:
     """The record with the likeliest form of each listed event, beside the same intensities."""
     listed_s = fit.record.events_s
     if not listed_s:
@@ -465,7 +465,7 @@ def _settled(
     """
     events_s: list[float] = []
     for count in range(ROUNDS):
-        if count and not found_s:
+        if not found_s:
             break
         events_s = sorted([*events_s, *found_s])
         starts = _segment_starts(fit, events_s, segments)
@@ -473,7 +473,7 @@ def _settled(
             starts = dict.fromkeys(starts, 1.0)
         intensities = [_divided(q, starts) for q in fit.intensities]
         fit = search.estimated(smooth_record(fit.record, fit.noise_var, intensities))
-        fit = with_listed_events(_with_noise(fit))
+        fit = _with_listed_events(_with_noise(fit))
         found = _with_new_events(fit, events_s, search)
         if found is None:
             return None

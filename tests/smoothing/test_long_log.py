@@ -77,7 +77,7 @@ def test_a_long_log_is_compensated_as_in_one_piece(
     for name in (n for n in whole if n.endswith("_u_K")):
         of, u = name.replace("_u_K", "_degC"), whole[name].to_numpy()
         apart = np.abs(made[of] - whole[of]) / u
-        assert np.sqrt(np.mean(apart**2)) < 0.03
+        assert np.sqrt(np.mean(apart**2)) < 0.05
         assert apart.max() < 0.25
         assert np.abs(made[name] / u - 1).max() < 0.05
     rest = [n for n in whole if not n.endswith("_u_K") and n.replace("_degC", "_u_K") not in whole]
