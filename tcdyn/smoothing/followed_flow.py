@@ -28,6 +28,8 @@ class FollowedFlow:
         Chain of each channel (M,) with the median of its first lag.
     lag_s
         First lag of each channel (M,) at each sample (N,) [s]; None where it does not follow.
+    factor
+        Lag (N, M) over that at the flow of the law; 1 where it does not follow.
     shift_s
         Changes (3, N, M) [s] of the first lags by one standard uncertainty of exponent, inner share
         and flow.
@@ -35,6 +37,7 @@ class FollowedFlow:
 
     median_chains: list[Chain]
     lag_s: tuple[Array | None, ...]
+    factor: Array
     shift_s: Array
 
     def lags(self, record: Record) -> tuple[FollowedLag | None, ...]:
@@ -86,15 +89,17 @@ def followed_flow(
     u = np.broadcast_to(np.asarray(flow_u, dtype=float), (rows, count))
     medians = []
     lags: list[Array | None] = []
+    factor = np.ones((rows, count))
     shift_s = np.zeros((3, rows, count))
     for c, (chain, law) in enumerate(zip(chains_for(chains, count), listed)):
         if law is None:
             medians.append(chain)
             lags.append(None)
             continue
-        lag_s = law.first_lag_s(chain, law.factor(v[:, c]))
+        factor[:, c] = law.factor(v[:, c])
+        lag_s = law.first_lag_s(chain, factor[:, c])
         _, *others_s = sorted(chain.taus_s, reverse=True)
         medians.append(replace(chain, taus_s=(float(np.median(lag_s)), *others_s)))
         lags.append(lag_s)
         shift_s[:, :, c] = sum(chain.taus_s) * law.factor_u(v[:, c], u[:, c])
-    return FollowedFlow(medians, tuple(lags), shift_s)
+    return FollowedFlow(medians, tuple(lags), factor, shift_s)

@@ -284,7 +284,7 @@ def smooth(
             record, record.noise_sd**2, _as_intensities(intensity, n_channels)
         )
     duration_s = (len(record.y) - 1) * dt_s
-    outside_s = [at_s for at_s in events_s if not 0 < at_s < duration_s]
+    outside_s = [at_s for at_s in events_s if not 0 <= at_s <= duration_s]
     if outside_s:
         finding = warning("trace.event_outside", listed_s=_listed(outside_s), duration_s=duration_s)
         record = replace(record, findings=(*record.findings, finding))
@@ -459,8 +459,11 @@ def compensated(
         slope_var = slope_var + learned.missed_slope_var + is_rough * intensity_slope_var
     events = {at: u_by_time[at] for at in record.events_s}
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
+    lag_sensitivity = samples.lag_sensitivity
     if law is not None:
-        event_shifts += tuple(samples.lag_sensitivity * shift_s for shift_s in law.shift_s)
+        event_shifts += tuple(lag_sensitivity * shift_s for shift_s in law.shift_s)
+        # an error of the lag at the flow of the law is one of the same share at all flows
+        lag_sensitivity = lag_sensitivity * law.factor
     for shift_K in event_shifts:
         var = var + shift_K**2
         slope_var = slope_var + np.gradient(shift_K, dt_s, axis=0) ** 2
@@ -489,7 +492,7 @@ def compensated(
         sd,
         slope,
         np.sqrt(slope_var),
-        samples.lag_sensitivity,
+        lag_sensitivity,
         lag_covariance,
         line_u_K,
         dt_s,

@@ -366,8 +366,8 @@ class _TableRun:
         table = self.raw.source.table
         if self.settings.delay_s is None:
             findings = [*self.raw.findings, *totals.findings]
-            told = {f.subject for f in totals.findings if f.code.startswith("trace.")}
-            findings += [f for f in _findings_of_rows(totals) if f.subject not in told]
+            subjects = {f.subject for f in totals.findings if f.code.startswith("trace.")}
+            findings += [f for f in _findings_of_rows(totals) if f.subject not in subjects]
         else:
             findings = delayed_findings(self.raw, self.rising_rows, totals)
         file = table if len(self.paths) == 1 else open_table(self.paths[0])

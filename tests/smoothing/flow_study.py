@@ -136,12 +136,12 @@ def judge(name: str, index: int, seed: int) -> tuple[float, ...]:
     largest_s, rest_s = lags_of(film_s, inner_s)
     share = 1 - film_s / (largest_s + rest_s)
     scale = 1 + U_LAG_REL * rng.standard_normal()
-    stated_share = float(np.clip(share + U_SHARE * rng.standard_normal(), rest_s / film_s, 0.9))
+    given_share = float(np.clip(share + U_SHARE * rng.standard_normal(), rest_s / film_s, 0.9))
     law = FlowLaw(
         FLOW_AT,
         exponent + U_EXPONENT * float(rng.standard_normal()),
         U_EXPONENT,
-        stated_share,
+        given_share,
         U_SHARE,
         least=LEAST,
     )

@@ -75,13 +75,13 @@ def line_of(name: str, result: Compensated, truth: Array, windows: list[int]) ->
     """One line with the band; coverage over the rows that are reported."""
     temperature = result.temperature[:, 0]
     sd = result.sd[:, 0]
-    is_told = np.ones(len(sd), dtype=bool)
+    is_reported = np.ones(len(sd), dtype=bool)
     if result.undetermined is not None:
-        is_told = ~result.undetermined[:, 0]
-    held = np.mean((np.abs(temperature - truth) < 1.96 * sd)[is_told])
+        is_reported = ~result.undetermined[:, 0]
+    held = np.mean((np.abs(temperature - truth) < 1.96 * sd)[is_reported])
     return (
         f"{line(name, temperature, truth, windows)}  coverage {100 * held:5.1f} %  "
-        f"median u {np.median(sd[is_told]):.4g}  reported {100 * is_told.mean():.0f} %"
+        f"median u {np.median(sd[is_reported]):.4g}  reported {100 * is_reported.mean():.0f} %"
     )
 
 
