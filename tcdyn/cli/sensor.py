@@ -190,11 +190,12 @@ def _law_of(at: str, exponent: str, inner_share: str, least: float) -> FlowLaw |
     if not at:
         return None
     quantity, is_given, value = at.partition("=")
-    number, _ = number_with_u(value, "at") if is_given and quantity.strip() else (0.0, 0.0)
+    expected = "a quantity and its value above zero, such as speed_m_s=2"
+    if not is_given or not quantity.strip():
+        raise InputError(f"--at {at}", expected=expected)
+    number, _ = number_with_u(value, "at")
     if not number > 0:
-        raise InputError(
-            f"--at {at}", expected="a quantity and its value above zero, such as speed_m_s=2"
-        )
+        raise InputError(f"--at {at}", expected=expected)
     n, n_u = number_with_u(exponent, "exponent")
     share, share_u = number_with_u(inner_share, "inner_share")
     return FlowLaw(number, n, n_u, share, share_u, least, quantity.strip())

@@ -27,7 +27,7 @@ from tcdyn.sensors.segments import TableSegment
 from tcdyn.series.reading import CODE, RANGE
 from tcdyn.series.series import Context, Series, make_series, reading_rows
 from tcdyn.series.units import Unit, check_declared, match_columns, unit_findings, units_of
-from tcdyn.smoothing.pick_up import numbers_of
+from tcdyn.smoothing.pick_up import held, numbers_of
 from tcdyn.smoothing.record import whole_mean_s
 
 # Findings of a sensor that are repeated with each table: an altered file, and a lag without
@@ -262,15 +262,12 @@ class TableChannels:
         if not self.flow_column:
             return None
         values = others.get(self.flow_column, np.full(1, np.nan))
-        is_known = np.isfinite(values)
-        if not is_known.any():
+        if not np.isfinite(values).any():
             raise InputError(
                 f"column {self.flow_column!r} with the flow has no number",
                 where=self.context.where,
             )
-        last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), 0))
-        first = int(np.argmax(is_known))
-        return np.asarray(values[np.maximum(last, first)])
+        return held(values)
 
 
 def _other_columns(

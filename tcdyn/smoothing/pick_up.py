@@ -102,6 +102,19 @@ def numbers_of(values: ArrayLike) -> Array | None:
     return np.where(codes >= 0, codes.astype(float), np.nan)
 
 
+def held(values: Array) -> Array:
+    """Values (N,) of which some are missing: there the value before holds, first the first one.
+
+    Examples
+    --------
+    >>> held(np.array([np.nan, 1.0, np.nan, 3.0])).tolist()
+    [1.0, 1.0, 1.0, 3.0]
+    """
+    is_known = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), 0))
+    return np.asarray(values[np.maximum(last, np.argmax(is_known))])
+
+
 def switching(values: Array) -> Array | None:
     """The values (N,) of a column that switches, less the smallest; None for another one.
 
@@ -117,16 +130,13 @@ def switching(values: Array) -> Array | None:
     >>> switching(np.arange(9.0)) is None
     True
     """
-    is_known = np.isfinite(values)
-    if not is_known.any():
+    if not np.isfinite(values).any():
         return None
-    last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), 0))
-    held = values[last]
-    held = np.where(np.isfinite(held), held, values[is_known][0])
-    changes = np.count_nonzero(np.diff(held))
-    if not FEWEST_EDGES <= changes <= MOST_CHANGES * len(held):
+    all_values = held(values)
+    changes = np.count_nonzero(np.diff(all_values))
+    if not FEWEST_EDGES <= changes <= MOST_CHANGES * len(all_values):
         return None
-    return np.asarray(held - held.min())
+    return np.asarray(all_values - all_values.min())
 
 
 def find_pick_up(record: Record, switched: Mapping[str, Array]) -> tuple[PickUp, ...]:
