@@ -110,9 +110,8 @@ def held(values: Array) -> Array:
     >>> held(np.array([np.nan, 1.0, np.nan, 3.0])).tolist()
     [1.0, 1.0, 1.0, 3.0]
     """
-    is_known = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), 0))
-    return np.asarray(values[np.maximum(last, np.argmax(is_known))])
+    known = pd.Series(values).where(np.isfinite(values))
+    return np.asarray(known.ffill().bfill().to_numpy())
 
 
 def switching(values: Array) -> Array | None:
